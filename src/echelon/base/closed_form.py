@@ -1,0 +1,144 @@
+"""Closed forms: the exact matrix B, entry by entry, from the structure.
+
+Every dependent column is a combination of columns to its left.  For columns that move across one joint the combination
+is interpolated on the two bodies of that joint and then, going from the base to the tips, the parent's own dependent
+columns are substituted.  Columns that depend for other reasons (restricted motion near the base, couplings, massless
+bodies) are interpolated on just the columns that take part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from echelon.base.structure import Structure, floating_pair, pair_columns
+from echelon.conventions import LENGTH_DEGREE, PER_BODY
+from echelon.exact.elimination import solve_batched
+from echelon.exact.field import PrimeField, Residues
+from echelon.exact.interpolation import Geometry, UnknownFunctions, interpolate
+from echelon.exact.rational import RationalFunction
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.roles import symbol_roles
+from echelon.program.sampling import FieldSampler
+from echelon.regressor.energy import energy_form
+from echelon.regressor.linear import LinearForms
+
+Combination = dict[int, RationalFunction]
+"""A column as a combination of other columns: coefficient by column."""
+
+
+def dependent_columns(
+    mechanism: Mechanism, structure: Structure, rng: np.random.Generator
+) -> dict[int, Combination]:
+    """Every dependent column as a combination of pivot columns.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    structure : Structure
+        As found for the same mechanism.
+    rng : numpy Generator
+
+    Returns
+    -------
+    dict of int to dict of int to RationalFunction
+        Column j of X equals Σ_i coefficient_i · column i of X, so that row i of B has this coefficient in column j.
+
+    Raises
+    ------
+    ClosedFormError
+        If a coefficient has no closed form within the degree bounds.
+    """
+    raw = _across_joints(mechanism, structure, rng) | _across_robot(mechanism, structure, rng)
+    solved: dict[int, Combination] = {}
+    for column in sorted(raw):
+        solved[column] = _substituted(raw[column], solved)
+    return solved
+
+
+def _substituted(combination: Combination, solved: Mapping[int, Combination]) -> Combination:
+    total: Combination = {}
+    for column, coefficient in combination.items():
+        for pivot, inner in solved.get(column, {column: RationalFunction(1)}).items():
+            addend = coefficient * inner
+            total[pivot] = total[pivot] + addend if pivot in total else addend
+    return {column: c for column, c in sorted(total.items()) if c}
+
+
+def _across_joints(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> dict[int, Combination]:
+    found: dict[int, Combination] = {}
+    for index, targets in structure.by_joint.items():
+        columns = pair_columns(mechanism, index)
+        sources = [c for c in columns if c not in targets]
+        position = {c: 1 + k for k, c in enumerate(columns)}
+        pair = floating_pair(mechanism, index)
+        forms = energy_form(pair).columns([0, *(position[c] for c in (*sources, *targets))])
+        found |= _Relation(pair, forms, sources, targets).solve(rng)
+    return found
+
+
+def _across_robot(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> dict[int, Combination]:
+    found: dict[int, Combination] = {c: {} for c, support in structure.by_robot.items() if not support}
+    groups: dict[int, list[int]] = {}
+    for column, support in structure.by_robot.items():
+        if support:
+            groups.setdefault(column // PER_BODY, []).append(column)
+    energy = energy_form(mechanism) if groups else None
+    for targets in groups.values():
+        assert energy is not None
+        sources = sorted({c for t in targets for c in structure.by_robot[t]})
+        forms = energy.columns([0, *(1 + c for c in (*sources, *targets))])
+        found |= _Relation(mechanism, forms, sources, targets).solve(rng)
+    return found
+
+
+@dataclass(frozen=True)
+class _Relation:
+    """Some columns known to be combinations of others, with forms [constant, sources, targets] to find out how."""
+
+    mechanism: Mechanism
+    forms: LinearForms
+    sources: Sequence[int]
+    targets: Sequence[int]
+
+    def solve(self, rng: np.random.Generator) -> dict[int, Combination]:
+        """The combinations in closed form."""
+        roles = symbol_roles(self.mechanism)
+        sampler = FieldSampler(self.forms.program, list(self.forms.entries.values()))
+
+        def evaluate(field: PrimeField, geometry: Geometry) -> Residues:
+            return self._coefficients(sampler, field, geometry, rng)
+
+        degrees = [_degree(s) - _degree(t) for s in self.sources for t in self.targets]
+        unknown = UnknownFunctions(
+            evaluate, sampler.symbols, roles.angles, roles.lengths, degrees, roles.irrational
+        )
+        functions = iter(interpolate(unknown, rng))
+        found: dict[int, Combination] = {t: {} for t in self.targets}
+        for source in self.sources:
+            for target in self.targets:
+                function = next(functions)
+                if function:
+                    found[target][source] = function
+        return found
+
+    def _coefficients(
+        self, sampler: FieldSampler, field: PrimeField, geometry: Geometry, rng: np.random.Generator
+    ) -> Residues:
+        """Coefficients at given geometries: array of shape (sources · targets, geometries)."""
+        unknowns = 1 + len(self.sources)
+        states = unknowns + 1  # one more equation than unknowns: a false relation contradicts itself
+        values = sampler.evaluate(field, rng, states, geometry)
+        geometries = len(next(iter(geometry.values()))) if geometry else 1
+        matrix = np.zeros((values.shape[1], states, self.forms.shape[1]), dtype=np.int64)
+        for (_, column), value in zip(self.forms.entries, values, strict=True):
+            matrix[:, :, column] = value
+        solution = solve_batched(matrix[:, :, :unknowns], matrix[:, :, unknowns:], field)
+        flat = solution[:, 1:].reshape(len(solution), -1).T
+        return np.repeat(flat, geometries, axis=1) if flat.shape[1] < geometries else flat
+
+
+def _degree(column: int) -> int:
+    return LENGTH_DEGREE[column % PER_BODY]

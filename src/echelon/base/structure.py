@@ -1,0 +1,176 @@
+"""Structure: which standard parameters are representatives (pivots) and which depend on others.
+
+Cost must follow the chain and not the whole robot, so dependent columns are first looked for joint by joint: whatever
+parameters of a body can be moved to its parent when the *parent moves freely* can be moved in every mechanism, because
+the true motions of the parent are among the free ones.  These pairs of bodies are tiny.  What remains is eliminated
+once for the whole robot; that step alone decides the rank.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from echelon.conventions import PER_BODY
+from echelon.errors import DegenerateSampleError, EchelonError
+from echelon.exact.elimination import reduced_echelon
+from echelon.exact.field import PrimeField, Residues
+from echelon.mechanism.joint import Joint, Motion, floating_motions
+from echelon.mechanism.mechanism import GROUND, Body, Mechanism
+from echelon.program.sampling import FieldSampler
+from echelon.regressor.energy import energy_form
+from echelon.regressor.linear import LinearForms
+
+_SURPLUS_ROWS = 8
+_ATTEMPTS = 8
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Pivots of B and where the dependence of every other column can be found.
+
+    Attributes
+    ----------
+    parameters : int
+        Number of standard parameters n.
+    pivots : tuple of int
+        Columns of the representatives; their number is the rank.
+    by_joint : mapping of int to tuple of int
+        For a body's index, its columns that depend on its other columns and its parent's, whatever the motion.
+    by_robot : mapping of int to tuple of int
+        For every other dependent column, the pivots it depends on (none: the column is zero).
+    """
+
+    parameters: int
+    pivots: tuple[int, ...]
+    by_joint: Mapping[int, tuple[int, ...]]
+    by_robot: Mapping[int, tuple[int, ...]]
+
+    @property
+    def rank(self) -> int:
+        """Number of base parameters."""
+        return len(self.pivots)
+
+
+def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
+    """Rank and pivots in base-to-tip order, for generic values of the geometry symbols.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    rng : numpy Generator
+
+    Returns
+    -------
+    Structure
+
+    Raises
+    ------
+    EchelonError
+        If random points keep contradicting each other, which has no natural cause.
+    """
+    by_joint = _dependent_by_joint(mechanism, rng)
+    local = {column for columns in by_joint.values() for column in columns}
+    remaining = [c for c in range(len(mechanism.parameters)) if c not in local]
+    supports = _agreed(energy_form(mechanism).columns([0, *(1 + c for c in remaining)]), rng)
+    pivots = tuple(remaining[k] for k in range(len(remaining)) if k not in supports)
+    by_robot = {remaining[k]: tuple(remaining[s] for s in support) for k, support in supports.items()}
+    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot)
+
+
+def floating_pair(mechanism: Mechanism, index: int) -> Mechanism:
+    """A body with its parent set free: the mechanism of two bodies that moves all ways the true one can, and more."""
+    child, parent = mechanism.bodies[index], mechanism.bodies[mechanism.bodies[index].parent]
+    free = Joint("free", "floating", floating_motions("free"))
+    return Mechanism(
+        "pair",
+        (replace(parent, parent=GROUND, joint=free, inertial=None), replace(child, parent=0, inertial=None)),
+        gravity=None,
+        symbols=mechanism.symbols,
+    )
+
+
+def pair_columns(mechanism: Mechanism, index: int) -> list[int]:
+    """Columns of a body's parent and of the body, in the whole mechanism."""
+    block = {body: k for k, body in enumerate(mechanism.carriers)}
+    blocks = [block[b] for b in (mechanism.bodies[index].parent, index) if b in block]
+    return [PER_BODY * k + i for k in blocks for i in range(PER_BODY)]
+
+
+def _dependent_by_joint(mechanism: Mechanism, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
+    cache: dict[object, tuple[int, ...]] = {}
+    dependent = {}
+    for index, body in enumerate(mechanism.bodies):
+        if body.parent == GROUND or body.massless:
+            continue
+        parent_is_massless = mechanism.bodies[body.parent].massless
+        signature = (_child_side(body), parent_is_massless)
+        if signature not in cache:
+            supports = _agreed(energy_form(floating_pair(mechanism, index)), rng, passes=1)
+            offset = 0 if parent_is_massless else PER_BODY
+            # a massless parent leaves the child's block alone in the pair
+            cache[signature] = tuple(sorted(k - offset for k in supports if k >= offset))
+        columns = pair_columns(mechanism, index)[-PER_BODY:]
+        if cache[signature]:
+            dependent[index] = tuple(columns[k] for k in cache[signature])
+    return dependent
+
+
+def _child_side(body: Body) -> tuple[object, ...]:
+    """The joint from its first motion on, without names: where it is mounted on a free parent does not matter."""
+    steps = body.joint.steps
+    first = next((k for k, step in enumerate(steps) if isinstance(step, Motion)), len(steps))
+    return tuple(replace(s, name="") if isinstance(s, Motion) else s for s in steps[first:])
+
+
+def _agreed(forms: LinearForms, rng: np.random.Generator, passes: int = 2) -> dict[int, tuple[int, ...]]:
+    """Dependent columns with their supports, confirmed by independent primes, geometries and states.
+
+    Column 0 of the forms is the constant; results are numbered without it.
+    """
+    seen: list[dict[int, tuple[int, ...]]] = []
+    for _ in range(_ATTEMPTS):
+        field = PrimeField.random(rng)
+        try:
+            current = _dependent_columns(forms, field, rng)
+        except DegenerateSampleError:
+            continue
+        seen.append(current)
+        # an unlucky point can only make more columns dependent, never fewer
+        fewest = min(len(s) for s in seen)
+        agreeing = [s for s in seen if len(s) == fewest and s == seen[-1]]
+        if len(agreeing) >= passes:
+            return seen[-1]
+    raise EchelonError("random points keep contradicting each other; please report this model")
+
+
+def _dependent_columns(
+    forms: LinearForms, field: PrimeField, rng: np.random.Generator
+) -> dict[int, tuple[int, ...]]:
+    matrix = sample_matrix(forms, field, rng, forms.shape[1] + _SURPLUS_ROWS)
+    reduced, pivots = reduced_echelon(matrix, field)
+    free = sorted(set(range(forms.shape[1])) - set(pivots))
+    return {
+        column - 1: tuple(p - 1 for row, p in enumerate(pivots) if p and p < column and int(reduced[row, column]))
+        for column in free
+    }
+
+
+def sample_matrix(forms: LinearForms, field: PrimeField, rng: np.random.Generator, rows: int) -> Residues:
+    """At least this many rows of the forms at random states of one random geometry.
+
+    Returns
+    -------
+    array of shape (rows or a few more, columns)
+    """
+    outputs = list(forms.entries.values())
+    sampler = FieldSampler(forms.program, outputs)
+    states = -(-rows // max(1, forms.shape[0]))
+    geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
+    values = sampler.evaluate(field, rng, states, geometry)[:, 0, :]
+    matrix = np.zeros((states, *forms.shape), dtype=np.int64)
+    for (row, column), value in zip(forms.entries, values, strict=True):
+        matrix[:, row, column] = value
+    return matrix.reshape(-1, forms.shape[1])

@@ -1,0 +1,38 @@
+"""The parameter order, names, units and dimensions.  Every other convention is converted at the border.
+
+The ten standard parameters of a body are taken about the *origin of the body's frame* and along its axes:
+the inertia tensor ``XX XY XZ YY YZ ZZ``, the first mass moments ``MX MY MZ`` (mass times centre of mass) and the
+mass ``M``.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+PARAMETERS: Final = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
+"""Names of the standard parameters of one body, in column order."""
+
+PER_BODY: Final = len(PARAMETERS)
+
+LENGTH_DEGREE: Final = (2, 2, 2, 2, 2, 2, 1, 1, 1, 0)
+"""Power of length in the unit of each standard parameter: kg·m², kg·m, kg."""
+
+UNITS: Final = ("kg·m²",) * 6 + ("kg·m",) * 3 + ("kg",)
+"""SI unit of each standard parameter."""
+
+INERTIA_INDEX: Final = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
+"""Column of each entry of the symmetric inertia tensor within a body's block."""
+
+STANDARD_GRAVITY: Final = "9.81"
+"""Magnitude of gravity assumed where a file does not state it, m/s², as exact decimal text."""
+
+
+def parameter_name(body: str, index: int) -> str:
+    """Name of one standard parameter: kind followed by the body's label.
+
+    Examples
+    --------
+    >>> parameter_name("3", 9), parameter_name("_gripper", 0)
+    ('M3', 'XX_gripper')
+    """
+    return f"{PARAMETERS[index]}{body}"

@@ -1,0 +1,48 @@
+"""Every error Echelon raises on purpose.  A message says what is wrong, where, and what would be valid."""
+
+from __future__ import annotations
+
+
+class EchelonError(Exception):
+    """Root of all deliberate errors; the command line turns it into one line and exit code 2."""
+
+
+class InputError(EchelonError):
+    """A file or an argument cannot be accepted.
+
+    Parameters
+    ----------
+    problem : str
+        What is wrong and what would be valid.
+    source : str, optional
+        File (or other origin) that holds the offending element.
+    element : str, optional
+        The offending element, e.g. ``joint 'elbow'``.
+    """
+
+    def __init__(self, problem: str, *, source: str | None = None, element: str | None = None) -> None:
+        self.problem, self.source, self.element = problem, source, element
+        super().__init__(": ".join(part for part in (source, element, problem) if part))
+
+    def located(self, source: str) -> InputError:
+        """The same error with its file named, for readers that learn the file's name last."""
+        return InputError(self.problem, source=self.source or source, element=self.element)
+
+
+class MissingExtraError(EchelonError):
+    """An optional dependency is not installed; the message names the extra that brings it."""
+
+    def __init__(self, package: str, extra: str) -> None:
+        super().__init__(f"this needs the package '{package}': install it with  pip install 'echelon[{extra}]'")
+
+
+class DegenerateSampleError(EchelonError):
+    """A random point or prime fell on a zero of some denominator; the caller draws another."""
+
+
+class ClosedFormError(EchelonError):
+    """No closed form was found within the degree bounds; rank and pivots are not affected."""
+
+
+class CertificateError(EchelonError):
+    """A base parameter set contradicts the model it claims to describe."""

@@ -1,0 +1,101 @@
+"""Linear algebra over GF(p).
+
+Two shapes occur.  One large matrix, whose pivots are wanted: FLINT's ``nmod_mat`` (recursive, with fast multiplication).
+Very many small systems, one per random geometry: Gauss–Jordan in NumPy, vectorised over the batch.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import flint
+import numpy as np
+
+from echelon.errors import DegenerateSampleError
+from echelon.exact.field import PrimeField, Residues
+
+
+def reduced_echelon(matrix: Residues, field: PrimeField) -> tuple[Any, list[int]]:
+    """Reduced row echelon form of a matrix over GF(p) with p below 2^63.
+
+    Parameters
+    ----------
+    matrix : array of shape (rows, columns)
+    field : PrimeField
+
+    Returns
+    -------
+    (nmod_mat, list of int)
+        The echelon form and its pivot columns.
+    """
+    rows, columns = matrix.shape
+    if not rows or not columns:
+        return flint.nmod_mat(rows, columns, field.p), []
+    reduced, rank = flint.nmod_mat(rows, columns, matrix.ravel().tolist(), field.p).rref()
+    pivots: list[int] = []
+    column = 0
+    for row in range(rank):
+        while not int(reduced[row, column]):
+            column += 1
+        pivots.append(column)
+        column += 1
+    return reduced, pivots
+
+
+def rank(matrix: Residues, field: PrimeField) -> int:
+    """Rank of a matrix over GF(p)."""
+    rows, columns = matrix.shape
+    if not rows or not columns:
+        return 0
+    return int(flint.nmod_mat(rows, columns, matrix.ravel().tolist(), field.p).rank())
+
+
+def null_vectors(matrix: Residues, field: PrimeField) -> list[list[int]]:
+    """Basis of the right null space, one vector per non-pivot column, with a 1 there."""
+    reduced, pivots = reduced_echelon(matrix, field)
+    columns = matrix.shape[1]
+    basis = []
+    for free in sorted(set(range(columns)) - set(pivots)):
+        vector = [0] * columns
+        vector[free] = 1
+        for row, pivot in enumerate(pivots):
+            vector[pivot] = -int(reduced[row, free]) % field.p
+        basis.append(vector)
+    return basis
+
+
+def solve_batched(left: Residues, right: Residues, field: PrimeField) -> Residues:
+    """Solve many small systems A x = b at once, with as many or more equations than unknowns.
+
+    Parameters
+    ----------
+    left : array of shape (batch, equations, unknowns)
+    right : array of shape (batch, equations, sides)
+    field : PrimeField
+        With a prime below 2^31.
+
+    Returns
+    -------
+    array of shape (batch, unknowns, sides)
+
+    Raises
+    ------
+    DegenerateSampleError
+        If a matrix has dependent columns, or surplus equations contradict the solution.
+    """
+    unknowns = left.shape[2]
+    table = np.concatenate([left, right], axis=2) % field.p
+    batch = np.arange(table.shape[0])
+    for j in range(unknowns):
+        below = table[:, j:, j] != 0
+        if not below.any(axis=1).all():
+            raise DegenerateSampleError("a sample has dependent pivot columns")
+        pivot = j + below.argmax(axis=1)
+        chosen = table[batch, pivot]
+        table[batch, pivot] = table[:, j]
+        chosen = chosen * field.invert_array(chosen[:, j])[:, None] % field.p
+        table = (table - table[:, :, j, None] * chosen[:, None, :]) % field.p
+        table[:, j] = chosen
+    if table[:, unknowns:, unknowns:].any():
+        raise DegenerateSampleError("surplus equations contradict the relation")
+    return table[:, :unknowns, unknowns:]

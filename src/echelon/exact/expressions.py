@@ -1,0 +1,167 @@
+"""Exact expressions written by people: ``pi/2``, ``D3/2``, ``-0.0825``, ``sqrt(2)/2``, ``2*cos(alpha)``.
+
+Python's own parser reads the text and a short walk turns it into a :class:`Polynomial`; nothing is ever evaluated as
+code.  ``pi`` becomes a generator of that name, so that an angle is a polynomial that is linear in ``pi`` and symbols.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Collection
+from fractions import Fraction
+from math import isqrt
+
+from echelon.exact.angle import Angle
+from echelon.exact.numbers import Number, Rational, Surd, inverse, parse_decimal
+from echelon.exact.polynomial import Polynomial
+
+PI = "pi"
+RESERVED = frozenset({PI, "sin", "cos", "sqrt"})
+"""Names with a fixed meaning, which no symbol may take."""
+
+_LONGEST, _LARGEST_EXPONENT = 2000, 32
+
+
+def parse(text: str, symbols: Collection[str] | None = None) -> Polynomial:
+    """Read an exact expression.
+
+    Parameters
+    ----------
+    text : str
+        Decimal numbers, symbols, ``pi``, ``+ - * /``, integer powers, ``sqrt`` of 2, 3, 6 and rational squares,
+        ``sin`` and ``cos`` of angles.
+    symbols : collection of str, optional
+        Names that may occur; any name if omitted.
+
+    Returns
+    -------
+    Polynomial
+        With ``pi`` as a generator where it occurs outside sin and cos.
+
+    Raises
+    ------
+    ValueError
+        If the text is not such an expression; the message says why.
+
+    Examples
+    --------
+    >>> parse("D3/2 - 0.5*D3 + 2*L^2")
+    2*L^2
+    >>> parse("cos(pi/4)")
+    sqrt(2)/2
+    """
+    text = text.strip()
+    if len(text) > _LONGEST:
+        raise ValueError(f"an expression of {len(text)} characters is too long (at most {_LONGEST})")
+    try:
+        tree = ast.parse(text.replace("^", "**"), mode="eval")
+        return _Reader(text.replace("^", "**"), symbols).read(tree.body)
+    except (SyntaxError, RecursionError, MemoryError):
+        raise ValueError(f"'{text}' is not an expression such as 0.5, pi/2, D3/2 or 2*cos(alpha)") from None
+
+
+def parse_angle(text: str, symbols: Collection[str] | None = None) -> Angle:
+    """Read an angle in radians: a rational combination of ``pi``, symbols and plain numbers.
+
+    Raises
+    ------
+    ValueError
+        If the text is not an angle.
+    """
+    return as_angle(parse(text, symbols))
+
+
+def as_angle(polynomial: Polynomial) -> Angle:
+    """A polynomial that is linear in pi and symbols, as an angle.
+
+    Raises
+    ------
+    ValueError
+        If it is not linear, or has irrational coefficients.
+    """
+    turns: Rational = 0
+    radians: Rational = 0
+    parts: list[tuple[str, Rational]] = []
+    for monomial, coefficient in polynomial.sorted_terms():
+        if isinstance(coefficient, Surd) or sum(e for _, e in monomial) > 1:
+            raise ValueError(f"'{polynomial}' is not an angle: it must be linear in pi and symbols")
+        name = monomial[0][0] if monomial else ""
+        if name == PI:
+            turns = coefficient
+        elif name.endswith(")"):
+            raise ValueError(f"'{polynomial}' is not an angle: it holds {name}")
+        elif name:
+            parts.append((name, coefficient))
+        else:
+            radians = coefficient
+    return Angle(Fraction(turns), tuple(parts), Fraction(radians))
+
+
+class _Reader:
+    """One walk over the syntax tree of an expression."""
+
+    def __init__(self, text: str, symbols: Collection[str] | None) -> None:
+        self.text, self.symbols = text, symbols
+
+    def read(self, node: ast.expr) -> Polynomial:
+        match node:
+            case ast.Constant(value=int() | float()):
+                return self._number(node)
+            case ast.Name(id=name):
+                return self._symbol(name)
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                return -self.read(operand)
+            case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+                return self.read(operand)
+            case ast.BinOp(left=left, op=operator, right=right):
+                return self._binary(operator, self.read(left), self.read(right))
+            case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]):
+                return self._call(name, self.read(argument))
+        raise ValueError(f"'{ast.get_source_segment(self.text, node)}' is not allowed in an expression")
+
+    def _number(self, node: ast.Constant) -> Polynomial:
+        literal = ast.get_source_segment(self.text, node) or ""
+        return Polynomial.constant(parse_decimal(literal))
+
+    def _symbol(self, name: str) -> Polynomial:
+        if name != PI and name in RESERVED:
+            raise ValueError(f"'{name}' is a function: write {name}(...)")
+        if name != PI and self.symbols is not None and name not in self.symbols:
+            known = ", ".join(sorted(self.symbols)) or "none"
+            raise ValueError(f"'{name}' is not a declared symbol (declared: {known})")
+        return Polynomial.generator(name)
+
+    def _binary(self, operator: ast.operator, left: Polynomial, right: Polynomial) -> Polynomial:
+        if isinstance(operator, ast.Add):
+            return left + right
+        if isinstance(operator, ast.Sub):
+            return left - right
+        if isinstance(operator, ast.Mult):
+            return left * right
+        value = right.number
+        if isinstance(operator, ast.Div):
+            if value is None or not value:
+                raise ValueError(f"in '{self.text}' only division by a non-zero number is possible")
+            return left * inverse(value)
+        if isinstance(operator, ast.Pow) and isinstance(value, int) and 0 <= value <= _LARGEST_EXPONENT:
+            return left**value
+        raise ValueError(f"in '{self.text}' only + - * / and powers 0 to {_LARGEST_EXPONENT} are possible")
+
+    def _call(self, name: str, argument: Polynomial) -> Polynomial:
+        if name == "sqrt" and argument.number is not None:
+            return Polynomial.constant(_square_root(argument.number))
+        if name in ("cos", "sin"):
+            angle = as_angle(argument)
+            return angle.cos() if name == "cos" else angle.sin()
+        raise ValueError(f"'{name}' is not a known function (known: sqrt of a number, sin, cos)")
+
+
+def _square_root(value: Number) -> Number:
+    if isinstance(value, Surd) or value < 0:
+        raise ValueError("sqrt needs a non-negative rational number")
+    for k, radicand in enumerate((1, 2, 3, 6)):
+        square = Fraction(value) / radicand
+        root = Fraction(isqrt(square.numerator), isqrt(square.denominator))
+        if root * root == square:
+            return root if k == 0 else Surd(tuple(root if i == k else 0 for i in range(4)))  # type: ignore[arg-type]
+    raise ValueError(f"sqrt({value}) is not in Q(√2, √3): use a symbol with that value instead")

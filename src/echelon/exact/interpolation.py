@@ -1,0 +1,358 @@
+"""Closed forms by interpolation: from values at random geometries to polynomials and quotients.
+
+The caller can evaluate a vector of unknown functions of the geometry symbols at any points of any field.  First, group
+testing finds which symbols each function depends on.  Then an ansatz is fitted by linear algebra: for polynomials the
+monomials of the right physical dimension, for quotients numerator and denominator with growing degree.  The ansatz is
+chosen in one field; its coefficients are then found in as many fields as it takes, one per sign of √2 and √3 and one
+per prime, and put together by Chinese remainders and rational reconstruction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement, product
+
+import numpy as np
+
+from echelon.errors import ClosedFormError, DegenerateSampleError
+from echelon.exact.elimination import null_vectors
+from echelon.exact.field import PrimeField, Residues
+from echelon.exact.numbers import Number, Rational, surd
+from echelon.exact.polynomial import Monomial, Polynomial, cosine, sine
+from echelon.exact.rational import RationalFunction
+from echelon.exact.reconstruction import combine, rational
+
+_EXTRA_SAMPLES = 4
+_LARGEST_ANSATZ = 1500
+_LARGEST_DENOMINATOR_DEGREE = 6
+_MOST_PRIMES = 64
+_ATTEMPTS = 8
+
+Geometry = Mapping[str, Residues]
+
+
+@dataclass(frozen=True)
+class UnknownFunctions:
+    """Functions of geometry symbols that can be evaluated modulo primes.
+
+    Attributes
+    ----------
+    evaluate : callable (field, geometry) -> array of shape (functions, geometries)
+        Geometry maps every symbol to an array of values (for an angle: of the tangent of its half).
+    symbols : sequence of str
+        All symbols that may matter.
+    angles : collection of str
+        Those of them that are angles.
+    degrees : sequence of int
+        Homogeneous degree of each function in the symbols that are lengths.
+    lengths : collection of str
+        Symbols with the dimension of a length; other symbols take part with any degree up to 2.
+    irrational : (bool, bool)
+        Whether √2 and √3 can occur in coefficients.
+    """
+
+    evaluate: Callable[[PrimeField, Geometry], Residues]
+    symbols: Sequence[str]
+    angles: frozenset[str]
+    lengths: frozenset[str]
+    degrees: Sequence[int]
+    irrational: tuple[bool, bool]
+
+
+@dataclass(frozen=True)
+class _Ansatz:
+    """Numerator and denominator monomials of one function."""
+
+    numerator: tuple[Monomial, ...]
+    denominator: tuple[Monomial, ...]
+
+    @property
+    def size(self) -> int:
+        return len(self.numerator) + len(self.denominator)
+
+
+def interpolate(unknown: UnknownFunctions, rng: np.random.Generator) -> list[RationalFunction]:
+    """Closed forms of all functions.
+
+    Parameters
+    ----------
+    unknown : UnknownFunctions
+    rng : numpy Generator
+
+    Returns
+    -------
+    list of RationalFunction
+
+    Raises
+    ------
+    ClosedFormError
+        If a function is not a quotient within the degree bounds.
+    """
+    return _Interpolation(unknown, rng).run()
+
+
+class _Interpolation:
+    def __init__(self, unknown: UnknownFunctions, rng: np.random.Generator) -> None:
+        self.unknown, self.rng = unknown, rng
+
+    def run(self) -> list[RationalFunction]:
+        if not self.unknown.degrees:
+            return []
+        field = PrimeField.random(self.rng)
+        fits = self._choose(field, self._dependence(field))
+        return self._coefficients([ansatz for ansatz, _ in fits], [vector for _, vector in fits], field)
+
+    # -- sampling ------------------------------------------------------------------------------------------------
+
+    def _sample(self, field: PrimeField, count: int) -> tuple[Geometry, Residues]:
+        for _ in range(_ATTEMPTS):
+            geometry = {s: field.draw(self.rng, (count,)) for s in self.unknown.symbols}
+            try:
+                return geometry, self.unknown.evaluate(field, geometry)
+            except DegenerateSampleError:
+                continue
+        raise ClosedFormError(f"{_ATTEMPTS} random geometries in a row were singular")
+
+    # -- which symbols matter ------------------------------------------------------------------------------------
+
+    def _dependence(self, field: PrimeField) -> list[list[str]]:
+        """For each function, the symbols that change it."""
+        depends: list[list[str]] = [[] for _ in self.unknown.degrees]
+        pending = [list(self.unknown.symbols)] if self.unknown.symbols else []
+        if len(self.unknown.symbols) <= 8:  # one evaluation for all singles beats bisection
+            pending = [[s] for s in self.unknown.symbols]
+        while pending:
+            changed = self._changes(field, pending)
+            split: list[list[str]] = []
+            for group, hits in zip(pending, changed, strict=True):
+                if len(group) == 1:
+                    for index in np.flatnonzero(hits):
+                        depends[index].append(group[0])
+                elif hits.any():
+                    middle = len(group) // 2
+                    split += [group[:middle], group[middle:]]
+            pending = split
+        return depends
+
+    def _changes(self, field: PrimeField, groups: list[list[str]]) -> list[Residues]:
+        """For each group of symbols, which functions change when only these symbols do."""
+        for _ in range(_ATTEMPTS):
+            geometry = {}
+            for symbol in self.unknown.symbols:
+                base, other = field.draw(self.rng, (2,))
+                column = [other if symbol in group else base for group in groups]
+                geometry[symbol] = np.array([base, *column], dtype=field.dtype)
+            try:
+                values = self.unknown.evaluate(field, geometry)
+            except DegenerateSampleError:
+                continue
+            return [values[:, 1 + k] != values[:, 0] for k in range(len(groups))]
+        raise ClosedFormError(f"{_ATTEMPTS} random geometries in a row were singular")
+
+    # -- which monomials occur -----------------------------------------------------------------------------------
+
+    def _choose(self, field: PrimeField, depends: list[list[str]]) -> list[tuple[_Ansatz, list[int]]]:
+        """The smallest ansatz that fits each function, and its coefficients in this field."""
+        chosen: dict[int, tuple[_Ansatz, list[int]]] = {}
+        for extra in range(_LARGEST_DENOMINATOR_DEGREE + 1):
+            open_functions = [i for i in range(len(depends)) if i not in chosen]
+            trials = {i: self._trial(depends[i], self.unknown.degrees[i], extra) for i in open_functions}
+            trials = {i: t for i, t in trials.items() if sum(map(len, t)) <= _LARGEST_ANSATZ}
+            if not trials:
+                continue
+            count = max(len(top) + len(bottom) for top, bottom in trials.values()) + _EXTRA_SAMPLES
+            geometry, values = self._sample(field, count)
+            for i, (top, bottom) in trials.items():
+                used = len(top) + len(bottom) + _EXTRA_SAMPLES
+                fit = _fit(field, geometry, values[i], top, bottom, used)
+                if fit is not None:
+                    chosen[i] = fit
+            if len(chosen) == len(depends):
+                return [chosen[i] for i in range(len(depends))]
+        worst = next(i for i in range(len(depends)) if i not in chosen)
+        raise ClosedFormError(
+            f"no quotient of low degree in {', '.join(depends[worst]) or 'no symbol'} fits a coefficient"
+        )
+
+    def _trial(self, names: list[str], degree: int, extra: int) -> tuple[list[Monomial], list[Monomial]]:
+        """Monomials of numerator and denominator; ``extra`` is how much more the denominator may have than it must."""
+        lengths = [s for s in names if s in self.unknown.lengths]
+        angles = [s for s in names if s in self.unknown.angles]
+        others = [s for s in names if s not in self.unknown.lengths and s not in self.unknown.angles]
+        below = extra + max(0, -degree) if lengths else 0
+        above = extra + max(0, degree) if lengths else 0
+        top = _monomials(lengths, above, angles, max(2, 1 + extra), others, 2 + extra)
+        bottom = _monomials(lengths, below, angles, 1 + extra, others, extra) if extra or below else [()]
+        return top, bottom
+
+    # -- exact coefficients --------------------------------------------------------------------------------------
+
+    def _coefficients(
+        self, ansatz: list[_Ansatz], first: list[list[int]], field: PrimeField
+    ) -> list[RationalFunction]:
+        primes: list[int] = []
+        tables: list[list[list[list[int]]]] = []
+        if not any(self.unknown.irrational):  # the choosing field already gave the coefficients
+            primes.append(field.p)
+            tables.append([[[c, 0, 0, 0] for c in vector] for vector in first])
+        while len(primes) < _MOST_PRIMES:
+            found = _reconstruct(ansatz, tables, primes) if primes else None
+            if found is not None:
+                return found
+            field = PrimeField.random(self.rng)
+            try:
+                tables.append(self._parts(ansatz, field))
+            except DegenerateSampleError:
+                continue
+            primes.append(field.p)
+        raise ClosedFormError(f"coefficients need more than {_MOST_PRIMES} primes")
+
+    def _parts(self, ansatz: list[_Ansatz], field: PrimeField) -> list[list[list[int]]]:
+        """Residues of the four parts (1, √2, √3, √6) of every coefficient of every function."""
+        flips2, flips3 = ((False, True) if flag else (False,) for flag in self.unknown.irrational)
+        embeddings = {(a, b): self._solve(ansatz, field.conjugate(a, b)) for a in flips2 for b in flips3}
+        return [_separate({k: v[i] for k, v in embeddings.items()}, field) for i in range(len(ansatz))]
+
+    def _solve(self, ansatz: list[_Ansatz], field: PrimeField) -> list[list[int]]:
+        """Coefficients of every function in one field."""
+        count = max((a.size for a in ansatz), default=0) + 1
+        geometry, values = self._sample(field, count)
+        return [_solve_one(a, field, geometry, values[i]) for i, a in enumerate(ansatz)]
+
+
+def _monomials(
+    lengths: list[str], degree: int, angles: list[str], turn: int, others: list[str], power: int
+) -> list[Monomial]:
+    """Monomials homogeneous in lengths, up to degree ``turn`` in each angle and ``power`` in other symbols together."""
+    length_part = [_collect(c) for c in combinations_with_replacement(lengths, degree)]
+    angle_parts = [_circle_basis(angle, turn) for angle in angles]
+    other_part = [_collect(c) for e in range(power + 1) for c in combinations_with_replacement(others, e)]
+    return [
+        tuple(sorted(pair for factor in factors for pair in factor))
+        for factors in product(length_part, *angle_parts, other_part)
+    ]
+
+
+def _collect(names: tuple[str, ...]) -> Monomial:
+    return tuple((name, names.count(name)) for name in sorted(set(names)))
+
+
+def _circle_basis(angle: str, degree: int) -> list[Monomial]:
+    """Basis of the polynomials of this degree in cos and sin, with sin² eliminated."""
+    basis: list[Monomial] = []
+    for power in range(degree + 1):
+        basis.append(((cosine(angle), power),) if power else ())
+        if power < degree:
+            basis.append(tuple(sorted((*(((cosine(angle), power),) if power else ()), (sine(angle), 1)))))
+    return basis
+
+
+def _generator_values(field: PrimeField, geometry: Geometry, monomials: Sequence[Monomial]) -> dict[str, Residues]:
+    values: dict[str, Residues] = {}
+    for generator in {g for monomial in monomials for g, _ in monomial}:
+        if generator.endswith(")"):
+            c, s = field.circle(geometry[generator[4:-1]])
+            values[generator] = c if generator.startswith("cos") else s
+        else:
+            values[generator] = geometry[generator]
+    return values
+
+
+def _design(field: PrimeField, geometry: Geometry, monomials: Sequence[Monomial], count: int) -> Residues:
+    """Values of the monomials: array of shape (count, monomials)."""
+    values = _generator_values(field, geometry, monomials)
+    columns = np.ones((count, len(monomials)), dtype=np.int64)
+    for k, monomial in enumerate(monomials):
+        for generator, exponent in monomial:
+            for _ in range(exponent):
+                columns[:, k] = columns[:, k] * values[generator][:count] % field.p
+    return columns
+
+
+def _system(
+    field: PrimeField,
+    geometry: Geometry,
+    values: Residues,
+    top: Sequence[Monomial],
+    bottom: Sequence[Monomial],
+    count: int,
+) -> Residues:
+    """Equations numerator − value · denominator = 0 in the coefficients."""
+    numerator = _design(field, geometry, top, count)
+    denominator = _design(field, geometry, bottom, count) * values[:count, None] % field.p
+    return np.concatenate([numerator, -denominator % field.p], axis=1)
+
+
+def _fit(
+    field: PrimeField,
+    geometry: Geometry,
+    values: Residues,
+    top: list[Monomial],
+    bottom: list[Monomial],
+    count: int,
+) -> tuple[_Ansatz, list[int]] | None:
+    """The occurring monomials and their coefficients if numerator/denominator can represent the values."""
+    for vector in null_vectors(_system(field, geometry, values, top, bottom, count), field):
+        above = [(m, c) for m, c in zip(top, vector, strict=False) if c]
+        below = [(m, c) for m, c in zip(bottom, vector[len(top) :], strict=True) if c]
+        if below:
+            ansatz = _Ansatz(tuple(m for m, _ in above), tuple(m for m, _ in below))
+            return ansatz, _normalised([c for _, c in above + below], field)
+    return None
+
+
+def _solve_one(ansatz: _Ansatz, field: PrimeField, geometry: Geometry, values: Residues) -> list[int]:
+    system = _system(field, geometry, values, ansatz.numerator, ansatz.denominator, ansatz.size + 1)
+    solutions = null_vectors(system, field)
+    if len(solutions) != 1 or not solutions[0][-1]:
+        raise DegenerateSampleError("the ansatz does not have one solution here")
+    return _normalised(solutions[0], field)
+
+
+def _normalised(vector: list[int], field: PrimeField) -> list[int]:
+    """Coefficients scaled so that the last one, of the last denominator monomial, is 1."""
+    scale = field.invert(vector[-1])
+    return [c * scale % field.p for c in vector]
+
+
+def _separate(embeddings: Mapping[tuple[bool, bool], list[int]], field: PrimeField) -> list[list[int]]:
+    """Split every coefficient into its parts on 1, √2, √3, √6 from its values under all sign choices."""
+    size = len(next(iter(embeddings.values())))
+    share = field.invert(len(embeddings))
+    roots = (1, field.root2, field.root3, field.root2 * field.root3)
+    parts = []
+    for k in range(size):
+        quadruple = []
+        for index, root in enumerate(roots):
+            total = 0
+            for (flip2, flip3), coefficients in embeddings.items():
+                negative = (flip2 and bool(index & 1)) ^ (flip3 and bool(index & 2))
+                total += -coefficients[k] if negative else coefficients[k]
+            known = (index & 1 == 0 or (True, False) in embeddings) and (
+                index & 2 == 0 or (False, True) in embeddings
+            )
+            quadruple.append(total * share * field.invert(root) % field.p if known else 0)
+        parts.append(quadruple)
+    return parts
+
+
+def _reconstruct(
+    ansatz: list[_Ansatz], tables: list[list[list[list[int]]]], primes: list[int]
+) -> list[RationalFunction] | None:
+    functions = []
+    for i, shape in enumerate(ansatz):
+        coefficients: list[Number] = []
+        for k in range(shape.size):
+            parts: list[Rational] = []
+            for part in range(4):
+                value = rational(*combine([table[i][k][part] for table in tables], primes))
+                if value is None:
+                    return None
+                parts.append(value)
+            coefficients.append(surd(parts[0], parts[1], parts[2], parts[3]))
+        cut = len(shape.numerator)
+        top = Polynomial(dict(zip(shape.numerator, coefficients[:cut], strict=True)))
+        bottom = Polynomial(dict(zip(shape.denominator, coefficients[cut:], strict=True)))
+        functions.append(RationalFunction(top, bottom))
+    return functions

@@ -1,0 +1,220 @@
+"""Sparse polynomials in geometry symbols, with exact coefficients.
+
+This one type carries both what goes in (placements of joints: ``-px4``, ``cos(roll3)``) and what comes out (the
+entries of B).  A generator is a string: a symbol's name, or ``cos(name)`` / ``sin(name)`` of an angle symbol.  The only
+relation is sin² = 1 − cos², applied on every product, so equal polynomials have equal terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from fractions import Fraction
+from functools import reduce
+from typing import Any, TypeVar
+
+from echelon.exact.numbers import Number, Surd, format_number
+
+Monomial = tuple[tuple[str, int], ...]
+"""Generators with their positive exponents, sorted by generator."""
+
+T = TypeVar("T")
+_ONE: Monomial = ()
+
+
+def cosine(symbol: str) -> str:
+    """Name of the generator for the cosine of an angle symbol."""
+    return f"cos({symbol})"
+
+
+def sine(symbol: str) -> str:
+    """Name of the generator for the sine of an angle symbol."""
+    return f"sin({symbol})"
+
+
+def symbol_of(generator: str) -> str:
+    """The symbol a generator is made of: ``cos(a)`` and ``a`` both give ``a``."""
+    return generator[4:-1] if generator.endswith(")") else generator
+
+
+def is_trigonometric(generator: str) -> bool:
+    """Whether a generator is the sine or cosine of an angle symbol."""
+    return generator.endswith(")")
+
+
+class Polynomial:
+    """An immutable polynomial: a map from monomials to non-zero exact coefficients.
+
+    Examples
+    --------
+    >>> d = Polynomial.generator("d4")
+    >>> (d + 1) * (d - 1)
+    -1 + d4^2
+    """
+
+    __slots__ = ("_hash", "terms")
+
+    def __init__(self, terms: Mapping[Monomial, Number]) -> None:
+        self.terms: dict[Monomial, Number] = {m: c for m, c in terms.items() if c}
+        self._hash: int | None = None
+
+    @staticmethod
+    def generator(name: str) -> Polynomial:
+        """The polynomial that is one generator."""
+        return Polynomial({((name, 1),): 1})
+
+    @staticmethod
+    def constant(value: Number) -> Polynomial:
+        """A number as a polynomial."""
+        return Polynomial({_ONE: value})
+
+    @staticmethod
+    def sum(parts: Iterable[Polynomial]) -> Polynomial:
+        """Sum of many polynomials in one pass."""
+        terms: dict[Monomial, Number] = {}
+        for part in parts:
+            for monomial, coefficient in part.terms.items():
+                terms[monomial] = terms.get(monomial, 0) + coefficient
+        return Polynomial(terms)
+
+    # -- arithmetic --------------------------------------------------------------------------------------------
+
+    def __add__(self, other: Polynomial | Number) -> Polynomial:
+        return Polynomial.sum((self, as_polynomial(other)))
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Polynomial:
+        return Polynomial({m: -c for m, c in self.terms.items()})
+
+    def __sub__(self, other: Polynomial | Number) -> Polynomial:
+        return self + (-as_polynomial(other))
+
+    def __rsub__(self, other: Number) -> Polynomial:
+        return (-self) + other
+
+    def __mul__(self, other: Polynomial | Number) -> Polynomial:
+        if not isinstance(other, Polynomial):
+            return Polynomial({m: c * other for m, c in self.terms.items()})
+        terms: dict[Monomial, Number] = {}
+        for left, a in self.terms.items():
+            for right, b in other.terms.items():
+                for monomial, factor in _multiply(left, right):
+                    terms[monomial] = terms.get(monomial, 0) + a * b * factor
+        return Polynomial(terms)
+
+    __rmul__ = __mul__
+
+    def __pow__(self, exponent: int) -> Polynomial:
+        return reduce(lambda total, _: total * self, range(exponent), Polynomial.constant(1))
+
+    # -- comparison ----------------------------------------------------------------------------------------------
+
+    def __eq__(self, other: object) -> bool:
+        if isinstance(other, int | Fraction | Surd):
+            other = Polynomial.constant(other)
+        return isinstance(other, Polynomial) and self.terms == other.terms
+
+    def __hash__(self) -> int:
+        if self._hash is None:
+            self._hash = hash(frozenset(self.terms.items()))
+        return self._hash
+
+    def __bool__(self) -> bool:
+        return bool(self.terms)
+
+    # -- inspection ----------------------------------------------------------------------------------------------
+
+    @property
+    def number(self) -> Number | None:
+        """The value if this polynomial is a constant, else None."""
+        if not self.terms:
+            return 0
+        return self.terms.get(_ONE) if len(self.terms) == 1 else None
+
+    def generators(self) -> list[str]:
+        """Generators that occur, sorted."""
+        return sorted({g for monomial in self.terms for g, _ in monomial})
+
+    def symbols(self) -> list[str]:
+        """Symbols that occur, sorted (angles by the name of the angle)."""
+        return sorted({symbol_of(g) for monomial in self.terms for g, _ in monomial})
+
+    def sorted_terms(self) -> Iterator[tuple[Monomial, Number]]:
+        """Terms in a fixed order: by degree, then by generators."""
+        return iter(sorted(self.terms.items(), key=lambda term: (sum(e for _, e in term[0]), term[0])))
+
+    def evaluate(self, values: Mapping[str, T], number: Callable[[Number], T]) -> T:
+        """Value of the polynomial over any ring.
+
+        Parameters
+        ----------
+        values : mapping
+            Value of every generator (not symbol) in the ring.
+        number : callable
+            Embedding of exact numbers into the ring.
+
+        Returns
+        -------
+        element of the ring
+        """
+        total: Any = number(0)
+        for monomial, coefficient in self.terms.items():
+            term: Any = number(coefficient)
+            for generator, exponent in monomial:
+                for _ in range(exponent):
+                    term = term * values[generator]
+            total = total + term
+        return total  # type: ignore[no-any-return]
+
+    def __repr__(self) -> str:
+        return format_polynomial(self)
+
+
+def as_polynomial(x: Polynomial | Number) -> Polynomial:
+    """x itself, or a number as a constant polynomial."""
+    return x if isinstance(x, Polynomial) else Polynomial.constant(x)
+
+
+def _multiply(left: Monomial, right: Monomial) -> list[tuple[Monomial, int]]:
+    """Product of two monomials as a reduced sum, because sin² = 1 − cos²."""
+    if not left or not right:
+        return [(left or right, 1)]
+    exponents = dict(left)
+    for generator, exponent in right:
+        exponents[generator] = exponents.get(generator, 0) + exponent
+    for generator, exponent in exponents.items():
+        if exponent >= 2 and generator.startswith("sin("):
+            return _reduce_sine(exponents, generator)
+    return [(tuple(sorted(exponents.items())), 1)]
+
+
+def _reduce_sine(exponents: dict[str, int], generator: str) -> list[tuple[Monomial, int]]:
+    rest = {g: e for g, e in exponents.items() if g != generator}
+    if exponents[generator] > 2:
+        rest[generator] = exponents[generator] - 2
+    base: Monomial = tuple(sorted(rest.items()))
+    squared: Monomial = ((cosine(symbol_of(generator)), 2),)
+    return _multiply(base, _ONE) + [(m, -f) for m, f in _multiply(base, squared)]
+
+
+def format_polynomial(polynomial: Polynomial) -> str:
+    """Plain text, readable back by :func:`echelon.exact.expressions.parse`."""
+    text = " + ".join(_format_term(m, c) for m, c in polynomial.sorted_terms())
+    return text.replace("+ -", "- ") or "0"
+
+
+def _format_term(monomial: Monomial, coefficient: Number) -> str:
+    factors = "*".join(g if e == 1 else f"{g}^{e}" for g, e in monomial)
+    if not factors:
+        return format_number(coefficient)
+    if coefficient == 1:
+        return factors
+    if coefficient == -1:
+        return f"-{factors}"
+    if isinstance(coefficient, Surd):
+        return f"({format_number(coefficient)})*{factors}"
+    if coefficient.denominator == 1:
+        return f"{coefficient}*{factors}"
+    sign = "-" if coefficient < 0 else ""
+    top = abs(coefficient.numerator)
+    return f"{sign}{factors if top == 1 else f'{top}*{factors}'}/{coefficient.denominator}"

@@ -1,0 +1,80 @@
+"""Energy rows: the total mechanical energy as a linear form in the standard parameters.
+
+When every independent coordinate's generalised force is measured, y = X ζ vanishes for all motions exactly if the
+kinetic energy vanishes and the potential energy is constant: y = M q̈ + C q̇ + g is linear in q̈ with coefficient M,
+the Hessian of the kinetic energy, and then g is the gradient of the potential.  So the rows [1, E(q, q̇)] have the null
+space of X (with a leading column for the constant), need no accelerations, and cost a fraction of Newton–Euler.  They
+find the structure; the certificate then checks the result on X itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.program.tape import Program, Scalar
+from echelon.regressor.linear import LinearForms
+from echelon.regressor.spatial import Vec, add, cross, dot, scale
+from echelon.regressor.steps import Recorder, Step, into_frame
+
+
+@dataclass(frozen=True)
+class _Rates:
+    """Angular and linear velocity and gravity in a frame's axes; ``lift`` is −g·p of its origin."""
+
+    angular: Vec
+    linear: Vec
+    gravity: Vec
+    lift: Scalar
+
+
+def energy_form(mechanism: Mechanism) -> LinearForms:
+    """Record E(q, q̇) = kinetic + potential energy.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+
+    Returns
+    -------
+    LinearForms
+        One row; column 0 is the constant 1, column 1 + k belongs to standard parameter k.
+    """
+    program = Program()
+    recorder = Recorder(mechanism, program)
+    ground = _Rates(recorder.zeros, recorder.zeros, recorder.gravity(), program.zero)
+    rates: dict[int, _Rates] = {GROUND: ground}
+    for index, body in enumerate(mechanism.bodies):
+        current = rates[body.parent]
+        for step in recorder.steps(index):
+            current = _advance(current, step)
+        rates[index] = current
+    entries = {(0, 0): program.one.node}
+    for block, index in enumerate(mechanism.carriers):
+        for k, entry in enumerate(_energy_of_body(rates[index])):
+            if not entry.is_zero:
+                entries[0, 1 + 10 * block + k] = entry.node
+    return LinearForms(program, entries, (1, 1 + len(mechanism.parameters)))
+
+
+def _advance(rates: _Rates, step: Step) -> _Rates:
+    linear, lift = rates.linear, rates.lift
+    if step.shift is not None:
+        linear = add(linear, cross(rates.angular, step.shift))
+        lift = lift - dot(rates.gravity, step.shift)
+    angular, linear = into_frame(step, rates.angular), into_frame(step, linear)
+    for freedom in step.freedoms:
+        angular = add(angular, scale(freedom.angular, freedom.rate))
+        linear = add(linear, scale(freedom.linear, freedom.rate))
+    return _Rates(angular, linear, into_frame(step, rates.gravity), lift)
+
+
+def _energy_of_body(rates: _Rates) -> list[Scalar]:
+    """Coefficients of XX … M in ½ωᵀIω + mc·(v×ω) + ½m v² − g·(m p + m c)."""
+    half = Fraction(1, 2)
+    wx, wy, wz = rates.angular
+    vw = cross(rates.linear, rates.angular)
+    first = [vw[k] - rates.gravity[k] for k in range(3)]
+    inertia = [wx * wx * half, wx * wy, wx * wz, wy * wy * half, wy * wz, wz * wz * half]
+    return [*inertia, *first, dot(rates.linear, rates.linear) * half + rates.lift]

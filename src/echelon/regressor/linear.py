@@ -1,0 +1,39 @@
+"""Linear forms: a sparse matrix of program nodes, y = X ζ with X recorded as a program."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from echelon.program.tape import Program
+
+
+@dataclass(frozen=True)
+class LinearForms:
+    """Rows of coefficients of some parameters, recorded on a program.
+
+    Attributes
+    ----------
+    program : Program
+    entries : mapping of (row, column) to int
+        Node of every entry that is not structurally zero.
+    shape : (int, int)
+        Numbers of rows and columns.
+    """
+
+    program: Program
+    entries: Mapping[tuple[int, int], int]
+    shape: tuple[int, int]
+
+    def columns(self, keep: Collection[int]) -> LinearForms:
+        """The forms restricted to some columns, renumbered in the given order."""
+        position = {column: i for i, column in enumerate(keep)}
+        entries = {(r, position[c]): node for (r, c), node in self.entries.items() if c in position}
+        return LinearForms(self.program, entries, (self.shape[0], len(position)))
+
+    def operations(self) -> dict[str, int]:
+        """Operations needed to evaluate all entries, by kind."""
+        return self.program.count(self.entries.values())
+
+    def __repr__(self) -> str:
+        return f"LinearForms({self.shape[0]} × {self.shape[1]}, {len(self.entries)} entries, {self.program})"

@@ -1,0 +1,39 @@
+"""Three-vectors over any scalar that knows + − ×."""
+
+from __future__ import annotations
+
+from echelon.program.tape import Scalar
+
+Vec = tuple[Scalar, Scalar, Scalar]
+Mat = tuple[Vec, Vec, Vec]
+
+
+def add(a: Vec, b: Vec) -> Vec:
+    """a + b."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def scale(a: Vec, factor: Scalar) -> Vec:
+    """factor · a."""
+    return (a[0] * factor, a[1] * factor, a[2] * factor)
+
+
+def dot(a: Vec, b: Vec) -> Scalar:
+    """a · b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vec, b: Vec) -> Vec:
+    """a × b."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def apply(matrix: Mat, v: Vec) -> Vec:
+    """Matrix times vector."""
+    return (dot(matrix[0], v), dot(matrix[1], v), dot(matrix[2], v))
+
+
+def transposed(matrix: Mat) -> Mat:
+    """Transpose."""
+    (a, b, c), (d, e, f), (g, h, i) = matrix
+    return ((a, d, g), (b, e, h), (c, f, i))

@@ -1,0 +1,173 @@
+"""Recorded steps: a mechanism's placements and motions as scalars on one program.
+
+Each step turns and shifts the current frame.  A :class:`Step` holds the recorded rotation and shift and, for a motion,
+its rate and acceleration, so that the recursions need no case distinction by joint type.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.placement import Placement
+from echelon.program.tape import Program, Scalar
+from echelon.regressor.spatial import Mat, Vec, apply, transposed
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """One velocity coordinate of a step.
+
+    Attributes
+    ----------
+    name : str
+        Velocity coordinate.
+    angular, linear : 3 of Scalar
+        Direction of the angular and linear velocity that it causes, in the moved frame's axes.
+    rate, acceleration : Scalar
+        Its velocity and acceleration.
+    """
+
+    name: str
+    angular: Vec
+    linear: Vec
+    rate: Scalar
+    acceleration: Scalar
+
+
+@dataclass(frozen=True)
+class Step:
+    """A frame change: the new frame has axes ``rotation`` and origin ``shift`` in the old one (None: unchanged)."""
+
+    rotation: Mat | None
+    shift: Vec | None
+    freedoms: tuple[Freedom, ...] = ()
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """The recorded coordinates of one motion."""
+
+    position: tuple[Scalar, ...]
+    rate: tuple[Scalar, ...]
+    acceleration: tuple[Scalar, ...]
+
+
+class Recorder:
+    """Writes a mechanism's coordinates and steps onto a program."""
+
+    def __init__(self, mechanism: Mechanism, program: Program) -> None:
+        self.mechanism, self.program = mechanism, program
+        self.zeros: Vec = (program.zero, program.zero, program.zero)
+        self._coordinates = self._record_coordinates()
+
+    def steps(self, body: int) -> list[Step]:
+        """Recorded steps from a body's parent to the body."""
+        recorded: list[Step] = []
+        for step in self.mechanism.bodies[body].joint.steps:
+            if isinstance(step, Placement):
+                recorded.append(self._placement(step))
+            else:
+                recorded.extend(self._motion(step))
+        return recorded
+
+    def gravity(self) -> Vec:
+        """Gravity in the base frame."""
+        if self.mechanism.gravity is None:
+            return self.zeros
+        x, y, z = (self.program.polynomial(g) for g in self.mechanism.gravity)
+        return (x, y, z)
+
+    # -- coordinates ---------------------------------------------------------------------------------------------
+
+    def _record_coordinates(self) -> Mapping[str, Coordinates]:
+        dependent = self.mechanism.dependent
+        known = {m.name: self._inputs(m) for m in self.mechanism.motions if m.name not in dependent}
+        for coupling in self.mechanism.couplings:
+            terms = [(known[name], self.program.polynomial(ratio)) for name, ratio in coupling.terms]
+            zero = self.program.zero
+            known[coupling.coordinate] = Coordinates(
+                (sum((c.position[0] * r for c, r in terms), zero),),
+                (sum((c.rate[0] * r for c, r in terms), zero),),
+                (sum((c.acceleration[0] * r for c, r in terms), zero),),
+            )
+        return known
+
+    def _inputs(self, motion: Motion) -> Coordinates:
+        position = tuple(self.program.input(f"q[{n}]") for n in motion.positions)
+        if motion.kind is MotionKind.BALL:
+            self.program.unit_groups.append(tuple(x.node for x in position))
+        return Coordinates(
+            position,
+            tuple(self.program.input(f"qd[{n}]") for n in motion.velocities),
+            tuple(self.program.input(f"qdd[{n}]") for n in motion.velocities),
+        )
+
+    # -- steps ---------------------------------------------------------------------------------------------------
+
+    def _placement(self, placement: Placement) -> Step:
+        record = self.program.polynomial
+        rows = [tuple(record(entry) for entry in row) for row in placement.rotation]
+        shift = tuple(record(entry) for entry in placement.translation)
+        return Step((rows[0], rows[1], rows[2]), shift)  # type: ignore[arg-type]
+
+    def _motion(self, motion: Motion) -> list[Step]:
+        coordinates = self._coordinates[motion.name]
+        if motion.kind is MotionKind.BALL:
+            return [self._ball(motion, coordinates)]
+        axis = self._axis(motion.axis, motion.sign)
+        rate, acceleration = coordinates.rate[0], coordinates.acceleration[0]
+        position = coordinates.position[0]
+        if motion.kind is MotionKind.TRANSLATION:
+            shift = _scaled(axis, position)
+            return [Step(None, shift, (Freedom(motion.name, self.zeros, axis, rate, acceleration),))]
+        turned = self._turn(motion.axis, motion.sign, position)
+        if motion.kind is MotionKind.ROTATION:
+            return [Step(turned, None, (Freedom(motion.name, axis, self.zeros, rate, acceleration),))]
+        travel = _scaled(axis, self.program.polynomial(motion.pitch))
+        # a screw shifts along the axis it turns about, so both directions are the same in old and new axes
+        return [Step(turned, _scaled(travel, position), (Freedom(motion.name, axis, travel, rate, acceleration),))]
+
+    def _axis(self, axis: int, sign: int) -> Vec:
+        unit = self.program.constant(sign)
+        x, y, z = (unit if k == axis else self.program.zero for k in range(3))
+        return (x, y, z)
+
+    def _turn(self, axis: int, sign: int, angle: Scalar) -> Mat:
+        c, s = self.program.cos(angle), self.program.sin(angle) * sign
+        zero, one = self.program.zero, self.program.one
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        rows = [[one if a == b else zero for b in range(3)] for a in range(3)]
+        rows[i][i], rows[i][j], rows[j][i], rows[j][j] = c, -s, s, c
+        (a, b, c_), (d, e, f), (g, h, k) = rows
+        return ((a, b, c_), (d, e, f), (g, h, k))
+
+    def _ball(self, motion: Motion, coordinates: Coordinates) -> Step:
+        w, x, y, z = coordinates.position
+        two = self.program.constant(2)
+        xx, yy, zz = two * x * x, two * y * y, two * z * z
+        xy, xz, yz, wx, wy, wz = two * x * y, two * x * z, two * y * z, two * w * x, two * w * y, two * w * z
+        one = self.program.one
+        rotation: Mat = (
+            (one - yy - zz, xy - wz, xz + wy),
+            (xy + wz, one - xx - zz, yz - wx),
+            (xz - wy, yz + wx, one - xx - yy),
+        )
+        freedoms = tuple(
+            Freedom(name, self._axis(k, 1), self.zeros, coordinates.rate[k], coordinates.acceleration[k])
+            for k, name in enumerate(motion.velocities)
+        )
+        return Step(rotation, None, freedoms)
+
+
+def _scaled(axis: Vec, factor: Scalar) -> Vec:
+    return (axis[0] * factor, axis[1] * factor, axis[2] * factor)
+
+
+def into_frame(step: Step, v: Vec) -> Vec:
+    """A vector's components after the step's rotation."""
+    if step.rotation is None:
+        return v
+    return apply(transposed(step.rotation), v)
