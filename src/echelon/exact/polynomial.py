@@ -7,6 +7,7 @@ relation is sin² = 1 − cos², applied on every product, so equal polynomials 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from fractions import Fraction
 from functools import reduce
@@ -168,6 +169,18 @@ class Polynomial:
 
     def __repr__(self) -> str:
         return format_polynomial(self)
+
+
+def float_generators(generators: Iterable[str], symbols: Mapping[str, float]) -> dict[str, float]:
+    """Float values of generators for given values of the symbols (radians for angles)."""
+    values: dict[str, float] = {}
+    for generator in generators:
+        symbol = symbols[symbol_of(generator)]
+        if is_trigonometric(generator):
+            values[generator] = math.cos(symbol) if generator.startswith("cos(") else math.sin(symbol)
+        else:
+            values[generator] = symbol
+    return values
 
 
 def as_polynomial(x: Polynomial | Number) -> Polynomial:

@@ -1,0 +1,186 @@
+"""From a literal tree to a mechanism: lumping of fixed links, labels, couplings, floating base."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from echelon.errors import InputError
+from echelon.exact.polynomial import as_polynomial
+from echelon.formats.inertia import Inertial, move_inertial, numeric_placement
+from echelon.formats.intent import Intent
+from echelon.formats.literal import LiteralCoupling, LiteralLink, LiteralPlacement, LiteralStep, LiteralTree
+from echelon.formats.options import ReadingOptions, gravity_vector
+from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
+from echelon.mechanism.mechanism import GROUND, Body, Coupling, Mechanism
+from echelon.mechanism.placement import Placement, shift, turn
+from echelon.mechanism.reading import Snap
+
+
+@dataclass(frozen=True)
+class FileReading:
+    """How a file was read; implements :class:`echelon.mechanism.reading.Reading`."""
+
+    tree: LiteralTree
+    options: ReadingOptions
+    snaps: tuple[Snap, ...]
+    notes: tuple[str, ...]
+
+    def literal(self, elements: Collection[str] | None = None) -> Mechanism:
+        """The mechanism with these snapped elements (all, if omitted) taken literally."""
+        chosen = {snap.element for snap in self.snaps} if elements is None else elements
+        return build_mechanism(self.tree, self.options, chosen)
+
+
+def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collection[str] = ()) -> Mechanism:
+    """Interpret a literal tree.
+
+    Parameters
+    ----------
+    tree : LiteralTree
+    options : ReadingOptions
+    literal : collection of str
+        Elements whose numbers are not to be snapped.
+
+    Returns
+    -------
+    Mechanism
+
+    Raises
+    ------
+    InputError
+        If the tree has unusable couplings or names.
+    """
+    return _Builder(tree, options, literal).build()
+
+
+class _Builder:
+    def __init__(self, tree: LiteralTree, options: ReadingOptions, literal: Collection[str]) -> None:
+        self.tree, self.options = tree, options
+        self.intent = Intent(tree, options, literal)
+        self.notes = list(tree.notes)
+        self.couplings = self._resolved_couplings()
+        self.bodies: list[Body] = []
+        self.host: dict[int, int] = {}  # link -> body that carries it
+        self.offset: dict[int, tuple[LiteralPlacement, ...]] = {}  # link -> placements from its body's frame
+
+    def build(self) -> Mechanism:
+        self._check_massless()
+        for index, link in enumerate(self.tree.links):
+            if self._makes_body(index, link):
+                self._add_body(index, link)
+            else:
+                self._attach(index, link)
+        self._attach_inertials()
+        couplings = tuple(
+            Coupling(c.dependent, ((c.leader, as_polynomial(c.ratio)),)) for c in self.couplings.values()
+        )
+        used = {s for b in self.bodies for s in b.joint.symbols()}
+        reading = FileReading(self.tree, self.options, tuple(self.intent.snaps), tuple(self.notes))
+        return Mechanism(
+            self.tree.name,
+            tuple(self.bodies),
+            gravity_vector(self.options.gravity, self.intent.gravity()),
+            couplings,
+            {name: symbol for name, symbol in self.intent.symbols.items() if name in used},
+            reading,
+        )
+
+    # -- bodies ----------------------------------------------------------------------------------------------------
+
+    def _makes_body(self, index: int, link: LiteralLink) -> bool:
+        moves = any(not isinstance(step, LiteralPlacement) for step in link.steps)
+        return moves or self.options.every_link or (index == 0 and self.options.floating)
+
+    def _add_body(self, index: int, link: LiteralLink) -> None:
+        label = str(len(self.bodies) if self.options.floating or self.options.every_link else len(self.bodies) + 1)
+        parent = self.host.get(link.parent, GROUND)
+        steps: tuple[LiteralStep, ...] = (*self.offset.get(link.parent, ()), *link.steps)
+        read = self._read(steps, label)
+        kind, name = link.kind, link.joint
+        if index == 0 and self.options.floating:
+            kind, name, read = "floating", "base", (*floating_motions("base"), *read)
+        read = self.intent.name_lengths(merge(read), label, f"joint '{link.joint or link.name}'")
+        massless = link.name in self.options.massless
+        self.bodies.append(Body(link.name, label, parent, Joint(name, kind, merge(read)), massless))
+        self.host[index] = len(self.bodies) - 1
+        self.offset[index] = ()
+
+    def _attach(self, index: int, link: LiteralLink) -> None:
+        """A fixed link rides on its parent's body."""
+        placements = tuple(step for step in link.steps if isinstance(step, LiteralPlacement))
+        self.host[index] = self.host.get(link.parent, GROUND)
+        self.offset[index] = (*self.offset.get(link.parent, ()), *placements)
+
+    def _read(self, steps: tuple[LiteralStep, ...], label: str) -> tuple[Step, ...]:
+        read: list[Step] = []
+        for step in steps:
+            if isinstance(step, LiteralPlacement):
+                read.append(self.intent.placement(step, label))
+                continue
+            motions = self.intent.motion(step, label)
+            read.extend(motions)
+            coupling = self.couplings.get(step.name)
+            if coupling is not None and coupling.offset:
+                moved = next(m for m in motions if isinstance(m, Motion))
+                read.insert(read.index(moved), self._offset(coupling, moved, label))
+        return merge(tuple(read))
+
+    def _offset(self, coupling: LiteralCoupling, motion: Motion, label: str) -> Placement:
+        """The constant part of a coupling, as a placement before the motion."""
+        value = coupling.offset * motion.sign
+        if motion.kind is MotionKind.TRANSLATION:
+            x, y, z = (as_polynomial(value if k == motion.axis else 0) for k in range(3))
+            return shift(x, y, z)
+        return turn(motion.axis, self.intent.angle(value, f"{coupling.element} offset", f"offset{label}"))
+
+    def _check_massless(self) -> None:
+        names = {link.name for link in self.tree.links}
+        for name in self.options.massless:
+            if name not in names:
+                raise InputError(f"no link '{name}' to declare massless", source=self.tree.source)
+
+    # -- inertials -------------------------------------------------------------------------------------------------
+
+    def _attach_inertials(self) -> None:
+        totals: dict[int, Inertial] = {}
+        for index, link in enumerate(self.tree.links):
+            body = self.host[index]
+            if body == GROUND or link.inertial is None:
+                continue
+            rotation, translation = np.eye(3), np.zeros(3)
+            for placement in self.offset[index]:
+                step_rotation, step_translation = numeric_placement(placement)
+                translation = translation + rotation @ step_translation
+                rotation = rotation @ step_rotation
+            moved = move_inertial(np.array(link.inertial), rotation, translation)
+            totals[body] = totals[body] + moved if body in totals else moved
+        for body, total in totals.items():
+            values = tuple(float(v) for v in total)
+            self.bodies[body] = replace(self.bodies[body], inertial=values)
+
+    # -- couplings -------------------------------------------------------------------------------------------------
+
+    def _resolved_couplings(self) -> dict[str, LiteralCoupling]:
+        """Couplings by dependent coordinate, with chains of mimics followed to an independent leader."""
+        stated = {} if self.options.independent_mimics else {c.dependent: c for c in self.tree.couplings}
+        resolved = {}
+        for name, coupling in stated.items():
+            seen = {name}
+            while coupling.leader in stated:
+                if coupling.leader in seen:
+                    raise InputError("couplings go in a circle", source=self.tree.source, element=coupling.element)
+                seen.add(coupling.leader)
+                upper = stated[coupling.leader]
+                coupling = replace(
+                    coupling,
+                    leader=upper.leader,
+                    ratio=coupling.ratio * upper.ratio,
+                    offset=coupling.ratio * upper.offset + coupling.offset,
+                )
+            resolved[name] = coupling
+        if resolved:
+            self.notes.append(f"{len(resolved)} joints are coupled to others (mimic)")
+        return resolved

@@ -1,0 +1,211 @@
+"""Intended geometry: from the numbers of a file to exact placements.
+
+Files round: π/2 stands as 1.5708, an axis as (0, −1, 4e-8), a zero as 1e-17.  Taken literally such numbers destroy the
+dependences between parameters and the count comes out wrong.  So angles near multiples of 15° and axes near coordinate
+directions become exact, tiny translations become zero, and every such decision is recorded as a :class:`Snap`.  Other
+numbers become symbols named by joint, with equal magnitudes sharing one symbol, and keep their values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from fractions import Fraction
+from math import acos, atan2, hypot, pi, sqrt
+
+from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
+from echelon.exact.numbers import Number, Rational, Surd, format_number
+from echelon.exact.polynomial import Polynomial, as_polynomial, float_generators
+from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree
+from echelon.formats.options import LENGTH_TOLERANCE, PRECISION, ReadingOptions
+from echelon.mechanism.joint import (
+    Motion,
+    MotionKind,
+    Step,
+    floating_motions,
+    planar_motions,
+)
+from echelon.mechanism.mechanism import Symbol
+from echelon.mechanism.placement import Placement, Vector, shift, turn
+from echelon.mechanism.reading import Snap
+
+_STEP = pi / STEPS_PER_HALF_TURN
+_SAME = 1e-12
+_EXACT = 1e-15
+
+
+@dataclass
+class Intent:
+    """Reads literal numbers as exact ones while keeping account.
+
+    Parameters
+    ----------
+    tree : LiteralTree
+    options : ReadingOptions
+    literal : collection of str, optional
+        Elements to take literally; None means that none is.
+    """
+
+    tree: LiteralTree
+    options: ReadingOptions
+    literal: Collection[str] = ()
+    symbols: dict[str, Symbol] = field(default_factory=dict)
+    snaps: list[Snap] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        placements = [s for link in self.tree.links for s in link.steps if isinstance(s, LiteralPlacement)]
+        self._scale = max((abs(float(x)) for p in placements for x in p.xyz), default=0.0)
+        self._angles: list[tuple[float, str]] = []
+        self._lengths: dict[Polynomial, str] = {}
+
+    # -- placements ------------------------------------------------------------------------------------------------
+
+    def placement(self, literal: LiteralPlacement, label: str) -> Placement:
+        """A literal placement with exact rotation; translations stay numbers until :meth:`name_lengths`."""
+        x, y, z = (as_polynomial(v) for v in literal.xyz)
+        placed = shift(x, y, z)
+        for axis, word in ((2, "yaw"), (1, "pitch"), (0, "roll")):
+            value = literal.rpy[axis]
+            if value:
+                placed = placed @ turn(axis, self.angle(value, f"{literal.element} {word}", f"{word}{label}"))
+        return placed
+
+    def name_lengths(self, steps: tuple[Step, ...], label: str, element: str) -> tuple[Step, ...]:
+        """The steps with tiny translations dropped and the others, if so wished, given symbols."""
+        return tuple(self._with_lengths(s, label, element) if isinstance(s, Placement) else s for s in steps)
+
+    def _with_lengths(self, placement: Placement, label: str, element: str) -> Placement:
+        x, y, z = (
+            self._length(value, f"p{axis}{label}", f"{element} {axis}")
+            for axis, value in zip("xyz", placement.translation, strict=True)
+        )
+        return Placement(placement.rotation, (x, y, z))
+
+    def _length(self, value: Polynomial, name: str, element: str) -> Polynomial:
+        if not value:
+            return value
+        size = abs(self.numeric(value))
+        if size <= self._length_tolerance(element) * self._scale:
+            self.snaps.append(Snap(element, f"{self.numeric(value):.3g}", "0", size))
+            return Polynomial({})
+        if not self.options.symbolic:
+            return value
+        for known, sign in ((value, 1), (-value, -1)):
+            if known in self._lengths:
+                return sign * Polynomial.generator(self._lengths[known])
+        sign = 1 if self.numeric(value) > 0 else -1
+        symbol = self._new_symbol(name, sign * value, element)
+        self._lengths[sign * value] = symbol
+        return sign * Polynomial.generator(symbol)
+
+    def _length_tolerance(self, element: str) -> float:
+        if not self.options.tolerance:
+            return 0.0
+        return PRECISION if element in self.literal else LENGTH_TOLERANCE
+
+    # -- angles ----------------------------------------------------------------------------------------------------
+
+    def angle(self, value: Rational | float, element: str, name: str) -> Angle:
+        """A number of radians as an exact angle: a multiple of 15°, or a multiple of 90° and a symbol."""
+        number = float(value)
+        steps = round(number / _STEP)
+        difference = abs(number - steps * _STEP)
+        if difference <= max(self._angle_tolerance(element), _EXACT * max(1.0, abs(number))):
+            if difference > _EXACT * max(1.0, abs(number)):
+                self.snaps.append(Snap(element, _decimal(value), f"{steps * 15}°", difference))
+            return Angle(Fraction(steps, STEPS_PER_HALF_TURN))
+        quarters = round(number / (pi / 2))
+        rest = number - quarters * (pi / 2)
+        symbol = self._angle_symbol(abs(rest), value if quarters == 0 else None, element, name)
+        return Angle(Fraction(quarters, 2), ((symbol, 1 if rest > 0 else -1),))
+
+    def _angle_tolerance(self, element: str) -> float:
+        return min(PRECISION, self.options.tolerance) if element in self.literal else self.options.tolerance
+
+    def _angle_symbol(self, size: float, literal: Rational | float | None, element: str, name: str) -> str:
+        for known, symbol in self._angles:
+            if abs(known - size) <= _SAME:
+                return symbol
+        exact = as_polynomial(abs(literal)) if isinstance(literal, int | Fraction) else None
+        symbol = self._new_symbol(name, exact, element, size)
+        self._angles.append((size, symbol))
+        return symbol
+
+    # -- motions ---------------------------------------------------------------------------------------------------
+
+    def motion(self, literal: LiteralMotion, label: str) -> tuple[Step, ...]:
+        """A literal motion as elementary motions, between placements if its axis is not a coordinate axis."""
+        if literal.kind == MotionKind.BALL:
+            return (Motion(MotionKind.BALL, literal.name),)
+        if literal.kind == "floating":
+            return floating_motions(literal.name)
+        mounting, axis, sign = self._direction(literal, label)
+        if literal.kind == "planar":
+            flip = turn((axis + 1) % 3, Angle(Fraction(1))) if sign < 0 else Placement()
+            mounting, motions = mounting @ flip, planar_motions(literal.name, axis)
+        else:
+            assert isinstance(literal.kind, MotionKind)
+            motions = (Motion(literal.kind, literal.name, axis, sign),)
+        return (mounting, *motions, mounting.inverse())
+
+    def _direction(self, literal: LiteralMotion, label: str) -> tuple[Placement, int, int]:
+        """A placement, a coordinate axis of it, and a sign, that together give the direction."""
+        x, y, z = (float(v) for v in literal.axis)
+        length = sqrt(x * x + y * y + z * z)
+        element = f"{literal.element} axis"
+        for axis, component in enumerate((x, y, z)):
+            rest = [v for k, v in enumerate((x, y, z)) if k != axis]
+            off = atan2(hypot(*rest), abs(component))
+            if off <= max(self._angle_tolerance(element), _EXACT):
+                if off:
+                    text = " ".join(_decimal(v) for v in literal.axis)
+                    self.snaps.append(Snap(element, f"({text})", "xyz"[axis], off))
+                return Placement(), axis, 1 if component > 0 else -1
+        azimuth = self.angle(atan2(y, x), f"{element} azimuth", f"azimuth{label}")
+        elevation = self.angle(acos(z / length), f"{element} inclination", f"inclination{label}")
+        return turn(2, azimuth) @ turn(1, elevation), 2, 1
+
+    # -- gravity and symbols ---------------------------------------------------------------------------------------
+
+    def gravity(self) -> Vector:
+        """Gravity as the file states it."""
+        x, y, z = (as_polynomial(v) for v in self.tree.gravity)
+        return (x, y, z)
+
+    def numeric(self, value: Polynomial) -> float:
+        """Numeric value of an expression in angle symbols."""
+        return numeric_value(value, {name: s.value for name, s in self.symbols.items() if s.value is not None})
+
+    def _new_symbol(
+        self, name: str, exact: Polynomial | None, element: str, value: float | None = None
+    ) -> str:
+        unique, suffix = name, "b"
+        while unique in self.symbols:
+            unique, suffix = name + suffix, chr(ord(suffix) + 1)
+        number = exact.number if exact is not None else None
+        size = self.numeric(exact) if value is None and exact is not None else value
+        self.symbols[unique] = Symbol(unique, size, None if number is None else _text(number), element)
+        return unique
+
+
+def numeric_value(value: Polynomial, symbols: dict[str, float]) -> float:
+    """A polynomial in floats, for given values of its symbols (rad for angles)."""
+    return value.evaluate(float_generators(value.generators(), symbols), float)
+
+
+def _decimal(value: Rational | float) -> str:
+    return repr(float(value)) if not isinstance(value, int) else str(value)
+
+
+def _text(number: Number) -> str:
+    """Exact text of a number, as a terminating decimal where it has one."""
+    if isinstance(number, Surd):
+        return format_number(number)
+    denominator = Fraction(number).denominator
+    for prime in (2, 5):
+        while denominator % prime == 0:
+            denominator //= prime
+    if denominator != 1:
+        return str(number)
+    decimal = repr(float(number))
+    return decimal if Fraction(decimal) == number else str(number)

@@ -1,0 +1,116 @@
+"""A robot file as it stands: names, tree and numbers, before anything is read as exact.
+
+URDF and MJCF readers produce this form; :mod:`echelon.formats.intent` turns it into a mechanism.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from echelon.exact.numbers import Rational
+from echelon.mechanism.joint import MotionKind
+
+Triple = tuple[Rational, Rational, Rational]
+
+
+@dataclass(frozen=True)
+class LiteralPlacement:
+    """A frame placed by numbers.
+
+    Attributes
+    ----------
+    element : str
+        The element of the file that states it, for messages.
+    xyz : 3 numbers
+        Translation, m.
+    rpy : 3 numbers
+        Rotations about the fixed x, y and z axes, in this order, rad: R = Rz(yaw) Ry(pitch) Rx(roll).
+    """
+
+    element: str
+    xyz: Triple = (0, 0, 0)
+    rpy: Triple = (0, 0, 0)
+
+
+@dataclass(frozen=True)
+class LiteralMotion:
+    """One elementary or planar or floating motion along a direction given by numbers.
+
+    Attributes
+    ----------
+    element : str
+    name : str
+        Name of the coordinate, or the stem of several.
+    kind : MotionKind or "planar" or "floating"
+    axis : 3 numbers
+        Any non-zero length.
+    """
+
+    element: str
+    name: str
+    kind: MotionKind | str
+    axis: Triple = (0, 0, 1)
+
+
+LiteralStep = LiteralPlacement | LiteralMotion
+
+
+@dataclass(frozen=True)
+class LiteralLink:
+    """A link with the joint that connects it to its parent.
+
+    Attributes
+    ----------
+    name : str
+    parent : int
+        Index of the parent link, −1 for the root.
+    joint, kind : str
+        Name and type of the joint in the file.
+    steps : tuple
+        From the parent's frame to this link's; no motion in it means that the link is fixed.
+    inertial : tuple of 10 floats, optional
+        Standard parameters about this link's frame.
+    """
+
+    name: str
+    parent: int
+    joint: str
+    kind: str
+    steps: tuple[LiteralStep, ...]
+    inertial: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True)
+class LiteralCoupling:
+    """q_dependent = ratio · q_leader + offset, as a mimic element or an equality constraint states it."""
+
+    element: str
+    dependent: str
+    leader: str
+    ratio: Rational = 1
+    offset: Rational = 0
+
+
+@dataclass(frozen=True)
+class LiteralTree:
+    """A whole file.
+
+    Attributes
+    ----------
+    name, source : str
+        Name of the robot, and the file.
+    links : tuple of LiteralLink
+        Parents before children; the first is the root.
+    couplings : tuple of LiteralCoupling
+    gravity : 3 numbers
+        In the root's frame, m/s².
+    notes : tuple of str
+    """
+
+    name: str
+    source: str
+    links: tuple[LiteralLink, ...]
+    couplings: tuple[LiteralCoupling, ...] = ()
+    gravity: Triple = (0, 0, Fraction(-981, 100))
+    notes: tuple[str, ...] = ()

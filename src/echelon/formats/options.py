@@ -1,0 +1,89 @@
+"""How a file is to be read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from echelon.errors import InputError
+from echelon.exact.expressions import parse
+from echelon.exact.polynomial import Polynomial
+from echelon.mechanism.placement import Vector
+
+ANGLE_TOLERANCE = 2e-3
+"""Default distance, rad, within which angles are read as multiples of 15° and axes as coordinate directions."""
+
+LENGTH_TOLERANCE = 1e-5
+"""Translations below this fraction of the robot's largest one are read as zero, unless snapping is off."""
+
+PRECISION = 1e-9
+"""The literal reading: what agrees to nine digits is the exact number, written as well as decimals can."""
+
+Gravity = Sequence[str | float | int] | str | None
+
+
+@dataclass(frozen=True)
+class ReadingOptions:
+    """Choices for reading a robot file.
+
+    Attributes
+    ----------
+    tolerance : float
+        Angles this near (rad) to a multiple of 15°, and axes this near to a coordinate direction, are read as exact.
+        0 switches snapping off.
+    symbolic : bool
+        Give lengths systematic symbols (``px4`` for the x offset of joint 4), or keep them as exact numbers.
+    floating : bool
+        Whether the root link floats.
+    every_link : bool
+        Keep links that are fixed to others as bodies of their own.
+    independent_mimics : bool
+        Treat mimic joints as independent (as most programs do), instead of coupled.
+    massless : tuple of str
+        Links that carry no parameters.
+    gravity : Gravity
+        ``"file"`` for what the file says (9.81 m/s² along −z if it is silent), ``"generic"`` for an unknown direction,
+        None for none, or three numbers or expressions.
+    """
+
+    tolerance: float = ANGLE_TOLERANCE
+    symbolic: bool = True
+    floating: bool = False
+    every_link: bool = False
+    independent_mimics: bool = False
+    massless: tuple[str, ...] = ()
+    gravity: Gravity = "file"
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.tolerance <= 0.1:
+            raise InputError(f"the snapping tolerance must be between 0 and 0.1 rad, not {self.tolerance}")
+
+
+def gravity_vector(gravity: Gravity, stated: Vector) -> Vector | None:
+    """Gravity in the base frame, m/s².
+
+    Parameters
+    ----------
+    gravity : Gravity
+    stated : 3 of Polynomial
+        What the file says.
+
+    Raises
+    ------
+    InputError
+        If the choice is none of those that :class:`ReadingOptions` lists.
+    """
+    if gravity is None or gravity == "none":
+        return None
+    if gravity == "file":
+        return stated if any(stated) else None
+    if gravity == "generic":
+        return (Polynomial.generator("gx"), Polynomial.generator("gy"), Polynomial.generator("gz"))
+    parts = gravity.split(",") if isinstance(gravity, str) else list(gravity)
+    if len(parts) != 3:
+        raise InputError("gravity is three numbers or expressions, 'generic', 'none' or 'file'")
+    try:
+        x, y, z = (parse(str(part)) for part in parts)
+    except ValueError as error:
+        raise InputError(str(error), element="gravity") from None
+    return (x, y, z) if x or y or z else None
