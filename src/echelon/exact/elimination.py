@@ -1,7 +1,7 @@
 """Linear algebra over GF(p).
 
-Two shapes occur.  One large matrix, whose pivots are wanted: FLINT's ``nmod_mat`` (recursive, with fast multiplication).
-Very many small systems, one per random geometry: Gauss–Jordan in NumPy, vectorised over the batch.
+Two shapes occur.  One large matrix, whose pivots are wanted: FLINT's ``nmod_mat`` (recursive, with fast
+multiplication).  Very many small systems, one per random geometry: Gauss–Jordan in NumPy, vectorised over the batch.
 """
 
 from __future__ import annotations

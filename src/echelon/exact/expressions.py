@@ -143,8 +143,9 @@ class _Reader:
             if value is None or not value:
                 raise ValueError(f"in '{self.text}' only division by a non-zero number is possible")
             return left * inverse(value)
-        if isinstance(operator, ast.Pow) and isinstance(value, int) and 0 <= value <= _LARGEST_EXPONENT:
-            return left**value
+        exponent = int(value) if isinstance(value, int | Fraction) and value.denominator == 1 else -1
+        if isinstance(operator, ast.Pow) and 0 <= exponent <= _LARGEST_EXPONENT:
+            return left**exponent
         raise ValueError(f"in '{self.text}' only + - * / and powers 0 to {_LARGEST_EXPONENT} are possible")
 
     def _call(self, name: str, argument: Polynomial) -> Polynomial:

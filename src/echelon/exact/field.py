@@ -169,9 +169,7 @@ class PrimeField:
             count >>= 1
         return result
 
-    def add_angles(
-        self, a: tuple[Residues, Residues], b: tuple[Residues, Residues]
-    ) -> tuple[Residues, Residues]:
+    def add_angles(self, a: tuple[Residues, Residues], b: tuple[Residues, Residues]) -> tuple[Residues, Residues]:
         """Cosine and sine of the sum of two angles."""
         p = self.p
         return (a[0] * b[0] % p - a[1] * b[1] % p) % p, (a[0] * b[1] % p + a[1] * b[0] % p) % p

@@ -183,30 +183,47 @@ class _Interpolation:
         below = extra + max(0, -degree) if lengths else 0
         above = extra + max(0, degree) if lengths else 0
         top = _monomials(lengths, above, angles, max(2, 1 + extra), others, 2 + extra)
-        bottom = _monomials(lengths, below, angles, 1 + extra, others, extra) if extra or below else [()]
+        bottom: list[Monomial] = [()]
+        if extra or below:
+            bottom = _monomials(lengths, below, angles, 1 + extra, others, extra)
         return top, bottom
 
     # -- exact coefficients --------------------------------------------------------------------------------------
 
-    def _coefficients(
-        self, ansatz: list[_Ansatz], first: list[list[int]], field: PrimeField
-    ) -> list[RationalFunction]:
+    def _coefficients(self, ansatz: list[_Ansatz], first: list[list[int]], field: PrimeField) -> list[RationalFunction]:
         primes: list[int] = []
-        tables: list[list[list[list[int]]]] = []
+        tables: list[list[list[list[int]]]] = []  # per prime and function: the four parts of every coefficient
         if not any(self.unknown.irrational):  # the choosing field already gave the coefficients
             primes.append(field.p)
             tables.append([[[c, 0, 0, 0] for c in vector] for vector in first])
-        while len(primes) < _MOST_PRIMES:
+        for _ in range(_MOST_PRIMES):
             found = _reconstruct(ansatz, tables, primes) if primes else None
-            if found is not None:
+            if found is not None and self._confirmed(found):
                 return found
             field = PrimeField.random(self.rng)
+            if field.p in primes:
+                continue
             try:
                 tables.append(self._parts(ansatz, field))
             except DegenerateSampleError:
                 continue
             primes.append(field.p)
         raise ClosedFormError(f"coefficients need more than {_MOST_PRIMES} primes")
+
+    def _confirmed(self, functions: list[RationalFunction]) -> bool:
+        """Whether the functions hold at a fresh point of a fresh field, which a mistaken reconstruction does not."""
+        field = PrimeField.random(self.rng)
+        geometry, values = self._sample(field, 1)
+        monomials = [m for f in functions for part in (f.numerator, f.denominator) for m in part.terms]
+        point = {g: int(x[0]) for g, x in _generator_values(field, geometry, monomials).items()}
+        try:
+            pairs = [
+                (f.numerator.evaluate(point, field.embed), f.denominator.evaluate(point, field.embed))
+                for f in functions
+            ]
+        except DegenerateSampleError:
+            return False
+        return not any((top - int(v) * bottom) % field.p for (top, bottom), v in zip(pairs, values[:, 0], strict=True))
 
     def _parts(self, ansatz: list[_Ansatz], field: PrimeField) -> list[list[list[int]]]:
         """Residues of the four parts (1, √2, √3, √6) of every coefficient of every function."""
@@ -329,9 +346,7 @@ def _separate(embeddings: Mapping[tuple[bool, bool], list[int]], field: PrimeFie
             for (flip2, flip3), coefficients in embeddings.items():
                 negative = (flip2 and bool(index & 1)) ^ (flip3 and bool(index & 2))
                 total += -coefficients[k] if negative else coefficients[k]
-            known = (index & 1 == 0 or (True, False) in embeddings) and (
-                index & 2 == 0 or (False, True) in embeddings
-            )
+            known = (index & 1 == 0 or (True, False) in embeddings) and (index & 2 == 0 or (False, True) in embeddings)
             quadruple.append(total * share * field.invert(root) % field.p if known else 0)
         parts.append(quadruple)
     return parts

@@ -35,6 +35,8 @@ class Surd:
         self.parts = parts
 
     def __add__(self, other: Number) -> Number:
+        if not isinstance(other, int | Fraction | Surd):
+            return NotImplemented
         mine, theirs = self.parts, parts_of(other)
         return surd(mine[0] + theirs[0], mine[1] + theirs[1], mine[2] + theirs[2], mine[3] + theirs[3])
 
@@ -54,6 +56,8 @@ class Surd:
         if isinstance(other, int | Fraction):
             a, b, c, d = self.parts
             return surd(a * other, b * other, c * other, d * other)
+        if not isinstance(other, Surd):
+            return NotImplemented
         total: list[Rational] = [0, 0, 0, 0]
         for i, x in enumerate(self.parts):
             for j, y in enumerate(other.parts):
@@ -73,13 +77,15 @@ class Surd:
         return adjugate * Fraction(1, 1) * (1 / Fraction(norm))
 
     def __truediv__(self, other: Number) -> Number:
+        if not isinstance(other, int | Fraction | Surd):
+            return NotImplemented
         return self * inverse(other)
 
     def __rtruediv__(self, other: Number) -> Number:
         return self.inverse() * other
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Surd) and self.parts == other.parts
+        return self.parts == other.parts if isinstance(other, Surd) else NotImplemented
 
     def __hash__(self) -> int:
         return hash(self.parts)
@@ -95,7 +101,7 @@ Number = int | Fraction | Surd
 
 
 def surd(a: Rational, b: Rational, c: Rational, d: Rational) -> Number:
-    """a + b√2 + c√3 + d√6 in its simplest type."""
+    """The number a + b√2 + c√3 + d√6 in its simplest type."""
     return Surd((a, b, c, d)) if b or c or d else a
 
 

@@ -106,6 +106,8 @@ class Polynomial:
     __rmul__ = __mul__
 
     def __pow__(self, exponent: int) -> Polynomial:
+        if exponent < 0:
+            raise ValueError(f"a polynomial has no power {exponent}: use a RationalFunction")
         return reduce(lambda total, _: total * self, range(exponent), Polynomial.constant(1))
 
     # -- comparison ----------------------------------------------------------------------------------------------
@@ -113,11 +115,12 @@ class Polynomial:
     def __eq__(self, other: object) -> bool:
         if isinstance(other, int | Fraction | Surd):
             other = Polynomial.constant(other)
-        return isinstance(other, Polynomial) and self.terms == other.terms
+        return self.terms == other.terms if isinstance(other, Polynomial) else NotImplemented
 
     def __hash__(self) -> int:
         if self._hash is None:
-            self._hash = hash(frozenset(self.terms.items()))
+            value = self.number  # equal to a plain number, so hashed like one
+            self._hash = hash(frozenset(self.terms.items()) if value is None else value)
         return self._hash
 
     def __bool__(self) -> bool:
@@ -184,7 +187,7 @@ def float_generators(generators: Iterable[str], symbols: Mapping[str, float]) ->
 
 
 def as_polynomial(x: Polynomial | Number) -> Polynomial:
-    """x itself, or a number as a constant polynomial."""
+    """The same polynomial, or a number as a constant one."""
     return x if isinstance(x, Polynomial) else Polynomial.constant(x)
 
 

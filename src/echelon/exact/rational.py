@@ -9,15 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from fractions import Fraction
+from functools import partial
 from typing import Any, TypeVar
 
 import flint
 
-from echelon.exact.numbers import Number, Surd, inverse
+from echelon.exact.numbers import Number, Surd, inverse, parts_of, surd
 from echelon.exact.polynomial import Polynomial, as_polynomial, format_polynomial
 
 T = TypeVar("T")
 _ONE = Polynomial.constant(1)
+_CONJUGATIONS = ((1, -1, 1, -1), (1, 1, -1, -1))  # signs of 1, √2, √3, √6 when √2 or √3 changes its sign
 
 
 class RationalFunction:
@@ -27,7 +29,7 @@ class RationalFunction:
     --------
     >>> a, b = Polynomial.generator("a"), Polynomial.generator("b")
     >>> RationalFunction(a * a - b * b, a * 2 + b * 2)
-    -b/2 + a/2
+    a/2 - b/2
     """
 
     __slots__ = ("denominator", "numerator")
@@ -64,7 +66,9 @@ class RationalFunction:
         return self.numerator * other.denominator == other.numerator * self.denominator
 
     def __hash__(self) -> int:
-        return hash(self.numerator) if self.denominator == _ONE else hash("quotient")
+        if self.is_polynomial:
+            return hash(self.numerator)
+        return hash(_monic(*_cancel(*_rationalised(self.numerator, self.denominator))))
 
     def __bool__(self) -> bool:
         return bool(self.numerator)
@@ -93,9 +97,16 @@ class RationalFunction:
 def _lowest_terms(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polynomial]:
     if not top:
         return top, _ONE
-    value = bottom.number
-    if value is None:
-        top, bottom = _cancel(top, bottom)
+    if bottom.number is None:
+        plain = _rationalised(top, bottom)
+        reduced = _cancel(*plain)
+        # where rationalising leaves a true quotient, the original is the shorter one
+        top, bottom = reduced if plain[1] is bottom or reduced[1].number is not None else _cancel(top, bottom)
+    return _monic(top, bottom)
+
+
+def _monic(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polynomial]:
+    """The same quotient with 1 as first coefficient of the denominator."""
     lead = next(bottom.sorted_terms())[1]
     scale = inverse(lead)
     return top * _plain(scale), bottom * _plain(scale)
@@ -106,11 +117,31 @@ def _plain(x: Number) -> Number:
     return x.numerator if isinstance(x, Fraction) and x.denominator == 1 else x
 
 
+def _rationalised(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polynomial]:
+    """The same quotient with a denominator free of sines and roots; in lowest terms it is unique."""
+    sines = [g for g in bottom.generators() if g.startswith("sin(")]
+    flips = [*(partial(_flip_sine, g) for g in sines), *(partial(_flip_roots, signs) for signs in _CONJUGATIONS)]
+    for flip in flips:
+        conjugate = flip(bottom)
+        if conjugate != bottom:
+            top, bottom = top * conjugate, bottom * conjugate
+    return top, bottom
+
+
+def _flip_sine(sine: str, polynomial: Polynomial) -> Polynomial:
+    return Polynomial({m: -c if (sine, 1) in m else c for m, c in polynomial.terms.items()})
+
+
+def _flip_roots(signs: tuple[int, ...], polynomial: Polynomial) -> Polynomial:
+    parts = {m: parts_of(c) for m, c in polynomial.terms.items()}
+    return Polynomial({m: surd(*(s * x for s, x in zip(signs, p, strict=True))) for m, p in parts.items()})
+
+
 def _cancel(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polynomial]:
     """Divide both by their greatest common divisor; √2 and √3 take part as extra generators.
 
     Sines, cosines and roots are independent generators here, so with them the quotient is correct but perhaps not the
-    shortest one.
+    shortest one (see :func:`_rationalised`).
     """
     names = tuple(sorted({*top.generators(), *bottom.generators(), "√2", "√3"}))
     context = flint.fmpq_mpoly_ctx.get(("x", len(names)), flint.Ordering.lex)

@@ -23,6 +23,7 @@ from echelon.formats.literal import (
     LiteralTree,
     Triple,
 )
+from echelon.formats.xml import parse_xml
 from echelon.mechanism.joint import MotionKind
 
 _MOTIONS: dict[str, MotionKind | str] = {
@@ -62,29 +63,6 @@ def read_urdf(text: str | bytes, source: str, *, mimics: bool = True) -> Literal
     if root.tag != "robot":
         raise InputError(f"expected a <robot> element, found <{root.tag}>", source=source)
     return _Reader(root, source).read(mimics)
-
-
-def parse_xml(text: str | bytes, source: str) -> Any:
-    """Root element of an XML document, with entities and external references refused.
-
-    Raises
-    ------
-    InputError
-        If the document is malformed or uses a forbidden feature.
-    """
-    from xml.etree.ElementTree import ParseError
-
-    from defusedxml import DefusedXmlException
-    from defusedxml.ElementTree import fromstring
-
-    try:
-        return fromstring(text, forbid_dtd=True)
-    except ParseError as error:
-        raise InputError(f"not well-formed XML: {error}", source=source) from None
-    except DefusedXmlException:
-        raise InputError("document type declarations and entities are not accepted", source=source) from None
-    except (ValueError, LookupError) as error:
-        raise InputError(f"cannot be decoded: {error}", source=source) from None
 
 
 class _Reader:

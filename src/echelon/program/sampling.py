@@ -1,15 +1,17 @@
 """Random points of a finite field for the inputs of a program, respecting what the inputs mean.
 
 Sines and cosines become leaves: an angle is a point of the unit circle, and angles that are rational multiples of one
-another (coupled joints) are multiples of one circle point, so their algebraic relation holds exactly.  Quaternions are
-points of the unit sphere.  An input used both as an angle and as a number (the turn of a screw) gets two independent
-values, because x, sin x and cos x satisfy no polynomial relation.
+another (coupled joints) are multiples of one circle point, so their algebraic relation holds exactly.  A constant angle
+other than zero is a point that all samples share.  Quaternions are points of the unit sphere.  An input used both as an
+angle and as a number (the turn of a screw) gets two independent values, because x, sin x and cos x satisfy no
+polynomial relation.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from functools import reduce
 from math import lcm
 
 import numpy as np
@@ -18,12 +20,6 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import Surd
 from echelon.program.schedule import ModularArithmetic, Schedule
 from echelon.program.tape import Op, Program
-
-_LARGEST_MULTIPLE = 64
-"""Angles whose ratio needs a larger integer than this are drawn independently: monomials of the degree that
-regressors have cannot tell the difference."""
-
-_AngleKey = tuple[str, int]
 
 
 class FieldSampler:
@@ -41,28 +37,22 @@ class FieldSampler:
         needed = program.needed(outputs)
         trigonometric = [n for n in needed if program.ops[n] in (Op.SIN, Op.COS)]
         self._schedule = Schedule(program, outputs, trigonometric)
-        self._angles = self._sort_angles([n for n in trigonometric if n in set(self._schedule.leaves)])
+        leaves = set(self._schedule.leaves)
+        self._trigonometric = [n for n in trigonometric if n in leaves]
+        self._angles = self._sort_angles({program.lhs[n] for n in self._trigonometric})
         self.symbols = sorted(program.inputs[n].name for n in needed if self._is_symbol(n))
 
     def _is_symbol(self, node: int) -> bool:
         return node in self.program.inputs and self.program.inputs[node].role == "symbol"
 
-    def _sort_angles(self, nodes: list[int]) -> dict[int, dict[_AngleKey, Fraction]]:
-        """For every sine or cosine, its argument as rational multiples of independent angles."""
-        arguments = {n: _linear_form(self.program, self.program.lhs[n]) for n in nodes}
-        forms: dict[int, dict[_AngleKey, Fraction]] = {}
-        for node, form in arguments.items():
-            whole = {("free", self.program.lhs[node]): Fraction(1)}
-            forms[node] = whole if form is None else {("input", i): ratio for i, ratio in form.items()}
-        units: dict[_AngleKey, int] = {}
+    def _sort_angles(self, arguments: set[int]) -> dict[int, dict[int, int]]:
+        """For every argument of a sine or cosine, how many times each independent angle is in it."""
+        forms = {argument: _linear_form(self.program, argument) for argument in sorted(arguments)}
+        units: dict[int, int] = {}
         for form in forms.values():
-            for key, ratio in form.items():
-                units[key] = lcm(units.get(key, 1), ratio.denominator)
-        for node, form in forms.items():
-            scaled = {key: ratio * units[key] for key, ratio in form.items()}
-            large = any(abs(count) > _LARGEST_MULTIPLE for count in scaled.values())
-            forms[node] = {("free", self.program.lhs[node]): Fraction(1)} if large else scaled
-        return forms
+            for atom, ratio in form.items():
+                units[atom] = lcm(units.get(atom, 1), ratio.denominator)
+        return {argument: {k: int(ratio * units[k]) for k, ratio in form.items()} for argument, form in forms.items()}
 
     def evaluate(
         self, field: PrimeField, rng: np.random.Generator, states: int, geometry: Mapping[str, Residues]
@@ -113,61 +103,55 @@ class FieldSampler:
     def _draw_angles(
         self, field: PrimeField, rng: np.random.Generator, samples: int, spread: Mapping[str, Residues]
     ) -> dict[int, Residues]:
-        keys = list(dict.fromkeys(key for form in self._angles.values() for key in form))
-        if not keys:
-            return {}
-        tangents = np.stack([self._tangent(key, field, rng, samples, spread) for key in keys])
-        cosines, sines = field.circle(tangents)
-        circle = {key: (cosines[i], sines[i]) for i, key in enumerate(keys)}
-        values: dict[int, Residues] = {}
-        points: dict[int, tuple[Residues, Residues]] = {}
-        for node, form in self._angles.items():
-            argument = self.program.lhs[node]
-            if argument not in points:
-                total = None
-                for key, count in form.items():
-                    point = field.multiply_angle(circle[key], int(count)) if count != 1 else circle[key]
-                    total = point if total is None else field.add_angles(total, point)
-                assert total is not None
-                points[argument] = total
-            values[node] = points[argument][0 if self.program.ops[node] == Op.COS else 1]
-        return values
+        points = {argument: self._identity(field, samples) for argument in self._angles}
+        atoms = list(dict.fromkeys(atom for form in self._angles.values() for atom in form))
+        if atoms:
+            tangents = np.stack([self._tangent(atom, field, rng, samples, spread) for atom in atoms])
+            cosines, sines = field.circle(tangents)
+            circle = {atom: (cosines[i], sines[i]) for i, atom in enumerate(atoms)}
+        for argument, form in self._angles.items():
+            turns = [circle[k] if n == 1 else field.multiply_angle(circle[k], n) for k, n in form.items()]
+            if turns:
+                points[argument] = reduce(field.add_angles, turns)
+        ops, lhs = self.program.ops, self.program.lhs
+        return {node: points[lhs[node]][0 if ops[node] == Op.COS else 1] for node in self._trigonometric}
+
+    def _identity(self, field: PrimeField, samples: int) -> tuple[Residues, Residues]:
+        return np.ones(samples, dtype=field.dtype), np.zeros(samples, dtype=field.dtype)
 
     def _tangent(
         self,
-        key: _AngleKey,
+        atom: int,
         field: PrimeField,
         rng: np.random.Generator,
         samples: int,
         spread: Mapping[str, Residues],
     ) -> Residues:
-        kind, node = key
-        if kind == "input" and self._is_symbol(node):
-            return spread[self.program.inputs[node].name]
-        return field.draw(rng, (samples,))
+        if self._is_symbol(atom):
+            return spread[self.program.inputs[atom].name]
+        varies = any(n in self.program.inputs and not self._is_symbol(n) for n in self.program.needed([atom]))
+        return field.draw(rng, (samples,)) if varies else np.repeat(field.draw(rng, (1,)), samples)
 
 
-def _linear_form(program: Program, node: int) -> dict[int, Fraction] | None:
-    """A node as rational multiples of inputs without a constant, or None if it is anything else."""
-    op = program.ops[node]
-    if op == Op.INPUT:
-        return {node: Fraction(1)}
+def _linear_form(program: Program, node: int) -> dict[int, Fraction]:
+    """A node as a rational combination of atoms: inputs, the constant 1, and nodes that are not linear in others."""
+    op, a, b = program.ops[node], program.lhs[node], program.rhs[node]
+    if op == Op.CONSTANT and not isinstance(value := program.constants[node], Surd):
+        return {program.one.node: Fraction(value)} if value else {}
     if op == Op.NEG:
-        return _scale(_linear_form(program, program.lhs[node]), Fraction(-1))
-    if op == Op.MUL:
-        for constant, other in ((program.rhs[node], program.lhs[node]), (program.lhs[node], program.rhs[node])):
-            value = program.constants.get(constant)
-            if value is not None and not isinstance(value, Surd):
-                return _scale(_linear_form(program, other), Fraction(value))
+        return _combined({}, _linear_form(program, a), Fraction(-1))
     if op in (Op.ADD, Op.SUB):
-        left, right = _linear_form(program, program.lhs[node]), _linear_form(program, program.rhs[node])
-        if left is None or right is None:
-            return None
-        sign = 1 if op == Op.ADD else -1
-        total = {k: left.get(k, Fraction(0)) + sign * right.get(k, Fraction(0)) for k in {**left, **right}}
-        return {k: v for k, v in total.items() if v}
-    return None
+        sign = Fraction(1 if op == Op.ADD else -1)
+        return _combined(_linear_form(program, a), _linear_form(program, b), sign)
+    if op == Op.MUL:
+        for factor, other in ((a, b), (b, a)):
+            ratio = program.constants.get(factor)
+            if ratio is not None and not isinstance(ratio, Surd):
+                return _combined({}, _linear_form(program, other), Fraction(ratio))
+    return {node: Fraction(1)}
 
 
-def _scale(form: dict[int, Fraction] | None, factor: Fraction) -> dict[int, Fraction] | None:
-    return None if form is None else {k: v * factor for k, v in form.items()}
+def _combined(left: dict[int, Fraction], right: dict[int, Fraction], factor: Fraction) -> dict[int, Fraction]:
+    """The form left + factor · right, without zeros."""
+    total = {k: left.get(k, Fraction(0)) + factor * right.get(k, Fraction(0)) for k in {**left, **right}}
+    return {k: v for k, v in total.items() if v}

@@ -1,0 +1,54 @@
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+# One environment in two steps: what the library needs, then what its development needs.
+CORE := $(VENV)/.core
+DEV := $(VENV)/.dev
+
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: help venv demo test lint slow bench clean
+.DELETE_ON_ERROR:
+
+help:
+	@echo "make demo    derive the base parameters of a robot arm"
+	@echo "make test    lint, types, layers and tests"
+	@echo "make slow    the tests that take long"
+	@echo "make bench   compare speed and results with other tools"
+	@echo "make venv    only set up the development environment"
+	@echo "make clean   remove the environment and everything generated"
+	@echo "PYTHON=...   the interpreter to build the environment with (3.11 or later)"
+
+$(CORE): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Echelon needs Python 3.11 or later: make PYTHON=python3.11 ...")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+$(DEV): $(CORE)
+	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	@touch $@
+
+venv: $(DEV)
+
+demo: $(CORE)
+	$(BIN)/echelon derive examples/panda.yaml
+
+lint: $(DEV)
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
+
+test: lint
+	$(BIN)/pytest -n auto -m "not slow"
+
+slow: $(DEV)
+	$(BIN)/pytest -n auto -m slow
+
+bench: $(DEV)
+	$(BIN)/python benchmarks/bench.py
+
+clean:
+	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

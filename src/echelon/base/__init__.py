@@ -1,0 +1,1 @@
+"""Base parameters: structure, closed forms, certificate, and the BaseModel that carries them."""

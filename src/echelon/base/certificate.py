@@ -1,0 +1,212 @@
+"""The certificate: evidence that a base parameter set is complete and minimal, checked on X itself.
+
+*Complete* (rank ≤ r): X · N = 0 for the null vectors N that B implies.  This is an identity of rational functions; it
+is checked at random points modulo two random 127-bit primes.  By the Schwartz–Zippel lemma a false identity of degree d
+survives one such point with probability at most d/p.
+
+*Minimal* (rank ≥ r): the pivot columns of X, sampled modulo a 31-bit prime, contain a non-zero r × r minor.  That is a
+proof, not a probability.
+
+The set was derived from energies; the check uses the inverse dynamics, so the two do not share their formulas.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import log10
+
+import numpy as np
+
+from echelon.base.matrix import BaseMatrix, residue, residues_of_generators
+from echelon.errors import CertificateError, DegenerateSampleError
+from echelon.exact.elimination import rank
+from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField
+from echelon.exact.rational import RationalFunction
+from echelon.program.sampling import FieldSampler
+from echelon.program.schedule import degree_bound
+from echelon.regressor.linear import LinearForms
+
+_POINTS = 2
+_ATTEMPTS = 8
+_MOST_STATES = 4096
+_COEFFICIENT_BITS = 60.0
+"""Coefficients are assumed shorter than 2^60 bits, which no computer could write down."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What was checked, and how to check it again.
+
+    Attributes
+    ----------
+    rank : int
+    seed : int
+        Seed of the random points and primes.
+    minor_prime : int
+        Prime modulo which an r × r minor of the pivot columns is non-zero.
+    minor_states : int
+        Number of random states whose rows contain it.
+    identity_primes : tuple of int
+        Primes modulo which X · N = 0 held at a random point each.
+    degree : int
+        Bound on the degree of the identity.
+    log10_error : float
+        Decimal logarithm of a bound on the probability that X · N = 0 is false.
+    """
+
+    rank: int
+    seed: int
+    minor_prime: int
+    minor_states: int
+    identity_primes: tuple[int, ...]
+    degree: int
+    log10_error: float
+
+    def __str__(self) -> str:
+        return (
+            f"rank {self.rank} proved from below by a non-zero minor mod {self.minor_prime}; "
+            f"completeness X·N = 0 checked modulo {len(self.identity_primes)} primes of {CERTIFICATE_BITS} bits, "
+            f"error probability below 1e{int(self.log10_error)}"
+        )
+
+
+def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int) -> Certificate:
+    """Check a base parameter set against a regressor.
+
+    Parameters
+    ----------
+    regressor : LinearForms
+        X, with the columns of ``matrix.parameters``.
+    matrix : BaseMatrix
+        The claimed B.
+    seed : int
+
+    Returns
+    -------
+    Certificate
+
+    Raises
+    ------
+    CertificateError
+        If the set is not in reduced echelon form, misses something that X sees, or contains something that it does
+        not; the message names the parameter.
+    """
+    _check_echelon(matrix)
+    if regressor.shape[1] != len(matrix.parameters):
+        raise CertificateError(
+            f"the set has {len(matrix.parameters)} standard parameters, the model {regressor.shape[1]}"
+        )
+    rng = np.random.default_rng(seed)
+    minor_prime, states = _check_minimal(regressor, matrix, rng)
+    primes = tuple(_check_complete(regressor, matrix, rng) for _ in range(_POINTS))
+    degree = _identity_degree(regressor, matrix)
+    bad_point = log10(max(1, degree)) - min(log10(p) for p in primes)
+    bad_prime = log10(2) * (_COEFFICIENT_BITS - CERTIFICATE_BITS + 12)  # few of the many primes divide a coefficient
+    error = _POINTS * (max(bad_point, bad_prime) + log10(2))
+    return Certificate(matrix.rank, seed, minor_prime, states, primes, degree, error)
+
+
+def _check_echelon(matrix: BaseMatrix) -> None:
+    """Rows sorted by pivot, leading 1, nothing before it, nothing else in pivot columns."""
+    position = {column: k for k, column in enumerate(matrix.order)}
+    if sorted(matrix.order) != list(range(len(matrix.parameters))):
+        raise CertificateError("the column order is not a permutation of the parameters")
+    if len(matrix.rows) != matrix.rank:
+        raise CertificateError(f"{len(matrix.rows)} rows but {matrix.rank} representatives")
+    places = [position[p] for p in matrix.pivots]
+    if places != sorted(set(places)):
+        raise CertificateError("the representatives are not in the order of the columns")
+    pivots = set(matrix.pivots)
+    for pivot, row in zip(matrix.pivots, matrix.rows, strict=True):
+        name = matrix.parameters[pivot]
+        if row.get(pivot) != 1:
+            raise CertificateError(f"the coefficient of the representative {name} is not 1")
+        for column, coefficient in row.items():
+            other = matrix.parameters[column]
+            if column != pivot and column in pivots:
+                raise CertificateError(f"row {name} contains the representative {other}")
+            if coefficient and position[column] < position[pivot]:
+                raise CertificateError(f"row {name} contains {other}, which comes before it in the column order")
+
+
+def _check_minimal(regressor: LinearForms, matrix: BaseMatrix, rng: np.random.Generator) -> tuple[int, int]:
+    """Find a non-zero minor; returns its prime and the number of states used."""
+    forms = regressor.columns(matrix.pivots)
+    sampler = FieldSampler(forms.program, list(forms.entries.values()))
+    states, best = 2 + matrix.rank // max(1, forms.shape[0]), -1
+    while states <= _MOST_STATES:
+        field = PrimeField.random(rng, ARRAY_BITS)
+        try:
+            geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
+            values = sampler.evaluate(field, rng, states, geometry)[:, 0, :]
+        except DegenerateSampleError:
+            continue
+        rows = np.zeros((states, *forms.shape), dtype=np.int64)
+        for (row, column), value in zip(forms.entries, values, strict=True):
+            rows[:, row, column] = value
+        found = rank(rows.reshape(-1, forms.shape[1]), field)
+        if found == matrix.rank:
+            return field.p, states
+        # once twice the states add nothing and rows abound, more will not either
+        if found <= best and states * forms.shape[0] > 4 * matrix.rank + 64:
+            break
+        best, states = max(best, found), 2 * states
+    raise CertificateError(
+        f"the set is too large: its {matrix.rank} representatives span only {max(best, 0)} dimensions"
+    )
+
+
+def _check_complete(regressor: LinearForms, matrix: BaseMatrix, rng: np.random.Generator) -> int:
+    """Check X = X̄ B at a random point modulo a random large prime; returns the prime."""
+    sampler = FieldSampler(regressor.program, list(regressor.entries.values()))
+    for _ in range(_ATTEMPTS):
+        field = PrimeField.random(rng, CERTIFICATE_BITS)
+        try:
+            _compare_at_point(regressor, matrix, sampler, field, rng)
+        except DegenerateSampleError:
+            continue
+        return field.p
+    raise CertificateError("every random point is singular")
+
+
+def _compare_at_point(
+    regressor: LinearForms,
+    matrix: BaseMatrix,
+    sampler: FieldSampler,
+    field: PrimeField,
+    rng: np.random.Generator,
+) -> None:
+    symbols = {s: field.draw(rng, (1,)) for s in sorted({*sampler.symbols, *matrix.symbols})}
+    values = sampler.evaluate(field, rng, 1, symbols)[:, 0, 0]
+    entry = {key: int(value) for key, value in zip(regressor.entries, values, strict=True)}
+    residues = residues_of_generators(matrix.generators, symbols, field)
+    generators = {g: int(value[0]) for g, value in residues.items()}
+    by_column: dict[int, dict[int, int]] = {}
+    for (row, column), value in entry.items():
+        by_column.setdefault(column, {})[row] = value
+    expected: dict[int, dict[int, int]] = {}
+    for pivot, combination in zip(matrix.pivots, matrix.rows, strict=True):
+        for column, coefficient in combination.items():
+            factor = residue(coefficient, generators, field)
+            target = expected.setdefault(column, {})
+            for row, value in by_column.get(pivot, {}).items():
+                target[row] = (target.get(row, 0) + factor * value) % field.p
+    for column, name in enumerate(matrix.parameters):
+        actual, claimed = by_column.get(column, {}), expected.get(column, {})
+        if any(actual.get(row, 0) != claimed.get(row, 0) for row in {*actual, *claimed}):
+            raise CertificateError(f"the set is incomplete or wrong: it does not reproduce the effect of {name}")
+
+
+def _identity_degree(regressor: LinearForms, matrix: BaseMatrix) -> int:
+    """Degree of X − X̄ B in the random numbers, over a common denominator; a circle point has degree 2."""
+    forms = degree_bound(regressor.program, list(regressor.entries.values()))
+    entries = [c for row in matrix.rows for c in row.values()]
+    highest = max((_degree(c) for c in entries), default=0)
+    return 2 * (2 * forms + highest * max(1, matrix.rank))
+
+
+def _degree(coefficient: RationalFunction) -> int:
+    return max(
+        (sum(e for _, e in monomial) for p in (coefficient.numerator, coefficient.denominator) for monomial in p.terms),
+        default=0,
+    )

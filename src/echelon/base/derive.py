@@ -1,0 +1,95 @@
+"""From a mechanism to its certified base parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from echelon.base.certificate import certify
+from echelon.base.closed_form import dependent_columns
+from echelon.base.matrix import BaseMatrix
+from echelon.base.model import BaseModel
+from echelon.base.order import column_order, reordered
+from echelon.base.reading_report import report_reading
+from echelon.base.structure import Structure, find_structure
+from echelon.exact.rational import RationalFunction
+from echelon.mechanism.mechanism import Mechanism
+from echelon.regressor.newton_euler import inverse_dynamics_regressor
+
+DEFAULT_SEED = 2015
+
+
+def base_parameters(
+    mechanism: Mechanism,
+    *,
+    order: str = "base-to-tip",
+    prefer: Sequence[str] = (),
+    seed: int = DEFAULT_SEED,
+) -> BaseModel:
+    """Base inertial parameters in closed form, with a certificate.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    order : str
+        ``"base-to-tip"`` for the classical groupings, or ``"tip-to-base"``.
+    prefer : sequence of str
+        Parameters (``"M7"``) or kinds (``"MX"``) that should be representatives, most wanted first.
+    seed : int
+        Seed of the random points; the result does not depend on it.
+
+    Returns
+    -------
+    BaseModel
+
+    Raises
+    ------
+    ClosedFormError
+        If a coefficient has no closed form within the degree bounds.
+    CertificateError
+        If the result does not pass its own check.
+
+    Examples
+    --------
+    >>> import echelon as ec
+    >>> base = ec.base_parameters(ec.load("examples/panda.yaml"))
+    >>> base.rank, len(base.parameters)
+    (43, 70)
+    """
+    rng = np.random.default_rng(seed)
+    names = mechanism.parameters
+    columns = column_order(names, order, prefer)
+    structure = find_structure(mechanism, rng)
+    matrix = classical_matrix(mechanism, structure, rng)
+    if columns != matrix.order:
+        matrix = reordered(matrix, columns, rng)
+    regressor = inverse_dynamics_regressor(mechanism)
+    certificate = certify(regressor, matrix, seed)
+    reading = report_reading(mechanism, structure.rank, rng)
+    return BaseModel(mechanism, matrix, certificate, reading, regressor, seed)
+
+
+def base_structure(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> Structure:
+    """Rank and representatives only, without closed forms.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    seed : int
+
+    Returns
+    -------
+    Structure
+    """
+    return find_structure(mechanism, np.random.default_rng(seed))
+
+
+def classical_matrix(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> BaseMatrix:
+    """B in base-to-tip order."""
+    rows: dict[int, dict[int, RationalFunction]] = {p: {p: RationalFunction(1)} for p in structure.pivots}
+    for column, combination in dependent_columns(mechanism, structure, rng).items():
+        for pivot, coefficient in combination.items():
+            rows[pivot][column] = coefficient
+    ordered = tuple(dict(sorted(rows[p].items())) for p in structure.pivots)
+    return BaseMatrix(mechanism.parameters, structure.pivots, ordered, tuple(range(structure.parameters)))

@@ -1,0 +1,216 @@
+"""Base parameters as expressions a person reads: XX3 − YY3 + YY4 + 2·d4·MZ4 + d4²·(M4 + M5 + M6)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Protocol
+
+from echelon.conventions import PARAMETERS
+from echelon.exact.numbers import Number, Surd
+from echelon.exact.polynomial import Monomial, Polynomial, is_trigonometric, symbol_of
+from echelon.exact.rational import RationalFunction
+
+
+@dataclass(frozen=True)
+class Group:
+    """Standard parameters with a common coefficient."""
+
+    coefficient: RationalFunction
+    parameters: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Expression:
+    """One base parameter, with parameters of equal coefficient collected.
+
+    Attributes
+    ----------
+    name : str
+        The representative, which has coefficient 1.
+    unit : str
+    groups : tuple of Group
+        The first is the representative alone.
+    """
+
+    name: str
+    unit: str
+    groups: tuple[Group, ...]
+
+    def __str__(self) -> str:
+        return render(self, TextStyle())
+
+    @property
+    def latex(self) -> str:
+        """LaTeX, without dollar signs."""
+        return render(self, LatexStyle())
+
+    def _repr_latex_(self) -> str:
+        return f"${self.latex}$"
+
+
+def collect(name: str, unit: str, terms: Sequence[tuple[str, RationalFunction]]) -> Expression:
+    """Group terms with equal coefficients, the representative first."""
+    groups: dict[RationalFunction, list[str]] = {}
+    for parameter, coefficient in terms:
+        if parameter != name:
+            groups.setdefault(coefficient, []).append(parameter)
+    head = Group(RationalFunction(1), (name,))
+    return Expression(name, unit, (head, *(Group(c, tuple(names)) for c, names in groups.items())))
+
+
+class Style(Protocol):
+    """How pieces of an expression are written."""
+
+    times: str
+    minus: str
+
+    def parameter(self, name: str) -> str:
+        """A standard parameter."""
+
+    def generator(self, name: str, exponent: int) -> str:
+        """A power of a symbol, sine or cosine."""
+
+    def number(self, value: Number) -> str:
+        """A non-negative number, or a surd."""
+
+    def fraction(self, top: str, bottom: str) -> str:
+        """A quotient."""
+
+
+_SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+class TextStyle:
+    """Unicode for terminals."""
+
+    times, minus = "·", "−"
+
+    def parameter(self, name: str) -> str:
+        """The name itself."""
+        return name
+
+    def generator(self, name: str, exponent: int) -> str:
+        """E.g. ``d4²``, ``cos²(a)``."""
+        power = str(exponent).translate(_SUPERSCRIPTS) if exponent > 1 else ""
+        return f"{name[:3]}{power}({symbol_of(name)})" if is_trigonometric(name) else f"{name}{power}"
+
+    def number(self, value: Number) -> str:
+        """E.g. ``3/2``, ``√2/2``."""
+        if not isinstance(value, Surd):
+            return str(value)
+        return re.sub(r"sqrt\((\d)\)", r"√\1", repr(value)).replace("*", "").replace("-", self.minus)
+
+    def fraction(self, top: str, bottom: str) -> str:
+        """With a slash, in parentheses because it is followed by a product."""
+        return f"({top}/{bottom})"
+
+
+class LatexStyle:
+    """LaTeX math."""
+
+    times, minus = r"\,", "-"
+
+    def parameter(self, name: str) -> str:
+        """E.g. ``XX_{3}``."""
+        kind = next(k for k in sorted(PARAMETERS, key=len, reverse=True) if name.startswith(k))
+        return f"\\mathit{{{kind}}}_{{{_escape(name[len(kind) :])}}}"
+
+    def generator(self, name: str, exponent: int) -> str:
+        """E.g. ``d_{4}^{2}``, ``\\cos^{2}\\alpha``."""
+        power = f"^{{{exponent}}}" if exponent > 1 else ""
+        if is_trigonometric(name):
+            return f"\\{name[:3]}{power}({latex_symbol(symbol_of(name))})"
+        return f"{latex_symbol(name)}{power}"
+
+    def number(self, value: Number) -> str:
+        """With ``\\tfrac`` and ``\\sqrt``."""
+        if isinstance(value, Surd):
+            return re.sub(r"sqrt\((\d)\)", r"\\sqrt{\1}", repr(value)).replace("*", "")
+        fraction = Fraction(value)
+        if fraction.denominator == 1:
+            return str(fraction.numerator)
+        return f"\\tfrac{{{fraction.numerator}}}{{{fraction.denominator}}}"
+
+    def fraction(self, top: str, bottom: str) -> str:
+        """With ``\\frac``."""
+        return f"\\frac{{{_bare(top)}}}{{{_bare(bottom)}}}"
+
+
+def _bare(text: str) -> str:
+    """A factor without parentheses that a fraction bar makes superfluous."""
+    inner = text[1:-1]
+    return inner if text.startswith("(") and text.endswith(")") and "(" not in inner else text
+
+
+def latex_symbol(name: str) -> str:
+    """A symbol with its trailing digits as index: ``d4`` → ``d_{4}``, ``px4`` → ``p_{x4}``."""
+    offset = re.fullmatch(r"p([xyz])(\d\w*)", name)
+    if offset:
+        return f"p_{{{offset[1]}{_escape(offset[2])}}}"
+    indexed = re.fullmatch(r"([^\W\d_]+)_?(\d\w*)", name)
+    stem, index = (indexed[1], indexed[2]) if indexed else (name, "")
+    stem = stem if len(stem) == 1 else f"\\mathrm{{{_escape(stem)}}}"
+    return f"{stem}_{{{_escape(index)}}}" if index else stem
+
+
+def _escape(text: str) -> str:
+    return re.sub(r"([_#$%&{}])", r"\\\1", text)
+
+
+def render(expression: Expression, style: Style) -> str:
+    """An expression in a style."""
+    pieces = [_group(group, style) for group in expression.groups]
+    first_sign, first = pieces[0]
+    text = (style.minus if first_sign < 0 else "") + first
+    for sign, piece in pieces[1:]:
+        text += f" {style.minus if sign < 0 else '+'} {piece}"
+    return text
+
+
+def _group(group: Group, style: Style) -> tuple[int, str]:
+    """Sign and absolute value of a group."""
+    names = [style.parameter(name) for name in group.parameters]
+    sign, factor = coefficient_text(group.coefficient, style)
+    if not factor:
+        joiner = f" {style.minus if sign < 0 else '+'} "
+        return sign, joiner.join(names)
+    body = names[0] if len(names) == 1 else f"({' + '.join(names)})"
+    return sign, f"{factor}{style.times}{body}"
+
+
+def coefficient_text(coefficient: RationalFunction, style: Style) -> tuple[int, str]:
+    """Sign and absolute value of a coefficient; the text is empty for ±1."""
+    top, bottom = coefficient.numerator, coefficient.denominator
+    sign = -1 if _leading_is_negative(top) else 1
+    top = -top if sign < 0 else top
+    if coefficient.is_polynomial:
+        return sign, "" if top == 1 else _factor(top, style)
+    return sign, style.fraction(_factor(top, style), _factor(bottom, style))
+
+
+def _leading_is_negative(polynomial: Polynomial) -> bool:
+    lead = next(polynomial.sorted_terms(), ((), 1))[1]
+    return float(lead) < 0
+
+
+def _factor(polynomial: Polynomial, style: Style) -> str:
+    """A polynomial as a factor: in parentheses when it is a sum."""
+    terms = [_term(m, c, style) for m, c in polynomial.sorted_terms()]
+    if len(terms) == 1 and terms[0][0] > 0:
+        return terms[0][1]
+    text = (style.minus if terms[0][0] < 0 else "") + terms[0][1]
+    return "(" + text + "".join(f" {style.minus if s < 0 else '+'} {t}" for s, t in terms[1:]) + ")"
+
+
+def _term(monomial: Monomial, coefficient: Number, style: Style) -> tuple[int, str]:
+    sign = -1 if float(coefficient) < 0 else 1
+    size = -coefficient if sign < 0 else coefficient
+    factors = [style.generator(g, e) for g, e in monomial]
+    if size != 1 or not factors:
+        text = style.number(size)
+        several = isinstance(size, Surd) and sum(map(bool, size.parts)) > 1
+        factors.insert(0, f"({text})" if several and factors else text)
+    return sign, style.times.join(factors)

@@ -1,0 +1,77 @@
+"""The lift: standard parameters that agree with given base parameters and stay near a prior.
+
+ζ̂ = ζ₀ + B†(ζ̄ − B ζ₀) with B† = S Bᵀ (B S Bᵀ)⁻¹ is the member of {ζ : B ζ = ζ̄} nearest to ζ₀ in the norm of S⁻¹
+(Theorem 1 of the paper).  The metric S never changes ζ̄ or the reduced regressor; it selects the lift.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.conventions import LENGTH_DEGREE
+from echelon.errors import InputError
+
+Metric = Literal["identity", "physical"] | npt.ArrayLike
+
+
+def metric_matrix(metric: Metric, parameters: int, length: float) -> npt.NDArray[np.float64]:
+    """The metric S as a matrix.
+
+    Parameters
+    ----------
+    metric : str or array
+        ``"identity"`` (adds kg to kg·m²), ``"physical"`` (a unit of length makes them comparable), the diagonal of S,
+        or S itself.
+    parameters : int
+        Number of standard parameters.
+    length : float
+        Characteristic length for ``"physical"``, m.
+
+    Raises
+    ------
+    InputError
+        If S is not symmetric positive definite or has the wrong size.
+    """
+    if isinstance(metric, str):
+        if metric not in ("identity", "physical"):
+            raise InputError(f"unknown metric '{metric}' (valid: identity, physical, or an array)")
+        if not length > 0:
+            raise InputError(f"the characteristic length must be positive, not {length}")
+        scale = np.array([length**power for power in LENGTH_DEGREE]) if metric == "physical" else np.ones(10)
+        return np.diag(np.tile(scale**2, parameters // len(LENGTH_DEGREE)))
+    matrix = np.asarray(metric, dtype=float)
+    matrix = np.diag(matrix) if matrix.ndim == 1 else matrix
+    if matrix.shape != (parameters, parameters):
+        raise InputError(f"the metric has shape {matrix.shape}; expected ({parameters}, {parameters}) or its diagonal")
+    if not np.allclose(matrix, matrix.T) or np.linalg.eigvalsh(matrix).min(initial=1.0) <= 0:
+        raise InputError("the metric must be symmetric and positive definite")
+    return matrix
+
+
+def lift(
+    b: npt.NDArray[np.float64],
+    base_values: npt.NDArray[np.float64],
+    prior: npt.NDArray[np.float64],
+    metric: npt.NDArray[np.float64],
+) -> npt.NDArray[np.float64]:
+    """Standard parameters nearest to a prior among those with given base parameters.
+
+    Parameters
+    ----------
+    b : array of shape (r, n)
+    base_values : array of shape (r,)
+    prior : array of shape (n,)
+    metric : array of shape (n, n)
+
+    Returns
+    -------
+    array of shape (n,)
+    """
+    # with S = L Lᵀ the correction is L pinv(B L) residual; least squares avoids squaring the condition number
+    root = np.linalg.cholesky(metric)
+    correction: npt.NDArray[np.float64] = np.linalg.lstsq(b @ root, base_values - b @ prior, rcond=None)[0]
+    lifted: npt.NDArray[np.float64] = prior + root @ correction
+    return lifted

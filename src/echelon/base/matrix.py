@@ -1,0 +1,162 @@
+"""The exact matrix B: base parameters = B · standard parameters, in reduced echelon form for a column order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.exact.field import PrimeField, Residues
+from echelon.exact.numbers import Number, Surd
+from echelon.exact.polynomial import Polynomial, float_generators, is_trigonometric, symbol_of
+from echelon.exact.rational import RationalFunction
+
+if TYPE_CHECKING:
+    import sympy
+
+Row = Mapping[int, RationalFunction]
+"""Non-zero entries of a row of B by column."""
+
+
+@dataclass(frozen=True)
+class BaseMatrix:
+    """Sparse exact B.
+
+    Attributes
+    ----------
+    parameters : tuple of str
+        Names of the standard parameters, one per column.
+    pivots : tuple of int
+        Column of the representative of every row.
+    rows : tuple of mapping of int to RationalFunction
+        Non-zero entries; the pivot's entry is 1.
+    order : tuple of int
+        Column order for which B is in reduced echelon form.
+    """
+
+    parameters: tuple[str, ...]
+    pivots: tuple[int, ...]
+    rows: tuple[Row, ...]
+    order: tuple[int, ...]
+
+    @property
+    def rank(self) -> int:
+        """Number of rows, the base parameters."""
+        return len(self.pivots)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(base parameters, standard parameters)."""
+        return self.rank, len(self.parameters)
+
+    @cached_property
+    def symbols(self) -> tuple[str, ...]:
+        """Geometry symbols that occur in B, sorted."""
+        return tuple(sorted({s for row in self.rows for c in row.values() for s in c.symbols()}))
+
+    @cached_property
+    def generators(self) -> tuple[str, ...]:
+        """Generators (symbols, sines and cosines of angle symbols) that occur in B, sorted."""
+        entries = [c for row in self.rows for c in row.values()]
+        return tuple(sorted({g for c in entries for p in (c.numerator, c.denominator) for g in p.generators()}))
+
+    def floats(self, symbols: Mapping[str, float]) -> npt.NDArray[np.float64]:
+        """B in double precision.
+
+        Parameters
+        ----------
+        symbols : mapping of str to float
+            Value of every symbol that occurs in B, SI units.
+
+        Returns
+        -------
+        array of shape (base parameters, standard parameters)
+        """
+        values = float_generators(self.generators, symbols)
+        matrix = np.zeros(self.shape)
+        for i, row in enumerate(self.rows):
+            for column, coefficient in row.items():
+                matrix[i, column] = coefficient.evaluate(values, float)
+        return matrix
+
+    def sympy(self, exact: Mapping[str, Any] | None = None) -> sympy.ImmutableSparseMatrix:
+        """B as a sympy matrix.
+
+        Parameters
+        ----------
+        exact : mapping of str to sympy expression, optional
+            Values to put in for symbols.
+        """
+        import sympy
+
+        values = {g: _sympy_generator(g, exact or {}) for g in self.generators}
+        entries = {
+            (i, column): coefficient.evaluate(values, sympy_number)
+            for i, row in enumerate(self.rows)
+            for column, coefficient in row.items()
+        }
+        return sympy.ImmutableSparseMatrix(*self.shape, entries)
+
+
+def sympy_number(x: Number) -> Any:
+    """An exact number in sympy."""
+    import sympy
+
+    if isinstance(x, Surd):
+        roots = (sympy.Integer(1), sympy.sqrt(2), sympy.sqrt(3), sympy.sqrt(6))
+        return sum(
+            (sympy.Rational(p.numerator, p.denominator) * r for p, r in zip(x.parts, roots, strict=True)),
+            sympy.Integer(0),
+        )
+    return sympy.Rational(x.numerator, x.denominator)
+
+
+def sympy_polynomial(polynomial: Polynomial, exact: Mapping[str, Any] | None = None) -> Any:
+    """A polynomial in sympy."""
+    values = {g: _sympy_generator(g, exact or {}) for g in polynomial.generators()}
+    return polynomial.evaluate(values, sympy_number)
+
+
+def _sympy_generator(generator: str, exact: Mapping[str, Any]) -> Any:
+    import sympy
+
+    name = symbol_of(generator)
+    symbol = exact[name] if name in exact else sympy.Symbol(name, real=True)
+    if not is_trigonometric(generator):
+        return symbol
+    return sympy.cos(symbol) if generator.startswith("cos(") else sympy.sin(symbol)
+
+
+def residues_of_generators(
+    generators: Iterable[str], symbols: Mapping[str, Residues], field: PrimeField
+) -> dict[str, Residues]:
+    """Residues of generators for given symbols; an angle symbol is given by the tangent of its half."""
+    circles: dict[str, tuple[Residues, Residues]] = {}
+    values: dict[str, Residues] = {}
+    for generator in generators:
+        name = symbol_of(generator)
+        if not is_trigonometric(generator):
+            values[generator] = symbols[name]
+            continue
+        if name not in circles:
+            circles[name] = field.circle(symbols[name])
+        values[generator] = circles[name][0 if generator.startswith("cos(") else 1]
+    return values
+
+
+def residue(coefficient: RationalFunction, generators: Mapping[str, int], field: PrimeField) -> int:
+    """Residue of a coefficient for given residues of its generators.
+
+    Raises
+    ------
+    DegenerateSampleError
+        If its denominator vanishes.
+    """
+    top = coefficient.numerator.evaluate(generators, field.embed) % field.p
+    if coefficient.is_polynomial:
+        return top
+    return top * field.invert(coefficient.denominator.evaluate(generators, field.embed)) % field.p

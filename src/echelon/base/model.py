@@ -1,0 +1,297 @@
+"""BaseModel: everything known about what a set of outputs can see of the standard parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.base.certificate import Certificate
+from echelon.base.expression import Expression, collect
+from echelon.base.lift import Metric, lift, metric_matrix
+from echelon.base.matrix import BaseMatrix
+from echelon.base.reading_report import ReadingReport
+from echelon.conventions import PER_BODY, UNITS
+from echelon.errors import InputError
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.values import characteristic_length, symbol_values
+from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.linear import LinearForms
+
+if TYPE_CHECKING:
+    import sympy
+
+Floats = npt.NDArray[np.float64]
+
+
+class Identifiability(Enum):
+    """What the outputs can say about one standard parameter."""
+
+    UNIDENTIFIABLE = "unidentifiable"
+    ALONE = "identifiable alone"
+    COMBINATION = "identifiable in combination"
+
+
+@dataclass(frozen=True, repr=False)
+class BaseModel:
+    """Base parameters ζ̄ = B ζ of a mechanism, with their evidence.
+
+    Made by :func:`echelon.base_parameters` or :func:`echelon.load_base`.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+    matrix : BaseMatrix
+        Exact sparse B.
+    certificate : Certificate
+        Evidence that the set is complete and minimal.
+    reading : ReadingReport
+        What was snapped when the file was read, and whether it mattered.
+    inverse_dynamics : LinearForms
+        The recorded standard regressor X.
+    seed : int
+        Seed of all random points.
+
+    Examples
+    --------
+    >>> import echelon as ec
+    >>> base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
+    >>> base.rank, [str(e) for e in base.expressions][:2]
+    (6, ['ZZ1 + l1²·M2', 'MX1 + l1·M2'])
+    """
+
+    mechanism: Mechanism
+    matrix: BaseMatrix
+    certificate: Certificate
+    reading: ReadingReport
+    inverse_dynamics: LinearForms = field(compare=False)
+    seed: int
+
+    # -- the set -----------------------------------------------------------------------------------------------
+
+    @property
+    def rank(self) -> int:
+        """Number of base parameters."""
+        return self.matrix.rank
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the standard parameters, the columns of B."""
+        return self.matrix.parameters
+
+    @property
+    def pivots(self) -> tuple[str, ...]:
+        """Names of the representatives, one per row of B."""
+        return tuple(self.parameters[p] for p in self.matrix.pivots)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI unit of every base parameter."""
+        return tuple(UNITS[p % PER_BODY] for p in self.matrix.pivots)
+
+    @cached_property
+    def expressions(self) -> tuple[Expression, ...]:
+        """Every base parameter in closed form, terms with equal coefficients collected."""
+        return tuple(
+            collect(name, unit, [(self.parameters[c], value) for c, value in sorted(row.items())])
+            for name, unit, row in zip(self.pivots, self.units, self.matrix.rows, strict=True)
+        )
+
+    @cached_property
+    def classification(self) -> dict[str, Identifiability]:
+        """For every standard parameter, whether it can be identified alone, in combination, or not at all."""
+        seen: dict[int, Identifiability] = {}
+        for row in self.matrix.rows:
+            kind = Identifiability.ALONE if len(row) == 1 else Identifiability.COMBINATION
+            for column in row:
+                seen[column] = kind
+        return {
+            name: seen.get(column, Identifiability.UNIDENTIFIABLE) for column, name in enumerate(self.parameters)
+        }
+
+    # -- B in other forms --------------------------------------------------------------------------------------
+
+    @cached_property
+    def B(self) -> sympy.ImmutableSparseMatrix:  # noqa: N802 (the paper's name)
+        """B as a sympy matrix in the geometry symbols, shape (base parameters, standard parameters)."""
+        return self.matrix.sympy()
+
+    @cached_property
+    def B_exact(self) -> sympy.ImmutableSparseMatrix:  # noqa: N802
+        """B with the symbols' exact values put in.
+
+        Raises
+        ------
+        InputError
+            If a symbol has no value.
+        """
+        import sympy
+
+        values: dict[str, sympy.Expr] = {}
+        for name in self.matrix.symbols:
+            symbol = self.mechanism.symbols.get(name)
+            if symbol is None or symbol.value is None:
+                raise InputError(f"symbol '{name}' has no value")
+            values[name] = sympy.sympify(symbol.exact, rational=True) if symbol.exact else sympy.Float(symbol.value)
+        return self.matrix.sympy(values)
+
+    def B_float(self, symbols: Mapping[str, float] | None = None) -> Floats:  # noqa: N802
+        """B in double precision.
+
+        Parameters
+        ----------
+        symbols : mapping of str to float, optional
+            Values that replace or complete those of the file, SI units.
+
+        Returns
+        -------
+        array of shape (base parameters, standard parameters)
+        """
+        return self.matrix.floats(symbol_values(self.mechanism, self.matrix.symbols, symbols))
+
+    # -- numbers -----------------------------------------------------------------------------------------------
+
+    def values(
+        self, standard: Sequence[float] | Floats | None = None, symbols: Mapping[str, float] | None = None
+    ) -> Floats:
+        """Base parameters ζ̄ = B ζ.
+
+        Parameters
+        ----------
+        standard : array of shape (n,), optional
+            Standard parameters, SI units, in the order of :attr:`parameters`; those of the file if omitted.
+        symbols : mapping of str to float, optional
+            Values of geometry symbols that replace or complete those of the file.
+
+        Returns
+        -------
+        array of shape (r,)
+
+        Raises
+        ------
+        InputError
+            If parameters or symbol values are missing or the shape is wrong.
+        """
+        zeta = self.standard_values() if standard is None else np.asarray(standard, dtype=float)
+        if zeta.shape != (len(self.parameters),):
+            raise InputError(f"expected {len(self.parameters)} standard parameters, got an array of shape {zeta.shape}")
+        result: Floats = self.B_float(symbols) @ zeta
+        return result
+
+    def standard_values(self) -> Floats:
+        """Standard parameters stated by the file, shape (n,).
+
+        Raises
+        ------
+        InputError
+            If the file does not state those of every body.
+        """
+        silent = [self.mechanism.bodies[b].name for b in self.mechanism.carriers if not self.mechanism.bodies[b].inertial]
+        if silent:
+            shown = ", ".join(f"'{name}'" for name in silent[:6])
+            raise InputError(f"the file states no inertial values for {len(silent)} bodies ({shown}); give them as standard=")
+        return np.array([v for b in self.mechanism.carriers for v in self.mechanism.bodies[b].inertial or ()])
+
+    def lift(
+        self,
+        values: Sequence[float] | Floats,
+        prior: Sequence[float] | Floats | None = None,
+        metric: Metric = "physical",
+        length: float | None = None,
+        symbols: Mapping[str, float] | None = None,
+    ) -> Floats:
+        """Standard parameters that have given base parameters and are nearest to a prior (Theorem 1 of the paper).
+
+        Parameters
+        ----------
+        values : array of shape (r,)
+            Base parameters, SI units.
+        prior : array of shape (n,), optional
+            Standard parameters to stay near to; zero if omitted.
+        metric : "identity", "physical" or array
+            The metric S; see :func:`echelon.base.lift.metric_matrix`.
+        length : float, optional
+            Characteristic length of the physical metric, m; the largest joint offset if omitted.
+        symbols : mapping of str to float, optional
+
+        Returns
+        -------
+        array of shape (n,)
+        """
+        size = len(self.parameters)
+        target = np.asarray(values, dtype=float)
+        start = np.zeros(size) if prior is None else np.asarray(prior, dtype=float)
+        if target.shape != (self.rank,) or start.shape != (size,):
+            raise InputError(f"expected {self.rank} base parameters and a prior of {size} standard parameters")
+        scale = characteristic_length(self.mechanism) if length is None else length
+        return lift(self.B_float(symbols), target, start, metric_matrix(metric, size, scale))
+
+    # -- regressors ---------------------------------------------------------------------------------------------
+
+    @cached_property
+    def reduced(self) -> LinearForms:
+        """X̄, the pivot columns of X, as recorded forms; evaluating it needs only the operations that it uses."""
+        return self.inverse_dynamics.columns(self.matrix.pivots)
+
+    def regressor(
+        self,
+        q: npt.ArrayLike,
+        qd: npt.ArrayLike,
+        qdd: npt.ArrayLike,
+        symbols: Mapping[str, float] | None = None,
+    ) -> Floats:
+        """The base regressor X̄ at given states.
+
+        Parameters
+        ----------
+        q : array of shape (N, positions)
+            In the order of ``mechanism.positions``, rad, m or unit quaternions (w, x, y, z).
+        qd, qdd : arrays of shape (N, velocities)
+            In the order of ``mechanism.velocities``.
+        symbols : mapping of str to float, optional
+
+        Returns
+        -------
+        array of shape (N, outputs, base parameters)
+        """
+        return evaluate_floats(self.reduced, self.mechanism, q, qd, qdd, symbols)
+
+    def standard_regressor(
+        self,
+        q: npt.ArrayLike,
+        qd: npt.ArrayLike,
+        qdd: npt.ArrayLike,
+        symbols: Mapping[str, float] | None = None,
+    ) -> Floats:
+        """The regressor X of all standard parameters; arguments as for :meth:`regressor`.
+
+        Returns
+        -------
+        array of shape (N, outputs, standard parameters)
+        """
+        return evaluate_floats(self.inverse_dynamics, self.mechanism, q, qd, qdd, symbols)
+
+    # -- showing ------------------------------------------------------------------------------------------------
+
+    def __repr__(self) -> str:
+        return f"BaseModel({self.mechanism.name}: {self.rank} base parameters of {len(self.parameters)})"
+
+    def __str__(self) -> str:
+        from echelon.base.display import to_text
+
+        return to_text(self)
+
+    def _repr_latex_(self) -> str:
+        from echelon.base.display import aligned_latex
+
+        return f"$${aligned_latex(self)}$$"
+
+    def _repr_html_(self) -> str:
+        from echelon.base.display import to_html
+
+        return to_html(self)

@@ -1,0 +1,135 @@
+"""Other representatives: B for another column order.
+
+B is unique for a given order, so another choice of representatives is an exact change of basis: exchange pivots, one at
+a time, as in the simplex method.  Which columns become pivots is decided modulo a prime; the exchange itself is exact
+and brings denominators where it must.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from echelon.base.matrix import BaseMatrix, residue, residues_of_generators
+from echelon.conventions import PARAMETERS, PER_BODY
+from echelon.errors import EchelonError, InputError
+from echelon.exact.elimination import reduced_echelon
+from echelon.exact.field import PrimeField
+from echelon.exact.rational import RationalFunction
+
+ORDERS = ("base-to-tip", "tip-to-base")
+
+
+def column_order(parameters: Sequence[str], order: str, prefer: Sequence[str] = ()) -> tuple[int, ...]:
+    """Columns from most to least preferred as representative.
+
+    Parameters
+    ----------
+    parameters : sequence of str
+        Names of the standard parameters, ten per body.
+    order : str
+        ``"base-to-tip"`` (classical groupings, polynomial coefficients) or ``"tip-to-base"``.
+    prefer : sequence of str
+        Names of parameters (``"M7"``) or kinds (``"M"``) that come first, in this order.
+
+    Raises
+    ------
+    InputError
+        For an unknown order or name.
+    """
+    if order not in ORDERS:
+        raise InputError(f"unknown order '{order}' (valid: {', '.join(ORDERS)})")
+    columns = list(range(len(parameters)))
+    if order == "tip-to-base":
+        blocks = [columns[k : k + PER_BODY] for k in range(0, len(columns), PER_BODY)]
+        columns = [c for block in reversed(blocks) for c in block]
+    position = {name: i for i, name in enumerate(parameters)}
+    first: list[int] = []
+    for name in prefer:
+        if name in position:
+            first.append(position[name])
+        elif name in PARAMETERS:
+            first += [c for c in columns if c % PER_BODY == PARAMETERS.index(name)]
+        else:
+            raise InputError(f"'{name}' is neither a standard parameter of this model nor one of {PARAMETERS}")
+    first = list(dict.fromkeys(first))
+    return (*first, *(c for c in columns if c not in set(first)))
+
+
+def reordered(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generator) -> BaseMatrix:
+    """The reduced echelon form for another column order.
+
+    Parameters
+    ----------
+    matrix : BaseMatrix
+    order : tuple of int
+        A permutation of the columns.
+    rng : numpy Generator
+
+    Returns
+    -------
+    BaseMatrix
+        With rows sorted by pivot in the new order.
+    """
+    wanted = _pivots(matrix, order, rng)
+    rows = dict(zip(matrix.pivots, (dict(row) for row in matrix.rows), strict=True))
+    entering = [c for c in wanted if c not in rows]
+    leaving = {c for c in rows if c not in set(wanted)}
+    while entering:
+        column, pivot = _exchange(rows, entering, leaving)
+        entering.remove(column)
+        leaving.remove(pivot)
+        _pivot(rows, column, pivot)
+    return BaseMatrix(matrix.parameters, wanted, tuple(rows[c] for c in wanted), order)
+
+
+def _pivots(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generator) -> tuple[int, ...]:
+    field = PrimeField.random(rng)
+    symbols = {name: field.draw(rng, (1,)) for name in matrix.symbols}
+    residues = residues_of_generators(matrix.generators, symbols, field)
+    generators = {g: int(value[0]) for g, value in residues.items()}
+    dense = np.zeros(matrix.shape, dtype=np.int64)
+    for i, row in enumerate(matrix.rows):
+        for column, coefficient in row.items():
+            dense[i, column] = residue(coefficient, generators, field)
+    _, pivots = reduced_echelon(dense[:, list(order)], field)
+    return tuple(order[k] for k in pivots)
+
+
+def _exchange(
+    rows: dict[int, dict[int, RationalFunction]], entering: list[int], leaving: set[int]
+) -> tuple[int, int]:
+    """The cheapest next exchange: the simplest non-zero entry of a leaving row in an entering column."""
+    choices = [
+        (_complexity(rows[pivot][column]), column, pivot)
+        for pivot in leaving
+        for column in entering
+        if column in rows[pivot]
+    ]
+    if not choices:
+        raise EchelonError("the chosen representatives are dependent; please report this model")
+    _, column, pivot = min(choices)
+    return column, pivot
+
+
+def _complexity(coefficient: RationalFunction) -> int:
+    constant = coefficient.is_polynomial and coefficient.numerator.number is not None
+    return 0 if constant else len(coefficient.numerator.terms) + 10 * len(coefficient.denominator.terms)
+
+
+def _pivot(rows: dict[int, dict[int, RationalFunction]], column: int, pivot: int) -> None:
+    row = rows.pop(pivot)
+    lead = row[column]
+    scaled = {c: value / lead for c, value in row.items()}
+    for other in rows.values():
+        factor = other.pop(column, None)
+        if factor is None:
+            continue
+        for c, value in scaled.items():
+            if c != column:
+                total = other[c] - factor * value if c in other else -(factor * value)
+                other[c] = total
+                if not total:
+                    del other[c]
+    rows[column] = scaled

@@ -1,0 +1,73 @@
+"""What snapping changed: the literal rank beside the intended one, and the snaps that made the difference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from echelon.base.structure import find_structure
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.reading import Reading, Snap
+
+ROUNDING = 1e-9
+"""Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""
+
+
+@dataclass(frozen=True)
+class ReadingReport:
+    """How a file was read: the literal reading beside the intended one.
+
+    Attributes
+    ----------
+    snaps : tuple of Snap
+        What was read as exact.
+    notes : tuple of str
+        What the reader wants its user to know.
+    literal_rank : int or None
+        Rank of the literal reading; None where nothing that matters was snapped.
+    decisive : tuple of Snap
+        Snaps without any of which the rank would not be the intended one.
+    """
+
+    snaps: tuple[Snap, ...] = ()
+    notes: tuple[str, ...] = ()
+    literal_rank: int | None = None
+    decisive: tuple[Snap, ...] = ()
+
+
+def report_reading(mechanism: Mechanism, rank: int, rng: np.random.Generator) -> ReadingReport:
+    """What was snapped, and what the literal reading of the mechanism's file would give.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    rank : int
+        Rank of the intended reading.
+    rng : numpy Generator
+    """
+    reading = mechanism.reading
+    if reading is None:
+        return ReadingReport()
+    coarse = [snap for snap in reading.snaps if snap.difference > ROUNDING]
+    if not coarse:
+        return ReadingReport(reading.snaps, reading.notes)
+    literal_rank = find_structure(reading.literal(), rng).rank
+    decisive: list[Snap] = []
+    if literal_rank != rank:
+        elements = list(dict.fromkeys(snap.element for snap in coarse))
+        chosen = set(_decisive(reading, elements, rank, rng))
+        decisive = [snap for snap in coarse if snap.element in chosen]
+    return ReadingReport(reading.snaps, reading.notes, literal_rank, tuple(decisive))
+
+
+def _decisive(reading: Reading, elements: Sequence[str], rank: int, rng: np.random.Generator) -> list[str]:
+    """Elements that change the rank when taken literally, by bisection."""
+    if find_structure(reading.literal(elements), rng).rank == rank:
+        return []
+    if len(elements) == 1:
+        return list(elements)
+    middle = len(elements) // 2
+    halves = [*_decisive(reading, elements[:middle], rank, rng), *_decisive(reading, elements[middle:], rank, rng)]
+    return halves or list(elements)  # only together do they matter

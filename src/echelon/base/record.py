@@ -1,0 +1,85 @@
+"""The versioned JSON schema of a saved BaseModel."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import BaseModel as Schema
+from pydantic import ConfigDict, Field
+
+SCHEMA_NAME: Literal["echelon.base-model/1"] = "echelon.base-model/1"
+
+
+class _Strict(Schema):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class TermRecord(_Strict):
+    """One standard parameter in a base parameter."""
+
+    parameter: str = Field(description="Name of the standard parameter.")
+    coefficient: str = Field(description="Exact coefficient: an expression in the geometry symbols, or its numerator.")
+    denominator: str = Field("1", description="Exact denominator, where there is one.")
+    value: float | None = Field(None, description="Numeric coefficient, if all symbols have values.")
+
+
+class BaseParameterRecord(_Strict):
+    """One base parameter, a row of B."""
+
+    name: str = Field(description="The representative; its coefficient is 1.")
+    unit: str = Field(description="SI unit.")
+    expression: str = Field(description="Closed form for people.")
+    terms: list[TermRecord] = Field(description="All terms, the representative included.")
+
+
+class SnapRecord(_Strict):
+    """A number that was read as a nearby exact one."""
+
+    element: str
+    literal: str
+    intended: str
+    difference: float
+
+
+class ReadingRecord(_Strict):
+    """How the file was read."""
+
+    snaps: list[SnapRecord] = []
+    notes: list[str] = []
+    literal_rank: int | None = Field(None, description="Rank without snapping, where something was snapped.")
+    decisive: list[SnapRecord] = Field([], description="Snaps that changed the rank.")
+
+
+class CertificateRecord(_Strict):
+    """Evidence; see the documentation of the certificate."""
+
+    rank: int
+    seed: int
+    minor_prime: int
+    minor_states: int
+    identity_primes: list[str] = Field(description="127-bit primes as decimal text.")
+    degree: int
+    log10_error: float
+
+
+class BaseModelRecord(_Strict):
+    """A saved set of base parameters with everything needed to check it again."""
+
+    format: Literal["echelon.base-model/1"] = Field(alias="schema")
+    echelon: str = Field(description="Version that wrote the file.")
+    name: str
+    seed: int
+    rank: int
+    outputs: list[str] = Field(description="Measured generalised forces, the rows of X.")
+    parameters: list[str] = Field(description="Standard parameters, the columns of X and B.")
+    order: list[str] = Field(description="Column order for which B is in reduced echelon form.")
+    base: list[BaseParameterRecord]
+    classification: dict[str, list[str]]
+    reading: ReadingRecord
+    certificate: CertificateRecord
+    model: dict[str, Any] = Field(description="The mechanism as an Echelon description.")
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON schema of the file."""
+    return BaseModelRecord.model_json_schema(by_alias=True)

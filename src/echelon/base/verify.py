@@ -1,0 +1,43 @@
+"""Check a saved or given set of base parameters again, with fresh randomness."""
+
+from __future__ import annotations
+
+import os
+
+from echelon.base.certificate import Certificate, certify
+from echelon.base.model import BaseModel
+from echelon.base.serialize import load_base
+from echelon.errors import CertificateError
+
+
+def verify(model: BaseModel | str | os.PathLike[str], seed: int | None = None) -> Certificate:
+    """Check completeness and minimality of a set, without trusting anything it says about itself.
+
+    The check is repeated with the recorded seed, then at new points modulo new primes.
+
+    Parameters
+    ----------
+    model : BaseModel or path-like
+        A model, or a JSON file written by :func:`echelon.save_base` or ``echelon derive --format json``.
+    seed : int, optional
+        Seed of the fresh points; derived from the recorded one if omitted.
+
+    Returns
+    -------
+    Certificate
+        The fresh evidence.
+
+    Raises
+    ------
+    CertificateError
+        If the set is not complete and minimal, or the recorded evidence does not belong to it.
+    InputError
+        If the file cannot be read.
+    """
+    if not isinstance(model, BaseModel):
+        model = load_base(model)
+    recorded = model.certificate
+    if recorded.rank != model.rank:
+        raise CertificateError(f"the certificate is for {recorded.rank} base parameters, the set has {model.rank}")
+    certify(model.inverse_dynamics, model.matrix, recorded.seed)
+    return certify(model.inverse_dynamics, model.matrix, recorded.seed + 1 if seed is None else seed)

@@ -1,0 +1,93 @@
+"""The ``derive`` command."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import typer
+
+from echelon.base.derive import DEFAULT_SEED, base_parameters, base_structure
+from echelon.base.display import to_latex, to_markdown, to_text
+from echelon.base.model import BaseModel
+from echelon.base.serialize import to_json
+from echelon.files import write_atomically
+from echelon.formats.load import load
+from echelon.mechanism.mechanism import Mechanism
+
+
+@dataclass(frozen=True)
+class DeriveRequest:
+    """Arguments of the command."""
+
+    robot: Path
+    output_format: str
+    output: Path | None
+    reading: Mapping[str, Any]
+    order: str
+    prefer: tuple[str, ...]
+    structure: bool
+    seed: int | None
+
+
+def run_derive(request: DeriveRequest) -> None:
+    """Derive, then print or write."""
+    seed = DEFAULT_SEED if request.seed is None else request.seed
+    started = perf_counter()
+    with _progress(f"deriving {request.robot.name}"):
+        robot = load(request.robot, **request.reading)
+        if request.structure:
+            text = _structure_text(robot, seed, as_json=request.output_format == "json")
+            model = None
+        else:
+            model = base_parameters(robot, order=request.order, prefer=request.prefer, seed=seed)
+            text = _render(model, request.output_format)
+    elapsed = perf_counter() - started
+    if request.output is not None:
+        write_atomically(request.output, text)
+    elif model is not None and request.output_format == "text" and sys.stdout.isatty():
+        from echelon.cli.terminal import print_model
+
+        print_model(model, elapsed)
+    else:
+        typer.echo(text, nl=not text.endswith("\n"))
+        if request.output_format == "text":
+            typer.echo(f"time: {elapsed:.2f} s")
+
+
+def _render(model: BaseModel, output_format: str) -> str:
+    if output_format == "text":
+        return to_text(model) + "\n"
+    return {"json": to_json, "latex": to_latex, "markdown": to_markdown}[output_format](model)
+
+
+def _structure_text(robot: Mechanism, seed: int, *, as_json: bool) -> str:
+    structure = base_structure(robot, seed=seed)
+    names = [robot.parameters[p] for p in structure.pivots]
+    if as_json:
+        record = {
+            "schema": "echelon.structure/1",
+            "name": robot.name,
+            "seed": seed,
+            "rank": structure.rank,
+            "parameters": list(robot.parameters),
+            "representatives": names,
+        }
+        return json.dumps(record, indent=1, ensure_ascii=False) + "\n"
+    count = f"{robot.name}: {structure.rank} base parameters of {structure.parameters} standard parameters"
+    return f"{count}\nrepresentatives: {' '.join(names)}\n"
+
+
+def _progress(message: str) -> AbstractContextManager[object]:
+    """A spinner on a terminal, nothing in a pipe."""
+    if not sys.stderr.isatty():
+        return nullcontext()
+    from rich.console import Console
+
+    return Console(stderr=True).status(message)

@@ -1,0 +1,160 @@
+"""Entry point: commands, exit codes, and one clear line for every error.
+
+Only typer is imported here; each command imports what it needs when it runs, so that ``--help`` is instant.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+REFUTED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+
+app = typer.Typer(
+    name="echelon",
+    help="Exact base inertial parameters of robots, in closed form, with a certificate.",
+    epilog="Exit codes: 0 success, 1 a claim was refuted, 2 bad input or usage.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+class Format(StrEnum):
+    """Output formats of ``derive``."""
+
+    TEXT = "text"
+    JSON = "json"
+    LATEX = "latex"
+    MARKDOWN = "markdown"
+
+
+class Order(StrEnum):
+    """Column orders of ``derive``."""
+
+    BASE_TO_TIP = "base-to-tip"
+    TIP_TO_BASE = "tip-to-base"
+
+
+class Mimic(StrEnum):
+    """What to do with coupled joints."""
+
+    COUPLED = "coupled"
+    INDEPENDENT = "independent"
+
+
+class Schema(StrEnum):
+    """Published schemas."""
+
+    DESCRIPTION = "description"
+    BASE_MODEL = "base-model"
+
+
+def _version(show: bool) -> None:
+    if show:
+        from importlib.metadata import version
+
+        typer.echo(f"echelon {version('echelon')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    traceback: Annotated[bool, typer.Option("--traceback", help="Show the full traceback of errors.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Show the version.", callback=_version)] = False,
+) -> None:
+    if traceback:
+        os.environ["ECHELON_TRACEBACK"] = "1"
+
+
+@app.command(epilog="Example: echelon derive panda.urdf --format json -o panda.json")
+def derive(
+    robot: Annotated[Path, typer.Argument(help="URDF, MJCF or Echelon description (YAML, JSON).")],
+    output_format: Annotated[Format, typer.Option("--format", "-f", help="What to write.")] = Format.TEXT,
+    as_json: Annotated[bool, typer.Option("--json", help="Short for --format json.")] = False,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write instead of the terminal.")] = None,
+    floating: Annotated[bool, typer.Option(help="Let the root link float.")] = False,
+    gravity: Annotated[
+        str, typer.Option(help="'file', 'none', 'generic', or three numbers or expressions: '0,0,-9.81'.")
+    ] = "file",
+    order: Annotated[Order, typer.Option(help="Which parameters become representatives.")] = Order.BASE_TO_TIP,
+    prefer: Annotated[
+        list[str] | None,
+        typer.Option(help="A parameter (M7) or kind (MX) wanted as representative; may be repeated."),
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(help="Read angles this near (rad) to multiples of 15° as exact; 0 switches off. [default: 0.002]"),
+    ] = None,
+    numeric: Annotated[bool, typer.Option("--numeric", help="Keep lengths as exact numbers.")] = False,
+    mimic: Annotated[Mimic, typer.Option(help="Respect mimic joints, or treat them as independent.")] = Mimic.COUPLED,
+    every_link: Annotated[bool, typer.Option("--every-link", help="Keep links fixed to others as bodies.")] = False,
+    massless: Annotated[
+        list[str] | None, typer.Option(help="A link that carries no parameters; may be repeated.")
+    ] = None,
+    structure: Annotated[bool, typer.Option("--structure", help="Count and representatives only.")] = False,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random points.")] = None,
+) -> None:
+    """Derive the base inertial parameters of a robot in closed form."""
+    from echelon.cli.derive import DeriveRequest, run_derive
+
+    reading = {
+        "floating": floating,
+        "gravity": gravity,
+        "symbolic": not numeric,
+        "independent_mimics": mimic is Mimic.INDEPENDENT,
+        "every_link": every_link,
+        "massless": tuple(massless or ()),
+        **({} if tolerance is None else {"tolerance": tolerance}),
+    }
+    chosen = Format.JSON if as_json else output_format
+    run_derive(DeriveRequest(robot, chosen.value, output, reading, order.value, tuple(prefer or ()), structure, seed))
+
+
+@app.command(epilog="Example: echelon verify panda.json")
+def verify(
+    file: Annotated[Path, typer.Argument(help="JSON file written by 'derive --format json'.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the fresh points.")] = None,
+) -> None:
+    """Check a saved set of base parameters again, without trusting what it says about itself."""
+    from echelon.cli.verify import run_verify
+
+    raise typer.Exit(run_verify(file, as_json, seed))
+
+
+@app.command(epilog="Example: echelon schema description > robot.schema.json")
+def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print.")]) -> None:
+    """Print the JSON schema of a file format."""
+    import json
+
+    if which is Schema.DESCRIPTION:
+        from echelon.formats.schema import json_schema
+    else:
+        from echelon.base.record import json_schema
+    typer.echo(json.dumps(json_schema(), indent=2))
+
+
+def main() -> None:
+    """Run the command line and exit with its code."""
+    try:
+        app()
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
+    except BrokenPipeError:
+        # the reader of a pipe went away: not an error, but nothing more can be written
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except Exception as error:
+        from echelon.errors import EchelonError
+
+        if os.environ.get("ECHELON_TRACEBACK") or not isinstance(error, EchelonError):
+            raise
+        print(f"echelon: {error}", file=sys.stderr)  # noqa: T201
+        sys.exit(BAD_INPUT)

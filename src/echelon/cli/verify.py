@@ -1,0 +1,35 @@
+"""The ``verify`` command."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import typer
+
+from echelon.base.serialize import load_base
+from echelon.base.verify import verify
+from echelon.errors import CertificateError
+
+VALID, REFUTED = 0, 1
+
+
+def run_verify(file: Path, as_json: bool, seed: int | None) -> int:
+    """Check a file; returns the exit code."""
+    model = load_base(file)
+    try:
+        certificate = verify(model, seed)
+    except CertificateError as error:
+        if as_json:
+            typer.echo(json.dumps({"valid": False, "reason": str(error)}))
+        else:
+            typer.echo(f"{file}: NOT valid: {error}")
+        return REFUTED
+    if as_json:
+        evidence = asdict(certificate)
+        evidence["identity_primes"] = [str(p) for p in certificate.identity_primes]
+        typer.echo(json.dumps({"valid": True, "rank": certificate.rank, "certificate": evidence}))
+    else:
+        typer.echo(f"{file}: valid, {model.rank} base parameters of {len(model.parameters)}\n{certificate}")
+    return VALID

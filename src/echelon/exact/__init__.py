@@ -1,0 +1,1 @@
+"""Exact algebra: numbers, polynomials, finite fields, elimination, interpolation.  Knows nothing about robots."""

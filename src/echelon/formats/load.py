@@ -1,0 +1,123 @@
+"""Open a robot file of any supported format."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from echelon.errors import InputError
+from echelon.formats.build import build_mechanism
+from echelon.formats.options import ANGLE_TOLERANCE, Gravity, ReadingOptions
+from echelon.mechanism.mechanism import Mechanism
+
+_SUPPORTED = "URDF (.urdf), MJCF (.xml, .mjcf) or an Echelon description (.yaml, .yml, .json)"
+_LARGEST_FILE = 64 * 1024 * 1024
+
+
+def load(
+    path: str | os.PathLike[str],
+    *,
+    tolerance: float = ANGLE_TOLERANCE,
+    symbolic: bool = True,
+    floating: bool = False,
+    every_link: bool = False,
+    independent_mimics: bool = False,
+    massless: Sequence[str] = (),
+    gravity: Gravity = "file",
+) -> Mechanism:
+    """Read a robot description.
+
+    Parameters
+    ----------
+    path : path-like
+        A URDF, MJCF or Echelon description file; the content decides between XML formats.
+    tolerance : float
+        Angles this near (rad) to a multiple of 15° and axes this near to a coordinate direction are read as exact; 0
+        switches this off.
+    symbolic : bool
+        Give lengths of URDF and MJCF files symbols (``px4``: x offset of joint 4), or keep them as exact numbers.
+    floating : bool
+        Let the root link float.
+    every_link : bool
+        Keep links that are fixed to others as bodies with parameters of their own.
+    independent_mimics : bool
+        Ignore mimic elements and equality couplings, as most programs do.
+    massless : sequence of str
+        Links that carry no parameters.
+    gravity : "file", "generic", None or 3 numbers or expressions
+        Gravity in the base frame, m/s².
+
+    Returns
+    -------
+    Mechanism
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is not a valid robot; the message names file and element.
+
+    Examples
+    --------
+    >>> import echelon as ec
+    >>> print(ec.load("examples/panda.yaml"))
+    panda: 7 bodies, 7 degrees of freedom
+    """
+    options = ReadingOptions(
+        tolerance, symbolic, floating, every_link, independent_mimics, tuple(massless), gravity
+    )
+    file = Path(path)
+    return parse_robot(_read(file), str(file), options, file.parent)
+
+
+def parse_robot(data: bytes, source: str, options: ReadingOptions, directory: Path | None = None) -> Mechanism:
+    """Interpret the content of a robot file.
+
+    Parameters
+    ----------
+    data : bytes
+    source : str
+        File name, for the format and for messages.
+    options : ReadingOptions
+    directory : Path, optional
+        Where files that it includes are looked for.
+    """
+    suffix = Path(source).suffix.lower()
+    if suffix in (".yaml", ".yml", ".json"):
+        from echelon.formats.description import read_description
+
+        return read_description(data, source, options)
+    if not data.strip():
+        raise InputError("the file is empty", source=source)
+    if suffix in (".urdf", ".xml", ".mjcf", ".xacro") or data.lstrip()[:1] == b"<":
+        return _parse_xml_robot(data, source, options, directory)
+    raise InputError(f"unknown format; expected {_SUPPORTED}", source=source)
+
+
+def _parse_xml_robot(data: bytes, source: str, options: ReadingOptions, directory: Path | None) -> Mechanism:
+    from echelon.formats.xml import parse_xml
+
+    root = parse_xml(data, source)
+    mimics = not options.independent_mimics
+    if any(str(element.tag).startswith("{http://www.ros.org/wiki/xacro}") for element in root.iter()):
+        raise InputError("this is xacro source: expand it first (xacro robot.xacro > robot.urdf)", source=source)
+    if root.tag == "mujoco":
+        from echelon.formats.mjcf import read_mjcf
+
+        return build_mechanism(read_mjcf(data, source, directory, mimics=mimics), options)
+    if root.tag == "robot":
+        from echelon.formats.urdf import read_urdf
+
+        return build_mechanism(read_urdf(data, source, mimics=mimics), options)
+    raise InputError(f"the root element is <{root.tag}>; expected <robot> (URDF) or <mujoco> (MJCF)", source=source)
+
+
+def _read(file: Path) -> bytes:
+    try:
+        if file.stat().st_size > _LARGEST_FILE:
+            raise InputError(f"larger than {_LARGEST_FILE >> 20} MB; not a robot description", source=str(file))
+        return file.read_bytes()
+    except FileNotFoundError:
+        raise InputError("no such file", source=str(file)) from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror or error}", source=str(file)) from None

@@ -1,0 +1,283 @@
+"""Compiled MuJoCo models for the MJCF reader: includes, missing meshes, and bodies without mass.
+
+MuJoCo's own compiler resolves defaults, frames, orientation notations, ``<replicate>``, ``<attach>`` and inertias of
+geoms, so that a file means here what it means there.  Left alone it would also refuse what a geometric description may
+well lack: mesh and texture files, and masses.  So everything that carries neither geometry nor inertia is removed
+first, absent meshes are removed if need be, and bodies without mass get one that is far below anything meant.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from math import isfinite, isnan
+from pathlib import Path, PurePath
+from typing import Any
+
+import numpy as np
+
+from echelon.errors import InputError, MissingExtraError
+from echelon.formats.xml import parse_xml
+
+NO_MASS = 2e-15
+"""Mass (kg) and inertia (kg·m²) given to moving bodies that have none; MuJoCo's compiler asks for at least 1e-15."""
+
+# None of these moves a body or changes its inertia; equalities, which do matter, are kept.
+_IRRELEVANT = ("keys", "sensors", "actuators", "tendons", "pairs", "excludes", "skins", "tuples")
+_NUMERIC = frozenset(
+    "pos quat axis ref axisangle xyaxes zaxis euler mass density diaginertia fullinertia fromto size gravity "
+    "polycoef offset scale massscale".split()
+)
+_COMPILED = "body_pos body_quat body_ipos body_iquat body_mass body_inertia jnt_pos jnt_axis qpos0".split()
+
+
+@dataclass(frozen=True)
+class CompiledModel:
+    """What MuJoCo makes of a file.
+
+    Attributes
+    ----------
+    model : mujoco.MjModel
+        Bodies and joints all have names.
+    spec : mujoco.MjSpec
+        The same before compilation, with the numbers as written.
+    unknown : frozenset of str
+        Bodies whose inertia would come from meshes that are not there.
+    notes : tuple of str
+    """
+
+    model: Any
+    spec: Any
+    unknown: frozenset[str]
+    notes: tuple[str, ...]
+
+
+def import_mujoco() -> Any:
+    """The optional package ``mujoco``.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise MissingExtraError("mujoco", "mjcf") from None
+    return mujoco
+
+
+def parse_spec(text: str | bytes, source: str, directory: Path | None) -> Any:
+    """The ``MjSpec`` of an MJCF document, with the files that it includes.
+
+    Parameters
+    ----------
+    text : str or bytes
+    source : str
+        File name for messages.
+    directory : Path, optional
+        Where included files and meshes are; without it none is looked for.
+
+    Raises
+    ------
+    InputError
+        If a document is not safe, well-formed, finite MJCF, or an included file is missing.
+    """
+    mujoco = import_mujoco()
+    root = parse_xml(text, source)
+    if root.tag == "mujocoinclude":
+        raise InputError("this is a fragment, not a model: read the file that includes it", source=source)
+    if root.tag != "mujoco":
+        raise InputError(f"expected a <mujoco> element, found <{root.tag}>", source=source)
+    _check_finite(root, source)
+    included: dict[str, bytes] = {}
+    _gather(root, source, directory, PurePath(), included)
+    try:
+        spec = mujoco.MjSpec.from_string(_decoded(text, source), include=included)
+    except (ValueError, mujoco.FatalError) as error:
+        raise _wrapped(error, source) from None
+    if directory is not None:
+        spec.modelfiledir = str(directory)
+    return spec
+
+
+def compile_spec(spec: Any, source: str, directory: Path | None) -> CompiledModel:
+    """Compile a spec for its geometry and inertias; the spec is changed.
+
+    Raises
+    ------
+    InputError
+        If MuJoCo refuses the model for another reason than missing files or masses.
+    """
+    mujoco = import_mujoco()
+    notes = _keep_frames(spec, mujoco)
+    _name_all(spec)
+    _remove_irrelevant(spec)
+    stages = [_absent_meshes(spec, directory)] if directory is None else [set(), _absent_meshes(spec, directory)]
+    unknown: set[str] = set()
+    for doomed in (*stages, {mesh.name for mesh in spec.meshes if mesh.file}):
+        unknown |= _remove_meshes(spec, doomed)
+        try:
+            model = spec.compile()
+            break
+        except (ValueError, mujoco.FatalError) as error:
+            failure = error
+    else:
+        raise _wrapped(failure, source)
+    if unknown and spec.compiler.settotalmass > 0:  # then the share of every other body is unknown as well
+        unknown = {body.name for body in spec.bodies}
+    if unknown:
+        notes.append(f"inertias of {_listed(unknown)} are unknown: they come from meshes that cannot be read")
+    _check_compiled(model, source)
+    return CompiledModel(model, spec, frozenset(unknown), tuple(notes))
+
+
+# -- files -------------------------------------------------------------------------------------------------------------
+
+
+def _gather(root: Any, source: str, directory: Path | None, folder: PurePath, included: dict[str, bytes]) -> None:
+    """Read and check the files that a document includes or attaches, and those that these include."""
+    for element in root.iter():
+        name = element.get("file") if element.tag in ("include", "model") else None
+        if name is None or name in included:
+            continue
+        where = f"{element.tag} '{name}'"
+        if directory is None:
+            raise InputError("the model has no directory to find this file in", source=source, element=where)
+        # MuJoCo looks beside the main file first, then beside the including one
+        found = next((p for p in (PurePath(name), folder / name) if (directory / p).is_file()), None)
+        if found is None:
+            raise InputError("no such file", source=source, element=where)
+        try:
+            included[name] = (directory / found).read_bytes()
+        except OSError as error:
+            raise InputError(f"cannot be read: {error.strerror}", source=source, element=where) from None
+        child = parse_xml(included[name], str(found))
+        _check_finite(child, str(found))
+        _gather(child, str(found), directory, found.parent, included)
+
+
+def _decoded(text: str | bytes, source: str) -> str:
+    try:
+        return text.decode("utf-8-sig") if isinstance(text, bytes) else text
+    except UnicodeDecodeError:
+        raise InputError("not UTF-8, which MuJoCo expects", source=source) from None
+
+
+def _check_finite(root: Any, source: str) -> None:
+    """MuJoCo itself lets nan and inf pass with no more than a warning."""
+    for element in root.iter():
+        for name in _NUMERIC & element.keys():
+            for word in element.get(name).split():
+                try:
+                    finite = isfinite(float(word))
+                except ValueError:
+                    continue  # MuJoCo reports it, with the line
+                if not finite:
+                    where = f"{element.tag} '{element.get('name', '')}' {name}"
+                    raise InputError(f"'{word}' is not a finite number", source=source, element=where)
+
+
+def _check_compiled(model: Any, source: str) -> None:
+    for name in _COMPILED:
+        if not np.all(np.isfinite(getattr(model, name))):
+            raise InputError(f"the compiled model has infinite values in {name}", source=source)
+
+
+def _wrapped(error: Exception, source: str) -> InputError:
+    """MuJoCo's message as an input error that names the element."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    problem = re.sub(r"^((XML )?Error: )+", "", lines[0] if lines else "no reason given")
+    rest = " ".join(lines[1:])
+    place = re.search(r"Element (?:name )?'(?P<name>[^']*)'(?:, id \d+)?(?:, line (?P<line>\d+))?", rest)
+    if place is None:
+        return InputError(" ".join([f"MuJoCo refuses the model: {problem}", *lines[1:]]), source=source)
+    parts = [f"element '{place['name']}'" if place["name"] else "", f"line {place['line']}" if place["line"] else ""]
+    return InputError(f"MuJoCo refuses it: {problem}", source=source, element=", ".join(p for p in parts if p))
+
+
+# -- preparation -------------------------------------------------------------------------------------------------------
+
+
+def _keep_frames(spec: Any, mujoco: Any) -> list[str]:
+    """Settings under which bodies and their frames stay as the file has them."""
+    compiler = spec.compiler
+    compiler.fusestatic = compiler.discardvisual = False
+    compiler.boundmass = max(compiler.boundmass, NO_MASS)
+    compiler.boundinertia = max(compiler.boundinertia, NO_MASS)
+    aligned = mujoco.mjtAlignFree
+    free = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+    asked = (aligned.mjALIGNFREE_TRUE, aligned.mjALIGNFREE_AUTO) if compiler.alignfree else (aligned.mjALIGNFREE_TRUE,)
+    notes = ["free bodies keep the frames of the file: alignment with the inertia is ignored"]
+    changed = any(joint.align in asked for joint in free)
+    for joint in free:
+        joint.align = aligned.mjALIGNFREE_FALSE
+    return notes if changed else []
+
+
+def _name_all(spec: Any) -> None:
+    for stem, elements in (("body", spec.bodies), ("joint", spec.joints)):
+        taken = {element.name for element in elements}
+        for index, element in enumerate(elements):
+            if not element.name:
+                name = f"{stem}_{index}"
+                while name in taken:
+                    name += "_"
+                element.name = name
+
+
+def _remove_irrelevant(spec: Any) -> None:
+    for group in _IRRELEVANT:
+        for element in list(getattr(spec, group)):
+            spec.delete(element)
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    for geom in [g for g in spec.geoms if g.hfieldname or (g.meshname and not _contributes(spec, g))]:
+        spec.delete(geom)
+    used = {geom.meshname for geom in spec.geoms}
+    unused = [mesh for mesh in spec.meshes if mesh.name not in used]
+    for element in (*spec.textures, *spec.hfields, *unused):
+        spec.delete(element)
+
+
+def _contributes(spec: Any, geom: Any) -> bool:
+    """Whether the body's inertia may come from this geom."""
+    mujoco = import_mujoco()
+    rule = spec.compiler.inertiafromgeom
+    if rule == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE or geom.parent.name == "world":
+        return False
+    if rule == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO and geom.parent.explicitinertial:
+        return False
+    first, last = spec.compiler.inertiagrouprange
+    weight = geom.density if isnan(geom.mass) else geom.mass
+    return bool(weight) and first <= geom.group <= last
+
+
+def _absent_meshes(spec: Any, directory: Path | None) -> set[str]:
+    """Names of meshes whose files are not there."""
+    folder = None if directory is None else directory / spec.compiler.meshdir
+    strip = spec.strippath
+    files = {m.name: PurePath(m.file).name if strip else m.file for m in spec.meshes if m.file}
+    return {name for name, file in files.items() if folder is None or not (folder / file).is_file()}
+
+
+def _remove_meshes(spec: Any, doomed: Collection[str]) -> set[str]:
+    """Delete meshes and their geoms; returns the names of the bodies that lose inertia."""
+    losers = set()
+    for geom in [g for g in spec.geoms if g.meshname in doomed and g.meshname]:
+        losers.add(str(geom.parent.name))
+        spec.delete(geom)
+    for mesh in [m for m in spec.meshes if m.name in doomed]:
+        spec.delete(mesh)
+    return losers
+
+
+def _listed(names: Collection[str]) -> str:
+    return ", ".join(_quoted(names))
+
+
+def _quoted(names: Collection[str], most: int = 6) -> Iterator[str]:
+    yield from (f"body '{name}'" for name in sorted(names)[:most])
+    if len(names) > most:
+        yield f"{len(names) - most} more"

@@ -1,0 +1,1 @@
+"""Bodies, joints, couplings and gravity: frozen descriptions of machines."""

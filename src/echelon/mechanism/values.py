@@ -1,0 +1,46 @@
+"""Numeric values of a mechanism's geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from echelon.errors import InputError
+from echelon.exact.polynomial import float_generators
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.placement import Placement
+
+
+def symbol_values(
+    mechanism: Mechanism, names: Iterable[str], overrides: Mapping[str, float] | None = None
+) -> dict[str, float]:
+    """Values of symbols, SI units.
+
+    Raises
+    ------
+    InputError
+        If a symbol has no value, or an override is not a symbol of the mechanism.
+    """
+    given = dict(overrides or {})
+    values: dict[str, float] = {}
+    for name in names:
+        stated = mechanism.symbols.get(name)
+        value = given.get(name, stated.value if stated else None)
+        if value is None:
+            raise InputError(f"symbol '{name}' has no value; give it as symbols={{'{name}': ...}}")
+        values[name] = value
+    return values
+
+
+def characteristic_length(mechanism: Mechanism) -> float:
+    """The largest joint offset whose value is known, m; 1 if there is none."""
+    known = {name: s.value for name, s in mechanism.symbols.items() if s.value is not None}
+    sizes = [1e-300]
+    for body in mechanism.bodies:
+        for step in body.joint.steps:
+            if isinstance(step, Placement):
+                for entry in step.translation:
+                    if entry and all(s in known for s in entry.symbols()):
+                        values = float_generators(entry.generators(), known)
+                        sizes.append(abs(entry.evaluate(values, float)))
+    largest = max(sizes)
+    return largest if largest > 1e-300 else 1.0

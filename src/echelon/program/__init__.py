@@ -1,0 +1,1 @@
+"""Straight-line programs: recording, evaluation, sampling."""

@@ -1,0 +1,249 @@
+"""Between sympy and recorded programs, exactly in both directions.
+
+A regressor that somebody wrote in sympy becomes a program like any other, and a program can be read as formulas.
+Decimals keep the value that their text shows, square roots of 2, 3 and 6 become exact numbers, and multiples of 15°
+inside sin, cos and tan are turned by exactly: a rank must not hang on the difference between a number and the nearest
+double.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from functools import reduce
+from operator import add, mul, sub, truediv
+from typing import Any
+
+from echelon.errors import InputError
+from echelon.exact.angle import STEPS_PER_HALF_TURN
+from echelon.exact.numbers import Number, Rational, Surd, cosine_of_turn, parse_decimal, parts_of, sine_of_turn
+from echelon.program.tape import FUNCTIONS, Op, Program, Scalar
+
+SUPPORTED = {"Abs" if op is Op.ABS else op.name.lower(): op for op in FUNCTIONS}
+"""The functions that a program can hold, by sympy's names."""
+
+_CIRCULAR = ("sin", "cos", "tan")
+_RADICANDS = (1, 2, 3, 6)
+_ROOTS = {2: Surd((0, 1, 0, 0)), 3: Surd((0, 0, 1, 0)), 6: Surd((0, 0, 0, 1))}
+
+
+def from_sympy(program: Program, expression: Any, symbols: Mapping[str, Scalar]) -> Scalar:
+    """Record a sympy expression.
+
+    Parameters
+    ----------
+    program : Program
+    expression : sympy expression or number
+        Sums, products, powers of integers and half-integers, and the functions in :data:`SUPPORTED`.
+    symbols : mapping of str to Scalar
+        What the name of every symbol stands for, recorded on the same program.
+
+    Returns
+    -------
+    Scalar
+
+    Raises
+    ------
+    InputError
+        If a symbol is not declared, or a part of the expression has no exact meaning in a program.
+
+    Examples
+    --------
+    >>> import sympy
+    >>> program, x = Program(), sympy.Symbol("x")
+    >>> y = from_sympy(program, 0.1 * x**2 + sympy.cos(x + sympy.pi / 2), {"x": program.input("x")})
+    >>> to_sympy(program, [y.node])
+    [x**2/10 - sin(x)]
+    """
+    import sympy
+
+    strangers = sorted(name for name, scalar in symbols.items() if scalar.program is not program)
+    if strangers:
+        raise InputError(f"symbols recorded on another program: {', '.join(strangers)}")
+    try:
+        checked = sympy.sympify(expression, strict=True)
+    except sympy.SympifyError:
+        checked = None
+    if not isinstance(checked, sympy.Expr):
+        raise InputError(f"a scalar sympy expression is needed, not {type(expression).__name__}")
+    try:
+        return _Reader(program, symbols).read(checked)
+    except ZeroDivisionError:
+        raise InputError("division by zero", element=f"'{expression}'") from None
+
+
+def to_sympy(program: Program, outputs: Sequence[int]) -> list[Any]:
+    """Nodes of a program as sympy expressions in real symbols named like the inputs.
+
+    Parameters
+    ----------
+    program : Program
+    outputs : sequence of int
+        Nodes.
+
+    Returns
+    -------
+    list of sympy expressions
+        One per output.
+
+    Examples
+    --------
+    >>> program = Program()
+    >>> x, root = program.input("x"), Surd((0, 0, 1, 0))
+    >>> to_sympy(program, [(root * x).node, (1 / program.sin(x)).node])
+    [sqrt(3)*x, 1/sin(x)]
+    """
+    import sympy
+
+    functions = {op: getattr(sympy, name) for name, op in SUPPORTED.items()}
+    formulas: dict[int, Any] = {}
+    for node in program.needed(outputs):
+        op, a, b = Op(program.ops[node]), formulas.get(program.lhs[node]), formulas.get(program.rhs[node])
+        if op is Op.INPUT:
+            formulas[node] = sympy.Symbol(program.inputs[node].name, real=True)
+        elif op is Op.CONSTANT:
+            formulas[node] = _sympy_number(program.constants[node])
+        else:
+            formulas[node] = functions[op](a) if op in functions else _operated(op, a, b)
+    return [formulas[node] for node in outputs]
+
+
+def _operated(op: Op, a: Any, b: Any) -> Any:
+    """Arithmetic on sympy expressions."""
+    if op is Op.NEG:
+        return -a
+    return {Op.ADD: add, Op.SUB: sub, Op.MUL: mul, Op.DIV: truediv}[op](a, b)
+
+
+def _sympy_number(x: Number) -> Any:
+    import sympy
+
+    parts = zip(parts_of(x), _RADICANDS, strict=True)
+    return sum(sympy.Rational(part.numerator, part.denominator) * sympy.sqrt(r) for part, r in parts)
+
+
+class _Reader:
+    """One walk over an expression; shared parts are read once."""
+
+    def __init__(self, program: Program, symbols: Mapping[str, Scalar]) -> None:
+        self.program, self.symbols = program, symbols
+        self._known: dict[Any, Scalar] = {}
+
+    def read(self, e: Any) -> Scalar:
+        found = self._known.get(e)
+        if found is None:
+            found = self._known[e] = self._read(e)
+        return found
+
+    def _read(self, e: Any) -> Scalar:
+        if e.is_Symbol:
+            return self._symbol(e.name)
+        if e.is_Rational or e.is_Float:
+            return self.program.constant(_rational(e))
+        if e.is_Add:
+            return sum(map(self.read, e.args), self.program.zero)
+        if e.is_Mul:
+            return self._product(e)
+        if e.is_Pow:
+            return self._power(e.base, _exponent(e))
+        name = type(e).__name__
+        if name == "Exp1":
+            return self.program.function(Op.EXP, self.program.one)
+        if not e.is_Function or name not in SUPPORTED or len(e.args) != 1:
+            raise _refusal(e)
+        return self._circular(name, e.args[0]) if name in _CIRCULAR else self._function(name, e.args[0])
+
+    def _symbol(self, name: str) -> Scalar:
+        if name not in self.symbols:
+            known = ", ".join(sorted(self.symbols)) or "none"
+            raise InputError(f"not declared (declared: {known})", element=f"symbol '{name}'")
+        return self.symbols[name]
+
+    def _product(self, e: Any) -> Scalar:
+        """Factors of negative power share one division."""
+        above: list[Scalar] = []
+        below: list[Scalar] = []
+        for factor in e.args:
+            exponent = _exponent(factor) if factor.is_Pow else Fraction(1)
+            if exponent < 0:
+                below.append(self._power(factor.base, -exponent))
+            else:
+                above.append(self.read(factor))
+        return reduce(mul, above, self.program.one) / reduce(mul, below, self.program.one)
+
+    def _power(self, base: Any, exponent: Fraction) -> Scalar:
+        """A power by repeated squaring, times a square root for half-integers."""
+        if exponent < 0:
+            return self.program.one / self._power(base, -exponent)
+        count, half = divmod(exponent.numerator, exponent.denominator)
+        total = self._root(base) if half else self.program.one
+        square = self.read(base) if count else self.program.one
+        while count:
+            total = total * square if count & 1 else total
+            count >>= 1
+            square = square * square if count else square
+        return total
+
+    def _root(self, base: Any) -> Scalar:
+        exact = _ROOTS.get(int(base)) if base.is_Integer else None
+        return self._function("sqrt", base) if exact is None else self.program.constant(exact)
+
+    def _function(self, name: str, argument: Any) -> Scalar:
+        return self.program.function(SUPPORTED[name], self.read(argument))
+
+    def _circular(self, name: str, argument: Any) -> Scalar:
+        """Sine, cosine or tangent, with multiples of 15° in the argument turned by exactly."""
+        steps, rest = _split_turn(argument)
+        if not steps % (2 * STEPS_PER_HALF_TURN):
+            return self._function(name, rest)
+        c, s = self._function("cos", rest), self._function("sin", rest)
+        c_turn, s_turn = cosine_of_turn(steps), sine_of_turn(steps)
+        cosine, sine = c * c_turn - s * s_turn, s * c_turn + c * s_turn
+        return sine / cosine if name == "tan" else cosine if name == "cos" else sine
+
+
+def _split_turn(argument: Any) -> tuple[int, Any]:
+    """An angle as steps of 15° and what is left of it."""
+    import sympy
+
+    if not argument.has(sympy.pi):
+        return 0, argument
+    steps, rest = 0, sympy.S.Zero
+    for term in sympy.Add.make_args(argument.expand()):
+        ratio = term / sympy.pi * STEPS_PER_HALF_TURN
+        if (ratio.is_Rational or ratio.is_Float) and _rational(ratio).denominator == 1:
+            steps += int(_rational(ratio))
+        else:
+            rest += term
+    return steps, rest
+
+
+def _rational(e: Any) -> Rational:
+    """The exact value of a sympy Rational, or of the text of a Float."""
+    if e.is_Float:
+        try:
+            return parse_decimal(str(e))
+        except ValueError as error:
+            raise InputError(str(error)) from None
+    return int(e.p) if e.q == 1 else Fraction(int(e.p), int(e.q))
+
+
+def _exponent(power: Any) -> Fraction:
+    if power.exp.is_Rational or power.exp.is_Float:
+        value = Fraction(_rational(power.exp))
+        if value.denominator <= 2:
+            return value
+    raise InputError("an exponent must be an integer or half an integer", element=f"'{power}'")
+
+
+def _refusal(e: Any) -> InputError:
+    """The error for a part of an expression that programs do not hold."""
+    if type(e).__name__ == "Pi":
+        problem = "exact only as a multiple of pi/12 inside sin, cos and tan; elsewhere use a symbol with that value"
+    elif e.is_Derivative or (e.is_Function and type(type(e)).__name__ == "UndefinedFunction"):
+        problem = "replace functions of time and their derivatives by symbols first (expression.subs)"
+    elif e.is_Function:
+        problem = f"the function {type(e).__name__} is not supported (supported: {', '.join(SUPPORTED)})"
+    else:
+        problem = f"{type(e).__name__} is not a real scalar that a program can hold"
+    return InputError(problem, element=f"'{e}'")

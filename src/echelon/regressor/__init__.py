@@ -1,0 +1,1 @@
+"""The regressor of a mechanism, recorded as a program."""
