@@ -29,9 +29,7 @@ Combination = dict[int, RationalFunction]
 """A column as a combination of other columns: coefficient by column."""
 
 
-def dependent_columns(
-    mechanism: Mechanism, structure: Structure, rng: np.random.Generator
-) -> dict[int, Combination]:
+def dependent_columns(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> dict[int, Combination]:
     """Every dependent column as a combination of pivot columns.
 
     Parameters
@@ -112,9 +110,7 @@ class _Relation:
             return self._coefficients(sampler, field, geometry, rng)
 
         degrees = [_degree(s) - _degree(t) for s in self.sources for t in self.targets]
-        unknown = UnknownFunctions(
-            evaluate, sampler.symbols, roles.angles, roles.lengths, degrees, roles.irrational
-        )
+        unknown = UnknownFunctions(evaluate, sampler.symbols, roles.angles, roles.lengths, degrees, roles.irrational)
         functions = iter(interpolate(unknown, rng))
         found: dict[int, Combination] = {t: {} for t in self.targets}
         for source in self.sources:
@@ -131,13 +127,11 @@ class _Relation:
         unknowns = 1 + len(self.sources)
         states = unknowns + 1  # one more equation than unknowns: a false relation contradicts itself
         values = sampler.evaluate(field, rng, states, geometry)
-        geometries = len(next(iter(geometry.values()))) if geometry else 1
         matrix = np.zeros((values.shape[1], states, self.forms.shape[1]), dtype=np.int64)
         for (_, column), value in zip(self.forms.entries, values, strict=True):
             matrix[:, :, column] = value
         solution = solve_batched(matrix[:, :, :unknowns], matrix[:, :, unknowns:], field)
-        flat = solution[:, 1:].reshape(len(solution), -1).T
-        return np.repeat(flat, geometries, axis=1) if flat.shape[1] < geometries else flat
+        return solution[:, 1:].reshape(len(solution), -1).T
 
 
 def _degree(column: int) -> int:

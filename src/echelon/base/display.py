@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from html import escape
 
-from echelon.base.expression import LatexStyle, TextStyle, latex_symbol, render
+from echelon.base.expression import LatexStyle, latex_symbol, render
 from echelon.base.model import BaseModel, Identifiability
 from echelon.base.reading_report import ROUNDING
+from echelon.conventions import PARAMETERS, PER_BODY
 
 _LATEX_ROWS_PER_PAGE = 40
 
@@ -14,7 +15,9 @@ _LATEX_ROWS_PER_PAGE = 40
 def headline(model: BaseModel) -> str:
     """The count in one line."""
     name, rank, total = model.mechanism.name, model.rank, len(model.parameters)
-    return f"{name}: {rank} base parameters of {total} standard parameters, {model.mechanism.degrees_of_freedom} outputs"
+    return (
+        f"{name}: {rank} base parameters of {total} standard parameters, {model.mechanism.degrees_of_freedom} outputs"
+    )
 
 
 def to_text(model: BaseModel) -> str:
@@ -27,30 +30,47 @@ def to_text(model: BaseModel) -> str:
     return "\n".join(lines)
 
 
+_MARKS = {Identifiability.ALONE: "●", Identifiability.COMBINATION: "◐", Identifiability.UNIDENTIFIABLE: "·"}
+
+
+def class_counts(model: BaseModel) -> list[tuple[Identifiability, int]]:
+    """Number of standard parameters in each class."""
+    found = list(model.classification.values())
+    return [(kind, found.count(kind)) for kind in _MARKS]
+
+
+def legend(model: BaseModel) -> str:
+    """What the marks of :func:`classification_rows` mean, with counts."""
+    return "   ".join(f"{_MARKS[kind]} {kind.value}: {count}" for kind, count in class_counts(model))
+
+
+def classification_rows(model: BaseModel) -> list[tuple[str, list[tuple[str, Identifiability]]]]:
+    """One row per body: its label and name, and a mark and class for each of its ten parameters."""
+    classes = list(model.classification.values())
+    rows = []
+    for block, index in enumerate(model.mechanism.carriers):
+        body = model.mechanism.bodies[index]
+        kinds = classes[PER_BODY * block : PER_BODY * (block + 1)]
+        rows.append((f"{body.label}  {body.name}", [(_MARKS[kind], kind) for kind in kinds]))
+    return rows
+
+
 def classification_lines(model: BaseModel) -> list[str]:
-    """One line per class of standard parameters."""
-    return [f"{kind.value} ({len(names)}): {compact_names(names)}" for kind, names in by_class(model)]
-
-
-def by_class(model: BaseModel) -> list[tuple[Identifiability, list[str]]]:
-    """Standard parameters by class, in column order."""
-    return [
-        (kind, [name for name, found in model.classification.items() if found is kind])
-        for kind in (Identifiability.ALONE, Identifiability.COMBINATION, Identifiability.UNIDENTIFIABLE)
-    ]
-
-
-def compact_names(names: list[str]) -> str:
-    """Names in one line."""
-    return " ".join(names) or "none"
+    """The classification as a plain text table."""
+    rows = classification_rows(model)
+    if not rows:
+        return []
+    width = max(len("body"), *(len(title) for title, _ in rows))
+    lines = [f"{'body':<{width}}  {'  '.join(PARAMETERS)}"]
+    for title, marks in rows:
+        cells = "  ".join(f"{mark:^{len(name)}}" for (mark, _), name in zip(marks, PARAMETERS, strict=True))
+        lines.append(f"{title:<{width}}  {cells}")
+    return [*lines, legend(model)]
 
 
 def facts(model: BaseModel) -> list[tuple[str, str]]:
-    """What else a reader should know: bodies, symbols, snapping, notes, certificate."""
+    """What else a reader should know: symbols, snapping, notes, certificate."""
     found = []
-    bodies = [f"{model.mechanism.bodies[b].label} = {model.mechanism.bodies[b].name}" for b in model.mechanism.carriers]
-    if bodies:
-        found.append(("bodies", ", ".join(bodies)))
     used = [model.mechanism.symbols[s] for s in model.matrix.symbols if s in model.mechanism.symbols]
     if used:
         found.append(("symbols", ", ".join(f"{s.name} = {value_text(s.exact, s.value)}" for s in used)))
@@ -78,7 +98,9 @@ def snap_summary(model: BaseModel) -> str:
     if reading.literal_rank == model.rank:
         return f"{text}; the literal reading gives {reading.literal_rank} too"
     decisive = "; ".join(str(snap) for snap in reading.decisive)
-    return f"{text}; the literal reading would give {reading.literal_rank} instead of {model.rank}, because of {decisive}"
+    return (
+        f"{text}; the literal reading would give {reading.literal_rank} instead of {model.rank}, because of {decisive}"
+    )
 
 
 def to_markdown(model: BaseModel) -> str:
@@ -86,12 +108,20 @@ def to_markdown(model: BaseModel) -> str:
     lines = [f"# Base parameters of {model.mechanism.name}", "", headline(model) + ".", ""]
     lines += ["| # | base parameter | unit |", "|--:|---|---|"]
     lines += [
-        f"| {i + 1} | {render(e, TextStyle()).replace('|', chr(92) + '|')} | {e.unit} |"
+        f"| {i + 1} | {_cell(str(e))} | {e.unit} |"
         for i, e in enumerate(model.expressions)
     ]
-    lines += ["", *(f"- {line}" for line in classification_lines(model))]
-    lines += [f"- {label}: {text}" for label, text in facts(model)]
+    lines += ["", f"| body | {' | '.join(PARAMETERS)} |", "|---|" + ":-:|" * PER_BODY]
+    for title, marks in classification_rows(model):
+        cells = " | ".join(mark for mark, _ in marks)
+        lines.append(f"| {_cell(title)} | {cells} |")
+    lines += ["", legend(model), "", *(f"- {label}: {text}" for label, text in facts(model))]
     return "\n".join(lines) + "\n"
+
+
+def _cell(text: str) -> str:
+    """Text that is safe in a Markdown table."""
+    return text.replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ")
 
 
 def to_latex(model: BaseModel) -> str:
@@ -124,7 +154,13 @@ def to_html(model: BaseModel) -> str:
         f"<tr><td>{i + 1}</td><td style='text-align:left'>{escape(str(e))}</td><td>{escape(e.unit)}</td></tr>"
         for i, e in enumerate(model.expressions)
     )
-    items = [*classification_lines(model), *(f"{label}: {text}" for label, text in facts(model))]
-    notes = "".join(f"<li>{escape(line)}</li>" for line in items)
+    classes = "".join(
+        f"<tr><td style='text-align:left'>{escape(title)}</td>{''.join(f'<td>{mark}</td>' for mark, _ in marks)}</tr>"
+        for title, marks in classification_rows(model)
+    )
+    columns = "".join(f"<th>{name}</th>" for name in PARAMETERS)
+    notes = "".join(f"<li>{escape(f'{label}: {text}')}</li>" for label, text in facts(model))
     head = "<tr><th>#</th><th>base parameter</th><th>unit</th></tr>"
-    return f"<p><b>{escape(headline(model))}</b></p><table>{head}{rows}</table><ul>{notes}</ul>"
+    table = f"<table>{head}{rows}</table>"
+    seen = f"<table><tr><th>body</th>{columns}</tr>{classes}</table><p>{escape(legend(model))}</p>"
+    return f"<p><b>{escape(headline(model))}</b></p>{table}{seen}<ul>{notes}</ul>"

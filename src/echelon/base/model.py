@@ -110,9 +110,7 @@ class BaseModel:
             kind = Identifiability.ALONE if len(row) == 1 else Identifiability.COMBINATION
             for column in row:
                 seen[column] = kind
-        return {
-            name: seen.get(column, Identifiability.UNIDENTIFIABLE) for column, name in enumerate(self.parameters)
-        }
+        return {name: seen.get(column, Identifiability.UNIDENTIFIABLE) for column, name in enumerate(self.parameters)}
 
     # -- B in other forms --------------------------------------------------------------------------------------
 
@@ -191,10 +189,14 @@ class BaseModel:
         InputError
             If the file does not state those of every body.
         """
-        silent = [self.mechanism.bodies[b].name for b in self.mechanism.carriers if not self.mechanism.bodies[b].inertial]
+        silent = [
+            self.mechanism.bodies[b].name for b in self.mechanism.carriers if not self.mechanism.bodies[b].inertial
+        ]
         if silent:
             shown = ", ".join(f"'{name}'" for name in silent[:6])
-            raise InputError(f"the file states no inertial values for {len(silent)} bodies ({shown}); give them as standard=")
+            raise InputError(
+                f"the file states no inertial values for {len(silent)} bodies ({shown}); give them as standard="
+            )
         return np.array([v for b in self.mechanism.carriers for v in self.mechanism.bodies[b].inertial or ()])
 
     def lift(

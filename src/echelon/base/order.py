@@ -97,9 +97,7 @@ def _pivots(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generator
     return tuple(order[k] for k in pivots)
 
 
-def _exchange(
-    rows: dict[int, dict[int, RationalFunction]], entering: list[int], leaving: set[int]
-) -> tuple[int, int]:
+def _exchange(rows: dict[int, dict[int, RationalFunction]], entering: list[int], leaving: set[int]) -> tuple[int, int]:
     """The cheapest next exchange: the simplest non-zero entry of a leaving row in an entering column."""
     choices = [
         (_complexity(rows[pivot][column]), column, pivot)

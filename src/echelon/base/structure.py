@@ -146,9 +146,7 @@ def _agreed(forms: LinearForms, rng: np.random.Generator, passes: int = 2) -> di
     raise EchelonError("random points keep contradicting each other; please report this model")
 
 
-def _dependent_columns(
-    forms: LinearForms, field: PrimeField, rng: np.random.Generator
-) -> dict[int, tuple[int, ...]]:
+def _dependent_columns(forms: LinearForms, field: PrimeField, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
     matrix = sample_matrix(forms, field, rng, forms.shape[1] + _SURPLUS_ROWS)
     reduced, pivots = reduced_echelon(matrix, field)
     free = sorted(set(range(forms.shape[1])) - set(pivots))

@@ -78,7 +78,9 @@ def derive(
     robot: Annotated[Path, typer.Argument(help="URDF, MJCF or Echelon description (YAML, JSON).")],
     output_format: Annotated[Format, typer.Option("--format", "-f", help="What to write.")] = Format.TEXT,
     as_json: Annotated[bool, typer.Option("--json", help="Short for --format json.")] = False,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write instead of the terminal.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="File to write instead of the terminal.")
+    ] = None,
     floating: Annotated[bool, typer.Option(help="Let the root link float.")] = False,
     gravity: Annotated[
         str, typer.Option(help="'file', 'none', 'generic', or three numbers or expressions: '0,0,-9.81'.")

@@ -6,8 +6,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from echelon.base.display import by_class, compact_names, facts, headline
+from echelon.base.display import classification_rows, facts, headline, legend
 from echelon.base.model import BaseModel, Identifiability
+from echelon.conventions import PARAMETERS
 
 _COLOURS = {
     Identifiability.ALONE: "green",
@@ -27,9 +28,20 @@ def print_model(model: BaseModel, elapsed: float) -> None:
     for i, expression in enumerate(model.expressions):
         table.add_row(str(i + 1), Text(str(expression)), expression.unit)
     console.print(table)
-    for kind, names in by_class(model):
-        label = Text(f"{kind.value} ({len(names)}): ", style=_COLOURS[kind])
-        console.print(label + Text(compact_names(names)))
+    if model.parameters:
+        console.print(_classification(model))
+        console.print(Text(legend(model)))
     for label_text, text in facts(model):
-        console.print(Text(f"{label_text}: ", style="cyan") + Text(text))
-    console.print(Text("time: ", style="cyan") + Text(f"{elapsed:.2f} s"))
+        console.print(Text.assemble((f"{label_text}: ", "cyan"), text))
+    console.print(Text.assemble(("time: ", "cyan"), f"{elapsed:.2f} s"))
+
+
+def _classification(model: BaseModel) -> Table:
+    """One row per body, one mark per parameter."""
+    table = Table(show_header=True, header_style="bold", box=None, padding=(0, 1, 0, 0))
+    table.add_column("body", overflow="fold")
+    for name in PARAMETERS:
+        table.add_column(name, justify="center")
+    for title, marks in classification_rows(model):
+        table.add_row(Text(title), *(Text(mark, style=_COLOURS[kind]) for mark, kind in marks))
+    return table

@@ -11,25 +11,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement, product
 
 import numpy as np
 
 from echelon.errors import ClosedFormError, DegenerateSampleError
-from echelon.exact.elimination import null_vectors
+from echelon.exact.ansatz import (
+    EXTRA_SAMPLES,
+    Ansatz,
+    Fit,
+    Geometry,
+    fit_polynomials,
+    fit_quotient,
+    generator_values,
+    monomials_up_to,
+    solve_ansatz,
+)
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import Number, Rational, surd
-from echelon.exact.polynomial import Monomial, Polynomial, cosine, sine
+from echelon.exact.polynomial import Monomial, Polynomial
 from echelon.exact.rational import RationalFunction
 from echelon.exact.reconstruction import combine, rational
 
-_EXTRA_SAMPLES = 4
 _LARGEST_ANSATZ = 1500
 _LARGEST_DENOMINATOR_DEGREE = 6
 _MOST_PRIMES = 64
 _ATTEMPTS = 8
-
-Geometry = Mapping[str, Residues]
 
 
 @dataclass(frozen=True)
@@ -39,7 +45,8 @@ class UnknownFunctions:
     Attributes
     ----------
     evaluate : callable (field, geometry) -> array of shape (functions, geometries)
-        Geometry maps every symbol to an array of values (for an angle: of the tangent of its half).
+        Geometry maps every symbol to an array of values (for an angle: of the tangent of its half); without symbols
+        there is one geometry.
     symbols : sequence of str
         All symbols that may matter.
     angles : collection of str
@@ -58,18 +65,6 @@ class UnknownFunctions:
     lengths: frozenset[str]
     degrees: Sequence[int]
     irrational: tuple[bool, bool]
-
-
-@dataclass(frozen=True)
-class _Ansatz:
-    """Numerator and denominator monomials of one function."""
-
-    numerator: tuple[Monomial, ...]
-    denominator: tuple[Monomial, ...]
-
-    @property
-    def size(self) -> int:
-        return len(self.numerator) + len(self.denominator)
 
 
 def interpolate(unknown: UnknownFunctions, rng: np.random.Generator) -> list[RationalFunction]:
@@ -109,9 +104,11 @@ class _Interpolation:
         for _ in range(_ATTEMPTS):
             geometry = {s: field.draw(self.rng, (count,)) for s in self.unknown.symbols}
             try:
-                return geometry, self.unknown.evaluate(field, geometry)
+                values = self.unknown.evaluate(field, geometry)
             except DegenerateSampleError:
                 continue
+            # without symbols there is one geometry only
+            return geometry, np.broadcast_to(values, (len(values), count))
         raise ClosedFormError(f"{_ATTEMPTS} random geometries in a row were singular")
 
     # -- which symbols matter ------------------------------------------------------------------------------------
@@ -152,28 +149,39 @@ class _Interpolation:
 
     # -- which monomials occur -----------------------------------------------------------------------------------
 
-    def _choose(self, field: PrimeField, depends: list[list[str]]) -> list[tuple[_Ansatz, list[int]]]:
+    def _choose(self, field: PrimeField, depends: list[list[str]]) -> list[Fit]:
         """The smallest ansatz that fits each function, and its coefficients in this field."""
-        chosen: dict[int, tuple[_Ansatz, list[int]]] = {}
+        chosen: dict[int, Fit] = {}
         for extra in range(_LARGEST_DENOMINATOR_DEGREE + 1):
-            open_functions = [i for i in range(len(depends)) if i not in chosen]
-            trials = {i: self._trial(depends[i], self.unknown.degrees[i], extra) for i in open_functions}
-            trials = {i: t for i, t in trials.items() if sum(map(len, t)) <= _LARGEST_ANSATZ}
-            if not trials:
-                continue
-            count = max(len(top) + len(bottom) for top, bottom in trials.values()) + _EXTRA_SAMPLES
-            geometry, values = self._sample(field, count)
-            for i, (top, bottom) in trials.items():
-                used = len(top) + len(bottom) + _EXTRA_SAMPLES
-                fit = _fit(field, geometry, values[i], top, bottom, used)
-                if fit is not None:
-                    chosen[i] = fit
+            trials: dict[tuple[tuple[Monomial, ...], tuple[Monomial, ...]], list[int]] = {}
+            for i, names in enumerate(depends):
+                if i not in chosen:
+                    trial = self._trial(names, self.unknown.degrees[i], extra)
+                    trials.setdefault((tuple(trial[0]), tuple(trial[1])), []).append(i)
+            trials = {key: v for key, v in trials.items() if len(key[0]) + len(key[1]) <= _LARGEST_ANSATZ}
+            chosen |= self._fit_trials(field, trials)
             if len(chosen) == len(depends):
                 return [chosen[i] for i in range(len(depends))]
         worst = next(i for i in range(len(depends)) if i not in chosen)
         raise ClosedFormError(
             f"no quotient of low degree in {', '.join(depends[worst]) or 'no symbol'} fits a coefficient"
         )
+
+    def _fit_trials(
+        self, field: PrimeField, trials: Mapping[tuple[tuple[Monomial, ...], tuple[Monomial, ...]], list[int]]
+    ) -> dict[int, Fit]:
+        """The functions, by index, that their trial monomials can represent."""
+        found: dict[int, Fit] = {}
+        if not trials:
+            return found
+        geometry, values = self._sample(field, max(len(a) + len(b) for a, b in trials) + EXTRA_SAMPLES)
+        for (top, bottom), indices in trials.items():
+            if bottom == ((),):
+                fits = fit_polynomials(field, geometry, values[indices], top)
+            else:
+                fits = [fit_quotient(field, geometry, values[i], top, bottom) for i in indices]
+            found |= {i: fit for i, fit in zip(indices, fits, strict=True) if fit is not None}
+        return found
 
     def _trial(self, names: list[str], degree: int, extra: int) -> tuple[list[Monomial], list[Monomial]]:
         """Monomials of numerator and denominator; ``extra`` is how much more the denominator may have than it must."""
@@ -182,15 +190,15 @@ class _Interpolation:
         others = [s for s in names if s not in self.unknown.lengths and s not in self.unknown.angles]
         below = extra + max(0, -degree) if lengths else 0
         above = extra + max(0, degree) if lengths else 0
-        top = _monomials(lengths, above, angles, max(2, 1 + extra), others, 2 + extra)
+        top = monomials_up_to(lengths, above, angles, max(2, 1 + extra), others, 2 + extra)
         bottom: list[Monomial] = [()]
         if extra or below:
-            bottom = _monomials(lengths, below, angles, 1 + extra, others, extra)
+            bottom = monomials_up_to(lengths, below, angles, 1 + extra, others, extra)
         return top, bottom
 
     # -- exact coefficients --------------------------------------------------------------------------------------
 
-    def _coefficients(self, ansatz: list[_Ansatz], first: list[list[int]], field: PrimeField) -> list[RationalFunction]:
+    def _coefficients(self, ansatz: list[Ansatz], first: list[list[int]], field: PrimeField) -> list[RationalFunction]:
         primes: list[int] = []
         tables: list[list[list[list[int]]]] = []  # per prime and function: the four parts of every coefficient
         if not any(self.unknown.irrational):  # the choosing field already gave the coefficients
@@ -215,7 +223,7 @@ class _Interpolation:
         field = PrimeField.random(self.rng)
         geometry, values = self._sample(field, 1)
         monomials = [m for f in functions for part in (f.numerator, f.denominator) for m in part.terms]
-        point = {g: int(x[0]) for g, x in _generator_values(field, geometry, monomials).items()}
+        point = {g: int(x[0]) for g, x in generator_values(field, geometry, monomials).items()}
         try:
             pairs = [
                 (f.numerator.evaluate(point, field.embed), f.denominator.evaluate(point, field.embed))
@@ -225,112 +233,17 @@ class _Interpolation:
             return False
         return not any((top - int(v) * bottom) % field.p for (top, bottom), v in zip(pairs, values[:, 0], strict=True))
 
-    def _parts(self, ansatz: list[_Ansatz], field: PrimeField) -> list[list[list[int]]]:
+    def _parts(self, ansatz: list[Ansatz], field: PrimeField) -> list[list[list[int]]]:
         """Residues of the four parts (1, √2, √3, √6) of every coefficient of every function."""
         flips2, flips3 = ((False, True) if flag else (False,) for flag in self.unknown.irrational)
         embeddings = {(a, b): self._solve(ansatz, field.conjugate(a, b)) for a in flips2 for b in flips3}
         return [_separate({k: v[i] for k, v in embeddings.items()}, field) for i in range(len(ansatz))]
 
-    def _solve(self, ansatz: list[_Ansatz], field: PrimeField) -> list[list[int]]:
+    def _solve(self, ansatz: list[Ansatz], field: PrimeField) -> list[list[int]]:
         """Coefficients of every function in one field."""
         count = max((a.size for a in ansatz), default=0) + 1
         geometry, values = self._sample(field, count)
-        return [_solve_one(a, field, geometry, values[i]) for i, a in enumerate(ansatz)]
-
-
-def _monomials(
-    lengths: list[str], degree: int, angles: list[str], turn: int, others: list[str], power: int
-) -> list[Monomial]:
-    """Monomials homogeneous in lengths, up to degree ``turn`` in each angle and ``power`` in other symbols together."""
-    length_part = [_collect(c) for c in combinations_with_replacement(lengths, degree)]
-    angle_parts = [_circle_basis(angle, turn) for angle in angles]
-    other_part = [_collect(c) for e in range(power + 1) for c in combinations_with_replacement(others, e)]
-    return [
-        tuple(sorted(pair for factor in factors for pair in factor))
-        for factors in product(length_part, *angle_parts, other_part)
-    ]
-
-
-def _collect(names: tuple[str, ...]) -> Monomial:
-    return tuple((name, names.count(name)) for name in sorted(set(names)))
-
-
-def _circle_basis(angle: str, degree: int) -> list[Monomial]:
-    """Basis of the polynomials of this degree in cos and sin, with sin² eliminated."""
-    basis: list[Monomial] = []
-    for power in range(degree + 1):
-        basis.append(((cosine(angle), power),) if power else ())
-        if power < degree:
-            basis.append(tuple(sorted((*(((cosine(angle), power),) if power else ()), (sine(angle), 1)))))
-    return basis
-
-
-def _generator_values(field: PrimeField, geometry: Geometry, monomials: Sequence[Monomial]) -> dict[str, Residues]:
-    values: dict[str, Residues] = {}
-    for generator in {g for monomial in monomials for g, _ in monomial}:
-        if generator.endswith(")"):
-            c, s = field.circle(geometry[generator[4:-1]])
-            values[generator] = c if generator.startswith("cos") else s
-        else:
-            values[generator] = geometry[generator]
-    return values
-
-
-def _design(field: PrimeField, geometry: Geometry, monomials: Sequence[Monomial], count: int) -> Residues:
-    """Values of the monomials: array of shape (count, monomials)."""
-    values = _generator_values(field, geometry, monomials)
-    columns = np.ones((count, len(monomials)), dtype=np.int64)
-    for k, monomial in enumerate(monomials):
-        for generator, exponent in monomial:
-            for _ in range(exponent):
-                columns[:, k] = columns[:, k] * values[generator][:count] % field.p
-    return columns
-
-
-def _system(
-    field: PrimeField,
-    geometry: Geometry,
-    values: Residues,
-    top: Sequence[Monomial],
-    bottom: Sequence[Monomial],
-    count: int,
-) -> Residues:
-    """Equations numerator − value · denominator = 0 in the coefficients."""
-    numerator = _design(field, geometry, top, count)
-    denominator = _design(field, geometry, bottom, count) * values[:count, None] % field.p
-    return np.concatenate([numerator, -denominator % field.p], axis=1)
-
-
-def _fit(
-    field: PrimeField,
-    geometry: Geometry,
-    values: Residues,
-    top: list[Monomial],
-    bottom: list[Monomial],
-    count: int,
-) -> tuple[_Ansatz, list[int]] | None:
-    """The occurring monomials and their coefficients if numerator/denominator can represent the values."""
-    for vector in null_vectors(_system(field, geometry, values, top, bottom, count), field):
-        above = [(m, c) for m, c in zip(top, vector, strict=False) if c]
-        below = [(m, c) for m, c in zip(bottom, vector[len(top) :], strict=True) if c]
-        if below:
-            ansatz = _Ansatz(tuple(m for m, _ in above), tuple(m for m, _ in below))
-            return ansatz, _normalised([c for _, c in above + below], field)
-    return None
-
-
-def _solve_one(ansatz: _Ansatz, field: PrimeField, geometry: Geometry, values: Residues) -> list[int]:
-    system = _system(field, geometry, values, ansatz.numerator, ansatz.denominator, ansatz.size + 1)
-    solutions = null_vectors(system, field)
-    if len(solutions) != 1 or not solutions[0][-1]:
-        raise DegenerateSampleError("the ansatz does not have one solution here")
-    return _normalised(solutions[0], field)
-
-
-def _normalised(vector: list[int], field: PrimeField) -> list[int]:
-    """Coefficients scaled so that the last one, of the last denominator monomial, is 1."""
-    scale = field.invert(vector[-1])
-    return [c * scale % field.p for c in vector]
+        return [solve_ansatz(a, field, geometry, values[i]) for i, a in enumerate(ansatz)]
 
 
 def _separate(embeddings: Mapping[tuple[bool, bool], list[int]], field: PrimeField) -> list[list[int]]:
@@ -353,7 +266,7 @@ def _separate(embeddings: Mapping[tuple[bool, bool], list[int]], field: PrimeFie
 
 
 def _reconstruct(
-    ansatz: list[_Ansatz], tables: list[list[list[list[int]]]], primes: list[int]
+    ansatz: list[Ansatz], tables: list[list[list[list[int]]]], primes: list[int]
 ) -> list[RationalFunction] | None:
     functions = []
     for i, shape in enumerate(ansatz):

@@ -198,19 +198,18 @@ def _multiply(left: Monomial, right: Monomial) -> list[tuple[Monomial, int]]:
     exponents = dict(left)
     for generator, exponent in right:
         exponents[generator] = exponents.get(generator, 0) + exponent
+    return _reduced(exponents)
+
+
+def _reduced(exponents: dict[str, int]) -> list[tuple[Monomial, int]]:
+    """A product of generators as a sum of monomials without powers of sines."""
     for generator, exponent in exponents.items():
         if exponent >= 2 and generator.startswith("sin("):
-            return _reduce_sine(exponents, generator)
-    return [(tuple(sorted(exponents.items())), 1)]
-
-
-def _reduce_sine(exponents: dict[str, int], generator: str) -> list[tuple[Monomial, int]]:
-    rest = {g: e for g, e in exponents.items() if g != generator}
-    if exponents[generator] > 2:
-        rest[generator] = exponents[generator] - 2
-    base: Monomial = tuple(sorted(rest.items()))
-    squared: Monomial = ((cosine(symbol_of(generator)), 2),)
-    return _multiply(base, _ONE) + [(m, -f) for m, f in _multiply(base, squared)]
+            partner = cosine(symbol_of(generator))
+            rest = {**exponents, generator: exponent - 2}
+            squared = {**rest, partner: rest.get(partner, 0) + 2}
+            return _reduced(rest) + [(m, -f) for m, f in _reduced(squared)]
+    return [(tuple(sorted((g, e) for g, e in exponents.items() if e)), 1)]
 
 
 def format_polynomial(polynomial: Polynomial) -> str:

@@ -9,17 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from fractions import Fraction
-from functools import partial
 from typing import Any, TypeVar
 
 import flint
 
 from echelon.exact.numbers import Number, Surd, inverse, parts_of, surd
-from echelon.exact.polynomial import Polynomial, as_polynomial, format_polynomial
+from echelon.exact.polynomial import Monomial, Polynomial, as_polynomial, cosine, format_polynomial, symbol_of
 
 T = TypeVar("T")
 _ONE = Polynomial.constant(1)
-_CONJUGATIONS = ((1, -1, 1, -1), (1, 1, -1, -1))  # signs of 1, √2, √3, √6 when √2 or √3 changes its sign
 
 
 class RationalFunction:
@@ -68,7 +66,7 @@ class RationalFunction:
     def __hash__(self) -> int:
         if self.is_polynomial:
             return hash(self.numerator)
-        return hash(_monic(*_cancel(*_rationalised(self.numerator, self.denominator))))
+        return hash(_unique(self.numerator, self.denominator))
 
     def __bool__(self) -> bool:
         return bool(self.numerator)
@@ -98,11 +96,19 @@ def _lowest_terms(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Poly
     if not top:
         return top, _ONE
     if bottom.number is None:
-        plain = _rationalised(top, bottom)
-        reduced = _cancel(*plain)
-        # where rationalising leaves a true quotient, the original is the shorter one
-        top, bottom = reduced if plain[1] is bottom or reduced[1].number is not None else _cancel(top, bottom)
+        ring = _Ring(top, bottom)
+        short = _coprime(ring.enter(top), ring.enter(bottom))
+        plain = _coprime(*ring.rationalised(*short))
+        # a true quotient is mostly longer when rationalised, but a polynomial shows itself only then
+        top, bottom = map(ring.leave, plain if plain[1].is_constant() else short)
     return _monic(top, bottom)
+
+
+def _unique(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polynomial]:
+    """The one way of writing a quotient with coprime polynomials and no sine or root in the denominator."""
+    ring = _Ring(top, bottom)
+    plain = _coprime(*ring.rationalised(ring.enter(top), ring.enter(bottom)))
+    return _monic(*map(ring.leave, plain))
 
 
 def _monic(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polynomial]:
@@ -117,66 +123,66 @@ def _plain(x: Number) -> Number:
     return x.numerator if isinstance(x, Fraction) and x.denominator == 1 else x
 
 
-def _rationalised(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polynomial]:
-    """The same quotient with a denominator free of sines and roots; in lowest terms it is unique."""
-    sines = [g for g in bottom.generators() if g.startswith("sin(")]
-    flips = [*(partial(_flip_sine, g) for g in sines), *(partial(_flip_roots, signs) for signs in _CONJUGATIONS)]
-    for flip in flips:
-        conjugate = flip(bottom)
-        if conjugate != bottom:
-            top, bottom = top * conjugate, bottom * conjugate
-    return top, bottom
+def _coprime(top: Any, bottom: Any) -> tuple[Any, Any]:
+    """FLINT polynomials divided by their greatest common divisor."""
+    divisor = top.gcd(bottom)
+    return top / divisor, bottom / divisor
 
 
-def _flip_sine(sine: str, polynomial: Polynomial) -> Polynomial:
-    return Polynomial({m: -c if (sine, 1) in m else c for m, c in polynomial.terms.items()})
+class _Ring:
+    """FLINT's ring for some polynomials, with √2 and √3 as extra generators.
 
-
-def _flip_roots(signs: tuple[int, ...], polynomial: Polynomial) -> Polynomial:
-    parts = {m: parts_of(c) for m, c in polynomial.terms.items()}
-    return Polynomial({m: surd(*(s * x for s, x in zip(signs, p, strict=True))) for m, p in parts.items()})
-
-
-def _cancel(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polynomial]:
-    """Divide both by their greatest common divisor; √2 and √3 take part as extra generators.
-
-    Sines, cosines and roots are independent generators here, so with them the quotient is correct but perhaps not the
-    shortest one (see :func:`_rationalised`).
+    FLINT does not know that sines and roots are algebraic, so its gcd may miss a factor that needs their squares.
     """
-    names = tuple(sorted({*top.generators(), *bottom.generators(), "√2", "√3"}))
-    context = flint.fmpq_mpoly_ctx.get(("x", len(names)), flint.Ordering.lex)
-    flint_top, flint_bottom = _to_flint(top, names, context), _to_flint(bottom, names, context)
-    divisor = flint_top.gcd(flint_bottom)
-    return _from_flint(flint_top / divisor, names), _from_flint(flint_bottom / divisor, names)
 
+    def __init__(self, *polynomials: Polynomial) -> None:
+        generators = {g for polynomial in polynomials for g in polynomial.generators()}
+        sines = sorted(g for g in generators if g.startswith("sin("))
+        generators |= {cosine(symbol_of(g)) for g in sines}
+        self.names = (*sorted(generators), "√2", "√3")
+        self.context = flint.fmpq_mpoly_ctx.get(("x", len(self.names)), flint.Ordering.lex)
+        element = dict(zip(self.names, self.context.gens(), strict=True))
+        squares = {"√2": self.context.constant(2), "√3": self.context.constant(3)}
+        squares |= {g: 1 - element[cosine(symbol_of(g))] ** 2 for g in sines}
+        self.squares = [(self.names.index(g), element[g], square) for g, square in squares.items()]
 
-def _to_flint(polynomial: Polynomial, names: tuple[str, ...], context: Any) -> Any:
-    index = {name: i for i, name in enumerate(names)}
-    terms: dict[tuple[int, ...], Any] = {}
-    for monomial, coefficient in polynomial.terms.items():
-        exponents = [0] * len(names)
-        for generator, exponent in monomial:
-            exponents[index[generator]] = exponent
-        parts = coefficient.parts if isinstance(coefficient, Surd) else (coefficient,)
-        for k, part in enumerate(parts):
-            if part:
-                exponents[index["√2"]], exponents[index["√3"]] = k & 1, k >> 1
-                value = Fraction(part)
-                terms[tuple(exponents)] = flint.fmpq(value.numerator, value.denominator)
-    return context.from_dict(terms)
+    def enter(self, polynomial: Polynomial) -> Any:
+        """A polynomial as an element of this ring."""
+        terms: dict[tuple[int, ...], Any] = {}
+        for monomial, coefficient in polynomial.terms.items():
+            powers = dict(monomial)
+            exponents = [powers.get(name, 0) for name in self.names[:-2]]
+            for k, part in enumerate(parts_of(coefficient)):
+                if part:
+                    terms[*exponents, k & 1, k >> 1] = flint.fmpq(part.numerator, part.denominator)
+        return self.context.from_dict(terms)
 
+    def leave(self, element: Any) -> Polynomial:
+        """An element without squares of roots as a polynomial."""
+        terms: dict[Monomial, Number] = {}
+        for exponents, coefficient in element.to_dict().items():
+            monomial = tuple((name, int(e)) for name, e in zip(self.names[:-2], exponents, strict=False) if e)
+            value = _plain(Fraction(int(coefficient.p), int(coefficient.q)))
+            root = surd(*(int(k == exponents[-2] + 2 * exponents[-1]) for k in range(4)))
+            terms[monomial] = terms.get(monomial, 0) + root * value
+        return Polynomial(terms)
 
-def _from_flint(polynomial: Any, names: tuple[str, ...]) -> Polynomial:
-    roots: dict[str, Polynomial] = {
-        "√2": Polynomial.constant(Surd((0, 1, 0, 0))),
-        "√3": Polynomial.constant(Surd((0, 0, 1, 0))),
-    }
-    parts = []
-    for exponents, coefficient in polynomial.to_dict().items():
-        value = _plain(Fraction(int(coefficient.p), int(coefficient.q)))
-        part = Polynomial.constant(value)
-        for name, exponent in zip(names, exponents, strict=True):
-            if exponent:
-                part = part * (roots.get(name) or Polynomial.generator(name)) ** int(exponent)
-        parts.append(part)
-    return Polynomial.sum(parts)
+    def rationalised(self, top: Any, bottom: Any) -> tuple[Any, Any]:
+        """The same quotient with a denominator free of sines and roots, by multiplying with its conjugates."""
+        for index, element, square in self.squares:
+            (p, q), (a, b) = self._split(top, index, square), self._split(bottom, index, square)
+            top, bottom = p + q * element, a
+            if b:
+                top, bottom = p * a - q * b * square + (q * a - p * b) * element, a * a - b * b * square
+        return top, bottom
+
+    def _split(self, polynomial: Any, index: int, square: Any) -> tuple[Any, Any]:
+        """Parts without and with one generator, whose powers are replaced by powers of its square."""
+        by_power: dict[int, dict[tuple[int, ...], Any]] = {}
+        for exponents, coefficient in polynomial.to_dict().items():
+            rest = (*exponents[:index], 0, *exponents[index + 1 :])
+            by_power.setdefault(int(exponents[index]), {})[rest] = coefficient
+        halves = [self.context.constant(0), self.context.constant(0)]
+        for power, terms in by_power.items():
+            halves[power % 2] += self.context.from_dict(terms) * square ** (power // 2)
+        return halves[0], halves[1]

@@ -74,9 +74,7 @@ class _Builder:
             else:
                 self._attach(index, link)
         self._attach_inertials()
-        couplings = tuple(
-            Coupling(c.dependent, ((c.leader, as_polynomial(c.ratio)),)) for c in self.couplings.values()
-        )
+        couplings = tuple(Coupling(c.dependent, ((c.leader, as_polynomial(c.ratio)),)) for c in self.couplings.values())
         used = {s for b in self.bodies for s in b.joint.symbols()}
         reading = FileReading(self.tree, self.options, tuple(self.intent.snaps), tuple(self.notes))
         return Mechanism(
@@ -182,5 +180,5 @@ class _Builder:
                 )
             resolved[name] = coupling
         if resolved:
-            self.notes.append(f"{len(resolved)} joints are coupled to others (mimic)")
+            self.notes.append(f"coupled to another joint: {', '.join(resolved)}")
         return resolved

@@ -33,9 +33,7 @@ def numeric_placement(placement: LiteralPlacement) -> tuple[npt.NDArray[np.float
     return rotation_matrix(roll, pitch, yaw), np.array([float(v) for v in placement.xyz])
 
 
-def central_inertial(
-    mass: float, centre: npt.ArrayLike, tensor: npt.ArrayLike, rotation: npt.ArrayLike
-) -> Inertial:
+def central_inertial(mass: float, centre: npt.ArrayLike, tensor: npt.ArrayLike, rotation: npt.ArrayLike) -> Inertial:
     """Standard parameters from mass, centre of mass, and inertia about it in rotated axes.
 
     Parameters

@@ -16,7 +16,7 @@ from math import acos, atan2, hypot, pi, sqrt
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.numbers import Number, Rational, Surd, format_number
 from echelon.exact.polynomial import Polynomial, as_polynomial, float_generators
-from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree
+from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree, Triple
 from echelon.formats.options import LENGTH_TOLERANCE, PRECISION, ReadingOptions
 from echelon.mechanism.joint import (
     Motion,
@@ -114,6 +114,11 @@ class Intent:
             if difference > _EXACT * max(1.0, abs(number)):
                 self.snaps.append(Snap(element, _decimal(value), f"{steps * 15}°", difference))
             return Angle(Fraction(steps, STEPS_PER_HALF_TURN))
+        return self.named_angle(value, element, name)
+
+    def named_angle(self, value: Rational | float, element: str, name: str) -> Angle:
+        """A number of radians as a multiple of 90° and a symbol, however near to a multiple of 15° it is."""
+        number = float(value)
         quarters = round(number / (pi / 2))
         rest = number - quarters * (pi / 2)
         symbol = self._angle_symbol(abs(rest), value if quarters == 0 else None, element, name)
@@ -139,7 +144,7 @@ class Intent:
             return (Motion(MotionKind.BALL, literal.name),)
         if literal.kind == "floating":
             return floating_motions(literal.name)
-        mounting, axis, sign = self._direction(literal, label)
+        mounting, axis, sign = self.direction(literal.axis, f"{literal.element} axis", label)
         if literal.kind == "planar":
             flip = turn((axis + 1) % 3, Angle(Fraction(1))) if sign < 0 else Placement()
             mounting, motions = mounting @ flip, planar_motions(literal.name, axis)
@@ -148,17 +153,16 @@ class Intent:
             motions = (Motion(literal.kind, literal.name, axis, sign),)
         return (mounting, *motions, mounting.inverse())
 
-    def _direction(self, literal: LiteralMotion, label: str) -> tuple[Placement, int, int]:
-        """A placement, a coordinate axis of it, and a sign, that together give the direction."""
-        x, y, z = (float(v) for v in literal.axis)
+    def direction(self, direction: Triple, element: str, label: str) -> tuple[Placement, int, int]:
+        """A placement, a coordinate axis of it, and a sign, that together give a direction of any length."""
+        x, y, z = (float(v) for v in direction)
         length = sqrt(x * x + y * y + z * z)
-        element = f"{literal.element} axis"
         for axis, component in enumerate((x, y, z)):
             rest = [v for k, v in enumerate((x, y, z)) if k != axis]
             off = atan2(hypot(*rest), abs(component))
             if off <= max(self._angle_tolerance(element), _EXACT):
                 if off:
-                    text = " ".join(_decimal(v) for v in literal.axis)
+                    text = " ".join(_decimal(v) for v in direction)
                     self.snaps.append(Snap(element, f"({text})", "xyz"[axis], off))
                 return Placement(), axis, 1 if component > 0 else -1
         azimuth = self.angle(atan2(y, x), f"{element} azimuth", f"azimuth{label}")
@@ -176,15 +180,13 @@ class Intent:
         """Numeric value of an expression in angle symbols."""
         return numeric_value(value, {name: s.value for name, s in self.symbols.items() if s.value is not None})
 
-    def _new_symbol(
-        self, name: str, exact: Polynomial | None, element: str, value: float | None = None
-    ) -> str:
+    def _new_symbol(self, name: str, exact: Polynomial | None, element: str, value: float | None = None) -> str:
         unique, suffix = name, "b"
         while unique in self.symbols:
             unique, suffix = name + suffix, chr(ord(suffix) + 1)
         number = exact.number if exact is not None else None
         size = self.numeric(exact) if value is None and exact is not None else value
-        self.symbols[unique] = Symbol(unique, size, None if number is None else _text(number), element)
+        self.symbols[unique] = Symbol(unique, size, None if number is None else exact_text(number), element)
         return unique
 
 
@@ -197,7 +199,7 @@ def _decimal(value: Rational | float) -> str:
     return repr(float(value)) if not isinstance(value, int) else str(value)
 
 
-def _text(number: Number) -> str:
+def exact_text(number: Number) -> str:
     """Exact text of a number, as a terminating decimal where it has one."""
     if isinstance(number, Surd):
         return format_number(number)

@@ -63,9 +63,7 @@ def load(
     >>> print(ec.load("examples/panda.yaml"))
     panda: 7 bodies, 7 degrees of freedom
     """
-    options = ReadingOptions(
-        tolerance, symbolic, floating, every_link, independent_mimics, tuple(massless), gravity
-    )
+    options = ReadingOptions(tolerance, symbolic, floating, every_link, independent_mimics, tuple(massless), gravity)
     file = Path(path)
     return parse_robot(_read(file), str(file), options, file.parent)
 

@@ -25,11 +25,15 @@ NO_MASS = 2e-15
 
 # None of these moves a body or changes its inertia; equalities, which do matter, are kept.
 _IRRELEVANT = ("keys", "sensors", "actuators", "tendons", "pairs", "excludes", "skins", "tuples")
-_NUMERIC = frozenset(
-    "pos quat axis ref axisangle xyaxes zaxis euler mass density diaginertia fullinertia fromto size gravity "
-    "polycoef offset scale massscale".split()
+_EFFECTS = ("armature", "damping", "frictionloss", "stiffness")
+_NUMERIC = {
+    *("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "axis", "ref", "polycoef", "gravity"),
+    *("mass", "density", "diaginertia", "fullinertia", "fromto", "size", "offset", "scale", "massscale"),
+}
+_COMPILED = (
+    *("body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos", "body_iquat"),
+    *("jnt_pos", "jnt_axis", "qpos0"),
 )
-_COMPILED = "body_pos body_quat body_ipos body_iquat body_mass body_inertia jnt_pos jnt_axis qpos0".split()
 
 
 @dataclass(frozen=True)
@@ -111,7 +115,9 @@ def compile_spec(spec: Any, source: str, directory: Path | None) -> CompiledMode
         If MuJoCo refuses the model for another reason than missing files or masses.
     """
     mujoco = import_mujoco()
-    notes = _keep_frames(spec, mujoco)
+    notes = _effect_notes(spec)
+    if _keep_frames(spec, mujoco):
+        notes.append("free bodies keep the frames of the file: the alignment that it asks for is ignored")
     _name_all(spec)
     _remove_irrelevant(spec)
     stages = [_absent_meshes(spec, directory)] if directory is None else [set(), _absent_meshes(spec, directory)]
@@ -168,7 +174,7 @@ def _decoded(text: str | bytes, source: str) -> str:
 def _check_finite(root: Any, source: str) -> None:
     """MuJoCo itself lets nan and inf pass with no more than a warning."""
     for element in root.iter():
-        for name in _NUMERIC & element.keys():
+        for name in sorted(_NUMERIC.intersection(element.keys())):
             for word in element.get(name).split():
                 try:
                     finite = isfinite(float(word))
@@ -200,8 +206,15 @@ def _wrapped(error: Exception, source: str) -> InputError:
 # -- preparation -------------------------------------------------------------------------------------------------------
 
 
-def _keep_frames(spec: Any, mujoco: Any) -> list[str]:
-    """Settings under which bodies and their frames stay as the file has them."""
+def _effect_notes(spec: Any) -> list[str]:
+    found = [f"joint {name}" for name in _EFFECTS if any(np.any(getattr(joint, name)) for joint in spec.joints)]
+    found += ["gravity compensation"] if any(body.gravcomp for body in spec.bodies) else []
+    found += ["tendons"] if spec.tendons else []
+    return [f"ignored, since rigid-body parameters do not cover them: {', '.join(found)}"] if found else []
+
+
+def _keep_frames(spec: Any, mujoco: Any) -> bool:
+    """Make bodies and their frames stay as the file has them; whether free joints were to change them."""
     compiler = spec.compiler
     compiler.fusestatic = compiler.discardvisual = False
     compiler.boundmass = max(compiler.boundmass, NO_MASS)
@@ -209,11 +222,10 @@ def _keep_frames(spec: Any, mujoco: Any) -> list[str]:
     aligned = mujoco.mjtAlignFree
     free = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
     asked = (aligned.mjALIGNFREE_TRUE, aligned.mjALIGNFREE_AUTO) if compiler.alignfree else (aligned.mjALIGNFREE_TRUE,)
-    notes = ["free bodies keep the frames of the file: alignment with the inertia is ignored"]
     changed = any(joint.align in asked for joint in free)
     for joint in free:
         joint.align = aligned.mjALIGNFREE_FALSE
-    return notes if changed else []
+    return changed
 
 
 def _name_all(spec: Any) -> None:

@@ -65,9 +65,7 @@ def evaluate_floats(
         for node in schedule.leaves:
             name = forms.program.inputs[node].name
             leaves[node] = np.full(size, constants[name]) if name in constants else named[name][block]
-        for (row, column), value in zip(
-            forms.entries, schedule.run(FloatArithmetic(), leaves, size), strict=True
-        ):
+        for (row, column), value in zip(forms.entries, schedule.run(FloatArithmetic(), leaves, size), strict=True):
             result[block, row, column] = value
     return result
 

@@ -66,9 +66,7 @@ def _output_weights(mechanism: Mechanism, program: Program) -> dict[str, list[tu
     return weights
 
 
-def _forward(
-    mechanism: Mechanism, recorder: Recorder, steps: dict[int, list[Step]]
-) -> dict[int, _Accelerations]:
+def _forward(mechanism: Mechanism, recorder: Recorder, steps: dict[int, list[Step]]) -> dict[int, _Accelerations]:
     gx, gy, gz = recorder.gravity()
     known = {GROUND: _Accelerations(recorder.zeros, recorder.zeros, (-gx, -gy, -gz))}
     for index, body in enumerate(mechanism.bodies):

@@ -1,0 +1,166 @@
+"""Scalars and lists of the description format, and what is said about unsuitable ones.
+
+YAML would turn ``0.0825`` into a float, ``1e-3`` into a string, ``010`` into eight and ``y`` into a truth value.  So
+scalars are read as text, and the types here say what each text may be; numbers and booleans are accepted as well, for
+documents that come from JSON or from Python.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, WithJsonSchema
+from pydantic_core import PydanticCustomError
+
+from echelon.formats.hints import nearest
+
+_FLAGS = {"true": True, "false": False}
+_RENAMED = {
+    "r": ("alpha", "Khalil's r is d here, and Khalil's d is a"),
+    "sigma": ("alpha", "write joint: revolute, prismatic or fixed"),
+    "type": ("alpha", "write joint: revolute, prismatic or fixed"),
+    "rpy": ("origin", "it belongs into origin: {rpy: …}"),
+    "xyz": ("origin", "it belongs into origin: {xyz: …}"),
+}
+"""Keys of other conventions: a key of the mapping where they are found, and what to write instead."""
+
+
+def kind_of(value: object) -> str:
+    """What a value is called in messages."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, dict):
+        return "a mapping"
+    return "a list" if isinstance(value, list | tuple) else f"'{value}'"
+
+
+def refusal(problem: str) -> PydanticCustomError:
+    """An error with a message of ours."""
+    return PydanticCustomError("refused", "{problem}", {"problem": problem})
+
+
+def _scalar(value: object, what: str) -> str:
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        found = str(value).lower() if isinstance(value, bool) else kind_of(value)
+        raise refusal(f"needs {what}, found {found}")
+    text = value.strip() if isinstance(value, str) else repr(value)
+    if not text:
+        raise refusal(f"needs {what}, found an empty text")
+    return text
+
+
+def _expression(value: object) -> str:
+    return _scalar(value, "an expression such as 0.333, pi/2 or -l1/2")
+
+
+def _name(value: object) -> str:
+    return _scalar(value, "a name")
+
+
+def _flag(value: object) -> object:
+    text = value.lower() if isinstance(value, str) else value
+    if isinstance(text, str) and text in _FLAGS:
+        return _FLAGS[text]
+    if isinstance(value, bool):
+        return value
+    raise refusal(f"needs true or false, found {kind_of(value)}")
+
+
+def _version(value: object) -> object:
+    if isinstance(value, bool) or str(value) != "1":
+        raise refusal(f"this is version {kind_of(value)} of the format; this program reads version 1: 'echelon: 1'")
+    return 1
+
+
+def _items(value: object) -> tuple[object, ...]:
+    if not isinstance(value, list | tuple):
+        raise refusal(f"needs a list, found {kind_of(value)}")
+    return tuple(value)
+
+
+def _rows(value: object) -> tuple[object, ...]:
+    if value == [] or value == ():
+        raise refusal("the list is empty; a robot has at least one body")
+    return _items(value)
+
+
+def _three(value: object) -> tuple[object, ...]:
+    return _exactly(value, 3, "three expressions such as [0, 0, 0.333]")
+
+
+def _ten(value: object) -> tuple[object, ...]:
+    return _exactly(value, 10, "ten numbers: XX XY XZ YY YZ ZZ MX MY MZ M")
+
+
+def _matrix(value: object) -> tuple[object, ...]:
+    return _exactly(value, 3, "three rows such as [[1, 0, 0], [0, 0, -1], [0, 1, 0]]")
+
+
+def _exactly(value: object, size: int, what: str) -> tuple[object, ...]:
+    if not isinstance(value, list | tuple):
+        raise refusal(f"needs a list of {what}, found {kind_of(value)}")
+    if len(value) != size:
+        raise refusal(f"needs a list of {what}, found {len(value)} entries")
+    return tuple(value)
+
+
+Expression = Annotated[str, BeforeValidator(_expression), WithJsonSchema({"type": ["number", "string"]})]
+"""The text of an exact expression."""
+
+Name = Annotated[str, BeforeValidator(_name), WithJsonSchema({"type": ["string", "integer"]})]
+Flag = Annotated[bool, BeforeValidator(_flag)]
+Version = Annotated[Literal[1], BeforeValidator(_version)]
+Triple = Annotated[tuple[Expression, Expression, Expression], BeforeValidator(_three)]
+Matrix = Annotated[tuple[Triple, Triple, Triple], BeforeValidator(_matrix)]
+Ten = Annotated[tuple[Expression, ...], BeforeValidator(_ten)]
+
+AS_LIST = BeforeValidator(_items)
+AS_ROWS = BeforeValidator(_rows)
+
+
+# -- which of several forms a value has -----------------------------------------------------------------------------
+
+
+def mapping_or_text(value: object) -> str:
+    """Tag of a value that may be a mapping, a text or null."""
+    return "null" if value is None else "mapping" if isinstance(value, dict) else "text"
+
+
+def mapping_or_expression(value: object) -> str:
+    """Tag of a value that may be a mapping or an expression."""
+    return "mapping" if isinstance(value, dict) else "text"
+
+
+def list_or_text(value: object) -> str:
+    """Tag of a value that may be a list or one of a few words."""
+    return "list" if isinstance(value, list | tuple) else "text"
+
+
+def standard_or_central(value: object) -> str:
+    """Tag of inertial values."""
+    return "standard" if isinstance(value, dict) and "standard" in value else "central"
+
+
+def motion_or_frame(value: object) -> str:
+    """Tag of a step of a custom joint."""
+    return "motion" if isinstance(value, dict) and "motion" in value else "frame"
+
+
+# -- keys -----------------------------------------------------------------------------------------------------------
+
+
+def check_keys(data: object, valid: Sequence[str]) -> None:
+    """Refuse what is not a mapping, and the first key that is not valid, with a hint at what was meant.
+
+    Raises
+    ------
+    PydanticCustomError
+    """
+    if not isinstance(data, dict):
+        raise refusal(f"needs a mapping with the keys {', '.join(valid)}; found {kind_of(data)}")
+    for key in data:
+        if key not in valid:
+            renamed = _RENAMED.get(str(key), ("", ""))
+            hint = f"; {renamed[1]}" if renamed[0] in valid else nearest(str(key), valid)
+            raise refusal(f"unknown key '{key}'{hint} (valid: {', '.join(valid)})")

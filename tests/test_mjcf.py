@@ -1,0 +1,520 @@
+"""MJCF: X ζ against MuJoCo's own inverse dynamics, exactness of numbers, snapping, and every refusal."""
+
+from __future__ import annotations
+
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from echelon.errors import InputError, MissingExtraError
+from echelon.formats.build import build_mechanism
+from echelon.formats.inertia import rotation_matrix
+from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree
+from echelon.formats.mjcf import placements, quaternion_matrix, read_mjcf
+from echelon.formats.options import ReadingOptions
+from echelon.mechanism.mechanism import Mechanism
+from oracles import float_regressor, random_states, standard_vector
+
+mujoco = pytest.importorskip("mujoco")
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+INERTIA = (
+    '<inertial pos="0.05 -0.02 0.11" mass="1.3" euler="0.2 0.3 -0.4" diaginertia="0.021 0.017 0.012"/>'
+    '<geom type="sphere" size="0.01"/>'
+)
+
+
+def read(text: str, directory: Path | None = None, mimics: bool = True) -> LiteralTree:
+    return read_mjcf(text, "robot.xml", directory, mimics=mimics)
+
+
+def model(worldbody: str, head: str = "", tail: str = "") -> str:
+    return f"<mujoco>{head}<worldbody>{worldbody}</worldbody>{tail}</mujoco>"
+
+
+def mechanism_of(tree: LiteralTree) -> Mechanism:
+    return build_mechanism(tree, ReadingOptions(tolerance=0))
+
+
+# -- inverse dynamics --------------------------------------------------------------------------------------------------
+
+MODELS = {
+    "hinges with odd orientations": model(
+        f"""
+        <body name="a" pos="0.1 -0.2 0.333" quat="0.8 0.1 -0.3 0.5"><joint name="a" axis="1 2 -0.5"/>{INERTIA}
+          <body name="b" pos="0 0.4 0.1" axisangle="1 0.2 0.3 0.7"><joint name="b" axis="0 -1 0"/>{INERTIA}
+            <body name="c" pos="0.25 0 0" xyaxes="0.2 1 0 -1 0.1 0.4"><joint name="c" axis="0 0 -3"/>{INERTIA}
+              <body name="d" pos="0.25 0 0.1" zaxis="0.3 -0.4 0.2"><joint name="d" axis="1 0 0"/>{INERTIA}</body>
+            </body>
+          </body>
+        </body>""",
+        '<compiler angle="radian"/><option gravity="1.5 -2 -9"/>',
+    ),
+    "slide and hinge on one body": model(
+        f"""
+        <body name="a" pos="0.1 0 0.2" euler="0.3 0.1 0.2">
+          <joint name="s" type="slide" axis="1 1 0" pos="0.4 0.5 0.6"/><joint name="h" axis="0 1 0" pos="0.2 -0.1 0.3"/>
+          {INERTIA}
+          <body name="b" pos="0 0.3 0">
+            <joint name="k" axis="1 0 1" pos="-0.1 0 0.2"/><joint name="t" type="slide" axis="0 0 1"/>{INERTIA}
+          </body>
+        </body>""",
+        '<compiler angle="radian"/>',
+    ),
+    "three hinges on one body": model(
+        f"""
+        <body name="a"><joint name="x" axis="1 0 0" pos="0.1 0.2 0.3"/><joint name="y" axis="0 1 0" pos="0.1 0.2 0.3"/>
+          <joint name="z" axis="0 0.1 1" pos="-0.1 0.2 0.3"/>{INERTIA}
+          <body name="b" pos="0.5 0 0"><joint name="k" axis="0 1 0"/>{INERTIA}</body></body>"""
+    ),
+    "ball with anchor": model(
+        f"""
+        <body name="a" pos="0.2 0 0" quat="0.7 0.1 0.5 -0.2"><joint name="b" type="ball" pos="0.1 -0.2 0.05"/>{INERTIA}
+          <body name="c" pos="0 0 0.4"><joint name="h" axis="0 1 0" pos="0 0 0.1"/>{INERTIA}
+            <body name="d" pos="0.1 0 0.2" quat="1 1 0 0"><joint name="e" type="ball"/>{INERTIA}</body></body></body>"""
+    ),
+    "free body with arms": model(
+        f"""
+        <body name="base" pos="1 2 3" quat="0.5 0.5 -0.5 0.1"><freejoint name="f"/>{INERTIA}
+          <body name="left" pos="0.2 0.3 0"><joint name="l" axis="1 0 0"/>{INERTIA}
+            <body name="hand" pos="0 0.3 0"><joint name="h" type="slide" axis="0 1 0.3"/>{INERTIA}</body></body>
+          <body name="plate" pos="0 0 0.3" euler="30 20 10">{INERTIA}</body>
+          <body name="right" pos="0.2 -0.3 0"><joint name="r" axis="0 0 1"/>{INERTIA}</body>
+        </body>
+        <body name="other"><joint name="o" axis="1 1 1"/>{INERTIA}</body>"""
+    ),
+    "degrees and intrinsic and extrinsic euler": model(
+        f"""
+        <body name="a" pos="0 0 0.1" euler="30 40 -50"><joint name="a" axis="1 0 0"/>{INERTIA}
+          <body name="b" pos="0.2 0 0.1" axisangle="1 1 0 37"><joint name="b" axis="0 1 0"/>{INERTIA}
+            <frame pos="0.1 0.2 0" euler="12 0 90"><body name="c" pos="0.3 0 0"><joint name="c"/>{INERTIA}</body>
+            </frame></body></body>""",
+        '<compiler angle="degree" eulerseq="XyZ"/>',
+    ),
+    "default classes": model(
+        f"""
+        <body name="a" childclass="arm"><joint name="a"/>{INERTIA}
+          <body name="b" pos="0 0 0.3"><joint name="b"/><joint name="s" class="rail"/><geom mass="0.7" pos="0.1 0 0"/>
+          </body></body>
+        <body name="c" pos="1 0 0"><joint name="c"/><geom class="arm" density="900"/></body>""",
+        """<default><joint axis="0 1 0"/>
+        <default class="arm"><joint axis="1 0 0.4" pos="0 0.1 0"/><geom type="box" size="0.1 0.2 0.3"/>
+        <default class="rail"><joint type="slide" axis="0 1 1"/></default></default></default>""",
+    ),
+    "joint references": model(
+        f"""
+        <body name="a" euler="10 0 0"><joint name="a" axis="0 -1 0" ref="90" pos="0.1 0 0"/>{INERTIA}
+          <body name="b" pos="0.3 0 0"><joint name="b" axis="1 2 3" ref="37" pos="0 0 0.2"/>{INERTIA}
+            <body name="c" pos="0.3 0.2 0"><joint name="c" type="slide" axis="1 -2 0.5" ref="0.4"/>
+              <joint name="y" axis="1e-3 1 1e-3" ref="-20"/><joint name="z" axis="1e-3 -2e-3 -1" ref="20"/>{INERTIA}
+            </body></body></body>"""
+    ),
+    "replicated": model(
+        f"""<replicate count="3" offset="0 0 0.2" euler="0 0 25">
+        <body name="arm" pos="0.4 0 0"><joint name="j" axis="0 1 0"/>{INERTIA}</body></replicate>"""
+    ),
+    "gimbal lock": model(
+        f"""
+        <body name="a" quat="0.706 0 0.7082 0.001"><joint name="a"/>{INERTIA}
+          <body name="b" pos="0.3 0 0" quat="0.7071068 0 -0.7071068 0"><joint name="b" axis="1 0 0"/>{INERTIA}
+            <body name="c" pos="0 0.3 0" euler="25 90 40"><joint name="c" axis="0 1 0"/>{INERTIA}</body>
+          </body></body>"""
+    ),
+    "no gravity": model(
+        f'<body name="a"><joint name="a"/>{INERTIA}</body>', '<option><flag gravity="disable"/></option>'
+    ),
+}
+
+
+def simulator(text: str) -> tuple[object, object]:
+    """MuJoCo's model without constraint forces, and its data."""
+    compiled = mujoco.MjModel.from_xml_string(text)
+    compiled.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    return compiled, mujoco.MjData(compiled)
+
+
+def simulated_inverse_dynamics(text: str, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+    compiled, data = simulator(text)
+    efforts = []
+    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(q, qd, qdd, strict=True):
+        mujoco.mj_inverse(compiled, data)
+        efforts.append(data.qfrc_inverse.copy())
+    return np.array(efforts)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_regressor_times_parameters_is_mujocos_inverse_dynamics(name: str) -> None:
+    mechanism = mechanism_of(read(MODELS[name]))
+    q, qd, qdd = random_states(mechanism, 5)
+    expected = simulated_inverse_dynamics(MODELS[name], q, qd, qdd)
+    found = float_regressor(mechanism, q, qd, qdd) @ standard_vector(mechanism)
+    assert np.abs(expected).max() > 0.01
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_no_gravity_is_none() -> None:
+    assert mechanism_of(read(MODELS["no gravity"])).gravity is None
+
+
+CHAIN = f"""
+    <body name="a"><joint name="a" axis="0 1 0"/>{INERTIA}
+      <body name="b" pos="0.3 0 0"><joint name="b" axis="0 1 0" ref="20"/>{INERTIA}
+        <body name="c" pos="0.3 0 0"><joint name="c" type="slide" axis="1 1 0" ref="0.1"/>{INERTIA}
+          <body name="d" pos="0.2 0 0"><joint name="d" axis="1 0 0" pos="0 0 0.1"/>{INERTIA}</body>
+    </body></body></body>"""
+
+
+def coupled_efforts(text: str, mechanism: Mechanism, T: np.ndarray, q0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Efforts of a coupled mechanism: ours, and MuJoCo's at q = T θ + q₀ projected with Tᵀ."""
+    q, qd, qdd = random_states(mechanism, 5)
+    found = float_regressor(mechanism, q, qd, qdd) @ standard_vector(mechanism)
+    return found, simulated_inverse_dynamics(text, q @ T.T + q0, qd @ T.T, qdd @ T.T) @ T
+
+
+def test_coupled_joints() -> None:
+    equality = (
+        '<equality><joint joint1="b" joint2="a" polycoef="0.3 -2 0 0 0"/>'
+        '<joint name="chain" joint1="c" joint2="b" polycoef="0.05 0.5 0 0 0"/></equality>'
+    )
+    text = model(CHAIN, tail=equality)
+    mechanism = mechanism_of(read(text))
+    assert mechanism.velocities == ("a", "d")
+    ref = np.deg2rad(20)
+    T = np.array([[1.0, 0], [-2, 0], [-1, 0], [0, 1]])
+    q0 = np.array([0, ref + 0.3, 0.1 + 0.05 + 0.5 * 0.3, 0])
+    found, expected = coupled_efforts(text, mechanism, T, q0)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_held_joints_are_fixed_where_the_equality_holds_them() -> None:
+    equality = '<equality><joint joint1="b" polycoef="0.3 9 9 9 9"/><joint joint1="d" joint2="b"/></equality>'
+    text = model(CHAIN, tail=equality)
+    tree = read(text)
+    assert [link.kind for link in tree.links] == ["root", "hinge", "fixed", "slide", "fixed"]
+    assert "joint 'd' is held by an equality and cannot move" in tree.notes
+    mechanism = mechanism_of(tree)
+    assert mechanism.velocities == ("a", "c")
+    T = np.array([[1.0, 0], [0, 0], [0, 1], [0, 0]])
+    found, expected = coupled_efforts(text, mechanism, T, np.array([0, np.deg2rad(20) + 0.3, 0, 0.3]))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_couplings_can_be_ignored_but_held_joints_stay_held() -> None:
+    equality = '<equality><joint joint1="b" joint2="a" polycoef="0 1 1 0 0"/><joint joint1="d"/></equality>'
+    tree = read(model(CHAIN, tail=equality), mimics=False)
+    assert tree.couplings == ()
+    assert mechanism_of(tree).velocities == ("a", "b", "c")
+
+
+def test_inactive_equalities_are_ignored_with_a_note() -> None:
+    equality = (
+        '<equality><joint name="off" joint1="b" joint2="a" active="false" polycoef="0 0 1 0 0"/>'
+        '<connect body1="a" body2="d" anchor="0 0 0" active="false"/></equality>'
+    )
+    tree = read(model(CHAIN, tail=equality))
+    assert tree.couplings == ()
+    assert "equality joint 'off' is ignored: it is not active" in tree.notes
+    assert "equality connect 'a and d' is ignored: it is not active" in tree.notes
+
+
+# -- numbers -----------------------------------------------------------------------------------------------------------
+
+
+def test_numbers_stay_exact() -> None:
+    text = model(
+        f"""<body name="a" pos="0.333 -1e-7 0.1"><joint name="a" pos="0.0825 0 0.7"/>{INERTIA}
+        <frame pos="0.1 0 0.1"><body name="b" pos="0.2 0 0.2"><joint name="b" type="slide"/>{INERTIA}</body></frame>
+        </body>""",
+        '<option gravity="0 0 -9.81"/>',
+        '<equality><joint joint1="b" joint2="a" polycoef="0.001 0.0127 0 0 0"/></equality>',
+    )
+    tree = read(text)
+    body, anchor = (step for step in tree.links[1].steps[:2])
+    assert isinstance(body, LiteralPlacement)
+    assert isinstance(anchor, LiteralPlacement)
+    assert body.xyz == (Fraction(333, 1000), Fraction(-1, 10**7), Fraction(1, 10))
+    assert anchor.xyz == (Fraction(825, 10000), 0, Fraction(7, 10))
+    framed = tree.links[2].steps[0]
+    assert isinstance(framed, LiteralPlacement)
+    assert framed.xyz == (Fraction(3, 10), 0, Fraction(3, 10))
+    assert tree.gravity == (0, 0, Fraction(-981, 100))
+    assert tree.couplings[0].ratio == Fraction(127, 10000)
+    assert tree.couplings[0].offset == Fraction(1, 1000)
+
+
+def rpy_of(quaternion: str) -> list[tuple[float, ...]]:
+    parts = placements("body", (0, 0, 0), [float(v) for v in quaternion.split()])
+    return [tuple(float(v) for v in part.rpy) for part in parts]
+
+
+def test_rounded_quaternions_become_right_angles() -> None:
+    half = np.pi / 2
+    assert rpy_of("0.707107 0.707107 0 0") == [(half, 0, 0)]
+    assert rpy_of("0.5 0.5 0.5 0.5") == [(half, 0, half)]
+    first, second = rpy_of("0.7071 0 0.7072 0")
+    assert first == (0, half, 0)
+    assert max(abs(v) for v in second) < 2e-4
+
+
+@pytest.mark.parametrize(
+    "quaternion",
+    [
+        "0.7071 0 0.7072 0",
+        "0.7071 0 -0.7071 1e-5",
+        "0.707 0.0004 0.707 -0.0004",
+        "0.1 0.7 0.1 0.7",
+        "0.5 -0.5 -0.5 0.5",
+    ],
+)
+def test_rounded_gimbal_lock_is_read_as_exact(quaternion: str) -> None:
+    """Roll and yaw of such a quaternion are arbitrary; the mechanism must still get a rotation without symbols."""
+    text = model(
+        f"""<body name="a" quat="{quaternion}"><joint name="a"/>{INERTIA}
+        <body name="b" pos="0.3 0 0"><joint name="b" axis="1 0 0"/>{INERTIA}</body></body>"""
+    )
+    mechanism = build_mechanism(read(text), ReadingOptions())
+    assert not [name for name in mechanism.symbols if not name.startswith("p")]
+
+
+def test_placements_reproduce_the_rotation() -> None:
+    rng = np.random.default_rng(5)
+    quaternions = list(rng.normal(size=(50, 4)))
+    for size in (1e-9, 1e-6, 1e-3, 4e-3, 0.02):  # around both gimbal locks, and around right angles
+        for q in ([1, 0, 1, 0], [1, 0, -1, 0], [1, 1, 1, 1], [1, 1, -1, 1], [1, 1, 0, 0], [0, 1, 0, 1]):
+            quaternions += list(np.array(q) + size * rng.normal(size=(5, 4)))
+    for quaternion in quaternions:
+        matrix = np.eye(3)
+        for part in placements("body", (0, 0, 0), quaternion):
+            matrix = matrix @ rotation_matrix(*(float(v) for v in part.rpy))
+        np.testing.assert_allclose(matrix, quaternion_matrix(quaternion), rtol=0, atol=1e-12)
+
+
+def test_a_reference_is_along_the_axis_exactly() -> None:
+    """A right angle of ref must not bring symbols, nor change the direction of an odd axis."""
+    text = model(
+        f"""<body name="a"><joint name="a" axis="1 0 0" ref="90"/>{INERTIA}
+        <body name="b" pos="0 0.2 0"><joint name="b" axis="0.6 0.8 0" ref="45"/>{INERTIA}</body></body>"""
+    )
+    mechanism = build_mechanism(read(text), ReadingOptions())
+    assert len([name for name in mechanism.symbols if not name.startswith("p")]) == 1
+
+
+# -- structure ---------------------------------------------------------------------------------------------------------
+
+
+def test_systematic_names_and_several_joints() -> None:
+    text = model(
+        f"""<body><joint/><joint type="slide" pos="1 2 3"/>{INERTIA}<body name="body_3"/>
+        <body>{INERTIA}</body></body>"""
+    )
+    tree = read(text)
+    assert [link.name for link in tree.links] == ["world", "body_1", "body_3", "body_3_"]
+    assert [link.parent for link in tree.links] == [-1, 0, 1, 1]
+    assert [(link.joint, link.kind) for link in tree.links[1:]] == [
+        ("joint_0+joint_1", "hinge+slide"),
+        ("body_3", "fixed"),
+        ("body_3_", "fixed"),
+    ]
+    assert [s.name for s in tree.links[1].steps if isinstance(s, LiteralMotion)] == ["joint_0", "joint_1"]
+    assert len(tree.links[1].steps) == 3  # where a slide is anchored makes no difference
+
+
+def test_static_bodies_are_not_fused() -> None:
+    text = model(
+        f'<body name="a"><joint/>{INERTIA}<body name="b" pos="0 0 1">{INERTIA}</body></body>',
+        '<compiler fusestatic="true"/>',
+    )
+    assert [link.name for link in read(text).links] == ["world", "a", "b"]
+
+
+def test_free_bodies_keep_their_frames() -> None:
+    text = model(f'<body name="a" pos="1 2 3"><freejoint name="f" align="true"/>{INERTIA}</body>')
+    tree = read(text)
+    assert tree.links[1].steps == (LiteralMotion("joint 'f'", "f", "floating"),)
+    assert tree.links[1].inertial is not None
+    assert tree.links[1].inertial[6:] == pytest.approx((1.3 * 0.05, -1.3 * 0.02, 1.3 * 0.11, 1.3))
+    assert any("alignment" in note for note in tree.notes)
+
+
+def test_bodies_without_inertia_are_silent_even_if_they_move() -> None:
+    text = model(
+        """<body name="a"><joint name="a"/><body name="b"><joint name="b"/><inertial pos="0 0 0.5" mass="2"
+        diaginertia="0 0 0"/></body><body name="c"><geom size="0.1" mass="0"/></body></body>"""
+    )
+    tree = read(text)
+    assert [link.inertial is None for link in tree.links] == [True, True, False, True]
+    assert tree.links[2].inertial == (0.5, 0, 0, 0.5, 0, 0, 0, 0, 1, 2)
+
+
+def test_inertia_of_geoms_counts_where_the_file_has_no_other() -> None:
+    tree = read(model('<body name="a"><joint/><geom size="0.1" mass="5" pos="1 0 0"/></body>'))
+    assert tree.links[1].inertial is not None
+    assert tree.links[1].inertial[6:] == pytest.approx((5, 0, 0, 5))
+
+
+def test_effects_that_are_not_rigid_body_dynamics_are_noted() -> None:
+    text = model(f'<body name="a"><joint name="a" armature="0.1" damping="2"/>{INERTIA}</body>')
+    assert any("joint armature, joint damping" in note for note in read(text).notes)
+
+
+def test_missing_meshes_and_textures_do_not_matter_where_inertia_is_stated() -> None:
+    assets = (
+        '<asset><texture name="t" type="2d" file="no.png"/><material name="m" texture="t"/>'
+        '<mesh name="mesh" file="no.stl"/><hfield name="h" file="no.hf" size="1 1 1 1"/></asset>'
+    )
+    tail = '<actuator><motor joint="a"/></actuator><sensor><jointpos joint="a"/></sensor>'
+    geom = '<geom type="mesh" mesh="mesh" material="m"/>'
+    ground = '<geom type="hfield" hfield="h"/>'
+    tree = read(model(f'{ground}<body name="a"><joint name="a"/>{INERTIA}{geom}</body>', assets, tail))
+    assert tree.links[1].inertial is not None
+    assert tree.notes == ()
+
+
+@pytest.mark.parametrize("present", [False, True])
+def test_inertia_of_missing_meshes_is_unknown(tmp_path: Path, present: bool) -> None:
+    (tmp_path / "meshes").mkdir()
+    corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    faces = ["1 3 4 2", "5 6 8 7", "1 2 6 5", "3 7 8 4", "1 5 7 3", "2 4 8 6"]
+    cube = [*(f"v {x} {y} {z}" for x, y, z in corners), *(f"f {face}" for face in faces)]
+    if present:
+        (tmp_path / "meshes" / "cube.obj").write_text("\n".join(cube))
+    assets = '<compiler meshdir="meshes"/><asset><mesh file="cube.obj"/><mesh file="gone.obj"/></asset>'
+    text = model(
+        """<body name="a"><joint/><geom type="mesh" mesh="cube" mass="3"/></body>
+        <body name="b"><joint/><geom type="mesh" mesh="gone"/></body>
+        <body name="c"><joint/><geom size="0.1"/></body>""",
+        assets,
+    )
+    tree = read(text, tmp_path)
+    assert [link.inertial is not None for link in tree.links[1:]] == [present, False, True]
+    assert ("body 'a'" in tree.notes[0]) is not present
+    assert "body 'b'" in tree.notes[0]
+    assert read(text).links[1].inertial is None  # without a directory no mesh is looked for
+    if present:
+        assert tree.links[1].inertial is not None
+        assert tree.links[1].inertial[6:] == pytest.approx((1.5, 1.5, 1.5, 3))
+
+
+def test_includes(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "arm.xml").write_text(
+        f'<mujocoinclude><body name="a"><joint/>{INERTIA}<include file="hand.xml"/></body></mujocoinclude>'
+    )
+    (tmp_path / "parts" / "hand.xml").write_text('<mujocoinclude><body name="hand"/></mujocoinclude>')
+    text = model('<include file="parts/arm.xml"/>')
+    assert [link.name for link in read(text, tmp_path).links] == ["world", "a", "hand"]
+    with pytest.raises(InputError, match=r"robot.xml: include 'parts/arm.xml': the model has no directory"):
+        read(text)
+    (tmp_path / "parts" / "hand.xml").unlink()
+    with pytest.raises(InputError, match=r"parts.arm.xml: include 'hand.xml': no such file"):
+        read(text, tmp_path)
+    (tmp_path / "parts" / "hand.xml").write_text('<!DOCTYPE x [<!ENTITY a "b">]><mujocoinclude/>')
+    with pytest.raises(InputError, match=r"hand.xml: document type declarations"):
+        read(text, tmp_path)
+
+
+def test_attached_models(tmp_path: Path) -> None:
+    (tmp_path / "gripper.xml").write_text(model(f'<body name="palm"><joint name="j"/>{INERTIA}</body>'))
+    head = '<asset><model name="g" file="gripper.xml"/></asset>'
+    text = model(f'<body name="a"><joint/>{INERTIA}<attach model="g" body="palm" prefix="left_"/></body>', head)
+    assert [link.joint for link in read(text, tmp_path).links] == ["", "joint_0", "left_j"]
+
+
+def test_example_file() -> None:
+    tree = read_mjcf((EXAMPLES / "two_link.xml").read_bytes(), "two_link.xml", EXAMPLES)
+    assert tree.name == "two_link"
+    mechanism = build_mechanism(tree, ReadingOptions())
+    assert mechanism.velocities == ("shoulder", "elbow")
+    assert mechanism.reading is not None
+    assert mechanism.reading.snaps == ()
+
+
+# -- refusals ----------------------------------------------------------------------------------------------------------
+
+ARM = f'<body name="a"><joint name="a"/>{INERTIA}<body name="b"><joint name="b"/>{INERTIA}</body></body>'
+REFUSED = {
+    "entities": ('<!DOCTYPE m [<!ENTITY a "b">]><mujoco/>', "document type declarations and entities"),
+    "fragment": ("<mujocoinclude/>", "fragment"),
+    "another root": ("<robot/>", "expected a <mujoco> element, found <robot>"),
+    "malformed": ("<mujoco><worldbody>", "not well-formed"),
+    "unknown attribute": (model('<body nmae="a"/>'), r"element 'body', line 1: MuJoCo refuses it: .*nmae"),
+    "unknown element": (model("<boddy/>"), "element 'boddy'"),
+    "repeated name": (model('<body name="a"/><body name="a"/>'), "repeated name 'a'"),
+    "deep free joint": (
+        model(f'<body name="a">{INERTIA}<body name="b"><freejoint name="f"/>{INERTIA}</body></body>'),
+        "free joint can only be used on top level",
+    ),
+    "zero axis": (model(f'<body><joint name="a" axis="0 0 0"/>{INERTIA}</body>'), "element 'a'.*axis too small"),
+    "infinite": (model('<body name="a" pos="0 inf 0"/>'), r"body 'a' pos: 'inf' is not a finite number"),
+    "not a number": (model('<body name="a" quat="nan 0 0 0"/>'), "'nan' is not a finite number"),
+    "overflow": (model('<body name="a" pos="0 1e999 0"/>'), "'1e999' is not a finite number"),
+    "no number": (model('<body name="a" pos="0 x 0"/>'), "bad format in attribute 'pos'"),
+    "impossible inertia": (
+        model('<body name="a"><inertial pos="0 0 0" mass="1" diaginertia="1 1 3"/></body>'),
+        "element 'a'.*A [+] B >= C",
+    ),
+    "quadratic coupling": (
+        model(
+            ARM,
+            tail='<equality><joint name="e" joint1="a" joint2="b" polycoef="0 1 0.5 0 0"/></equality>',
+        ),
+        "equality joint 'e': polycoef 0.0 1.0 0.5 0.0 0.0 is not linear; only linear couplings",
+    ),
+    "two couplings of one joint": (
+        model(ARM, tail='<equality><joint joint1="a" joint2="b"/><joint joint1="a"/></equality>'),
+        r"equality joint 'a': equality joint 'a and b' already constrains joint 'a'",
+    ),
+    "coupling of no joint": (model(ARM, tail='<equality><joint joint1="z" joint2="b"/></equality>'), "z"),
+    "connect": (
+        model(ARM, tail='<equality><connect name="pin" body1="a" body2="b" anchor="0 0 0"/></equality>'),
+        "equality connect 'pin': closed loops are not supported yet",
+    ),
+    "weld": (
+        model(ARM, tail='<equality><weld body1="b"/></equality>'),
+        "equality weld 'b': closed loops are not supported yet",
+    ),
+    "tendon equality": (
+        model(
+            ARM,
+            tail='<tendon><fixed name="t"><joint joint="a" coef="1"/></fixed></tendon>'
+            '<equality><tendon tendon1="t"/></equality>',
+        ),
+        "equality tendon 't': closed loops are not supported yet",
+    ),
+    "flex": (
+        model('<flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" radius=".01" dim="2" mass="1"/>'),
+        "flex 'cloth': deformable bodies are not supported",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refusals_name_file_and_element(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text, message = REFUSED[name]
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=message) as caught:
+        read(text)
+    assert caught.value.source == "robot.xml"
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())  # MuJoCo writes a log file for what it only warns of
+
+
+def test_circular_couplings_are_refused() -> None:
+    equality = '<equality><joint joint1="a" joint2="b"/><joint joint1="b" joint2="a"/></equality>'
+    with pytest.raises(InputError, match="couplings go in a circle"):
+        mechanism_of(read(model(ARM, tail=equality)))
+
+
+def test_other_encodings_are_refused() -> None:
+    text = '<?xml version="1.0" encoding="latin-1"?><mujoco model="é"/>'.encode("latin-1")
+    with pytest.raises(InputError, match="not UTF-8"):
+        read_mjcf(text, "robot.xml", None)
+
+
+def test_missing_package_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(MissingExtraError, match=r"echelon\[mjcf\]"):
+        read(model(""))
