@@ -28,7 +28,8 @@ numbers = rationals | st.builds(surd, rationals, rationals, rationals, rationals
 def polynomials(*generators: str, coefficients: st.SearchStrategy[Any] = numbers) -> st.SearchStrategy[Polynomial]:
     """Sums of up to three products of up to three generators."""
     factor = st.sampled_from(generators).map(Polynomial.generator)
-    term = st.builds(lambda c, factors: reduce(operator.mul, factors, Polynomial.constant(c)), coefficients, _few(factor))
+    constant = coefficients.map(Polynomial.constant)
+    term = st.builds(lambda c, factors: reduce(operator.mul, factors, c), constant, _few(factor))
     return _few(term).map(Polynomial.sum)
 
 
@@ -67,7 +68,8 @@ def calculate(formula: Any, values: Mapping[str, Any], number: Callable[[Any], A
 def in_sympy(x: Number | Polynomial) -> Any:
     """An exact number or polynomial, term by term."""
     if isinstance(x, Polynomial):
-        return sum(in_sympy(c) * sympy.prod(_generator(g) ** e for g, e in m) for m, c in x.terms.items())
+        terms = (in_sympy(c) * sympy.prod(_generator(g) ** e for g, e in m) for m, c in x.terms.items())
+        return sum(terms, sympy.S.Zero)
     parts = zip(map(Fraction, parts_of(x)), (1, 2, 3, 6), strict=True)
     return sum(sympy.Rational(part.numerator, part.denominator) * sympy.sqrt(r) for part, r in parts)
 

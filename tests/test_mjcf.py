@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from echelon.base.structure import find_structure
 from echelon.errors import InputError, MissingExtraError
 from echelon.formats.build import build_mechanism
 from echelon.formats.inertia import rotation_matrix
@@ -430,6 +431,7 @@ def test_example_file() -> None:
     assert mechanism.velocities == ("shoulder", "elbow")
     assert mechanism.reading is not None
     assert mechanism.reading.snaps == ()
+    assert find_structure(mechanism, np.random.default_rng(0)).rank == 6
 
 
 # -- refusals ----------------------------------------------------------------------------------------------------------
@@ -451,6 +453,11 @@ REFUSED = {
     "infinite": (model('<body name="a" pos="0 inf 0"/>'), r"body 'a' pos: 'inf' is not a finite number"),
     "not a number": (model('<body name="a" quat="nan 0 0 0"/>'), "'nan' is not a finite number"),
     "overflow": (model('<body name="a" pos="0 1e999 0"/>'), "'1e999' is not a finite number"),
+    "bomb": (
+        model('<replicate count="1000"><replicate count="1000"><body/></replicate></replicate>'),
+        "1000000 copies are too many",
+    ),
+    "too deep": (model("<body>" * 3000 + "</body>" * 3000), "nesting is too deep"),
     "no number": (model('<body name="a" pos="0 x 0"/>'), "bad format in attribute 'pos'"),
     "impossible inertia": (
         model('<body name="a"><inertial pos="0 0 0" mass="1" diaginertia="1 1 3"/></body>'),

@@ -7,11 +7,11 @@ import pytest
 import sympy
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from strategies import SMALL_FIELD, in_sympy, integers, polynomials, rationals
 
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
+from strategies import SMALL_FIELD, in_sympy, integers, polynomials, rationals
 
 LENGTHS = polynomials("d", "r", coefficients=rationals)
 MIXED = polynomials("cos(a)", "sin(a)", "d")

@@ -7,7 +7,8 @@ survives one such point with probability at most d/p.
 *Minimal* (rank ≥ r): the pivot columns of X, sampled modulo a 31-bit prime, contain a non-zero r × r minor.  That is a
 proof, not a probability.
 
-The set was derived from energies; the check uses the inverse dynamics, so the two do not share their formulas.
+The set was derived from energies; the check uses the inverse dynamics (as rows uᵀX for arbitrary u, see
+:mod:`echelon.regressor.virtual_power`), so the two do not share their formulas.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int) -> Certificat
     Parameters
     ----------
     regressor : LinearForms
-        X, with the columns of ``matrix.parameters``.
+        X or combinations of its rows, with the columns of ``matrix.parameters``.
     matrix : BaseMatrix
         The claimed B.
     seed : int
@@ -144,7 +145,7 @@ def _check_minimal(regressor: LinearForms, matrix: BaseMatrix, rng: np.random.Ge
         rows = np.zeros((states, *forms.shape), dtype=np.int64)
         for (row, column), value in zip(forms.entries, values, strict=True):
             rows[:, row, column] = value
-        found = rank(rows.reshape(-1, forms.shape[1]), field)
+        found = rank(rows.reshape(states * forms.shape[0], forms.shape[1]), field)
         if found == matrix.rank:
             return field.p, states
         # once twice the states add nothing and rows abound, more will not either

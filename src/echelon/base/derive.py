@@ -15,7 +15,7 @@ from echelon.base.reading_report import report_reading
 from echelon.base.structure import Structure, find_structure
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.newton_euler import inverse_dynamics_regressor
+from echelon.regressor.virtual_power import virtual_power_form
 
 DEFAULT_SEED = 2015
 
@@ -64,10 +64,9 @@ def base_parameters(
     matrix = classical_matrix(mechanism, structure, rng)
     if columns != matrix.order:
         matrix = reordered(matrix, columns, rng)
-    regressor = inverse_dynamics_regressor(mechanism)
-    certificate = certify(regressor, matrix, seed)
+    certificate = certify(virtual_power_form(mechanism), matrix, seed)
     reading = report_reading(mechanism, structure.rank, rng)
-    return BaseModel(mechanism, matrix, certificate, reading, regressor, seed)
+    return BaseModel(mechanism, matrix, certificate, reading, seed)
 
 
 def base_structure(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> Structure:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -22,6 +22,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import characteristic_length, symbol_values
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear import LinearForms
+from echelon.regressor.newton_euler import inverse_dynamics_regressor
 
 if TYPE_CHECKING:
     import sympy
@@ -52,8 +53,6 @@ class BaseModel:
         Evidence that the set is complete and minimal.
     reading : ReadingReport
         What was snapped when the file was read, and whether it mattered.
-    inverse_dynamics : LinearForms
-        The recorded standard regressor X.
     seed : int
         Seed of all random points.
 
@@ -69,7 +68,6 @@ class BaseModel:
     matrix: BaseMatrix
     certificate: Certificate
     reading: ReadingReport
-    inverse_dynamics: LinearForms = field(compare=False)
     seed: int
 
     # -- the set -----------------------------------------------------------------------------------------------
@@ -234,6 +232,11 @@ class BaseModel:
         return lift(self.B_float(symbols), target, start, metric_matrix(metric, size, scale))
 
     # -- regressors ---------------------------------------------------------------------------------------------
+
+    @cached_property
+    def inverse_dynamics(self) -> LinearForms:
+        """The standard regressor X as recorded forms."""
+        return inverse_dynamics_regressor(self.mechanism)
 
     @cached_property
     def reduced(self) -> LinearForms:

@@ -19,7 +19,6 @@ from echelon.exact.rational import RationalFunction
 from echelon.files import write_atomically
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.reading import Snap
-from echelon.regressor.newton_euler import inverse_dynamics_regressor
 
 if TYPE_CHECKING:
     from echelon.base.record import BaseModelRecord, SnapRecord
@@ -145,7 +144,6 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
             record.reading.literal_rank,
             tuple(_snap(s) for s in record.reading.decisive),
         ),
-        inverse_dynamics_regressor(mechanism),
         record.seed,
     )
 

@@ -171,4 +171,4 @@ def sample_matrix(forms: LinearForms, field: PrimeField, rng: np.random.Generato
     matrix = np.zeros((states, *forms.shape), dtype=np.int64)
     for (row, column), value in zip(forms.entries, values, strict=True):
         matrix[:, row, column] = value
-    return matrix.reshape(-1, forms.shape[1])
+    return matrix.reshape(states * forms.shape[0], forms.shape[1])

@@ -8,6 +8,7 @@ from echelon.base.certificate import Certificate, certify
 from echelon.base.model import BaseModel
 from echelon.base.serialize import load_base
 from echelon.errors import CertificateError
+from echelon.regressor.virtual_power import virtual_power_form
 
 
 def verify(model: BaseModel | str | os.PathLike[str], seed: int | None = None) -> Certificate:
@@ -39,5 +40,6 @@ def verify(model: BaseModel | str | os.PathLike[str], seed: int | None = None) -
     recorded = model.certificate
     if recorded.rank != model.rank:
         raise CertificateError(f"the certificate is for {recorded.rank} base parameters, the set has {model.rank}")
-    certify(model.inverse_dynamics, model.matrix, recorded.seed)
-    return certify(model.inverse_dynamics, model.matrix, recorded.seed + 1 if seed is None else seed)
+    forms = virtual_power_form(model.mechanism)
+    certify(forms, model.matrix, recorded.seed)
+    return certify(forms, model.matrix, recorded.seed + 1 if seed is None else seed)

@@ -53,6 +53,8 @@ def _explained(document: Document, problems: list[ErrorDetails]) -> InputError:
     """The first problem; a misspelt key comes before the key that is missing because of it."""
     first = min(problems, key=lambda p: p["type"] == "missing")
     path, value = _locate(document.data, first["loc"])
+    if first["type"] == "unknown_key":
+        path = step_into(path, first["ctx"]["key"])
     return document.error(path, _message(first, value))
 
 

@@ -1,4 +1,4 @@
-"""Compiled MuJoCo models for the MJCF reader: includes, missing meshes, and bodies without mass.
+"""Compiled MuJoCo models for the MJCF reader, whatever meshes and masses are missing.
 
 MuJoCo's own compiler resolves defaults, frames, orientation notations, ``<replicate>``, ``<attach>`` and inertias of
 geoms, so that a file means here what it means there.  Left alone it would also refuse what a geometric description may
@@ -11,14 +11,14 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from math import isfinite, isnan
+from math import isnan
 from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
 
 from echelon.errors import InputError, MissingExtraError
-from echelon.formats.xml import parse_xml
+from echelon.formats.mjcf_document import check_document
 
 NO_MASS = 2e-15
 """Mass (kg) and inertia (kg·m²) given to moving bodies that have none; MuJoCo's compiler asks for at least 1e-15."""
@@ -26,10 +26,6 @@ NO_MASS = 2e-15
 # None of these moves a body or changes its inertia; equalities, which do matter, are kept.
 _IRRELEVANT = ("keys", "sensors", "actuators", "tendons", "pairs", "excludes", "skins", "tuples")
 _EFFECTS = ("armature", "damping", "frictionloss", "stiffness")
-_NUMERIC = {
-    *("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "axis", "ref", "polycoef", "gravity"),
-    *("mass", "density", "diaginertia", "fullinertia", "fromto", "size", "offset", "scale", "massscale"),
-}
 _COMPILED = (
     *("body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos", "body_iquat"),
     *("jnt_pos", "jnt_axis", "qpos0"),
@@ -86,19 +82,12 @@ def parse_spec(text: str | bytes, source: str, directory: Path | None) -> Any:
     Raises
     ------
     InputError
-        If a document is not safe, well-formed, finite MJCF, or an included file is missing.
+        If MuJoCo does not accept the document, or its text is refused before.
     """
     mujoco = import_mujoco()
-    root = parse_xml(text, source)
-    if root.tag == "mujocoinclude":
-        raise InputError("this is a fragment, not a model: read the file that includes it", source=source)
-    if root.tag != "mujoco":
-        raise InputError(f"expected a <mujoco> element, found <{root.tag}>", source=source)
-    _check_finite(root, source)
-    included: dict[str, bytes] = {}
-    _gather(root, source, directory, PurePath(), included)
+    checked, included = check_document(text, source, directory)
     try:
-        spec = mujoco.MjSpec.from_string(_decoded(text, source), include=included)
+        spec = mujoco.MjSpec.from_string(checked, include=included)
     except (ValueError, mujoco.FatalError) as error:
         raise _wrapped(error, source) from None
     if directory is not None:
@@ -122,7 +111,7 @@ def compile_spec(spec: Any, source: str, directory: Path | None) -> CompiledMode
     _remove_irrelevant(spec)
     stages = [_absent_meshes(spec, directory)] if directory is None else [set(), _absent_meshes(spec, directory)]
     unknown: set[str] = set()
-    for doomed in (*stages, {mesh.name for mesh in spec.meshes if mesh.file}):
+    for doomed in (*stages, {_mesh_name(mesh) for mesh in spec.meshes if mesh.file}):
         unknown |= _remove_meshes(spec, doomed)
         try:
             model = spec.compile()
@@ -139,50 +128,7 @@ def compile_spec(spec: Any, source: str, directory: Path | None) -> CompiledMode
     return CompiledModel(model, spec, frozenset(unknown), tuple(notes))
 
 
-# -- files -------------------------------------------------------------------------------------------------------------
-
-
-def _gather(root: Any, source: str, directory: Path | None, folder: PurePath, included: dict[str, bytes]) -> None:
-    """Read and check the files that a document includes or attaches, and those that these include."""
-    for element in root.iter():
-        name = element.get("file") if element.tag in ("include", "model") else None
-        if name is None or name in included:
-            continue
-        where = f"{element.tag} '{name}'"
-        if directory is None:
-            raise InputError("the model has no directory to find this file in", source=source, element=where)
-        # MuJoCo looks beside the main file first, then beside the including one
-        found = next((p for p in (PurePath(name), folder / name) if (directory / p).is_file()), None)
-        if found is None:
-            raise InputError("no such file", source=source, element=where)
-        try:
-            included[name] = (directory / found).read_bytes()
-        except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror}", source=source, element=where) from None
-        child = parse_xml(included[name], str(found))
-        _check_finite(child, str(found))
-        _gather(child, str(found), directory, found.parent, included)
-
-
-def _decoded(text: str | bytes, source: str) -> str:
-    try:
-        return text.decode("utf-8-sig") if isinstance(text, bytes) else text
-    except UnicodeDecodeError:
-        raise InputError("not UTF-8, which MuJoCo expects", source=source) from None
-
-
-def _check_finite(root: Any, source: str) -> None:
-    """MuJoCo itself lets nan and inf pass with no more than a warning."""
-    for element in root.iter():
-        for name in sorted(_NUMERIC.intersection(element.keys())):
-            for word in element.get(name).split():
-                try:
-                    finite = isfinite(float(word))
-                except ValueError:
-                    continue  # MuJoCo reports it, with the line
-                if not finite:
-                    where = f"{element.tag} '{element.get('name', '')}' {name}"
-                    raise InputError(f"'{word}' is not a finite number", source=source, element=where)
+# -- messages ----------------------------------------------------------------------------------------------------------
 
 
 def _check_compiled(model: Any, source: str) -> None:
@@ -248,7 +194,7 @@ def _remove_irrelevant(spec: Any) -> None:
     for geom in [g for g in spec.geoms if g.hfieldname or (g.meshname and not _contributes(spec, g))]:
         spec.delete(geom)
     used = {geom.meshname for geom in spec.geoms}
-    unused = [mesh for mesh in spec.meshes if mesh.name not in used]
+    unused = [mesh for mesh in spec.meshes if _mesh_name(mesh) not in used]
     for element in (*spec.textures, *spec.hfields, *unused):
         spec.delete(element)
 
@@ -268,10 +214,14 @@ def _contributes(spec: Any, geom: Any) -> bool:
 
 def _absent_meshes(spec: Any, directory: Path | None) -> set[str]:
     """Names of meshes whose files are not there."""
-    folder = None if directory is None else directory / spec.compiler.meshdir
+    folder = None if directory is None else directory / spec.meshdir
     strip = spec.strippath
-    files = {m.name: PurePath(m.file).name if strip else m.file for m in spec.meshes if m.file}
+    files = {_mesh_name(m): PurePath(m.file).name if strip else m.file for m in spec.meshes if m.file}
     return {name for name, file in files.items() if folder is None or not (folder / file).is_file()}
+
+
+def _mesh_name(mesh: Any) -> str:
+    return str(mesh.name) or PurePath(mesh.file).stem  # older versions find the latter only while compiling
 
 
 def _remove_meshes(spec: Any, doomed: Collection[str]) -> set[str]:
@@ -280,7 +230,7 @@ def _remove_meshes(spec: Any, doomed: Collection[str]) -> set[str]:
     for geom in [g for g in spec.geoms if g.meshname in doomed and g.meshname]:
         losers.add(str(geom.parent.name))
         spec.delete(geom)
-    for mesh in [m for m in spec.meshes if m.name in doomed]:
+    for mesh in [m for m in spec.meshes if _mesh_name(m) in doomed]:
         spec.delete(mesh)
     return losers
 

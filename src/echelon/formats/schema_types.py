@@ -163,4 +163,5 @@ def check_keys(data: object, valid: Sequence[str]) -> None:
         if key not in valid:
             renamed = _RENAMED.get(str(key), ("", ""))
             hint = f"; {renamed[1]}" if renamed[0] in valid else nearest(str(key), valid)
-            raise refusal(f"unknown key '{key}'{hint} (valid: {', '.join(valid)})")
+            problem = f"unknown key{hint} (valid: {', '.join(valid)})"
+            raise PydanticCustomError("unknown_key", "{problem}", {"problem": problem, "key": str(key)})

@@ -83,7 +83,7 @@ class FieldSampler:
         values = self._draw_inputs(field, rng, samples, spread)
         values.update(self._draw_angles(field, rng, samples, spread))
         result = self._schedule.run(ModularArithmetic(field), values, samples)
-        return result.reshape(-1, geometries, states)
+        return result.reshape(len(result), geometries, states)
 
     def _draw_inputs(
         self, field: PrimeField, rng: np.random.Generator, samples: int, spread: Mapping[str, Residues]

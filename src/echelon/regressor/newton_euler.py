@@ -7,26 +7,12 @@ chain; each freedom on the way reads its generalised force off it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Program, Scalar
+from echelon.regressor.accelerations import Wrench, forward_accelerations, unit_wrenches
 from echelon.regressor.linear import LinearForms
-from echelon.regressor.spatial import Vec, add, apply, cross, dot, scale
-from echelon.regressor.steps import Recorder, Step, into_frame
-
-Wrench = tuple[Vec, Vec]
-"""Moment about the frame's origin and force, in the frame's axes."""
-
-
-@dataclass(frozen=True)
-class _Accelerations:
-    """Angular velocity, angular acceleration, and linear acceleration of the origin minus gravity."""
-
-    angular: Vec
-    angular_rate: Vec
-    linear: Vec
-
+from echelon.regressor.spatial import add, apply, cross, dot
+from echelon.regressor.steps import Recorder, Step
 
 def inverse_dynamics_regressor(mechanism: Mechanism) -> LinearForms:
     """Record X with y = X ζ.
@@ -44,11 +30,11 @@ def inverse_dynamics_regressor(mechanism: Mechanism) -> LinearForms:
     program = Program()
     recorder = Recorder(mechanism, program)
     steps = {index: recorder.steps(index) for index in range(len(mechanism.bodies))}
-    accelerations = _forward(mechanism, recorder, steps)
+    accelerations = forward_accelerations(mechanism, recorder, steps)
     outputs = _output_weights(mechanism, program)
     sums: dict[tuple[int, int], Scalar] = {}
     for block, index in enumerate(mechanism.carriers):
-        for k, wrench in enumerate(_unit_wrenches(accelerations[index], program)):
+        for k, wrench in enumerate(unit_wrenches(accelerations[index], program)):
             for name, effort in _backward(mechanism, steps, index, wrench):
                 for row, weight in outputs[name]:
                     key = (row, 10 * block + k)
@@ -66,70 +52,15 @@ def _output_weights(mechanism: Mechanism, program: Program) -> dict[str, list[tu
     return weights
 
 
-def _forward(mechanism: Mechanism, recorder: Recorder, steps: dict[int, list[Step]]) -> dict[int, _Accelerations]:
-    gx, gy, gz = recorder.gravity()
-    known = {GROUND: _Accelerations(recorder.zeros, recorder.zeros, (-gx, -gy, -gz))}
-    for index, body in enumerate(mechanism.bodies):
-        current = known[body.parent]
-        for step in steps[index]:
-            current = _advance(current, step)
-        known[index] = current
-    return known
-
-
-def _advance(now: _Accelerations, step: Step) -> _Accelerations:
-    linear = now.linear
-    if step.shift is not None:
-        swing = add(cross(now.angular_rate, step.shift), cross(now.angular, cross(now.angular, step.shift)))
-        linear = add(linear, swing)
-    before = into_frame(step, now.angular)
-    angular, angular_rate, linear = before, into_frame(step, now.angular_rate), into_frame(step, linear)
-    for freedom in step.freedoms:
-        turning, sliding = scale(freedom.angular, freedom.rate), scale(freedom.linear, freedom.rate)
-        angular = add(angular, turning)
-        angular_rate = add(angular_rate, add(cross(before, turning), scale(freedom.angular, freedom.acceleration)))
-        coriolis = cross(before, sliding)
-        linear = add(linear, add(add(coriolis, coriolis), scale(freedom.linear, freedom.acceleration)))
-    return _Accelerations(angular, angular_rate, linear)
-
-
-def _unit_wrenches(at: _Accelerations, program: Program) -> list[Wrench]:
-    """Wrench about the body's origin needed by a unit of each of XX … M."""
-    zero, one = program.zero, program.one
-    zeros: Vec = (zero, zero, zero)
-    wrenches: list[Wrench] = []
-    for i in range(3):
-        for j in range(i, 3):
-            rate = _symmetric_unit(i, j, at.angular_rate, zero)
-            momentum = _symmetric_unit(i, j, at.angular, zero)
-            wrenches.append((add(rate, cross(at.angular, momentum)), zeros))
-    for k in range(3):
-        x, y, z = (one if k == axis else zero for axis in range(3))
-        unit: Vec = (x, y, z)
-        force = add(cross(at.angular_rate, unit), cross(at.angular, cross(at.angular, unit)))
-        wrenches.append((cross(unit, at.linear), force))
-    wrenches.append((zeros, at.linear))
-    return wrenches
-
-
-def _symmetric_unit(i: int, j: int, v: Vec, zero: Scalar) -> Vec:
-    """E v, where E is the symmetric matrix with ones at (i, j) and (j, i)."""
-    entries = [zero, zero, zero]
-    entries[i] = v[j]
-    entries[j] = v[i]
-    return (entries[0], entries[1], entries[2])
-
-
 def _backward(
     mechanism: Mechanism, steps: dict[int, list[Step]], index: int, wrench: Wrench
 ) -> list[tuple[str, Scalar]]:
     """Generalised force at every freedom between the base and a body that carries a wrench."""
     moment, force = wrench
-    efforts = []
+    efforts: list[tuple[str, Scalar]] = []
     while index != GROUND:
         for step in reversed(steps[index]):
-            for freedom in step.freedoms:
-                efforts.append((freedom.name, dot(freedom.angular, moment) + dot(freedom.linear, force)))
+            efforts += [(f.name, dot(f.angular, moment) + dot(f.linear, force)) for f in step.freedoms]
             if step.rotation is not None:
                 moment, force = apply(step.rotation, moment), apply(step.rotation, force)
             if step.shift is not None:

@@ -1,0 +1,85 @@
+"""Echelon's own description format: read a robot from YAML or JSON, and write any mechanism exactly.
+
+The format is specified by :mod:`echelon.formats.schema` and explained in ``docs/formats/description.md``.  Its
+expressions are exact already, so a mechanism is built from it directly, without the literal tree of other formats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from echelon.formats.description_build import build_description
+from echelon.formats.description_check import check_document
+from echelon.formats.description_text import Document, read_text
+from echelon.formats.description_write import write_description
+from echelon.formats.options import ReadingOptions
+from echelon.mechanism.mechanism import Mechanism
+
+__all__ = ["read_description", "read_description_data", "write_description"]
+
+
+def read_description(text: str | bytes, source: str, options: ReadingOptions) -> Mechanism:
+    """Read a robot from the text of a description.
+
+    Parameters
+    ----------
+    text : str or bytes
+        YAML or JSON.
+    source : str
+        Name of the file, for messages.
+    options : ReadingOptions
+        ``independent_mimics`` and ``symbolic`` have no effect: couplings and symbols are as the description states.
+
+    Returns
+    -------
+    Mechanism
+        With a reading that records every angle taken as exact.
+
+    Raises
+    ------
+    InputError
+        If the description cannot be read; the message names file, element and line.
+
+    Examples
+    --------
+    >>> pendulum = '''
+    ... echelon: 1
+    ... name: pendulum
+    ... symbols: {l1: 0.5}
+    ... gravity: [0, -9.81, 0]
+    ... modified_dh:
+    ...   - {joint: revolute}
+    ...   - {joint: revolute, a: l1}
+    ... '''
+    >>> print(read_description(pendulum, "pendulum.yaml", ReadingOptions()))
+    pendulum: 2 bodies, 2 degrees of freedom
+    """
+    return _build(read_text(text, source), options)
+
+
+def read_description_data(data: Mapping[str, Any], source: str, options: ReadingOptions) -> Mechanism:
+    """Read a robot from a description that is already parsed, such as :func:`write_description` returns.
+
+    Parameters
+    ----------
+    data : mapping
+        Numbers should be texts or integers; a float stands for its shortest decimal form.
+    source : str
+        Where the data comes from, for messages.
+    options : ReadingOptions
+
+    Returns
+    -------
+    Mechanism
+
+    Raises
+    ------
+    InputError
+        As for :func:`read_description`.
+    """
+    return _build(Document(dict(data), source), options)
+
+
+def _build(document: Document, options: ReadingOptions) -> Mechanism:
+    return build_description(document, check_document(document), options)

@@ -1,0 +1,234 @@
+"""From the parts of a description to a mechanism: floating base, lumping of fixed parts, labels, couplings."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from echelon.errors import InputError
+from echelon.exact.polynomial import Polynomial
+from echelon.formats.description_couplings import StatedCoupling, offset_placement, read_couplings
+from echelon.formats.description_expressions import Expressions
+from echelon.formats.description_parts import BASE, Part, read_parts
+from echelon.formats.description_symbols import check_use, declared_symbols, stated_gravity
+from echelon.formats.description_text import Document
+from echelon.formats.hints import nearest_of
+from echelon.formats.inertia import Inertial, move_inertial
+from echelon.formats.intent import numeric_value
+from echelon.formats.options import ReadingOptions, gravity_vector
+from echelon.mechanism.joint import Joint, Motion, Step, floating_motions, merge
+from echelon.mechanism.mechanism import GROUND, Body, Mechanism
+from echelon.mechanism.placement import ORIGIN, Placement
+from echelon.mechanism.reading import Snap
+
+if TYPE_CHECKING:
+    from echelon.formats.schema import RobotDescription
+
+
+@dataclass(frozen=True)
+class DescriptionReading:
+    """How a description was read; implements :class:`echelon.mechanism.reading.Reading`."""
+
+    document: Document
+    robot: RobotDescription
+    options: ReadingOptions
+    snaps: tuple[Snap, ...]
+    notes: tuple[str, ...]
+
+    def literal(self, elements: Collection[str] | None = None) -> Mechanism:
+        """The mechanism with these snapped elements (all, if omitted) taken literally."""
+        chosen = {snap.element for snap in self.snaps} if elements is None else elements
+        return build_description(self.document, self.robot, self.options, chosen)
+
+
+def build_description(
+    document: Document, robot: RobotDescription, options: ReadingOptions, literal: Collection[str] = ()
+) -> Mechanism:
+    """Interpret a description.
+
+    Parameters
+    ----------
+    document : Document
+    robot : RobotDescription
+        The same, checked against the schema.
+    options : ReadingOptions
+    literal : collection of str
+        Elements whose angles are not to be snapped.
+
+    Returns
+    -------
+    Mechanism
+
+    Raises
+    ------
+    InputError
+        If an expression, a name or a reference is not possible; names the element.
+    """
+    symbols, bare = declared_symbols(robot, document)
+    expressions = Expressions(document, options, literal, symbols)
+    tree = _Tree(read_parts(robot, expressions), robot.floating_base or options.floating, options, expressions)
+    couplings = tree.couple(robot)
+    stated = stated_gravity(robot, expressions)
+    chosen = stated if options.gravity == "file" else gravity_vector(options.gravity, stated or ORIGIN)
+    mechanism = Mechanism(
+        robot.name,
+        tuple(tree.bodies),
+        chosen if chosen is not None and any(chosen) else None,
+        tuple(c.coupling for c in couplings),
+        {name: s for name, s in expressions.intent.symbols.items() if name not in bare},
+    )
+    notes = (*tree.notes, *check_use(mechanism, robot, document))
+    reading = DescriptionReading(document, robot, options, tuple(expressions.intent.snaps), notes)
+    return replace(mechanism, reading=reading)
+
+
+class _Tree:
+    """Turns parts into bodies."""
+
+    def __init__(
+        self, parts: list[Part], floating: bool, options: ReadingOptions, expressions: Expressions
+    ) -> None:
+        self.parts, self.options, self.expressions = parts, options, expressions
+        self.floating = floating
+        self.massless = self._massless()
+        self.bodies: list[Body] = []
+        self.notes: list[str] = []
+        # of every part, and of the base: the body that carries it, and where it sits on that body
+        self.host: dict[str | None, int] = {None: GROUND}
+        self.offset: dict[str | None, Placement] = {None: Placement()}
+        self._riders: dict[int, list[Part]] = {}
+        self._labels: dict[str, str] = {}
+        self._coordinates: dict[str, str] = {}
+        if floating and parts[0].moves and parts[0].kind != "floating":
+            self._float_base()
+        for part in parts:
+            self._add(part)
+        for index, riders in self._riders.items():
+            self.bodies[index] = self._loaded(self.bodies[index], riders)
+
+    # -- bodies ----------------------------------------------------------------------------------------------------
+
+    def _float_base(self) -> None:
+        """The base becomes a body, because the first part moves against it."""
+        names = {part.name for part in self.parts}
+        name = BASE if BASE not in names else next(f"{BASE}{k}" for k in range(len(names) + 1) if f"{BASE}{k}" not in names)
+        massless = BASE in self.options.massless
+        self._append(Body(name, "0", GROUND, Joint(BASE, "floating", floating_motions(BASE)), massless), "floating_base")
+        self.host[None] = 0
+
+    def _add(self, part: Part) -> None:
+        floats = self.floating and not self.bodies and not part.moves
+        if not (part.moves or part.separate or self.options.every_link or floats):
+            self._attach(part)
+            return
+        label = self._label(part, floats)
+        before = self.offset[part.parent]
+        steps = part.steps(label)
+        joint = Joint(part.joint, part.kind, steps if before.is_identity else merge((before, *steps)))
+        if floats:
+            self._hang_base_on(steps)
+            joint = Joint(BASE, "floating", merge((*floating_motions(BASE), *steps)))
+        body = Body(part.name, label, self.host[part.parent] if not floats else GROUND, joint)
+        body = replace(body, massless=part.name in self.massless, inertial=part.inertial)
+        self.host[part.name], self.offset[part.name] = len(self.bodies), Placement()
+        self._append(body, part.path)
+
+    def _hang_base_on(self, steps: tuple[Step, ...]) -> None:
+        """The first part carries the base, so all else that hangs on the base hangs on it."""
+        self.host[None] = 0
+        for step in steps:
+            assert isinstance(step, Placement)
+            self.offset[None] = step.inverse() @ self.offset[None]
+
+    def _append(self, body: Body, path: str) -> None:
+        for motion in body.joint.motions:
+            if not motion.name:
+                raise self.expressions.error(f"{path}.joint.name", "a joint that moves needs a name")
+            if motion.name in self._coordinates:
+                problem = f"the coordinate '{motion.name}' occurs already in {self._coordinates[motion.name]}"
+                raise self.expressions.error(path, problem)
+            self._coordinates[motion.name] = path
+        if body.label in self._labels:
+            problem = f"the label '{body.label}' is taken by {self._labels[body.label]}"
+            raise self.expressions.error(f"{path}.label", problem)
+        self._labels[body.label] = path
+        self.bodies.append(body)
+
+    def _label(self, part: Part, floats: bool) -> str:
+        if part.label is not None:
+            return part.label
+        if part.default_label is not None and not floats:
+            return part.default_label
+        return str(len(self.bodies) + (0 if self.floating else 1))
+
+    def _attach(self, part: Part) -> None:
+        """A fixed part rides on its parent's body."""
+        placed = self.offset[part.parent]
+        for step in part.steps("_" + "".join(c if c.isalnum() else "_" for c in part.name)):
+            assert isinstance(step, Placement)
+            placed = placed @ step
+        self.host[part.name], self.offset[part.name] = self.host[part.parent], placed
+        if self.host[part.name] != GROUND:
+            self._riders.setdefault(self.host[part.name], []).append(part)
+
+    # -- inertial values -------------------------------------------------------------------------------------------
+
+    def _massless(self) -> frozenset[str]:
+        names = [part.name for part in self.parts]
+        for name in self.options.massless:
+            if name not in names and not (name == BASE and self.floating):
+                source = self.expressions.document.source
+                raise InputError(f"no body '{name}' to declare massless{nearest_of(name, names)}", source=source)
+        stated = {part.name for part in self.parts if part.massless}
+        return frozenset(stated | set(self.options.massless))
+
+    def _loaded(self, body: Body, riders: list[Part]) -> Body:
+        """A body with what rides on it."""
+        massless = body.massless and all(part.name in self.massless for part in riders)
+        total = None if body.inertial is None else np.array(body.inertial)
+        if total is None and not body.massless:
+            return replace(body, massless=massless)
+        for part in riders:
+            if part.inertial is None:
+                continue
+            moved = self._moved(part)
+            if moved is None:
+                self.notes.append(f"inertial values of '{body.name}' are unknown: '{part.name}' sits at a symbolic place")
+                return replace(body, massless=massless, inertial=None)
+            total = moved if total is None else total + moved
+        values = None if total is None else tuple(float(v) for v in total)
+        return replace(body, massless=massless, inertial=values)
+
+    def _moved(self, part: Part) -> Inertial | None:
+        """A rider's parameters about the frame of its body, if all symbols on the way have values."""
+        place = self.offset[part.name]
+        known = {n: s.value for n, s in self.expressions.intent.symbols.items() if s.value is not None}
+        if not known.keys() >= set(place.symbols()):
+            return None
+
+        def value(entry: Polynomial) -> float:
+            return numeric_value(entry, known)
+
+        rotation = [[value(entry) for entry in row] for row in place.rotation]
+        return move_inertial(np.array(part.inertial), rotation, [value(entry) for entry in place.translation])
+
+    # -- couplings -------------------------------------------------------------------------------------------------
+
+    def couple(self, robot: RobotDescription) -> list[StatedCoupling]:
+        """Read the couplings and move their constant parts into the joints."""
+        motions = {m.name: m for body in self.bodies for m in body.joint.motions}
+        couplings = read_couplings(robot, self.expressions, motions)
+        offsets = {c.coordinate: c for c in couplings if c.offset}
+        for index, body in enumerate(self.bodies):
+            if not any(m.name in offsets for m in body.joint.motions):
+                continue
+            steps: list[Step] = []
+            for step in body.joint.steps:
+                if isinstance(step, Motion) and step.name in offsets:
+                    steps.append(offset_placement(offsets[step.name], step, body.label, self.expressions))
+                steps.append(step)
+            self.bodies[index] = replace(body, joint=replace(body.joint, steps=merge(tuple(steps))))
+        return couplings

@@ -1,0 +1,181 @@
+"""The expressions of a description: lengths, angles, directions and plain numbers, with errors that name the place.
+
+Angles may be given as decimals, which round: 1.5708 is read as π/2 by the same rules as in other robot files (see
+:mod:`echelon.formats.intent`).  An angle that is stated exactly, with ``pi`` or symbols, is never moved.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection, Mapping, Sequence
+from fractions import Fraction
+
+from echelon.errors import InputError
+from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
+from echelon.exact.expressions import PI, as_angle, parse
+from echelon.exact.numbers import Number, Rational, Surd
+from echelon.exact.polynomial import Polynomial
+from echelon.formats.description_text import Document
+from echelon.formats.hints import nearest
+from echelon.formats.intent import Intent
+from echelon.formats.literal import LiteralTree
+from echelon.formats.options import ReadingOptions
+from echelon.mechanism.mechanism import Symbol
+from echelon.mechanism.placement import Vector
+
+_PIECE, _LONGEST = 500, 100_000
+_NOT_FINITE = re.compile(r"[+-]?\.?(nan|inf|infinity)", re.IGNORECASE)
+_LEADING_ZERO = re.compile(r"[+-]?0\d+")
+
+
+def parse_long(text: str) -> Polynomial:
+    """Read an expression of any length.
+
+    The parser of expressions recurses along sums, so a long sum (as a saved model may hold) is read piece by piece.
+
+    Raises
+    ------
+    ValueError
+        If the text is not an expression.
+    """
+    if len(text) <= _PIECE:
+        return parse(text)
+    if len(text) > _LONGEST:
+        raise ValueError(f"an expression of {len(text)} characters is too long (at most {_LONGEST})")
+    return Polynomial.sum(parse(piece) for piece in _pieces(text))
+
+
+def _pieces(text: str) -> list[str]:
+    """The text cut before signs that stand between terms, into parts that are no longer than necessary."""
+    cuts, depth, start = [0], 0, 0
+    for position, character in enumerate(text):
+        depth += (character == "(") - (character == ")")
+        between_terms = not depth and character in "+-" and text[max(0, position - 1)] == " "
+        if between_terms and position - start > _PIECE:
+            cuts.append(position)
+            start = position
+    return [text[a:b] for a, b in zip(cuts, [*cuts[1:], len(text)], strict=True)]
+
+
+class Expressions:
+    """Reads the expressions of one description.
+
+    Parameters
+    ----------
+    document : Document
+    options : ReadingOptions
+    literal : collection of str
+        Elements whose angles are not to be snapped.
+    symbols : mapping of str to Symbol
+        Declared symbols.
+    """
+
+    def __init__(
+        self,
+        document: Document,
+        options: ReadingOptions,
+        literal: Collection[str],
+        symbols: Mapping[str, Symbol],
+    ) -> None:
+        self.document = document
+        self.declared = frozenset(symbols)
+        self.intent = Intent(LiteralTree(document.source, document.source, ()), options, literal, dict(symbols))
+
+    def error(self, path: str, problem: str) -> InputError:
+        """An error about the element at a path."""
+        return self.document.error(path, problem)
+
+    def polynomial(self, text: str, path: str, also: Collection[str] = ()) -> Polynomial:
+        """Any expression in declared symbols, pi, and the names in ``also``."""
+        self._check_spelling(text, path)
+        try:
+            value = parse_long(text)
+            for coefficient in value.terms.values():
+                float(coefficient)
+        except ValueError as error:
+            raise self.error(path, str(error)) from None
+        except OverflowError:
+            raise self.error(path, f"'{text}' is too large a number") from None
+        for name in value.symbols():
+            if name not in self.declared and name not in also and name != PI:
+                hint = nearest(name, [*self.declared, *also])
+                raise self.error(path, f"the symbol '{name}' in '{text}' is not declared: list it in symbols{hint}")
+        return value
+
+    def _check_spelling(self, text: str, path: str) -> None:
+        if _NOT_FINITE.fullmatch(text) and text not in self.declared:
+            raise self.error(path, f"'{text}' is not a finite number")
+        if _LEADING_ZERO.fullmatch(text) and int(text):
+            raise self.error(path, f"'{text}' could be decimal or octal: write it without the leading zero")
+        if "°" in text or text.endswith("deg"):
+            raise self.error(path, f"'{text}' is in degrees: angles are in radians, such as 30*pi/180")
+
+    def length(self, text: str, path: str, also: Collection[str] = ()) -> Polynomial:
+        """An expression that is not an angle, so without pi."""
+        value = self.polynomial(text, path, also)
+        if PI in value.generators():
+            raise self.error(path, f"pi can occur in angles only, not in '{text}': use a symbol or a number")
+        return value
+
+    def vector(self, texts: Sequence[str], path: str) -> Vector:
+        """Three lengths, or three components of gravity."""
+        x, y, z = (self.length(text, f"{path}[{i}]") for i, text in enumerate(texts))
+        return (x, y, z)
+
+    def number(self, text: str, path: str) -> Number:
+        """A number without symbols."""
+        value = self.length(text, path).number
+        if value is None:
+            raise self.error(path, f"'{text}' must be a number here, without symbols")
+        return value
+
+    def real(self, text: str, path: str) -> float:
+        """A number as a float."""
+        return float(self.number(text, path))
+
+    def direction(self, axis: str | Sequence[str], path: str) -> tuple[Rational, Rational, Rational]:
+        """A direction: a coordinate axis such as ``-x``, or three numbers that are not all zero."""
+        if isinstance(axis, str):
+            sign = -1 if axis.startswith("-") else 1
+            x, y, z = (sign if letter == axis[-1] else 0 for letter in "xyz")
+            return (x, y, z)
+        numbers = [self.number(text, f"{path}[{i}]") for i, text in enumerate(axis)]
+        if not any(numbers):
+            raise self.error(path, "the axis is zero; it needs a direction such as z or [0, 0, 1]")
+        # only directions are taken from these numbers, as floats, so a square root may be rounded like one
+        a, b, c = (Fraction(float(n)) if isinstance(n, Surd) else n for n in numbers)
+        return (a, b, c)
+
+    def angle(self, text: str, path: str, name: str) -> Angle:
+        """An angle in radians.
+
+        Parameters
+        ----------
+        text, path : str
+        name : str
+            Wanted name of the symbol, should the angle need one.
+        """
+        return self.exact_angle(self.polynomial(text, path), path, name)
+
+    def exact_angle(self, value: Polynomial, path: str, name: str) -> Angle:
+        """An expression as an angle with exact sine and cosine."""
+        try:
+            stated = as_angle(value)
+        except ValueError as error:
+            raise self.error(path, str(error)) from None
+        for symbol, count in stated.parts:
+            if count.denominator != 1:
+                problem = f"'{value}' holds a fraction of the angle {symbol}: make the smaller angle the symbol"
+                raise self.error(path, problem)
+        has_steps = (stated.half_turns * STEPS_PER_HALF_TURN).denominator == 1
+        turns = stated.half_turns if has_steps else Fraction(0)
+        if not has_steps:
+            # stated exactly as a part of pi, so it must not be mistaken for a rounded multiple of 15°
+            rest = float(stated.radians) + float(stated.half_turns) * math.pi
+            read = self.intent.named_angle(rest, path, name)
+        elif stated.radians:
+            read = self.intent.angle(stated.radians, path, name)
+        else:
+            read = Angle()
+        return Angle(turns + read.half_turns, (*stated.parts, *read.parts))

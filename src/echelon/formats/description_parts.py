@@ -1,0 +1,222 @@
+"""The three forms of a description as one: parts, each with a parent and a joint, parents first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from echelon.formats.description_expressions import Expressions
+from echelon.formats.description_joints import Joints, joint_name
+from echelon.formats.hints import nearest, nearest_of
+from echelon.formats.inertia import central_inertial
+from echelon.mechanism.joint import Step
+
+if TYPE_CHECKING:
+    from echelon.formats.schema import BodyEntry, Inertial, ModifiedRow, RobotDescription, StandardRow
+
+BASE = "base"
+"""What a parent is called that is the base, unless a body has that name."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A row of a table or a body, before it is known whether it becomes a body of the mechanism.
+
+    Attributes
+    ----------
+    path, name : str
+        Element of the document, and name of the body.
+    parent : str or None
+        Name of the parent part; None for the base.
+    label, default_label : str or None
+        Label that is stated, and label by position in a table.
+    joint, kind : str
+        Name and type of the joint.
+    separate, massless : bool
+    inertial : tuple of 10 floats, optional
+    steps : callable
+        Steps of the joint, for a given stem of symbol names.
+    """
+
+    path: str
+    name: str
+    parent: str | None
+    label: str | None
+    default_label: str | None
+    joint: str
+    kind: str
+    moves: bool
+    separate: bool
+    massless: bool
+    inertial: tuple[float, ...] | None
+    steps: Callable[[str], tuple[Step, ...]]
+
+
+def read_parts(robot: RobotDescription, expressions: Expressions) -> list[Part]:
+    """All parts, parents before children and otherwise in the order of the document.
+
+    Raises
+    ------
+    InputError
+        If names are not unique, a parent does not exist, or parents form a circle.
+    """
+    joints = Joints(expressions)
+    if robot.modified_dh is not None:
+        return _sorted(_modified(robot.modified_dh, joints), expressions)
+    if robot.standard_dh is not None:
+        return _sorted(_standard(robot.standard_dh, joints), expressions)
+    assert robot.bodies is not None
+    parts = _sorted(_bodies(robot.bodies, joints), expressions)
+    for part in parts[1:]:
+        if part.kind == "root":
+            raise expressions.error(part.path, "needs a joint; only the first body may go without one")
+    return parts
+
+
+# -- tables ---------------------------------------------------------------------------------------------------------
+
+
+def _modified(rows: Sequence[ModifiedRow], joints: Joints) -> list[Part]:
+    names = _row_names(rows, "modified_dh", joints.expressions)
+    parts = []
+    for index, row in enumerate(rows):
+        path = f"modified_dh[{index}]"
+        parent = _antecedent(row.parent, index, names, f"{path}.parent", joints.expressions)
+        steps = partial(joints.modified_row, row, names[index], path)
+        parts.append(_row_part(row, index, path, names[index], parent, joints.expressions, steps))
+    return parts
+
+
+def _standard(rows: Sequence[StandardRow], joints: Joints) -> list[Part]:
+    names = _row_names(rows, "standard_dh", joints.expressions)
+    parts = []
+    for index, row in enumerate(rows):
+        path = f"standard_dh[{index}]"
+        parent = names[index - 1] if index else None
+        steps = partial(joints.standard_row, row, names[index], path)
+        parts.append(_row_part(row, index, path, names[index], parent, joints.expressions, steps))
+    return parts
+
+
+def _row_part(
+    row: ModifiedRow | StandardRow,
+    index: int,
+    path: str,
+    name: str,
+    parent: str | None,
+    expressions: Expressions,
+    steps: Callable[[str], tuple[Step, ...]],
+) -> Part:
+    inertial = _inertial(row.inertial, f"{path}.inertial", expressions)
+    label = str(index + 1)
+    moves = row.joint != "fixed"
+    return Part(
+        path, name, parent, row.label, label, name, row.joint, moves, row.separate, row.massless, inertial, steps
+    )
+
+
+def _row_names(rows: Sequence[ModifiedRow | StandardRow], form: str, expressions: Expressions) -> list[str]:
+    names = [row.name or f"j{number}" for number, row in enumerate(rows, 1)]
+    for index, name in enumerate(names):
+        if name.isdigit():
+            problem = f"'{name}' would be confused with the number of a row: use a name such as j{name}"
+            raise expressions.error(f"{form}[{index}].name", problem)
+    return names
+
+
+def _antecedent(
+    stated: str | None, index: int, names: Sequence[str], path: str, expressions: Expressions
+) -> str | None:
+    if stated is None:
+        return names[index - 1] if index else None
+    if stated in names:
+        return stated
+    if stated in ("0", BASE):
+        return None
+    if stated.isdigit() and int(stated) <= len(names):
+        return names[int(stated) - 1]
+    valid = f"0 to {len(names)}" if stated.isdigit() else f"0 to {len(names)}, base or a name"
+    raise expressions.error(path, f"there is no row '{stated}': give {valid}{nearest(stated, names)}")
+
+
+# -- bodies ---------------------------------------------------------------------------------------------------------
+
+
+def _bodies(bodies: Sequence[BodyEntry], joints: Joints) -> list[Part]:
+    names = [body.name for body in bodies]
+    parts = []
+    for index, body in enumerate(bodies):
+        path = f"bodies[{index}]"
+        parent = body.parent
+        if parent is not None and parent not in names:
+            if parent != BASE:
+                problem = f"there is no body '{parent}'{nearest_of(parent, [BASE, *names])}"
+                raise joints.expressions.error(f"{path}.parent", problem)
+            parent = None
+        inertial = _inertial(body.inertial, f"{path}.inertial", joints.expressions)
+        steps = partial(joints.body, body, path)
+        kind, moves = _kind(body)
+        joint = joint_name(body) if body.joint is not None else ""
+        parts.append(
+            Part(
+                path, body.name, parent, body.label, None, joint, kind, moves, body.separate, body.massless, inertial, steps
+            )
+        )
+    return parts
+
+
+def _kind(body: BodyEntry) -> tuple[str, bool]:
+    """What a joint is called, and whether it moves."""
+    if body.joint is None:
+        return "root", False
+    if body.joint.type == "custom":
+        return body.joint.kind, any(hasattr(step, "motion") for step in body.joint.steps)
+    return body.joint.type, body.joint.type != "fixed"
+
+
+# -- both -----------------------------------------------------------------------------------------------------------
+
+
+def _inertial(stated: Inertial | None, path: str, expressions: Expressions) -> tuple[float, ...] | None:
+    """The ten standard parameters about the body's frame."""
+    if stated is None:
+        return None
+    # the two forms are told apart by the key that only one of them has
+    if hasattr(stated, "standard"):
+        return tuple(expressions.real(text, f"{path}.standard[{i}]") for i, text in enumerate(stated.standard))
+    mass = expressions.real(stated.mass, f"{path}.mass")
+    if mass < 0:
+        raise expressions.error(f"{path}.mass", f"'{stated.mass}' is negative")
+    centre = [expressions.real(text, f"{path}.com[{i}]") for i, text in enumerate(stated.com)]
+    xx, xy, xz, yy, yz, zz = (
+        expressions.real(getattr(stated.inertia, entry), f"{path}.inertia.{entry}")
+        for entry in ("xx", "xy", "xz", "yy", "yz", "zz")
+    )
+    tensor = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+    return tuple(float(v) for v in central_inertial(mass, centre, tensor, np.eye(3)))
+
+
+def _sorted(parts: list[Part], expressions: Expressions) -> list[Part]:
+    """Parents before children; who already stands behind their parents stays in place."""
+    by_name: dict[str, Part] = {}
+    for part in parts:
+        if part.name in by_name:
+            taken = by_name[part.name].path
+            raise expressions.error(f"{part.path}.name", f"the name '{part.name}' is taken by {taken}")
+        by_name[part.name] = part
+    ordered: dict[str, Part] = {}
+    for part in parts:
+        chain: dict[str, Part] = {}
+        above: Part | None = part
+        while above is not None and above.name not in ordered:
+            if above.name in chain:
+                circle = " -> ".join([*list(chain)[list(chain).index(above.name) :], above.name])
+                raise expressions.error(f"{part.path}.parent", f"the parents form a circle: {circle}")
+            chain[above.name] = above
+            above = by_name[above.parent] if above.parent is not None else None
+        ordered.update(reversed(chain.items()))
+    return list(ordered.values())

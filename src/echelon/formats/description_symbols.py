@@ -1,0 +1,128 @@
+"""The symbols of a description: which names are possible, what values they have, and how they may be used."""
+
+from __future__ import annotations
+
+import keyword
+import math
+import unicodedata
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from echelon.exact.expressions import PI, RESERVED
+from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
+from echelon.formats.description_expressions import Expressions
+from echelon.formats.description_text import Document
+from echelon.formats.options import ReadingOptions, gravity_vector
+from echelon.mechanism.mechanism import Mechanism, Symbol
+from echelon.mechanism.placement import ORIGIN, Placement, Vector
+
+if TYPE_CHECKING:
+    from echelon.formats.schema import RobotDescription
+
+GENERIC = gravity_vector("generic", ORIGIN)
+"""Gravity of unknown direction; its symbols need no declaration."""
+
+
+def declared_symbols(robot: RobotDescription, document: Document) -> tuple[dict[str, Symbol], frozenset[str]]:
+    """The declared symbols.
+
+    Returns
+    -------
+    dict of str to Symbol
+        All of them.
+    frozenset of str
+        Those that are names only (``{}``) and do not become symbols of the mechanism.
+
+    Raises
+    ------
+    InputError
+        If a name cannot be a symbol or a value is not a constant.
+    """
+    expressions = Expressions(document, ReadingOptions(), (), {})
+    symbols, bare = {}, set()
+    for name, entry in robot.symbols.items():
+        path = f"symbols.{name}"
+        problem = _unusable(name)
+        if problem:
+            raise document.error(path, f"'{name}' {problem}")
+        stated = entry if entry is None or isinstance(entry, str) else entry.value
+        value = None if stated is None else _constant(expressions, stated, path, robot)
+        meaning = ""
+        if entry is not None and not isinstance(entry, str):
+            meaning = entry.meaning
+            if entry.approximate is not None:
+                value = expressions.real(entry.approximate, f"{path}.approximate")
+            if value is None and not meaning:
+                bare.add(name)
+        symbols[name] = Symbol(name, value, stated, meaning)
+    return symbols, frozenset(bare)
+
+
+def _unusable(name: str) -> str:
+    """Why a name cannot be a symbol, or nothing."""
+    if name in RESERVED:
+        return f"has a fixed meaning in expressions and cannot be a symbol ({', '.join(sorted(RESERVED))} have)"
+    if keyword.iskeyword(name):
+        return f"is a word of the expression language (a Python keyword): use another name, such as {name}_ or {name}1"
+    if not name.isidentifier():
+        return "is not a possible symbol: letters, digits and _ only, not beginning with a digit, such as l1 or d_4"
+    if unicodedata.normalize("NFKC", name) != name:
+        return f"is written with compatibility characters: write {unicodedata.normalize('NFKC', name)}"
+    return ""
+
+
+def _constant(expressions: Expressions, text: str, path: str, robot: RobotDescription) -> float:
+    value = expressions.polynomial(text, path, robot.symbols)
+    if not set(value.generators()) <= {PI}:
+        problem = f"'{text}' is not a constant: write a relation between symbols where the length or angle is used"
+        raise expressions.error(path, problem)
+    return value.evaluate({PI: math.pi}, float)
+
+
+def check_use(mechanism: Mechanism, robot: RobotDescription, document: Document) -> list[str]:
+    """Check that every symbol has one role.
+
+    Returns
+    -------
+    list of str
+        Notes about declared symbols that nothing uses.
+
+    Raises
+    ------
+    InputError
+        If a symbol is used both as an angle and as another quantity, or for gravity as well.
+    """
+    geometry = {generator for entry in _geometry(mechanism) for generator in entry.generators()}
+    gravity = {generator for entry in mechanism.gravity or () for generator in entry.generators()}
+    plain = {g for g in geometry | gravity if not is_trigonometric(g)}
+    for generator in geometry | gravity:
+        if is_trigonometric(generator) and symbol_of(generator) in plain:
+            name = symbol_of(generator)
+            raise document.error(f"symbols.{name}", f"'{name}' is used as an angle and as another quantity")
+    if mechanism.gravity is not None and mechanism.gravity == GENERIC:
+        for name in sorted(gravity & geometry):
+            raise document.error(f"symbols.{name}", f"'{name}' is a component of the generic gravity: rename the symbol")
+    used = {symbol_of(g) for g in geometry | gravity}
+    return [f"the symbol '{name}' is not used" for name in robot.symbols if name not in used]
+
+
+def _geometry(mechanism: Mechanism) -> Iterator[Polynomial]:
+    for body in mechanism.bodies:
+        for step in body.joint.steps:
+            if isinstance(step, Placement):
+                yield from step.translation
+                yield from (entry for row in step.rotation for entry in row)
+            else:
+                yield step.pitch
+    for coupling in mechanism.couplings:
+        yield from (ratio for _, ratio in coupling.terms)
+
+
+def stated_gravity(robot: RobotDescription, expressions: Expressions) -> Vector | None:
+    """Gravity as the description states it; None for none."""
+    if robot.gravity == "none":
+        return None
+    if robot.gravity == "generic":
+        return GENERIC
+    assert not isinstance(robot.gravity, str)
+    return expressions.vector(robot.gravity, "gravity")

@@ -1,0 +1,105 @@
+"""The text of an MJCF model, checked before MuJoCo sees it.
+
+MuJoCo would resolve includes against the working directory, write a log file and go on when a number is not finite, and
+take hours over a large ``<replicate>``.  So all documents are read here, and are handed over only if they are harmless.
+"""
+
+from __future__ import annotations
+
+from math import isfinite, prod
+from pathlib import Path, PurePath
+from typing import Any
+
+from echelon.errors import InputError
+from echelon.formats.xml import parse_xml
+
+_NUMERIC = {
+    *("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "axis", "ref", "polycoef", "gravity"),
+    *("mass", "density", "diaginertia", "fullinertia", "fromto", "size", "offset", "scale", "massscale"),
+}
+_MULTIPLYING = ("replicate", "composite", "flexcomp")
+_MOST_COPIES = 10_000
+
+
+def check_document(text: str | bytes, source: str, directory: Path | None) -> tuple[str, dict[str, bytes]]:
+    """The text of a model, and the contents of the files that it includes or attaches, by the names it uses.
+
+    Parameters
+    ----------
+    text : str or bytes
+    source : str
+        File name for messages.
+    directory : Path, optional
+        Where included files are; without it none is looked for.
+
+    Raises
+    ------
+    InputError
+        If a document is malformed, unsafe or has numbers that are not finite, or an included file is missing.
+    """
+    root = parse_xml(text, source)
+    if root.tag == "mujocoinclude":
+        raise InputError("this is a fragment, not a model: read the file that includes it", source=source)
+    if root.tag != "mujoco":
+        raise InputError(f"expected a <mujoco> element, found <{root.tag}>", source=source)
+    try:
+        decoded = text.decode("utf-8-sig") if isinstance(text, bytes) else text
+    except UnicodeDecodeError:
+        raise InputError("not UTF-8, which MuJoCo expects", source=source) from None
+    included: dict[str, bytes] = {}
+    _check(root, source)
+    _gather(root, source, directory, PurePath(), included)
+    return decoded, included
+
+
+def _gather(root: Any, source: str, directory: Path | None, folder: PurePath, included: dict[str, bytes]) -> None:
+    """Read and check the files that a document includes or attaches, and those that these include."""
+    for element in root.iter():
+        name = element.get("file") if element.tag in ("include", "model") else None
+        if name is None or name in included:
+            continue
+        where = f"{element.tag} '{name}'"
+        if directory is None:
+            raise InputError("the model has no directory to find this file in", source=source, element=where)
+        # MuJoCo looks beside the main file first, then beside the including one
+        found = next((p for p in (PurePath(name), folder / name) if (directory / p).is_file()), None)
+        if found is None:
+            raise InputError("no such file", source=source, element=where)
+        try:
+            included[name] = (directory / found).read_bytes()
+        except OSError as error:
+            raise InputError(f"cannot be read: {error.strerror}", source=source, element=where) from None
+        child = parse_xml(included[name], str(found))
+        _check(child, str(found))
+        _gather(child, str(found), directory, found.parent, included)
+
+
+def _check(root: Any, source: str) -> None:
+    _check_finite(root, source)
+    _check_copies(root, source)
+
+
+def _check_finite(root: Any, source: str) -> None:
+    """MuJoCo itself lets nan and inf pass with no more than a warning."""
+    for element in root.iter():
+        for name, value in element.items():
+            for word in value.split() if name in _NUMERIC else ():
+                try:
+                    finite = isfinite(float(word))
+                except ValueError:
+                    continue  # MuJoCo reports it, with the line
+                if not finite:
+                    where = f"{element.tag} '{element.get('name', '')}' {name}"
+                    raise InputError(f"'{word}' is not a finite number", source=source, element=where)
+
+
+def _check_copies(root: Any, source: str) -> None:
+    pending = [(root, 1)]
+    while pending:
+        element, copies = pending.pop()
+        if element.tag in _MULTIPLYING:
+            copies *= prod(int(word) for word in element.get("count", "1").split() if word.isdecimal())
+            if copies > _MOST_COPIES:
+                problem = f"{copies} copies are too many; {_MOST_COPIES} are allowed"
+                raise InputError(problem, source=source, element=element.tag)
+        pending.extend((child, copies) for child in element)
