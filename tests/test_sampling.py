@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,44 +16,54 @@ from echelon.program.sampling import FieldSampler
 from echelon.program.tape import Program, Scalar
 from strategies import FIELDS, SMALL_FIELD
 
-Relation = Callable[..., Any]  # of sin, cos and states x, y
+Relation = Callable[[Program, Scalar, Scalar], Scalar]  # of states x and y
+HALF, ROOT2 = Fraction(1, 2), surd(0, 1, 0, 0)
+
+
+def turned(p: Program, a: Scalar, b: Scalar) -> Scalar:
+    """sin(a + b) by the addition theorem."""
+    return p.sin(a) * p.cos(b) + p.cos(a) * p.sin(b)
+
+
+def doubled(p: Program, a: Scalar) -> Scalar:
+    """sin 2a by the addition theorem."""
+    return turned(p, a, a)
+
 
 IDENTITIES: dict[str, Relation] = {
-    "circle": lambda s, c, x, _: s(x) * s(x) + c(x) * c(x) - 1,
-    "odd and even": lambda s, c, x, _: (s(-x) + s(x)) * 2 + c(-x) - c(x),
-    "double angle": lambda s, c, x, _: s(2 * x) - 2 * s(x) * c(x),
-    "half angle": lambda s, c, x, _: 2 * c(x / 2) * c(x / 2) - 1 - c(x),
-    "sum": lambda s, c, x, y: c(x + y) - c(x) * c(y) + s(x) * s(y),
-    "sum of multiples": lambda s, c, x, y: s(x / 3 - y) - s(x / 3) * c(y) + c(x / 3) * s(y),
-    "coupling": lambda s, c, x, _: c(Fraction(3, 7) * x) - 4 * c(x / 7) * c(x / 7) * c(x / 7) + 3 * c(x / 7),
-    "large multiple": lambda s, c, x, _: s(1000 * x) - 2 * s(500 * x) * c(500 * x),
-    "large and small multiples": lambda s, c, x, _: s(2 * x) - 2 * s(x) * c(x) + 0 * 1 + (s(x / 1000) - s(x / 1000)),
-    "angle that cancels": lambda s, c, x, y: s(x + y - x - y) + c((x + y) - y - x) - 1,
-    "product as angle": lambda s, c, x, y: s(2 * (x * y)) - 2 * s(x * y) * c(x * y),
-    "irrational multiple": lambda s, c, x, _: (
-        s(x * surd(0, 1, 0, 0) + x) - s(x * surd(0, 1, 0, 0)) * c(x) - c(x * surd(0, 1, 0, 0)) * s(x)
-    ),
-    "function as angle": lambda s, c, x, _: s(2 * s(x)) - 2 * s(s(x)) * c(s(x)),
-    "constant angle": lambda s, c, x, _: (
-        s(x + 1) * c(x) - c(x + 1) * s(x) - 2 * s(x - x + Fraction(1, 2)) * c(x - x + Fraction(1, 2))
-    ),
+    "circle": lambda p, x, _: p.sin(x) * p.sin(x) + p.cos(x) * p.cos(x) - 1,
+    "odd and even": lambda p, x, _: (p.sin(-x) + p.sin(x)) * 2 + p.cos(-x) - p.cos(x),
+    "double angle": lambda p, x, _: p.sin(2 * x) - doubled(p, x),
+    "half angle": lambda p, x, _: p.sin(x) - doubled(p, x / 2),
+    "sum": lambda p, x, y: p.sin(x + y) - turned(p, x, y),
+    "sum of multiples": lambda p, x, y: p.sin(x / 3 - y) - turned(p, x / 3, -y),
+    "coupling": lambda p, x, _: p.sin(Fraction(3, 7) * x) - turned(p, x / 7, Fraction(2, 7) * x),
+    "large multiple": lambda p, x, _: p.sin(10_000_000 * x) - doubled(p, 5_000_000 * x),
+    "large and small multiples": lambda p, x, _: (p.sin(2 * x) - doubled(p, x)) * p.sin(x / 1000),
+    "angle that cancels": lambda p, x, y: p.sin(x + y - x - y) + p.cos((x + y) - y - x) - 1,
+    "product": lambda p, x, y: p.sin(2 * (x * y)) - doubled(p, x * y),
+    "product and sum": lambda p, x, y: p.sin(x - x * y) - turned(p, x, -(x * y)),
+    "irrational multiple": lambda p, x, _: p.sin(x * ROOT2 + x) - turned(p, x * ROOT2, x),
+    "function": lambda p, x, _: p.sin(2 * p.sin(x)) - doubled(p, p.sin(x)),
+    "constant": lambda p, x, _: p.sin(x + 1) - turned(p, x, p.one),
+    "half of a constant": lambda p, _, __: p.sin(p.one) - doubled(p, p.constant(HALF)),
 }
 
 DIFFERENCES: dict[str, Relation] = {
-    "sine and angle": lambda s, c, x, _: s(x) - x,
-    "sine and cosine": lambda s, c, x, _: s(x) - c(x),
-    "two angles": lambda s, c, x, y: c(x) - c(y),
-    "two multiples": lambda s, c, x, _: c(x) - c(2 * x),
-    "tangent of the half": lambda s, c, x, _: s(x) - 2 * x / (1 + x * x),
-    "irrational multiple": lambda s, c, x, _: c(x) - c(x * surd(0, 1, 0, 0)),
-    "shift": lambda s, c, x, _: c(x) - c(x + 1),
+    "sine and angle": lambda p, x, _: p.sin(x) - x,
+    "sine and cosine": lambda p, x, _: p.sin(x) - p.cos(x),
+    "two angles": lambda p, x, y: p.cos(x) - p.cos(y),
+    "two multiples": lambda p, x, _: p.cos(x) - p.cos(2 * x),
+    "tangent of the half": lambda p, x, _: p.sin(x) - 2 * x / (1 + x * x),
+    "irrational multiple": lambda p, x, _: p.cos(x) - p.cos(x * ROOT2),
+    "shift": lambda p, x, _: p.cos(x) - p.cos(x + 1),
 }
 
 
 def sample(relation: Relation, field: PrimeField, states: int = 20) -> Residues:
     program = Program()
     x, y = program.input("x"), program.input("y")
-    result = relation(program.sin, program.cos, x, y)
+    result = relation(program, x, y)
     values: Residues = FieldSampler(program, [result.node]).evaluate(field, np.random.default_rng(0), states, {})
     assert values.shape == (1, 1, states)
     return values.ravel()
@@ -73,21 +82,22 @@ def test_other_relations_do_not_hold(relation: Relation) -> None:
     assert len(set(values.tolist())) == len(values)
 
 
-SPANS: dict[str, tuple[Callable[..., list[Any]], int]] = {
-    "shifted angles": (lambda s, c, x, _: [s(x), c(x), s(x + 1), c(x - Fraction("0.7853"))], 2),
-    "angle shifted by a symbol": (lambda s, c, x, a: [s(x), c(x), s(x + a), c(x - 2 * a)], 2),
-    "product of symbols as shift": (lambda s, c, x, a: [s(x), c(x), s(x + a * a)], 2),
-    "squares": (lambda s, c, x, _: [s(x) * s(x), c(x) * c(x), c(2 * x), x - x + 1], 2),
-    "screw": (lambda s, c, x, _: [x, s(x), c(x), x * x, x * s(x)], 5),
-    "constants": (lambda s, c, x, a: [s(a), c(a), s(x - x + 2), x - x + 1], 1),
+Columns = Callable[[Program, Scalar, Scalar], list[Scalar]]  # of a state x and a symbol a
+
+SPANS: dict[str, tuple[Columns, int]] = {
+    "shifts": (lambda p, x, _: [p.sin(x), p.cos(x), p.sin(x + 1), p.cos(x - Fraction("0.7853"))], 2),
+    "symbols as shifts": (lambda p, x, a: [p.sin(x), p.cos(x), p.sin(x + a), p.cos(x - 2 * a), p.sin(x - a * a)], 2),
+    "squares": (lambda p, x, _: [p.sin(x) * p.sin(x), p.cos(x) * p.cos(x), p.cos(2 * x), p.one], 2),
+    "screw": (lambda p, x, _: [x, p.sin(x), p.cos(x), x * x, x * p.sin(x)], 5),
+    "constants": (lambda p, x, a: [p.sin(a), p.cos(a * a), p.sin(p.constant(2)), p.one, (x - x)], 1),
 }
 
 
 @pytest.mark.parametrize(("columns", "expected"), SPANS.values(), ids=SPANS.keys())
-def test_ranks(columns: Callable[..., list[Any]], expected: int) -> None:
+def test_ranks(columns: Columns, expected: int) -> None:
     program = Program()
     x, a = program.input("x"), program.input("a", "symbol")
-    outputs = [scalar.node for scalar in columns(program.sin, program.cos, x, a)]
+    outputs = [scalar.node for scalar in columns(program, x, a)]
     sampler, rng = FieldSampler(program, outputs), np.random.default_rng(1)
     geometry = {name: SMALL_FIELD.draw(rng, (1,)) for name in sampler.symbols}
     matrix = sampler.evaluate(SMALL_FIELD, rng, 10, geometry)[:, 0]

@@ -18,11 +18,8 @@ from echelon.program.tape import FUNCTIONS, Op, Program
 from strategies import FIELDS, SMALL_FIELD, calculate, formulas, numbers
 
 NAMES = ("x", "y", "z")
-POINTS: list[tuple[Number, ...]] = [
-    (1, 2, 3),
-    (Fraction(-7, 3), Fraction(1, 9), -4),
-    (surd(1, 1, 0, 0), 5, Fraction(1, 2)),
-]
+HALF = Fraction(1, 2)
+POINTS: list[tuple[Number, ...]] = [(1, 2, 3), (-5 * HALF, Fraction(1, 9), -4), (surd(1, 1, 0, 0), 5, HALF)]
 
 
 def recorded(formula: Any) -> tuple[Program, list[int], int]:

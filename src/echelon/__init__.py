@@ -7,12 +7,11 @@
 BaseModel(panda: 43 base parameters of 70)
 """
 
+from echelon.base.classification import Identifiability
 from echelon.base.derive import base_parameters, base_structure
 from echelon.base.expression import Expression
-from echelon.base.model import BaseModel, Identifiability
-from echelon.base.serialize import load_base, save_base
+from echelon.base.model import BaseModel
 from echelon.base.structure import Structure
-from echelon.base.verify import verify
 from echelon.errors import (
     CertificateError,
     ClosedFormError,
@@ -22,8 +21,9 @@ from echelon.errors import (
 )
 from echelon.formats.load import load
 from echelon.mechanism.mechanism import Mechanism
-
-__version__ = "0.1.0"
+from echelon.results.saved import load_base, save_base
+from echelon.results.verify import verify
+from echelon.version import __version__
 
 __all__ = [
     "BaseModel",
@@ -36,6 +36,7 @@ __all__ = [
     "Mechanism",
     "MissingExtraError",
     "Structure",
+    "__version__",
     "base_parameters",
     "base_structure",
     "load",

@@ -15,9 +15,10 @@ import numpy as np
 
 from echelon.base.structure import Structure, floating_pair, pair_columns
 from echelon.conventions import LENGTH_DEGREE, PER_BODY
+from echelon.exact.ansatz import Geometry
 from echelon.exact.elimination import solve_batched
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.interpolation import Geometry, UnknownFunctions, interpolate
+from echelon.exact.interpolation import UnknownFunctions, interpolate
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.roles import symbol_roles

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from html import escape
+from typing import TYPE_CHECKING
 
+from echelon.base.classification import Identifiability
 from echelon.base.expression import LatexStyle, latex_symbol, render
-from echelon.base.model import BaseModel, Identifiability
 from echelon.base.reading_report import ROUNDING
 from echelon.conventions import PARAMETERS, PER_BODY
+
+if TYPE_CHECKING:
+    from echelon.base.model import BaseModel
 
 _LATEX_ROWS_PER_PAGE = 40
 
@@ -107,10 +111,7 @@ def to_markdown(model: BaseModel) -> str:
     """A Markdown table with closed forms and classification."""
     lines = [f"# Base parameters of {model.mechanism.name}", "", headline(model) + ".", ""]
     lines += ["| # | base parameter | unit |", "|--:|---|---|"]
-    lines += [
-        f"| {i + 1} | {_cell(str(e))} | {e.unit} |"
-        for i, e in enumerate(model.expressions)
-    ]
+    lines += [f"| {i + 1} | {_cell(str(e))} | {e.unit} |" for i, e in enumerate(model.expressions)]
     lines += ["", f"| body | {' | '.join(PARAMETERS)} |", "|---|" + ":-:|" * PER_BODY]
     for title, marks in classification_rows(model):
         cells = " | ".join(mark for mark, _ in marks)

@@ -105,7 +105,7 @@ class TextStyle:
 
     def fraction(self, top: str, bottom: str) -> str:
         """With a slash, in parentheses because it is followed by a product."""
-        return f"({top}/{bottom})"
+        return f"({top}/({bottom}))" if self.times in bottom and not bottom.startswith("(") else f"({top}/{bottom})"
 
 
 class LatexStyle:
@@ -119,14 +119,14 @@ class LatexStyle:
         return f"\\mathit{{{kind}}}_{{{_escape(name[len(kind) :])}}}"
 
     def generator(self, name: str, exponent: int) -> str:
-        """E.g. ``d_{4}^{2}``, ``\\cos^{2}\\alpha``."""
+        """A power, with the name's digits as index."""
         power = f"^{{{exponent}}}" if exponent > 1 else ""
         if is_trigonometric(name):
             return f"\\{name[:3]}{power}({latex_symbol(symbol_of(name))})"
         return f"{latex_symbol(name)}{power}"
 
     def number(self, value: Number) -> str:
-        """With ``\\tfrac`` and ``\\sqrt``."""
+        """With small fractions and roots."""
         if isinstance(value, Surd):
             return re.sub(r"sqrt\((\d)\)", r"\\sqrt{\1}", repr(value)).replace("*", "")
         fraction = Fraction(value)
@@ -135,14 +135,18 @@ class LatexStyle:
         return f"\\tfrac{{{fraction.numerator}}}{{{fraction.denominator}}}"
 
     def fraction(self, top: str, bottom: str) -> str:
-        """With ``\\frac``."""
+        """With a fraction bar."""
         return f"\\frac{{{_bare(top)}}}{{{_bare(bottom)}}}"
 
 
 def _bare(text: str) -> str:
-    """A factor without parentheses that a fraction bar makes superfluous."""
-    inner = text[1:-1]
-    return inner if text.startswith("(") and text.endswith(")") and "(" not in inner else text
+    """A factor without parentheses around all of it, which a fraction bar makes superfluous."""
+    depth = 0
+    for position, character in enumerate(text):
+        depth += (character == "(") - (character == ")")
+        if not depth and position < len(text) - 1:
+            return text
+    return text[1:-1] if text.startswith("(") else text
 
 
 def latex_symbol(name: str) -> str:
@@ -212,5 +216,5 @@ def _term(monomial: Monomial, coefficient: Number, style: Style) -> tuple[int, s
     if size != 1 or not factors:
         text = style.number(size)
         several = isinstance(size, Surd) and sum(map(bool, size.parts)) > 1
-        factors.insert(0, f"({text})" if several and factors else text)
+        factors.insert(0, f"({text})" if several else text)
     return sign, style.times.join(factors)

@@ -72,6 +72,6 @@ def lift(
     """
     # with S = L Lᵀ the correction is L pinv(B L) residual; least squares avoids squaring the condition number
     root = np.linalg.cholesky(metric)
-    correction: npt.NDArray[np.float64] = np.linalg.lstsq(b @ root, base_values - b @ prior, rcond=None)[0]
+    correction = np.linalg.lstsq(b @ root, base_values - b @ prior, rcond=None)[0]
     lifted: npt.NDArray[np.float64] = prior + root @ correction
     return lifted

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.base.certificate import Certificate
+from echelon.base.classification import Identifiability, classify
 from echelon.base.expression import Expression, collect
 from echelon.base.lift import Metric, lift, metric_matrix
 from echelon.base.matrix import BaseMatrix
@@ -28,14 +28,6 @@ if TYPE_CHECKING:
     import sympy
 
 Floats = npt.NDArray[np.float64]
-
-
-class Identifiability(Enum):
-    """What the outputs can say about one standard parameter."""
-
-    UNIDENTIFIABLE = "unidentifiable"
-    ALONE = "identifiable alone"
-    COMBINATION = "identifiable in combination"
 
 
 @dataclass(frozen=True, repr=False)
@@ -103,22 +95,17 @@ class BaseModel:
     @cached_property
     def classification(self) -> dict[str, Identifiability]:
         """For every standard parameter, whether it can be identified alone, in combination, or not at all."""
-        seen: dict[int, Identifiability] = {}
-        for row in self.matrix.rows:
-            kind = Identifiability.ALONE if len(row) == 1 else Identifiability.COMBINATION
-            for column in row:
-                seen[column] = kind
-        return {name: seen.get(column, Identifiability.UNIDENTIFIABLE) for column, name in enumerate(self.parameters)}
+        return classify(self.matrix)
 
     # -- B in other forms --------------------------------------------------------------------------------------
 
     @cached_property
-    def B(self) -> sympy.ImmutableSparseMatrix:  # noqa: N802 (the paper's name)
+    def B(self) -> sympy.ImmutableSparseMatrix:
         """B as a sympy matrix in the geometry symbols, shape (base parameters, standard parameters)."""
         return self.matrix.sympy()
 
     @cached_property
-    def B_exact(self) -> sympy.ImmutableSparseMatrix:  # noqa: N802
+    def B_exact(self) -> sympy.ImmutableSparseMatrix:
         """B with the symbols' exact values put in.
 
         Raises
@@ -136,7 +123,7 @@ class BaseModel:
             values[name] = sympy.sympify(symbol.exact, rational=True) if symbol.exact else sympy.Float(symbol.value)
         return self.matrix.sympy(values)
 
-    def B_float(self, symbols: Mapping[str, float] | None = None) -> Floats:  # noqa: N802
+    def B_float(self, symbols: Mapping[str, float] | None = None) -> Floats:
         """B in double precision.
 
         Parameters

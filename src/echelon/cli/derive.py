@@ -16,10 +16,10 @@ import typer
 from echelon.base.derive import DEFAULT_SEED, base_parameters, base_structure
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.model import BaseModel
-from echelon.base.serialize import to_json
 from echelon.files import write_atomically
 from echelon.formats.load import load
 from echelon.mechanism.mechanism import Mechanism
+from echelon.results.saved import to_json
 
 
 @dataclass(frozen=True)

@@ -58,16 +58,16 @@ class Schema(StrEnum):
 
 def _version(show: bool) -> None:
     if show:
-        from importlib.metadata import version
+        from echelon.version import __version__
 
-        typer.echo(f"echelon {version('echelon')}")
+        typer.echo(f"echelon {__version__}")
         raise typer.Exit
 
 
 @app.callback()
 def _root(
     traceback: Annotated[bool, typer.Option("--traceback", help="Show the full traceback of errors.")] = False,
-    version: Annotated[bool, typer.Option("--version", help="Show the version.", callback=_version)] = False,
+    _: Annotated[bool, typer.Option("--version", help="Show the version.", callback=_version)] = False,
 ) -> None:
     if traceback:
         os.environ["ECHELON_TRACEBACK"] = "1"
@@ -139,7 +139,7 @@ def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print."
     if which is Schema.DESCRIPTION:
         from echelon.formats.schema import json_schema
     else:
-        from echelon.base.record import json_schema
+        from echelon.results.record import json_schema
     typer.echo(json.dumps(json_schema(), indent=2))
 
 

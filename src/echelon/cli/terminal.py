@@ -6,8 +6,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from echelon.base.classification import Identifiability
 from echelon.base.display import classification_rows, facts, headline, legend
-from echelon.base.model import BaseModel, Identifiability
+from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS
 
 _COLOURS = {

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import typer
 
-from echelon.base.serialize import load_base
-from echelon.base.verify import verify
 from echelon.errors import CertificateError
+from echelon.results.saved import load_base
+from echelon.results.verify import verify
 
 VALID, REFUTED = 0, 1
 

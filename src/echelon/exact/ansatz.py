@@ -69,6 +69,7 @@ def _circle_basis(angle: str, degree: int) -> list[Monomial]:
 
 
 def generator_values(field: PrimeField, geometry: Geometry, monomials: Sequence[Monomial]) -> dict[str, Residues]:
+    """Values of all generators of some monomials at the points of a geometry."""
     values: dict[str, Residues] = {}
     for generator in {g for monomial in monomials for g, _ in monomial}:
         if generator.endswith(")"):

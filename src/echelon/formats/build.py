@@ -62,6 +62,7 @@ class _Builder:
         self.intent = Intent(tree, options, literal)
         self.notes = list(tree.notes)
         self.couplings = self._resolved_couplings()
+        self.floating_link = self._floating_link() if options.floating else None
         self.bodies: list[Body] = []
         self.host: dict[int, int] = {}  # link -> body that carries it
         self.offset: dict[int, tuple[LiteralPlacement, ...]] = {}  # link -> placements from its body's frame
@@ -90,7 +91,21 @@ class _Builder:
 
     def _makes_body(self, index: int, link: LiteralLink) -> bool:
         moves = any(not isinstance(step, LiteralPlacement) for step in link.steps)
-        return moves or self.options.every_link or (index == 0 and self.options.floating)
+        is_world = index == 0 and self.tree.root_is_world
+        return moves or index == self.floating_link or (self.options.every_link and not is_world)
+
+    def _floating_link(self) -> int:
+        """The link that floats: the root, or what hangs on the world where the world is the root."""
+        if not self.tree.root_is_world:
+            return 0
+        hanging = [k for k, link in enumerate(self.tree.links) if link.parent == 0]
+        if len(hanging) == 1 and all(isinstance(s, LiteralPlacement) for s in self.tree.links[hanging[0]].steps):
+            return hanging[0]
+        names = ", ".join(f"'{self.tree.links[k].name}'" for k in hanging) or "none"
+        raise InputError(
+            f"floating needs exactly one body that is fixed to the world; the world carries {names}",
+            source=self.tree.source,
+        )
 
     def _add_body(self, index: int, link: LiteralLink) -> None:
         label = str(len(self.bodies) if self.options.floating or self.options.every_link else len(self.bodies) + 1)
@@ -98,7 +113,7 @@ class _Builder:
         steps: tuple[LiteralStep, ...] = (*self.offset.get(link.parent, ()), *link.steps)
         read = self._read(steps, label)
         kind, name = link.kind, link.joint
-        if index == 0 and self.options.floating:
+        if index == self.floating_link:
             kind, name, read = "floating", "base", (*floating_motions("base"), *read)
         read = self.intent.name_lengths(merge(read), label, f"joint '{link.joint or link.name}'")
         massless = link.name in self.options.massless
@@ -135,10 +150,16 @@ class _Builder:
         return turn(motion.axis, self.intent.angle(value, f"{coupling.element} offset", f"offset{label}"))
 
     def _check_massless(self) -> None:
-        names = {link.name for link in self.tree.links}
+        names = {link.name: index for index, link in enumerate(self.tree.links)}
         for name in self.options.massless:
             if name not in names:
                 raise InputError(f"no link '{name}' to declare massless", source=self.tree.source)
+            if not self._makes_body(names[name], self.tree.links[names[name]]):
+                raise InputError(
+                    "it is fixed to its parent and counts as part of it; keep every link, or declare the moving link",
+                    source=self.tree.source,
+                    element=f"massless link '{name}'",
+                )
 
     # -- inertials -------------------------------------------------------------------------------------------------
 
@@ -163,7 +184,13 @@ class _Builder:
 
     def _resolved_couplings(self) -> dict[str, LiteralCoupling]:
         """Couplings by dependent coordinate, with chains of mimics followed to an independent leader."""
-        stated = {} if self.options.independent_mimics else {c.dependent: c for c in self.tree.couplings}
+        stated: dict[str, LiteralCoupling] = {}
+        for coupling in () if self.options.independent_mimics else self.tree.couplings:
+            if coupling.dependent in stated:
+                raise InputError(
+                    f"'{coupling.dependent}' is coupled twice", source=self.tree.source, element=coupling.element
+                )
+            stated[coupling.dependent] = coupling
         resolved = {}
         for name, coupling in stated.items():
             seen = {name}

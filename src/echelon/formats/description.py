@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from echelon.errors import InputError
 from echelon.formats.description_build import build_description
 from echelon.formats.description_check import check_document
 from echelon.formats.description_text import Document, read_text
@@ -82,4 +83,7 @@ def read_description_data(data: Mapping[str, Any], source: str, options: Reading
 
 
 def _build(document: Document, options: ReadingOptions) -> Mechanism:
-    return build_description(document, check_document(document), options)
+    try:
+        return build_description(document, check_document(document), options)
+    except InputError as error:
+        raise error.located(document.source) from None

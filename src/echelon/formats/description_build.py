@@ -188,9 +188,9 @@ class _Tree:
     def _loaded(self, body: Body, riders: list[Part]) -> Body:
         """A body with what rides on it."""
         massless = body.massless and all(part.name in self.massless for part in riders)
-        total = None if body.inertial is None else np.array(body.inertial)
-        if total is None and not body.massless:
-            return replace(body, massless=massless)
+        if body.inertial is None and not body.massless:
+            return body
+        total = np.array(body.inertial) if body.inertial is not None and not body.massless else None
         for part in riders:
             if part.inertial is None:
                 continue

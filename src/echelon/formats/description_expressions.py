@@ -51,8 +51,9 @@ def _pieces(text: str) -> list[str]:
     cuts, depth, start = [0], 0, 0
     for position, character in enumerate(text):
         depth += (character == "(") - (character == ")")
-        between_terms = not depth and character in "+-" and text[max(0, position - 1)] == " "
-        if between_terms and position - start > _PIECE:
+        if position - start <= _PIECE or depth or character not in "+-" or text[position - 1] != " ":
+            continue
+        if text[start:position].rstrip()[-1] not in "+-*/^(":
             cuts.append(position)
             start = position
     return [text[a:b] for a, b in zip(cuts, [*cuts[1:], len(text)], strict=True)]

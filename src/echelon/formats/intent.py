@@ -131,7 +131,7 @@ class Intent:
         for known, symbol in self._angles:
             if abs(known - size) <= _SAME:
                 return symbol
-        exact = as_polynomial(abs(literal)) if isinstance(literal, int | Fraction) else None
+        exact = None if literal is None or isinstance(literal, float) else as_polynomial(abs(literal))
         symbol = self._new_symbol(name, exact, element, size)
         self._angles.append((size, symbol))
         return symbol

@@ -106,6 +106,8 @@ class LiteralTree:
     gravity : 3 numbers
         In the root's frame, m/s².
     notes : tuple of str
+    root_is_world : bool
+        Whether the first link is the world itself, which never moves and carries no parameters.
     """
 
     name: str
@@ -114,3 +116,4 @@ class LiteralTree:
     couplings: tuple[LiteralCoupling, ...] = ()
     gravity: Triple = (0, 0, Fraction(-981, 100))
     notes: tuple[str, ...] = ()
+    root_is_world: bool = False

@@ -84,6 +84,7 @@ def read_mjcf(text: str | bytes, source: str, directory: Path | None, *, mimics:
         couplings,
         gravity,
         (*notes, *reader.compiled.notes),
+        root_is_world=True,
     )
 
 

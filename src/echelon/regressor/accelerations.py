@@ -27,7 +27,10 @@ class Accelerations:
     linear: Vec
 
 
-def forward_accelerations(mechanism: Mechanism, recorder: Recorder, steps: Mapping[int, list[Step]]) -> dict[int, Accelerations]:
+def forward_accelerations(
+    mechanism: Mechanism, recorder: Recorder, steps: Mapping[int, list[Step]]
+) -> dict[int, Accelerations]:
+    """Accelerations of every body, by index; the ground has those that gravity stands for."""
     gx, gy, gz = recorder.gravity()
     known = {GROUND: Accelerations(recorder.zeros, recorder.zeros, (-gx, -gy, -gz))}
     for index, body in enumerate(mechanism.bodies):

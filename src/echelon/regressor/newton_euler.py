@@ -14,6 +14,7 @@ from echelon.regressor.linear import LinearForms
 from echelon.regressor.spatial import add, apply, cross, dot
 from echelon.regressor.steps import Recorder, Step
 
+
 def inverse_dynamics_regressor(mechanism: Mechanism) -> LinearForms:
     """Record X with y = X ζ.
 

@@ -19,9 +19,10 @@ from echelon.exact.rational import RationalFunction
 from echelon.files import write_atomically
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.reading import Snap
+from echelon.version import __version__
 
 if TYPE_CHECKING:
-    from echelon.base.record import BaseModelRecord, SnapRecord
+    from echelon.results.record import BaseModelRecord, SnapRecord
 
 
 def to_json(model: BaseModel) -> str:
@@ -41,9 +42,8 @@ def to_json(model: BaseModel) -> str:
 
 def to_dict(model: BaseModel) -> dict[str, Any]:
     """The model as JSON-able data."""
-    from echelon import __version__
-    from echelon.base.record import SCHEMA_NAME
     from echelon.formats.description import write_description
+    from echelon.results.record import SCHEMA_NAME
 
     certificate = asdict(model.certificate)
     certificate["identity_primes"] = [str(p) for p in model.certificate.identity_primes]
@@ -99,7 +99,7 @@ def from_json(text: str | bytes, source: str = "base model") -> BaseModel:
     """
     from pydantic import ValidationError
 
-    from echelon.base.record import BaseModelRecord
+    from echelon.results.record import BaseModelRecord
 
     try:
         record = BaseModelRecord.model_validate_json(text)

@@ -6,9 +6,9 @@ import os
 
 from echelon.base.certificate import Certificate, certify
 from echelon.base.model import BaseModel
-from echelon.base.serialize import load_base
 from echelon.errors import CertificateError
 from echelon.regressor.virtual_power import virtual_power_form
+from echelon.results.saved import load_base
 
 
 def verify(model: BaseModel | str | os.PathLike[str], seed: int | None = None) -> Certificate:

@@ -1,0 +1,202 @@
+"""Write any mechanism as a description, exactly: reading it back gives an equal mechanism.
+
+Joints are written by their usual types where that says everything, and otherwise as the sequence of frames and
+elementary motions that they are.  Which of the two it is, is decided by reading the short form again.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from echelon.errors import InputError
+from echelon.exact.polynomial import Polynomial, format_polynomial
+from echelon.formats.description_symbols import GENERIC
+from echelon.formats.intent import exact_text
+from echelon.mechanism.joint import Joint, Motion, MotionKind, Step
+from echelon.mechanism.mechanism import GROUND, Body, Coupling, Mechanism, Symbol
+from echelon.mechanism.placement import IDENTITY, ORIGIN, Placement, Vector
+
+if TYPE_CHECKING:
+    from echelon.formats.description_joints import Joints
+
+_TYPES = (
+    "revolute",
+    "continuous",
+    "prismatic",
+    "cylindrical",
+    "planar",
+    "helical",
+    "universal",
+    "spherical",
+    "floating",
+    "fixed",
+)
+
+
+def write_description(mechanism: Mechanism) -> dict[str, Any]:
+    """A mechanism in the description format, as data for JSON or YAML.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+
+    Returns
+    -------
+    dict
+        Texts, lists, mappings, True and the version number only.  Reading it back gives equal bodies, couplings,
+        gravity and symbols, without the reading.
+
+    Raises
+    ------
+    InputError
+        If two bodies have the same name, so that the tree cannot be told by names.
+    """
+    names = [body.name for body in mechanism.bodies]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError("two bodies have this name; a description needs unique names", element=f"body '{name}'")
+    joints = _reader(mechanism)
+    document: dict[str, Any] = {"echelon": 1, "name": mechanism.name}
+    symbols = _symbols(mechanism)
+    if symbols:
+        document["symbols"] = symbols
+    document["gravity"] = _gravity(mechanism.gravity)
+    if mechanism.couplings:
+        document["couplings"] = [_coupling(coupling) for coupling in mechanism.couplings]
+    document["bodies"] = [_body(body, mechanism, joints) for body in mechanism.bodies]
+    return document
+
+
+def _expression(value: Polynomial) -> str:
+    number = value.number
+    return format_polynomial(value) if number is None else exact_text(number)
+
+
+def _gravity(gravity: Vector | None) -> str | list[str]:
+    if gravity is None:
+        return "none"
+    return "generic" if gravity == GENERIC else [_expression(part) for part in gravity]
+
+
+def _coupling(coupling: Coupling) -> dict[str, Any]:
+    return {coupling.coordinate: {"terms": {name: _expression(ratio) for name, ratio in coupling.terms}}}
+
+
+# -- symbols --------------------------------------------------------------------------------------------------------
+
+
+def _used(mechanism: Mechanism) -> list[str]:
+    """Symbols that need a declaration, in order of appearance."""
+    found = [name for body in mechanism.bodies for name in body.joint.symbols()]
+    found += [name for c in mechanism.couplings for _, ratio in c.terms for name in ratio.symbols()]
+    if mechanism.gravity != GENERIC:
+        found += [name for part in mechanism.gravity or () for name in part.symbols()]
+    return list(dict.fromkeys(found))
+
+
+def _symbols(mechanism: Mechanism) -> dict[str, Any]:
+    # an empty mapping declares a name that the mechanism uses but does not list
+    written: dict[str, Any] = {name: {} for name in _used(mechanism)}
+    return written | {name: _symbol(symbol) for name, symbol in mechanism.symbols.items()}
+
+
+def _symbol(symbol: Symbol) -> str | dict[str, str] | None:
+    entry: dict[str, str] = {}
+    if symbol.exact is not None:
+        entry["value"] = symbol.exact
+    elif symbol.value is not None:
+        entry["approximate"] = repr(float(symbol.value))
+    if symbol.meaning:
+        entry["meaning"] = symbol.meaning
+    return entry.get("value") if set(entry) <= {"value"} else entry
+
+
+# -- bodies ---------------------------------------------------------------------------------------------------------
+
+
+def _body(body: Body, mechanism: Mechanism, joints: Joints) -> dict[str, Any]:
+    written: dict[str, Any] = {"name": body.name, "label": body.label}
+    if body.parent != GROUND:
+        written["parent"] = mechanism.bodies[body.parent].name
+    written |= _short_form(body, joints) or {"joint": _custom(body.joint)}
+    if body.massless:
+        written["massless"] = True
+    if body.joint.is_fixed:
+        written["separate"] = True
+    if body.inertial is not None:
+        written["inertial"] = {"standard": [repr(float(value)) for value in body.inertial]}
+    return written
+
+
+def _frame(placement: Placement) -> dict[str, Any]:
+    written: dict[str, Any] = {}
+    if placement.translation != ORIGIN:
+        written["xyz"] = [_expression(part) for part in placement.translation]
+    if placement.rotation != IDENTITY:
+        written["rotation"] = [[_expression(entry) for entry in row] for row in placement.rotation]
+    return written
+
+
+def _axis(motion: Motion) -> str:
+    return ("-" if motion.sign < 0 else "") + "xyz"[motion.axis]
+
+
+def _custom(joint: Joint) -> dict[str, Any]:
+    steps = [_motion(step) if isinstance(step, Motion) else _frame(step) for step in joint.steps]
+    return {"type": "custom", "kind": joint.kind, "name": joint.name, "steps": steps}
+
+
+def _motion(motion: Motion) -> dict[str, Any]:
+    written = {"motion": motion.kind.value, "name": motion.name, "axis": _axis(motion)}
+    if motion.kind is MotionKind.SCREW:
+        written["pitch"] = _expression(motion.pitch)
+    return written
+
+
+def _short_form(body: Body, joints: Joints) -> dict[str, Any] | None:
+    """Joint and frame by the joint's type, or None if that would not be the same joint."""
+    from echelon.formats.description_joints import joint_name
+    from echelon.formats.schema import BodyEntry
+
+    if body.joint.kind not in _TYPES:
+        return None
+    written = _guess(body.joint)
+    entry = BodyEntry.model_validate({"name": body.name, **written})
+    try:
+        same = joints.body(entry, "", "") == body.joint.steps and joint_name(entry) == body.joint.name
+    except InputError:
+        return None
+    return written if same else None
+
+
+def _guess(joint: Joint) -> dict[str, Any]:
+    """What the joint would be if it had the usual form: a placement, motions, a placement."""
+    steps: list[Step] = list(joint.steps)
+    origin = steps.pop(0) if steps and isinstance(steps[0], Placement) else Placement()
+    frame = steps.pop() if steps and isinstance(steps[-1], Placement) else Placement()
+    assert isinstance(origin, Placement)
+    assert isinstance(frame, Placement)
+    written: dict[str, Any] = {"type": joint.kind, "name": joint.name}
+    if not origin.is_identity:
+        written["origin"] = _frame(origin)
+    motions = joint.motions or (Motion(MotionKind.ROTATION, ""),)
+    if joint.kind not in ("spherical", "floating", "fixed"):
+        written["axis"] = _axis(motions[-1] if joint.kind == "planar" else motions[0])
+    if joint.kind == "helical":
+        written["pitch"] = _expression(motions[0].pitch)
+    if joint.kind == "universal":
+        # any other second axis fails the comparison, whatever stands here
+        perpendicular = len(motions) > 1 and motions[1].axis != motions[0].axis
+        written["axis2"] = _axis(motions[1]) if perpendicular else "xyz"[(motions[0].axis + 1) % 3]
+    return {"joint": written} if frame.is_identity else {"joint": written, "frame": _frame(frame)}
+
+
+def _reader(mechanism: Mechanism) -> Joints:
+    """A reader of joints that knows the mechanism's symbols."""
+    from echelon.formats.description_expressions import Expressions
+    from echelon.formats.description_joints import Joints
+    from echelon.formats.description_text import Document
+    from echelon.formats.options import ReadingOptions
+
+    symbols = {name: Symbol(name) for name in (*_used(mechanism), *mechanism.symbols)}
+    return Joints(Expressions(Document({}, mechanism.name), ReadingOptions(), (), symbols))

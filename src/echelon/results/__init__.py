@@ -1,0 +1,1 @@
+"""Saved base models: the JSON schema, writing, reading, and checking again."""
