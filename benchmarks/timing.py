@@ -9,7 +9,6 @@ from statistics import median
 from time import perf_counter
 from typing import Any
 
-
 MORE = 5
 """How many times as many repeats short jobs get."""
 

@@ -88,9 +88,7 @@ def build_description(
 class _Tree:
     """Turns parts into bodies."""
 
-    def __init__(
-        self, parts: list[Part], floating: bool, options: ReadingOptions, expressions: Expressions
-    ) -> None:
+    def __init__(self, parts: list[Part], floating: bool, options: ReadingOptions, expressions: Expressions) -> None:
         self.parts, self.options, self.expressions = parts, options, expressions
         self.floating = floating
         self.massless = self._massless()
@@ -114,9 +112,15 @@ class _Tree:
     def _float_base(self) -> None:
         """The base becomes a body, because the first part moves against it."""
         names = {part.name for part in self.parts}
-        name = BASE if BASE not in names else next(f"{BASE}{k}" for k in range(len(names) + 1) if f"{BASE}{k}" not in names)
+        name = (
+            BASE
+            if BASE not in names
+            else next(f"{BASE}{k}" for k in range(len(names) + 1) if f"{BASE}{k}" not in names)
+        )
         massless = BASE in self.options.massless
-        self._append(Body(name, "0", GROUND, Joint(BASE, "floating", floating_motions(BASE)), massless), "floating_base")
+        self._append(
+            Body(name, "0", GROUND, Joint(BASE, "floating", floating_motions(BASE)), massless), "floating_base"
+        )
         self.host[None] = 0
 
     def _add(self, part: Part) -> None:
@@ -196,7 +200,9 @@ class _Tree:
                 continue
             moved = self._moved(part)
             if moved is None:
-                self.notes.append(f"inertial values of '{body.name}' are unknown: '{part.name}' sits at a symbolic place")
+                self.notes.append(
+                    f"inertial values of '{body.name}' are unknown: '{part.name}' sits at a symbolic place"
+                )
                 return replace(body, massless=massless, inertial=None)
             total = moved if total is None else total + moved
         values = None if total is None else tuple(float(v) for v in total)

@@ -9,12 +9,12 @@ from echelon.exact.polynomial import Polynomial
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.literal import LiteralMotion
 from echelon.mechanism.joint import (
-    X,
-    Y,
-    Z,
     Motion,
     MotionKind,
     Step,
+    X,
+    Y,
+    Z,
     ball,
     floating_motions,
     merge,
@@ -126,11 +126,12 @@ class Joints:
         return (mounting, *motions, mounting.inverse())
 
     def _custom(self, joint: CustomJoint, path: str, stem: str) -> tuple[Step, ...]:
+        from echelon.formats.schema_joints import Frame
+
         steps: list[Step] = []
         for index, step in enumerate(joint.steps):
             here = f"{path}.steps[{index}]"
-            # the two kinds of steps are told apart by the key that only one of them has
-            if not hasattr(step, "motion"):
+            if isinstance(step, Frame):
                 steps.append(self.frame(step, here, stem))
                 continue
             x, y, z = self.expressions.direction(step.axis, here)

@@ -163,7 +163,18 @@ def _bodies(bodies: Sequence[BodyEntry], joints: Joints) -> list[Part]:
         joint = joint_name(body) if body.joint is not None else ""
         parts.append(
             Part(
-                path, body.name, parent, body.label, None, joint, kind, moves, body.separate, body.massless, inertial, steps
+                path,
+                body.name,
+                parent,
+                body.label,
+                None,
+                joint,
+                kind,
+                moves,
+                body.separate,
+                body.massless,
+                inertial,
+                steps,
             )
         )
     return parts

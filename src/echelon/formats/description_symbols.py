@@ -101,7 +101,9 @@ def check_use(mechanism: Mechanism, robot: RobotDescription, document: Document)
             raise document.error(f"symbols.{name}", f"'{name}' is used as an angle and as another quantity")
     if mechanism.gravity is not None and mechanism.gravity == GENERIC:
         for name in sorted(gravity & geometry):
-            raise document.error(f"symbols.{name}", f"'{name}' is a component of the generic gravity: rename the symbol")
+            raise document.error(
+                f"symbols.{name}", f"'{name}' is a component of the generic gravity: rename the symbol"
+            )
     used = {symbol_of(g) for g in geometry | gravity}
     return [f"the symbol '{name}' is not used" for name in robot.symbols if name not in used]
 

@@ -131,7 +131,9 @@ class Intent:
         for known, symbol in self._angles:
             if abs(known - size) <= _SAME:
                 return symbol
-        exact = None if literal is None or isinstance(literal, float) else as_polynomial(abs(literal))
+        exact = None
+        if isinstance(literal, int | Fraction):
+            exact = as_polynomial(literal if literal > 0 else -literal)
         symbol = self._new_symbol(name, exact, element, size)
         self._angles.append((size, symbol))
         return symbol

@@ -1,0 +1,193 @@
+"""Ranks that the literature states, and what they must not depend on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+import arms
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles import float_regressor, random_states
+
+import echelon as ec
+from echelon.exact.angle import Angle
+from echelon.exact.polynomial import Polynomial
+from echelon.mechanism.joint import ball, floating_motions, rotation, translation
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.placement import Placement, rotate, turn
+
+H = "pi/2"
+
+
+def rank(mechanism: Mechanism, seed: int = 1) -> int:
+    return ec.base_structure(mechanism, seed=seed).rank
+
+
+def serial(alphas: list[str], gravity: str | None = arms.DOWN) -> Mechanism:
+    """A serial arm with generic symbolic lengths."""
+    rows = [f"R {alpha} a{i} d{i}" for i, alpha in enumerate(alphas)]
+    return arms.modified_dh("serial", *rows, gravity=gravity)
+
+
+PUMA = ("R 0 0 0", "R -pi/2 0 0", "R 0 a2 d3", "R -pi/2 a3 d4", "R pi/2 0 0", "R -pi/2 0 0")
+STANFORD = ("R 0 0 0", "R -pi/2 0 d2", "P pi/2 0 0", "R 0 0 0", "R -pi/2 0 0", "R pi/2 0 0")
+PENDULUM = ("R 0 0 0", "R 0 l1 0")
+
+
+@pytest.mark.parametrize(
+    ("rows", "gravity", "expected"),
+    [
+        (PENDULUM, "0 -g 0", 6),
+        (PENDULUM, None, 4),
+        (PENDULUM, "0 0 -g", 4),
+        (PUMA, "0 0 -g", 36),
+        (PUMA, "gx gy gz", 38),
+        (PUMA, None, 34),
+        (STANFORD, "0 0 -g", 33),
+        (("R 0 0 0", "P pi/2 0 0"), "0 0 -g", 5 - 1),
+        (("P 0 0 0", "P pi/2 0 0", "P pi/2 0 0"), "0 0 -g", 3),
+        (("R 0 0 0", "P 0 0 0", "P pi/2 0 0"), "0 0 -g", 5),
+        (("P 0 0 0",), None, 1),
+        (("R 0 0 0",), "0 0 -g", 1),
+        (("R 0 0 0",), "0 -g 0", 3),
+    ],
+)
+def test_published_rank(rows: tuple[str, ...], gravity: str | None, expected: int) -> None:
+    assert rank(arms.modified_dh("arm", *rows, gravity=gravity)) == expected
+
+
+@pytest.mark.parametrize("n", range(1, 8))
+def test_serial_revolute_generic(n: int) -> None:
+    alphas = ["0"] + ["pi/2" if i % 2 else "-pi/2" for i in range(n - 1)]
+    assert rank(serial(alphas)) == 7 * n - 6
+    assert rank(serial(alphas, arms.GENERIC)) == 7 * n - 4
+
+
+@pytest.mark.parametrize(("n", "parallel"), [(3, 2), (5, 2), (6, 3), (7, 4)])
+def test_first_axes_parallel(n: int, parallel: int) -> None:
+    alphas = ["0"] * parallel + ["pi/2" if i % 2 else "-pi/2" for i in range(n - parallel)]
+    assert rank(serial(alphas)) == 7 * n - 4 * parallel - 2
+    assert rank(serial(alphas, arms.GENERIC)) == 7 * n - 4 * parallel
+
+
+@pytest.mark.parametrize("n", range(1, 7))
+def test_planar(n: int) -> None:
+    assert rank(serial(["0"] * n, "0 -g 0")) == 3 * n
+    assert rank(serial(["0"] * n, None)) == 3 * n - 2
+
+
+def test_spherical_joint_on_the_ground() -> None:
+    body = arms.body(1, 0, "spherical", ball("s"))
+    assert rank(arms.tree("top", body)) == 9
+    assert rank(arms.tree("top", body, gravity=None)) == 6
+
+
+@settings(max_examples=25)
+@given(st.lists(st.tuples(st.sampled_from("RPS"), st.integers(0, 9), st.integers(0, 2)), max_size=6), st.booleans())
+def test_floating_tree(joints: list[tuple[str, int, int]], weightless: bool) -> None:
+    """Every joint of a floating tree adds a number of its own: 10 + 7 R + 4 P + 9 S."""
+    bodies = [arms.body(1, 0, "floating", *floating_motions("base"))]
+    for k, (kind, host, axis) in enumerate(joints, start=2):
+        make = {"R": lambda n, a: rotation(n, a), "P": lambda n, a: translation(n, a), "S": lambda n, _: ball(n)}[kind]
+        placed = arms.place(f"x{k} y{k} z{k}", "pi/4 0 pi/3")
+        bodies.append(arms.body(k, 1 + host % (k - 1), kind, placed, make(f"q{k}", axis)))
+    expected = 10 + sum({"R": 7, "P": 4, "S": 9}[kind] for kind, _, _ in joints)
+    assert rank(arms.tree("tree", *bodies, gravity=None if weightless else arms.DOWN)) == expected
+
+
+# -- what the rank must not depend on -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_seed_does_not_matter(seed: int) -> None:
+    arm = arms.modified_dh("puma", *PUMA)
+    assert ec.base_structure(arm, seed=seed).pivots == ec.base_structure(arm, seed=99).pivots
+
+
+def test_names_do_not_matter() -> None:
+    arm = arms.modified_dh("puma", *PUMA)
+    renamed = replace(arm, bodies=tuple(replace(b, name=f"other{i}") for i, b in enumerate(arm.bodies)))
+    assert ec.base_structure(renamed).pivots == ec.base_structure(arm).pivots
+
+
+@pytest.mark.parametrize("unit", ["1", "1000", "0.001"])
+def test_unit_of_length_does_not_matter(unit: str) -> None:
+    rows = [row.replace("a2", f"{unit}*0.4318").replace("a3", f"{unit}*0.0203") for row in PUMA]
+    rows = [row.replace("d3", f"{unit}*0.15005").replace("d4", f"{unit}*0.4318") for row in rows]
+    assert rank(arms.modified_dh("puma", *rows, gravity=f"0 0 -9.81*{unit}")) == 36
+
+
+@pytest.mark.parametrize(("axis", "steps"), [(0, 1), (1, 3), (2, 5), (0, 12)])
+def test_base_frame_does_not_matter(axis: int, steps: int) -> None:
+    """Turning the base frame turns gravity and the first joint's mounting alike."""
+    arm = arms.modified_dh("puma", *PUMA)
+    back = turn(axis, Angle(Fraction(steps, 12)))
+    first = replace(arm.bodies[0], joint=arm.bodies[0].joint.preceded_by(back))
+    assert arm.gravity is not None
+    moved = replace(arm, bodies=(first, *arm.bodies[1:]), gravity=rotate(back.rotation, arm.gravity))
+    assert rank(moved) == rank(arm)
+
+
+# -- against floating point -------------------------------------------------------------------------------------------
+
+
+def svd_rank(mechanism: Mechanism) -> int:
+    x = float_regressor(mechanism, *random_states(mechanism, 60))
+    matrix = x.reshape(-1, x.shape[2])
+    norms = np.linalg.norm(matrix, axis=0)
+    seen = norms > 1e-9 * norms.max()
+    values = np.linalg.svd(matrix[:, seen] / norms[seen], compute_uv=False)
+    found = int((values > 1e-9 * values[0]).sum())
+    gap = values[found - 1] / max(values[found] if found < len(values) else 0.0, 1e-300)
+    assert gap > 1e3, "the singular values leave no doubt in these examples"
+    return found
+
+
+LENGTHS = {"a": "0.3", "b": "0.45", "c": "0.2", "h": "0.05", "g": "9.81"}
+PLACED = arms.place("a b c", "pi/6 0 pi/4")
+
+
+@pytest.mark.parametrize("kind", ["helical", "cylindrical", "universal", "planar", "spherical"])
+@pytest.mark.parametrize("gravity", [arms.DOWN, None])
+def test_other_joints_against_singular_values(kind: str, gravity: str | None) -> None:
+    steps = {
+        "helical": (arms.screw("x", Polynomial.generator("h")),),
+        "cylindrical": arms.cylindrical_motions("x"),
+        "universal": arms.universal_motions("x"),
+        "planar": arms.planar_motions("x"),
+        "spherical": (ball("x"),),
+    }[kind]
+    bodies = (
+        arms.body(1, 0, kind, *steps),
+        arms.body(2, 1, "revolute", PLACED, rotation("q2")),
+        arms.body(3, 2, kind, Placement(), *(replace(s, name=f"y{k}") for k, s in enumerate(steps))),
+    )
+    mechanism = arms.tree(kind, *bodies, gravity=gravity, values=LENGTHS)
+    assert rank(mechanism) == svd_rank(mechanism)
+
+
+@pytest.mark.parametrize("ratio", ["1", "-1", "2", "1/3", "0.7"])
+def test_coupled_joints_against_singular_values(ratio: str) -> None:
+    bodies = tuple(
+        arms.body(k, k - 1, "revolute", arms.place("a 0 c", "pi/2 0 0"), rotation(f"q{k}")) for k in range(1, 5)
+    )
+    arm = arms.tree("coupled", *bodies, couplings={"q3": {"q1": ratio}}, values=LENGTHS)
+    assert arm.degrees_of_freedom == 3
+    assert rank(arm) == svd_rank(arm)
+
+
+def test_massless_body_has_no_parameters() -> None:
+    arm = arms.modified_dh("puma", *PUMA, values={"a2": "0.4", "a3": "0.1", "d3": "0.2", "d4": "0.5", "g": "9.81"})
+    arm = replace(arm, bodies=tuple(replace(b, massless=i in (2, 4)) for i, b in enumerate(arm.bodies)))
+    assert len(arm.parameters) == 40
+    assert rank(arm) == svd_rank(arm)
+
+
+def test_robot_without_freedom() -> None:
+    still = arms.tree("still", arms.body(1, 0, "fixed", arms.place("a b c")))
+    base = ec.base_parameters(still)
+    assert (base.rank, len(base.parameters)) == (0, 10)
+    assert {kind.value for kind in base.classification.values()} == {"unidentifiable"}
