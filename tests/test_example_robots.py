@@ -1,0 +1,111 @@
+"""All valid URDF files of example-robot-data: exact rank against the singular values of Pinocchio's regressor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from robots import has_pinocchio, pinocchio_model, robot_file, robot_files
+
+import echelon as ec
+
+PUBLISHED = {
+    "a1": (68, 94),
+    "baxter": (103, 131),
+    "centauro": (243, 283),
+    "g1_29dof_rev_1_0": (189, 213),
+    "icub": (212, 234),
+    "kinova": (36, 52),
+    "panda": (51, 67),
+    "pr2": (182, 217),
+    "romeo": (361, 395),
+    "so100": (36, 52),
+    "talos_full_v2": (290, 318),
+    "tiago": (310, 343),
+    "tiago_dual": (639, 708),
+    "ur10_robot": (36, 52),
+    "xarm7": (43, 59),
+}
+LARGE = 90
+"""Files with more joints than this, fixed ones included, are slow: the singular values take long, not we."""
+
+
+def load(file: Path, floating: bool, **options: object) -> ec.Mechanism:
+    # Pinocchio ignores mimic elements
+    return ec.load(file, floating=floating, independent_mimics=True, **options)  # type: ignore[arg-type]
+
+
+def test_all_files_are_there() -> None:
+    if not robot_files():
+        pytest.skip("the example-robot-data package is not installed")
+    # 69 URDFs, of which ur3.urdf is empty
+    assert len(robot_files()) == 68
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_published_counts(name: str) -> None:
+    found = tuple(ec.base_structure(load(robot_file(name), floating)).rank for floating in (False, True))
+    assert found == PUBLISHED[name]
+
+
+def test_so100_literally() -> None:
+    """One rounded π/2 makes two spurious parameters; the result names it."""
+    base = ec.base_parameters(load(robot_file("so100"), floating=False))
+    assert (base.rank, base.reading.literal_rank) == (36, 38)
+    assert [snap.element for snap in base.reading.decisive] == ["joint 'shoulder_pan' origin roll"]
+
+
+def svd(file: Path, floating: bool) -> tuple[int, float]:
+    """Rank by the widest gap of the scaled singular values, and that gap."""
+    import pinocchio as pin
+
+    model = pinocchio_model(file, floating)
+    data = model.createData()
+    rng = np.random.default_rng(1)
+    columns = 10 * (model.njoints - 1)
+    rows = []
+    for _ in range(max(4, 3 * columns // max(1, model.nv))):
+        q = pin.integrate(model, pin.neutral(model), rng.uniform(-2, 2, model.nv))
+        v, a = rng.uniform(-2, 2, model.nv), rng.uniform(-2, 2, model.nv)
+        rows.append(pin.computeJointTorqueRegressor(model, data, q, v, a).copy())
+    matrix = np.vstack(rows) if rows and columns else np.zeros((0, 0))
+    if not matrix.size:
+        return 0, np.inf
+    norms = np.linalg.norm(matrix, axis=0)
+    seen = norms > 1e-9 * norms.max()
+    values = np.linalg.svd(matrix[:, seen] / norms[seen], compute_uv=False)
+    values = np.maximum(np.append(values, 0.0), 1e-17)
+    gaps = values[:-1] / values[1:]
+    found = int(gaps.argmax()) + 1
+    return found, float(gaps[found - 1])
+
+
+def compare(name: str, floating: bool) -> None:
+    if not has_pinocchio():
+        pytest.skip("Pinocchio is not installed")
+    file = robot_file(name)
+    found, gap = svd(file, floating)
+    intended = load(file, floating)
+    exact = ec.base_structure(intended).rank
+    if gap < 1e5:
+        pytest.skip(f"the singular values are ambiguous: widest gap {gap:.0e} at {found}; exact rank {exact}")
+    literal = intended if intended.reading is None else intended.reading.literal()
+    # floating point sees the numbers of the file, so rounded angles count where they matter
+    assert found in (exact, ec.base_structure(literal).rank)
+
+
+def joints(name: str) -> int:
+    return robot_files()[name].read_bytes().count(b"<joint ")
+
+
+def cases() -> list[object]:
+    return [
+        pytest.param(name, marks=pytest.mark.slow) if joints(name) > LARGE else name for name in robot_files()
+    ]
+
+
+@pytest.mark.parametrize("floating", [False, True])
+@pytest.mark.parametrize("name", cases())
+def test_rank_equals_singular_values(name: str, floating: bool) -> None:
+    compare(name, floating)
