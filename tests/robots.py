@@ -82,7 +82,9 @@ def pinocchio_state(mechanism: Mechanism, model: Any, q: Floats, qd: Floats, qdd
         joint = model.joints[model.getJointId(name)]
         at, row = joint.idx_q, joint.idx_v
         if body.joint.kind == "floating":
-            _free(body.joint.motions, ours, column, qd, full_q[at : at + 7], jacobian[row : row + 6], bias[row : row + 6])
+            _free(
+                body.joint.motions, ours, column, qd, full_q[at : at + 7], jacobian[row : row + 6], bias[row : row + 6]
+            )
             continue
         (motion,) = body.joint.motions
         angle = ours[motion.name]

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robots import has_pinocchio, pinocchio_model, robot_file, robot_files
 
 import echelon as ec
+from robots import has_pinocchio, pinocchio_model, robot_file, robot_files
 
 PUBLISHED = {
     "a1": (68, 94),
@@ -100,9 +100,7 @@ def joints(name: str) -> int:
 
 
 def cases() -> list[object]:
-    return [
-        pytest.param(name, marks=pytest.mark.slow) if joints(name) > LARGE else name for name in robot_files()
-    ]
+    return [pytest.param(name, marks=pytest.mark.slow) if joints(name) > LARGE else name for name in robot_files()]
 
 
 @pytest.mark.parametrize("floating", [False, True])

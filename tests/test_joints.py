@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import arms
 import numpy as np
 import numpy.typing as npt
 import pytest
-from oracles import float_regressor, random_states
 
+import arms
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.joint import Step, ball, rotation, screw, translation
 from echelon.mechanism.mechanism import Mechanism
+from oracles import float_regressor, random_states
 
 ca = pytest.importorskip("casadi", reason="CasADi is not installed")
 

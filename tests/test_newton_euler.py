@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
-from oracles import float_regressor, random_states, standard_vector
-from robots import pinocchio_model, pinocchio_state, robot_file
 
 import echelon as ec
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.regressor.energy import energy_form
 from echelon.regressor.virtual_power import virtual_power_form
+from oracles import float_regressor, random_states, standard_vector
+from robots import pinocchio_model, pinocchio_state, robot_file
 
 pin = pytest.importorskip("pinocchio", reason="Pinocchio is not installed")
 

@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from fractions import Fraction
 
-import arms
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles import float_regressor, random_states
 
+import arms
 import echelon as ec
 from echelon.exact.angle import Angle
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.joint import ball, floating_motions, rotation, translation
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement, rotate, turn
+from oracles import float_regressor, random_states
 
 H = "pi/2"
 
