@@ -58,7 +58,7 @@ def placement(mechanism: ec.Mechanism, body: int) -> Placement:
     return first
 
 
-# -- what is read -------------------------------------------------------------------------------------------------------
+# -- what is read ----------------------------------------------------------------------------------
 
 
 def test_numbers_stay_exact_and_equal_magnitudes_share_a_symbol(read) -> None:  # type: ignore[no-untyped-def]
@@ -119,7 +119,8 @@ def test_joint_types(read, kind: str, count: int) -> None:  # type: ignore[no-un
 def test_fixed_links_are_lumped_or_kept(read) -> None:  # type: ignore[no-untyped-def]
     text = robot(
         link("base"), link("a", INERTIAL), link("tool", INERTIAL), link("b"),
-        joint("j1", "base", "a", "<axis xyz='0 0 1'/>"), joint("f", "a", "tool", origin("0 0 1", "0 0 1.57079632679"), "fixed"),
+        joint("j1", "base", "a", "<axis xyz='0 0 1'/>"),
+        joint("f", "a", "tool", origin("0 0 1", "0 0 1.57079632679"), "fixed"),
         joint("j2", "tool", "b", origin("0 1 0")),
     )  # fmt: skip
     lumped = read(text)
@@ -188,7 +189,7 @@ def test_order_of_elements_does_not_matter(read) -> None:  # type: ignore[no-unt
     assert read(robot(*parts)).bodies == read(robot(*reversed(parts))).bodies
 
 
-# -- what is refused ----------------------------------------------------------------------------------------------------
+# -- what is refused -------------------------------------------------------------------------------
 
 A, B, C = link("a"), link("b"), link("c")
 BOMB = '<!DOCTYPE r [<!ENTITY x "boom"><!ENTITY y "&x;&x;&x;">]><robot name="&y;"><link name="a"/></robot>'

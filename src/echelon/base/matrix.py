@@ -125,7 +125,7 @@ def _sympy_generator(generator: str, exact: Mapping[str, Any]) -> Any:
     import sympy
 
     name = symbol_of(generator)
-    symbol = exact[name] if name in exact else sympy.Symbol(name, real=True)
+    symbol = exact[name] if name in exact else sympy.Symbol(name)
     if not is_trigonometric(generator):
         return symbol
     return sympy.cos(symbol) if generator.startswith("cos(") else sympy.sin(symbol)

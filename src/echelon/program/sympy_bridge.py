@@ -100,7 +100,7 @@ def to_sympy(program: Program, outputs: Sequence[int]) -> list[Any]:
     for node in program.needed(outputs):
         op, a, b = Op(program.ops[node]), formulas.get(program.lhs[node]), formulas.get(program.rhs[node])
         if op is Op.INPUT:
-            formulas[node] = sympy.Symbol(program.inputs[node].name, real=True)
+            formulas[node] = sympy.Symbol(program.inputs[node].name)
         elif op is Op.CONSTANT:
             formulas[node] = _sympy_number(program.constants[node])
         else:

@@ -1,0 +1,202 @@
+"""What a BaseModel offers: numbers, classification, lift, regressors, and the ways it shows itself."""
+
+from __future__ import annotations
+
+from dataclasses import FrozenInstanceError, replace
+
+import numpy as np
+import pytest
+
+import arms
+import echelon as ec
+from echelon.base.display import to_html, to_latex, to_markdown, to_text
+from echelon.base.lift import metric_matrix
+from oracles import random_states
+from robots import robot_file
+
+
+@pytest.fixture(scope="module")
+def base() -> ec.BaseModel:
+    return ec.base_parameters(arms.panda())
+
+
+@pytest.fixture(scope="module")
+def zeta(base: ec.BaseModel) -> np.ndarray:
+    return np.random.default_rng(1).uniform(-1, 1, len(base.parameters))
+
+
+# -- B and numbers ---------------------------------------------------------------------------------
+
+
+def test_three_forms_of_b_agree(base: ec.BaseModel) -> None:
+    values = {name: float(text) for name, text in arms.PANDA.items()}
+    from_symbols = np.array(base.B.subs(values).tolist(), dtype=float)
+    from_exact = np.array(base.B_exact.tolist(), dtype=float)
+    np.testing.assert_allclose(from_symbols, base.B_float(), rtol=1e-14)
+    np.testing.assert_allclose(from_exact, base.B_float(), rtol=1e-14)
+    assert base.B.shape == base.B_float().shape == (43, 70)
+    assert all(entry.is_Rational for entry in base.B_exact.todok().values())
+
+
+def test_values(base: ec.BaseModel, zeta: np.ndarray) -> None:
+    np.testing.assert_allclose(base.values(zeta), base.B_float() @ zeta)
+    longer = {"a4": 0.1}
+    np.testing.assert_allclose(base.values(zeta, longer), base.B_float(longer) @ zeta)
+    assert not np.allclose(base.values(zeta, longer), base.values(zeta))
+
+
+def test_values_of_a_file() -> None:
+    base = ec.base_parameters(ec.load(robot_file("ur10_robot")))
+    np.testing.assert_allclose(base.values(), base.B_float() @ base.standard_values())
+    q, qd, qdd = random_states(base.mechanism, 5)
+    full = base.standard_regressor(q, qd, qdd) @ base.standard_values()
+    np.testing.assert_allclose(base.regressor(q, qd, qdd) @ base.values(), full, rtol=1e-10, atol=1e-10)
+
+
+def test_missing_numbers_are_named(base: ec.BaseModel) -> None:
+    with pytest.raises(ec.InputError, match="inertial values for 7 bodies"):
+        base.values()
+    with pytest.raises(ec.InputError, match="shape"):
+        base.values([1.0, 2.0])
+    unknown = ec.base_parameters(arms.stanford())
+    with pytest.raises(ec.InputError, match="'d2' has no value"):
+        unknown.B_float()
+    with pytest.raises(ec.InputError, match="'d2' has no value"):
+        _ = unknown.B_exact
+    assert unknown.B_float({"d2": 0.1}).shape == unknown.B.shape
+
+
+def test_units(base: ec.BaseModel) -> None:
+    units = dict(zip(base.pivots, base.units, strict=True))
+    assert (units["ZZ1"], units["MX2"]) == ("kg·m²", "kg·m")
+    assert ec.base_parameters(arms.cartesian()).units == ("kg",) * 3
+
+
+def test_classification_follows_its_definition(base: ec.BaseModel) -> None:
+    b = base.B_float({name: 0.1 + 0.37 * i for i, name in enumerate(arms.PANDA)})
+    for column, (name, kind) in enumerate(base.classification.items()):
+        rows = np.flatnonzero(b[:, column])
+        if not len(rows):
+            assert kind is ec.Identifiability.UNIDENTIFIABLE, name
+        elif len(rows) == 1 and np.count_nonzero(b[rows[0]]) == 1:
+            assert kind is ec.Identifiability.ALONE, name
+        else:
+            assert kind is ec.Identifiability.COMBINATION, name
+
+
+def test_frozen(base: ec.BaseModel) -> None:
+    with pytest.raises(FrozenInstanceError):
+        base.seed = 3  # type: ignore[misc]
+
+
+# -- regressors ------------------------------------------------------------------------------------
+
+
+def test_reduced_regressor_is_the_pivot_columns(base: ec.BaseModel) -> None:
+    states = random_states(base.mechanism, 3)
+    full, reduced = base.standard_regressor(*states), base.regressor(*states)
+    assert full.shape == (3, 7, 70)
+    np.testing.assert_array_equal(reduced, full[:, :, list(base.matrix.pivots)])
+    np.testing.assert_allclose(reduced @ base.B_float(), full, atol=1e-12 * np.abs(full).max())
+    assert sum(base.reduced.operations().values()) < sum(base.inverse_dynamics.operations().values())
+
+
+def test_blocks_of_samples_join(base: ec.BaseModel) -> None:
+    states = random_states(base.mechanism, 1500)
+    whole = base.regressor(*states)
+    np.testing.assert_array_equal(whole[1020:1030], base.regressor(*(x[1020:1030] for x in states)))
+    assert base.regressor(*(x[:0] for x in states)).shape == (0, 7, 43)
+
+
+def test_shapes_are_checked(base: ec.BaseModel) -> None:
+    q, qd, qdd = random_states(base.mechanism, 4)
+    with pytest.raises(ec.InputError, match="q has shape"):
+        base.regressor(q[:, :3], qd, qdd)
+    with pytest.raises(ec.InputError, match="different numbers of samples"):
+        base.regressor(q, qd[:2], qdd)
+
+
+# -- lift ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("metric", ["identity", "physical", "diagonal", "full"])
+def test_lift_is_the_nearest_with_these_values(base: ec.BaseModel, zeta: np.ndarray, metric: str) -> None:
+    n, rng = len(zeta), np.random.default_rng(2)
+    root = rng.uniform(-1, 1, (n, n)) + 3 * np.eye(n)
+    chosen = {"diagonal": rng.uniform(0.5, 2, n), "full": root @ root.T}.get(metric, metric)
+    s = metric_matrix(chosen, n, 0.384)
+    prior = rng.uniform(-1, 1, n)
+    lifted = base.lift(base.values(zeta), prior, chosen)
+    b = base.B_float()
+    np.testing.assert_allclose(b @ lifted, b @ zeta, atol=1e-9)
+    # nearest in the norm of S⁻¹: the correction S⁻¹(ζ̂ − ζ₀) lies in the row space of B
+    dual = np.linalg.solve(s, lifted - prior)
+    np.testing.assert_allclose(b.T @ np.linalg.lstsq(b.T, dual, rcond=None)[0], dual, atol=1e-7 * np.abs(dual).max())
+    # the formula of the paper
+    paper = prior + s @ b.T @ np.linalg.solve(b @ s @ b.T, base.values(zeta) - b @ prior)
+    np.testing.assert_allclose(lifted, paper, atol=1e-7)
+    np.testing.assert_allclose(base.lift(base.values(lifted), lifted, chosen), lifted, atol=1e-9)
+
+
+def test_lift_moves_torques_not_at_all(base: ec.BaseModel, zeta: np.ndarray) -> None:
+    full = base.standard_regressor(*random_states(base.mechanism, 4))
+    np.testing.assert_allclose(full @ base.lift(base.values(zeta)), full @ zeta, atol=1e-9)
+
+
+@pytest.mark.parametrize("metric", ["euclid", np.zeros(70), -np.ones(70), np.ones(3), np.triu(np.ones((70, 70)))])
+def test_bad_metrics_are_refused(base: ec.BaseModel, zeta: np.ndarray, metric: object) -> None:
+    with pytest.raises(ec.InputError, match="metric"):
+        base.lift(base.values(zeta), metric=metric)  # type: ignore[arg-type]
+
+
+def test_bad_shapes_and_lengths_are_refused(base: ec.BaseModel, zeta: np.ndarray) -> None:
+    with pytest.raises(ec.InputError, match="43 base parameters"):
+        base.lift([1.0])
+    with pytest.raises(ec.InputError, match="length"):
+        base.lift(base.values(zeta), length=0)
+
+
+# -- showing ---------------------------------------------------------------------------------------
+
+
+def test_text_groups_equal_coefficients() -> None:
+    lines = str(ec.base_parameters(arms.rx90())).splitlines()
+    assert " 9  XX3 − YY3 + YY4 + 2·RL4·MZ4 + RL4²·(M4 + M5 + M6)" in lines
+    assert "4  link4  ◐   ●   ●   ◐   ●   ◐   ●   ◐   ◐   ◐" in lines
+    assert any(line.startswith("certificate: rank 36") for line in lines)
+
+
+def test_quotients_and_roots_are_readable() -> None:
+    tip = ec.base_parameters(arms.double_pendulum(), prefer=("M2",))
+    assert str(tip.expressions[0]) == "M2 + (1/l1)·MX1"
+    assert tip.expressions[0].latex == r"\mathit{M}_{2} + \frac{1}{l_{1}}\,\mathit{MX}_{1}"
+
+
+def test_latex_is_balanced(base: ec.BaseModel) -> None:
+    text = to_latex(base)
+    assert text.count("{") == text.count("}")
+    assert text.count(r"\begin{align*}") == text.count(r"\end{align*}") == 2
+    assert text.count("&=") == base.rank
+    assert base._repr_latex_().startswith(r"$$\begin{aligned}\bar\zeta_{1} &=")
+
+
+def test_hostile_names_are_escaped() -> None:
+    arm = arms.double_pendulum()
+    nasty = replace(arm, bodies=tuple(replace(b, name="<script>|\n[red]") for b in arm.bodies), name="a|b<i>")
+    base = ec.base_parameters(nasty)
+    assert "<script>" not in to_html(base)
+    assert "<i>" not in base._repr_html_()
+    assert all(line.count("|") - line.count(r"\|") in (0, 4, 12) for line in to_markdown(base).splitlines()[4:])
+    assert "<script>" in to_text(base)
+
+
+def test_repr(base: ec.BaseModel) -> None:
+    assert repr(base) == "BaseModel(panda: 43 base parameters of 70)"
+
+
+def test_an_empty_answer_is_shown() -> None:
+    still = ec.base_parameters(arms.tree("still"))
+    for show in (to_text, to_markdown, to_latex, to_html):
+        assert "0 base parameters of 0" in show(still)
+    assert still.values([]).shape == (0,)
+    assert still.B.shape == (0, 0)

@@ -1,0 +1,56 @@
+"""Other representatives: tip-to-base order and preferred parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+import sympy
+
+import arms
+import echelon as ec
+from echelon.mechanism.mechanism import Mechanism
+
+ROBOTS = [arms.rx90, arms.panda, arms.helical, arms.coupled, arms.branched, arms.floating_pair, arms.massless]
+
+
+def rational_b(model: ec.BaseModel, order: tuple[int, ...]) -> sympy.Matrix:
+    """B at one rational geometry, with its columns in an order."""
+    values = {name: sympy.Rational(sum(map(ord, name)), 97) for name in model.matrix.symbols}
+    return sympy.Matrix(model.matrix.sympy(values))[:, list(order)]
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("choice", [{"order": "tip-to-base"}, {"prefer": ("M",)}, {"prefer": ("MZ", "YY")}])
+def test_reduced_echelon_form_of_the_same_space(robot: Callable[[], Mechanism], choice: dict[str, object]) -> None:
+    """sympy's rref of the classical set, columns permuted, is the new set."""
+    mechanism = robot()
+    classical = ec.base_parameters(mechanism)
+    other = ec.base_parameters(mechanism, **choice)  # type: ignore[arg-type]
+    order = other.matrix.order
+    expected, pivots = rational_b(classical, order).rref()
+    assert tuple(order[p] for p in pivots) == other.matrix.pivots
+    # square roots may stand in another form
+    assert (rational_b(other, order) - expected).applyfunc(sympy.radsimp).is_zero_matrix
+
+
+def test_preferred_parameters_become_representatives() -> None:
+    model = ec.base_parameters(arms.rx90(), prefer=("M6", "YY2", "MZ4"))
+    assert model.pivots[:3] == ("M6", "YY2", "MZ4")
+    assert model.rank == 36
+
+
+def test_what_cannot_be_seen_cannot_be_a_representative() -> None:
+    assert "M1" not in ec.base_parameters(arms.rx90(), prefer=("M1",)).pivots
+
+
+def test_denominators_are_in_lowest_terms() -> None:
+    model = ec.base_parameters(arms.double_pendulum(), prefer=("M2",))
+    row = model.matrix.rows[0]
+    assert {model.parameters[c]: str(x) for c, x in row.items()} == {"M2": "1", "MX1": "(1)/(l1)"}
+
+
+@pytest.mark.parametrize(("order", "prefer"), [("sideways", ()), ("base-to-tip", ("M9",)), ("base-to-tip", ("mass",))])
+def test_unknown_choices_are_refused(order: str, prefer: tuple[str, ...]) -> None:
+    with pytest.raises(ec.InputError):
+        ec.base_parameters(arms.rx90(), order=order, prefer=prefer)
