@@ -111,16 +111,11 @@ class _Tree:
 
     def _float_base(self) -> None:
         """The base becomes a body, because the first part moves against it."""
-        names = {part.name for part in self.parts}
-        name = (
-            BASE
-            if BASE not in names
-            else next(f"{BASE}{k}" for k in range(len(names) + 1) if f"{BASE}{k}" not in names)
-        )
-        massless = BASE in self.options.massless
-        self._append(
-            Body(name, "0", GROUND, Joint(BASE, "floating", floating_motions(BASE)), massless), "floating_base"
-        )
+        names, name = {part.name for part in self.parts}, BASE
+        while name in names:
+            name += "_"
+        joint = Joint(BASE, "floating", floating_motions(BASE))
+        self._append(Body(name, "0", GROUND, joint, massless=BASE in self.options.massless), "floating_base")
         self.host[None] = 0
 
     def _add(self, part: Part) -> None:

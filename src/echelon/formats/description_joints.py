@@ -26,7 +26,7 @@ from echelon.mechanism.placement import IDENTITY, Matrix, Placement, multiply, s
 
 if TYPE_CHECKING:
     from echelon.formats.schema import BodyEntry, ModifiedRow, StandardRow
-    from echelon.formats.schema_joints import AxisJoint, CustomJoint, Frame, HelicalJoint, Joint, UniversalJoint
+    from echelon.formats.schema_joints import AxisJoint, CustomJoint, Frame, HelicalJoint, Joint, MotionStep
 
 _LITERAL_KINDS: dict[str, MotionKind | str] = {
     "revolute": MotionKind.ROTATION,
@@ -103,17 +103,13 @@ class Joints:
             case "floating":
                 return floating_motions(name)
             case "universal":
-                return self._universal(joint, name, path)
+                pairs = enumerate((joint.axis, joint.axis2), 1)
+                return tuple(rotation(f"{name}.{i}", *_coordinate_axis(axis)) for i, axis in pairs)
             case "helical" | "cylindrical":
                 return self._along_axis(joint, name, path, stem)
         axis_joint = cast("AxisJoint", joint)
         axis = self.expressions.direction(axis_joint.axis, f"{path}.axis")
         return self.expressions.intent.motion(LiteralMotion(path, name, _LITERAL_KINDS[joint.type], axis), stem)
-
-    def _universal(self, joint: UniversalJoint, name: str, path: str) -> tuple[Step, ...]:
-        axes = (self.expressions.direction(axis, path) for axis in (joint.axis, joint.axis2))
-        found = [next((k, int(v)) for k, v in enumerate(axis) if v) for axis in axes]
-        return tuple(rotation(f"{name}.{i}", axis, sign) for i, (axis, sign) in enumerate(found, 1))
 
     def _along_axis(self, joint: HelicalJoint | AxisJoint, name: str, path: str, stem: str) -> tuple[Step, ...]:
         direction = self.expressions.direction(joint.axis, f"{path}.axis")
@@ -126,21 +122,23 @@ class Joints:
         return (mounting, *motions, mounting.inverse())
 
     def _custom(self, joint: CustomJoint, path: str, stem: str) -> tuple[Step, ...]:
-        from echelon.formats.schema_joints import Frame
+        from echelon.formats.schema_joints import MotionStep
 
         steps: list[Step] = []
         for index, step in enumerate(joint.steps):
             here = f"{path}.steps[{index}]"
-            if isinstance(step, Frame):
+            if isinstance(step, MotionStep):
+                steps.append(self._elementary(step, here))
+            else:
                 steps.append(self.frame(step, here, stem))
-                continue
-            x, y, z = self.expressions.direction(step.axis, here)
-            axis, sign = next((k, int(v)) for k, v in enumerate((x, y, z)) if v)
-            pitch = self.expressions.length(step.pitch, f"{here}.pitch")
-            if pitch and step.motion != "screw":
-                raise self.expressions.error(f"{here}.pitch", f"only a screw has a pitch, not a {step.motion}")
-            steps.append(Motion(MotionKind(step.motion), step.name, axis, sign, pitch))
         return tuple(steps)
+
+    def _elementary(self, step: MotionStep, path: str) -> Motion:
+        axis, sign = _coordinate_axis(step.axis)
+        pitch = self.expressions.length(step.pitch, f"{path}.pitch")
+        if pitch and step.motion != "screw":
+            raise self.expressions.error(f"{path}.pitch", f"only a screw has a pitch, not a {step.motion}")
+        return Motion(MotionKind(step.motion), step.name, axis, sign, pitch)
 
     # -- frames ----------------------------------------------------------------------------------------------------
 
@@ -167,6 +165,11 @@ def joint_name(body: BodyEntry) -> str:
     """Name of a body's joint."""
     stated = body.joint.name if body.joint is not None else None
     return body.name if stated is None else stated
+
+
+def _coordinate_axis(direction: str) -> tuple[int, int]:
+    """Axis and sign of a direction such as ``-x``."""
+    return "xyz".index(direction[-1]), -1 if direction.startswith("-") else 1
 
 
 def _row_motion(row: ModifiedRow | StandardRow, name: str) -> tuple[Motion, ...]:

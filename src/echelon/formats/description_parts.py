@@ -111,11 +111,19 @@ def _row_part(
     expressions: Expressions,
     steps: Callable[[str], tuple[Step, ...]],
 ) -> Part:
-    inertial = _inertial(row.inertial, f"{path}.inertial", expressions)
-    label = str(index + 1)
-    moves = row.joint != "fixed"
     return Part(
-        path, name, parent, row.label, label, name, row.joint, moves, row.separate, row.massless, inertial, steps
+        path=path,
+        name=name,
+        parent=parent,
+        label=row.label,
+        default_label=str(index + 1),
+        joint=name,
+        kind=row.joint,
+        moves=row.joint != "fixed",
+        separate=row.separate,
+        massless=row.massless,
+        inertial=_inertial(row.inertial, f"{path}.inertial", expressions),
+        steps=steps,
     )
 
 
@@ -148,44 +156,41 @@ def _antecedent(
 
 def _bodies(bodies: Sequence[BodyEntry], joints: Joints) -> list[Part]:
     names = [body.name for body in bodies]
-    parts = []
-    for index, body in enumerate(bodies):
-        path = f"bodies[{index}]"
-        parent = body.parent
-        if parent is not None and parent not in names:
-            if parent != BASE:
-                problem = f"there is no body '{parent}'{nearest_of(parent, [BASE, *names])}"
-                raise joints.expressions.error(f"{path}.parent", problem)
-            parent = None
-        inertial = _inertial(body.inertial, f"{path}.inertial", joints.expressions)
-        steps = partial(joints.body, body, path)
-        kind, moves = _kind(body)
-        joint = joint_name(body) if body.joint is not None else ""
-        parts.append(
-            Part(
-                path,
-                body.name,
-                parent,
-                body.label,
-                None,
-                joint,
-                kind,
-                moves,
-                body.separate,
-                body.massless,
-                inertial,
-                steps,
-            )
-        )
-    return parts
+    return [_body_part(body, f"bodies[{index}]", names, joints) for index, body in enumerate(bodies)]
+
+
+def _body_part(body: BodyEntry, path: str, names: Sequence[str], joints: Joints) -> Part:
+    parent = body.parent
+    if parent is not None and parent not in names:
+        if parent != BASE:
+            problem = f"there is no body '{parent}'{nearest_of(parent, [BASE, *names])}"
+            raise joints.expressions.error(f"{path}.parent", problem)
+        parent = None
+    kind, moves = _kind(body)
+    return Part(
+        path=path,
+        name=body.name,
+        parent=parent,
+        label=body.label,
+        default_label=None,
+        joint=joint_name(body) if body.joint is not None else "",
+        kind=kind,
+        moves=moves,
+        separate=body.separate,
+        massless=body.massless,
+        inertial=_inertial(body.inertial, f"{path}.inertial", joints.expressions),
+        steps=partial(joints.body, body, path),
+    )
 
 
 def _kind(body: BodyEntry) -> tuple[str, bool]:
     """What a joint is called, and whether it moves."""
+    from echelon.formats.schema_joints import MotionStep
+
     if body.joint is None:
         return "root", False
     if body.joint.type == "custom":
-        return body.joint.kind, any(hasattr(step, "motion") for step in body.joint.steps)
+        return body.joint.kind, any(isinstance(step, MotionStep) for step in body.joint.steps)
     return body.joint.type, body.joint.type != "fixed"
 
 
@@ -194,10 +199,11 @@ def _kind(body: BodyEntry) -> tuple[str, bool]:
 
 def _inertial(stated: Inertial | None, path: str, expressions: Expressions) -> tuple[float, ...] | None:
     """The ten standard parameters about the body's frame."""
+    from echelon.formats.schema import StandardInertial
+
     if stated is None:
         return None
-    # the two forms are told apart by the key that only one of them has
-    if hasattr(stated, "standard"):
+    if isinstance(stated, StandardInertial):
         return tuple(expressions.real(text, f"{path}.standard[{i}]") for i, text in enumerate(stated.standard))
     mass = expressions.real(stated.mass, f"{path}.mass")
     if mass < 0:

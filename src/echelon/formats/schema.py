@@ -214,9 +214,9 @@ class RobotDescription(Model):
         description="Standard Denavit–Hartenberg: one row per joint.",
         examples=[[{"joint": "revolute", "d": "0.1273", "alpha": "pi/2"}]],
     )
-    bodies: Annotated[tuple[BodyEntry, ...], AS_ROWS] | None = Field(
+    bodies: Annotated[tuple[BodyEntry, ...], AS_LIST] | None = Field(
         None,
-        description="Bodies and joints in general, in any order.",
+        description="Bodies and joints in general, in any order; none for a robot that is all base.",
         examples=[[{"name": "cart", "joint": {"type": "prismatic", "axis": "x"}}]],
     )
 

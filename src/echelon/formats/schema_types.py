@@ -81,7 +81,7 @@ def _items(value: object) -> tuple[object, ...]:
 
 def _rows(value: object) -> tuple[object, ...]:
     if value == [] or value == ():
-        raise refusal("the list is empty; a robot has at least one body")
+        raise refusal("the table is empty; it needs at least one row")
     return _items(value)
 
 
