@@ -1,0 +1,64 @@
+"""The examples of README and docs are run, and must print what stands there."""
+
+from __future__ import annotations
+
+import doctest
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def blocks(language: str) -> list[object]:
+    found = []
+    for page in PAGES:
+        for k, (kind, body) in enumerate(FENCE.findall(page.read_text())):
+            if kind == language:
+                found.append(pytest.param(body, id=f"{page.relative_to(ROOT)}-{k}"))
+    return found
+
+
+@pytest.mark.parametrize("block", blocks("console"))
+def test_console_example(block: str) -> None:
+    for command, expected in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", block, re.MULTILINE):
+        program, *arguments = shlex.split(command)
+        assert program == "echelon"
+        done = subprocess.run(
+            [sys.executable, "-c", "from echelon.cli import main; main()", *arguments],
+            capture_output=True, text=True, encoding="utf-8", cwd=ROOT, check=False,
+            env={**os.environ, "PYTHONPATH": str(ROOT / "src"), "PYTHONIOENCODING": "utf-8"},
+        )  # fmt: skip
+        actual = done.stdout + done.stderr
+        wanted = expected.replace("<BLANKLINE>\n", "\n")
+        assert doctest.OutputChecker().check_output(wanted, actual, FLAGS), f"{command} printed:\n{actual}"
+
+
+@pytest.mark.parametrize("block", blocks("python"))
+def test_python_example(block: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    test = doctest.DocTestParser().get_doctest(block, {}, "docs", None, 0)
+    assert test.examples, "a python block is a session with >>>"
+    results = doctest.DocTestRunner(optionflags=FLAGS, verbose=False).run(test)
+    assert results.failed == 0
+
+
+def test_numbers_come_from_the_benchmark() -> None:
+    table = (ROOT / "benchmarks/results/bench.md").read_text()
+    quoted = re.search(r"<!-- bench -->\n(.*?)<!-- /bench -->", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert quoted is not None
+    assert all(line in table for line in quoted[1].splitlines())
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
+        assert (page.parent / target).exists(), target
