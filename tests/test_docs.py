@@ -38,8 +38,7 @@ def test_console_example(block: str) -> None:
             env={**os.environ, "PYTHONPATH": str(ROOT / "src"), "PYTHONIOENCODING": "utf-8"},
         )  # fmt: skip
         actual = done.stdout + done.stderr
-        wanted = expected.replace("<BLANKLINE>\n", "\n")
-        assert doctest.OutputChecker().check_output(wanted, actual, FLAGS), f"{command} printed:\n{actual}"
+        assert doctest.OutputChecker().check_output(expected, actual, FLAGS), f"{command} printed:\n{actual}"
 
 
 @pytest.mark.parametrize("block", blocks("python"))

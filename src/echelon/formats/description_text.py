@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import yaml
 
 _LARGEST = 16 * 1024 * 1024
+_LONGEST_MESSAGE = 600
 _NULLS = frozenset({"", "~", "null", "Null", "NULL"})
 _PLAIN = frozenset({"str", "seq", "map"})
 
@@ -45,6 +46,9 @@ class Document:
         while known and known not in self.lines:
             known = known[: max(known.rfind("."), known.rfind("["), 0)]
         line = f" (line {self.lines[known]})" if known else ""
+        problem, path = " ".join(problem.split()), " ".join(path.split())
+        if len(problem) > _LONGEST_MESSAGE:
+            problem = f"{problem[:_LONGEST_MESSAGE]}…"
         return InputError(f"{problem}{line}", source=self.source, element=path or None)
 
 

@@ -231,6 +231,6 @@ class RobotDescription(Model):
 def json_schema() -> dict[str, Any]:
     """The JSON schema of descriptions, for editors and other programs.
 
-    The file ``description.schema.json`` beside this module holds it; ``echelon schema description`` prints it.
+    ``schemas/robot.schema.json`` of the repository holds it; ``echelon schema description`` prints it.
     """
     return RobotDescription.model_json_schema()

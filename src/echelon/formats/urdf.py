@@ -198,6 +198,8 @@ class _Reader:
                 continue
             where = f"joint '{name}' mimic"
             leader = mimic.get("joint")
+            if not leader:
+                raise self._error("needs joint='...', the joint that it follows", where)
             if leader not in self.joints:
                 raise self._error(f"it follows joint '{leader}', which does not exist", where)
             if leader == name:
@@ -229,9 +231,13 @@ class _Reader:
 
     def _number(self, text: str, where: str) -> Rational:
         try:
-            return parse_decimal(text.strip())
+            value = parse_decimal(text.strip())
+            float(value)
         except ValueError as error:
             raise self._error(str(error), where) from None
+        except OverflowError:
+            raise self._error(f"'{text}' is not a finite decimal number", where) from None
+        return value
 
     def _error(self, problem: str, element: str | None = None) -> InputError:
         return InputError(problem, source=self.source, element=element)
