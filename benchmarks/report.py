@@ -75,7 +75,8 @@ def _heading(results: dict[str, Any]) -> str:
     machine = facts["machine"]
     return (
         f"# Benchmarks\n\n{facts['date']}; {machine['processor']}, {machine['cores']} cores, {machine['system']}.\n"
-        f"{versions}.\n\nTimes are minimum / median / maximum of at least {facts['repeats']} repeats, more for short ones.\n"
+        f"{versions}.\n\n"
+        f"Times are minimum / median / maximum of at least {facts['repeats']} repeats, more for short ones.\n"
         "What is compared runs in turn, so that a slow spell of the machine hits all alike."
     )
 

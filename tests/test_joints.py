@@ -1,17 +1,23 @@
-"""Every joint type against Lagrange's equations from an independent forward kinematics, differentiated by CasADi."""
+"""Every joint type against two independent models: Lagrange's equations and Pinocchio's own joints.
+
+Lagrange's equations come from a forward kinematics of this file, differentiated by CasADi.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 import arms
+from echelon.exact.expressions import parse_angle
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.joint import Step, ball, rotation, screw, translation
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.placement import turn
 from oracles import float_regressor, random_states
 
 ca = pytest.importorskip("casadi", reason="CasADi is not installed")
@@ -176,3 +182,111 @@ def quaternion(phi: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     for axis, angle in enumerate(phi):
         total = product(total, np.array([np.cos(angle / 2), *(np.sin(angle / 2) * np.eye(3)[axis])]))
     return total
+
+
+# -- Pinocchio's own joints -------------------------------------------------------------------------------------------
+
+AIM = turn(2, parse_angle("azimuth")) @ turn(1, parse_angle("inclination"))
+"""Turns z into a general direction."""
+AIMED = np.array(rotation_about(2, 0.7) @ rotation_about(1, 1.1))
+VALUES |= {"azimuth": "0.7", "inclination": "1.1"}
+
+
+def aimed(*steps: Step) -> tuple[Step, ...]:
+    """A joint along a general direction of both bodies."""
+    return AIM, *steps, AIM.inverse()
+
+
+def unaligned(name: str, axis: npt.ArrayLike, *more: float) -> Callable[[Any], Any]:
+    """Pinocchio's joint with a general axis."""
+    return lambda pin: getattr(pin, f"JointModel{name}Unaligned")(*np.asarray(axis, dtype=float), *more)
+
+
+def composite(*names: str) -> Callable[[Any], Any]:
+    def make(pin: Any) -> Any:
+        joint = pin.JointModelComposite()
+        for name in names:
+            joint.addJoint(getattr(pin, f"JointModel{name}")())
+        return joint
+
+    return make
+
+
+def plain(name: str) -> Callable[[Any], Any]:
+    return lambda pin: getattr(pin, f"JointModel{name}")()
+
+
+Z = AIMED[:, 2]
+H = Polynomial.generator("h")
+NATIVE: dict[str, tuple[tuple[Step, ...], Callable[[Any], Any]]] = {
+    "revolute": (aimed(rotation("q")), unaligned("Revolute", Z)),
+    "revolute -x": ((rotation("q", 0, -1),), unaligned("Revolute", (-1, 0, 0))),
+    "revolute against": (aimed(rotation("q", 2, -1)), unaligned("Revolute", -Z)),
+    "prismatic": (aimed(translation("q")), unaligned("Prismatic", Z)),
+    "prismatic -y": ((translation("q", 1, -1),), unaligned("Prismatic", (0, -1, 0))),
+    "helical": (aimed(screw("q", H)), unaligned("Helical", Z, 0.05)),
+    "helical against": (aimed(screw("q", H, 2, -1)), unaligned("Helical", -Z, 0.05)),
+    "cylindrical": (arms.cylindrical_motions("q", 1), composite("PY", "RY")),
+    "universal": (arms.universal_motions("q"), lambda pin: pin.JointModelUniversal(1, 0, 0, 0, 1, 0)),
+    "universal z x": (arms.universal_motions("q", 2, 0), lambda pin: pin.JointModelUniversal(0, 0, 1, 1, 0, 0)),
+    "spherical": ((ball("q"),), plain("Spherical")),
+    "planar": (arms.planar_motions("q"), plain("Planar")),
+    "floating": (arms.floating_motions("q"), plain("FreeFlyer")),
+}
+
+
+@pytest.mark.parametrize("kind", NATIVE)
+def test_native_joint(kind: str) -> None:
+    pin = pytest.importorskip("pinocchio", reason="Pinocchio is not installed")
+    steps, make = NATIVE[kind]
+    mechanism = chain(steps, kind)
+    zeta = np.random.default_rng(6).uniform(-1, 1, 30)
+    zeta[0::10], zeta[3::10], zeta[5::10], zeta[9::10] = 9, 8, 10, (1.5, 0.7, 2)  # Pinocchio insists on possible bodies
+    model = native_chain(pin, make(pin), zeta)
+    data = model.createData()
+    q, qd, qdd = random_states(mechanism, 3)
+    torque = float_regressor(mechanism, q, qd, qdd) @ zeta
+    for k in range(3):
+        *middle, axes = native_state(pin, kind, q[k, 1:-1], qd[k, 1:-1], qdd[k, 1:-1])
+        ends = ((x[k, :1], x[k, -1:]) for x in (q, qd, qdd))
+        states = (np.concatenate([first, x, last]) for x, (first, last) in zip(middle, ends, strict=True))
+        expected = np.array(pin.rnea(model, data, *states))
+        expected[1:-1] = axes @ expected[1:-1]
+        np.testing.assert_allclose(torque[k], expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+
+
+def native_chain(pin: Any, joint: Any, zeta: npt.NDArray[np.float64]) -> Any:
+    """The chain of :func:`chain` in Pinocchio."""
+    model = pin.Model()
+    model.gravity.linear = GRAVITY
+    mounting, host = pin.SE3(MOUNTING, OFFSET), 0
+    for k, (placed, kind) in enumerate(
+        [(pin.SE3.Identity(), pin.JointModelRX()), (mounting, joint), (mounting, pin.JointModelRY())]
+    ):
+        host = model.addJoint(host, kind, placed, f"joint {k}")
+        xx, xy, xz, yy, yz, zz, mx, my, mz, m = zeta[10 * k : 10 * k + 10]
+        c = np.array([mx, my, mz]) / m
+        central = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - m * (c @ c * np.eye(3) - np.outer(c, c))
+        model.appendBodyToJoint(host, pin.Inertia(m, c, central), pin.SE3.Identity())
+    return model
+
+
+def native_state(
+    pin: Any, kind: str, q: npt.NDArray[np.float64], qd: npt.NDArray[np.float64], qdd: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[np.float64], ...]:
+    """Position, velocity and acceleration of a joint in Pinocchio's coordinates, and the axes of its velocities.
+
+    Its linear velocities are in the moved axes, Rᵀ v, with derivative Rᵀ v̇ − ω × Rᵀ v; a quaternion ends with w.
+    """
+    axes, turning = np.eye(len(qd)), np.zeros((len(qd), len(qd)))
+    if kind == "planar":
+        axes[:2, :2] = np.array(rotation_about(2, q[2]))[:2, :2]
+        turning[:2, :2] = qd[2] * np.array([[0, -1], [1, 0]])
+        q = np.array([q[0], q[1], np.cos(q[2]), np.sin(q[2])])
+    if kind == "floating":
+        axes[:3, :3] = pin.Quaternion(*q[3:]).matrix()
+        turning[:3, :3] = pin.skew(qd[3:])
+    if kind in ("spherical", "floating"):
+        q = np.concatenate([q[:-4], q[-3:], q[-4:-3]])
+    v = axes.T @ qd
+    return q, v, axes.T @ qdd - turning @ v, axes

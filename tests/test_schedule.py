@@ -13,8 +13,9 @@ from hypothesis import assume, given
 from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.field import PrimeField
 from echelon.exact.numbers import Number, surd
+from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.schedule import FloatArithmetic, ModularArithmetic, Schedule, degree_bound
-from echelon.program.tape import FUNCTIONS, Op, Program
+from echelon.program.tape import Program
 from strategies import FIELDS, SMALL_FIELD, calculate, formulas, numbers
 
 NAMES = ("x", "y", "z")

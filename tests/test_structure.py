@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from fractions import Fraction
 
@@ -12,12 +13,13 @@ from hypothesis import strategies as st
 
 import arms
 import echelon as ec
+from builders import mechanisms
 from echelon.exact.angle import Angle
 from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.joint import ball, floating_motions, rotation, translation
-from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.joint import Joint, Motion, ball, floating_motions, rotation, translation
+from echelon.mechanism.mechanism import Body, Mechanism
 from echelon.mechanism.placement import Placement, rotate, turn
-from oracles import float_regressor, random_states
+from oracles import FloatArray, float_regressor, random_states
 
 H = "pi/2"
 
@@ -35,6 +37,12 @@ def serial(alphas: list[str], gravity: str | None = arms.DOWN) -> Mechanism:
 PUMA = ("R 0 0 0", "R -pi/2 0 0", "R 0 a2 d3", "R -pi/2 a3 d4", "R pi/2 0 0", "R -pi/2 0 0")
 STANFORD = ("R 0 0 0", "R -pi/2 0 d2", "P pi/2 0 0", "R 0 0 0", "R -pi/2 0 0", "R pi/2 0 0")
 PENDULUM = ("R 0 0 0", "R 0 l1 0")
+UNIVERSAL_ROBOTS = {
+    "generic": ("d1", "a2", "a3", "d4", "d5", "d6"),
+    "UR3": ("0.1519", "0.24365", "0.21325", "0.11235", "0.08535", "0.0819"),
+    "UR5": ("0.089159", "0.425", "0.39225", "0.10915", "0.09465", "0.0823"),
+    "UR10": ("0.1273", "0.612", "0.5723", "0.163941", "0.1157", "0.0922"),
+}
 
 
 @pytest.mark.parametrize(
@@ -47,7 +55,6 @@ PENDULUM = ("R 0 0 0", "R 0 l1 0")
         (PUMA, "gx gy gz", 38),
         (PUMA, None, 34),
         (STANFORD, "0 0 -g", 33),
-        (("R 0 0 0", "P pi/2 0 0"), "0 0 -g", 5 - 1),
         (("P 0 0 0", "P pi/2 0 0", "P pi/2 0 0"), "0 0 -g", 3),
         (("R 0 0 0", "P 0 0 0", "P pi/2 0 0"), "0 0 -g", 5),
         (("P 0 0 0",), None, 1),
@@ -57,6 +64,26 @@ PENDULUM = ("R 0 0 0", "R 0 l1 0")
 )
 def test_published_rank(rows: tuple[str, ...], gravity: str | None, expected: int) -> None:
     assert rank(arms.modified_dh("arm", *rows, gravity=gravity)) == expected
+
+
+@pytest.mark.parametrize(
+    ("robot", "expected"),
+    [(arms.rx90, 36), (arms.panda, 43), (arms.cart_pole, 4), (arms.furuta, 8)],
+)
+def test_rank_of_known_robot(robot: Callable[[], Mechanism], expected: int) -> None:
+    assert rank(robot()) == expected
+
+
+@pytest.mark.parametrize(("d1", "a2", "a3", "d4", "d5", "d6"), UNIVERSAL_ROBOTS.values(), ids=UNIVERSAL_ROBOTS)
+def test_universal_robots(d1: str, a2: str, a3: str, d4: str, d5: str, d6: str) -> None:
+    rows = (f"R 0 0 {d1}", "R pi/2 0 0", f"R 0 -{a2} 0", f"R 0 -{a3} {d4}", f"R pi/2 0 {d5}", f"R -pi/2 0 {d6}")
+    assert rank(arms.modified_dh("ur", *rows)) == 36
+
+
+@pytest.mark.parametrize("n", range(1, 9))
+def test_serial_revolute_with_general_twists(n: int) -> None:
+    assert rank(arms.general_arm(n)) == 7 * n - 6
+    assert rank(arms.general_arm(n, arms.GENERIC)) == 7 * n - 4
 
 
 @pytest.mark.parametrize("n", range(1, 8))
@@ -109,8 +136,31 @@ def test_seed_does_not_matter(seed: int) -> None:
 
 def test_names_do_not_matter() -> None:
     arm = arms.modified_dh("puma", *PUMA)
-    renamed = replace(arm, bodies=tuple(replace(b, name=f"other{i}") for i, b in enumerate(arm.bodies)))
+    renamed = replace(arm, bodies=tuple(map(rename, arm.bodies)))
     assert ec.base_structure(renamed).pivots == ec.base_structure(arm).pivots
+
+
+def rename(body: Body) -> Body:
+    """Other names for the body, its parameters, its joint and its coordinate, in another alphabetical order."""
+    steps = tuple(replace(s, name=f"{9 - int(body.label)}") if isinstance(s, Motion) else s for s in body.joint.steps)
+    return replace(body, name="", label=f"{body.label}'", joint=Joint("", "", steps))
+
+
+@pytest.mark.parametrize("parents", [(0, 1, 1, 2, 3), (0, 1, 2, 1, 4)])
+def test_order_of_branches_does_not_matter(parents: tuple[int, ...]) -> None:
+    """A waist that carries two different arms of two joints, listed side by side, or one after the other."""
+    numbers = {(0, 1, 1, 2, 3): (1, 2, 3, 4, 5), (0, 1, 2, 1, 4): (1, 3, 5, 2, 4)}[parents]
+    assert rank(two_arms(numbers, parents)) == rank(two_arms((1, 2, 4, 3, 5), (0, 1, 2, 1, 4))) == 1 + 4 * 7
+
+
+def two_arms(numbers: tuple[int, ...], parents: tuple[int, ...]) -> Mechanism:
+    """Bodies with even numbers are one arm, 3 and 5 the other; each keeps its own joint wherever it is listed."""
+    poses = {1: "0 0 0", 2: "pi/2 0 0", 3: "pi/6 0 pi/4", 4: "0 pi/2 0", 5: "pi/3 0 0"}
+    bodies = [
+        arms.body(at, parent, "revolute", arms.place(f"x{k} y{k} z{k}", poses[k]), rotation(f"q{k}"))
+        for at, (k, parent) in enumerate(zip(numbers, parents, strict=True), start=1)
+    ]
+    return arms.tree("two arms", *bodies)
 
 
 @pytest.mark.parametrize("unit", ["1", "1000", "0.001"])
@@ -135,7 +185,10 @@ def test_base_frame_does_not_matter(axis: int, steps: int) -> None:
 
 
 def svd_rank(mechanism: Mechanism) -> int:
-    x = float_regressor(mechanism, *random_states(mechanism, 60))
+    return singular_value_rank(float_regressor(mechanism, *random_states(mechanism, 60)))
+
+
+def singular_value_rank(x: FloatArray) -> int:
     matrix = x.reshape(-1, x.shape[2])
     norms = np.linalg.norm(matrix, axis=0)
     seen = norms > 1e-9 * norms.max()
@@ -169,14 +222,61 @@ def test_other_joints_against_singular_values(kind: str, gravity: str | None) ->
     assert rank(mechanism) == svd_rank(mechanism)
 
 
-@pytest.mark.parametrize("ratio", ["1", "-1", "2", "1/3", "0.7"])
-def test_coupled_joints_against_singular_values(ratio: str) -> None:
-    bodies = tuple(
-        arms.body(k, k - 1, "revolute", arms.place("a 0 c", "pi/2 0 0"), rotation(f"q{k}")) for k in range(1, 5)
-    )
-    arm = arms.tree("coupled", *bodies, couplings={"q3": {"q1": ratio}}, values=LENGTHS)
-    assert arm.degrees_of_freedom == 3
-    assert rank(arm) == svd_rank(arm)
+COUPLINGS: dict[str, Mapping[str, Mapping[str, str]]] = {
+    "equal": {"q3": {"q1": "1"}},
+    "opposite": {"q3": {"q1": "-1"}},
+    "geared": {"q3": {"q1": "2"}},
+    "fraction": {"q3": {"q1": "1/3"}},
+    "decimal": {"q3": {"q1": "0.7"}},
+    "parallelogram": {"q3": {"q2": "-1"}},
+    "differential": {"q3": {"q1": "1", "q2": "-1/2"}, "q4": {"q1": "1", "q2": "1/2"}},
+    "rack": {"x": {"q2": "0.05"}},
+    "spindle": {"q1": {"x": "20"}},
+    "frozen": {"q3": {}},
+}
+
+
+@pytest.mark.parametrize("name", COUPLINGS)
+def test_couplings_against_projected_regressor(name: str) -> None:
+    """With q = T θ the regressor is Tᵀ X(T θ), and so is the rank."""
+    free = coupled_arm({})
+    arm = coupled_arm(COUPLINGS[name])
+    map_ = np.array([[ratio(arm, q, k) for k in arm.velocities] for q in free.velocities])
+    states = random_states(arm, 60)
+    projected = np.einsum("ij,sik->sjk", map_, float_regressor(free, *(x @ map_.T for x in states)))
+    np.testing.assert_allclose(float_regressor(arm, *states), projected, rtol=1e-11, atol=1e-11)
+    assert rank(arm) == singular_value_rank(projected) < rank(free)
+
+
+def coupled_arm(couplings: Mapping[str, Mapping[str, str]]) -> Mechanism:
+    """Four revolute joints with a slider at the end, some of them coupled."""
+    placed = arms.place("a 0 c", "pi/2 0 0")
+    turns = [arms.body(k, k - 1, "revolute", placed, rotation(f"q{k}")) for k in range(1, 5)]
+    slide = arms.body(5, 4, "prismatic", placed, translation("x"))
+    return arms.tree("coupled", *turns, slide, couplings=couplings, values=LENGTHS)
+
+
+def ratio(arm: Mechanism, coordinate: str, leader: str) -> float:
+    if coordinate not in arm.dependent:
+        return float(coordinate == leader)
+    (terms,) = (c.terms for c in arm.couplings if c.coordinate == coordinate)
+    return sum(float(r.number or 0) for name, r in terms if name == leader)
+
+
+@settings(max_examples=60)
+@given(mechanisms(3))
+def test_random_mechanisms_against_singular_values(mechanism: Mechanism) -> None:
+    if mechanism.velocities and mechanism.parameters:
+        assert rank(mechanism) == svd_rank(mechanism)
+
+
+def test_gimbal_is_a_universal_joint() -> None:
+    """Two revolute joints with a massless ring between them see what one universal joint sees."""
+    ring = arms.body(1, 0, "revolute", rotation("q1", 0), massless=True)
+    gimbal = arms.tree("gimbal", ring, arms.body(2, 1, "revolute", rotation("q2", 1)))
+    universal = arms.tree("universal", arms.body(2, 0, "universal", *arms.universal_motions("q")))
+    assert gimbal.parameters == universal.parameters
+    assert ec.base_structure(gimbal).pivots == ec.base_structure(universal).pivots
 
 
 def test_massless_body_has_no_parameters() -> None:
@@ -191,3 +291,8 @@ def test_robot_without_freedom() -> None:
     base = ec.base_parameters(still)
     assert (base.rank, len(base.parameters)) == (0, 10)
     assert {kind.value for kind in base.classification.values()} == {"unidentifiable"}
+
+
+def test_robot_without_bodies() -> None:
+    base = ec.base_parameters(arms.tree("nothing"))
+    assert (base.rank, base.parameters) == (0, ())

@@ -11,7 +11,8 @@ from hypothesis import assume, given
 
 from echelon.exact.expressions import parse
 from echelon.exact.numbers import Number, surd
-from echelon.program.tape import FUNCTIONS, Input, Op, Program, Scalar
+from echelon.program.operations import FUNCTIONS, Op
+from echelon.program.tape import Input, Program, Scalar
 from strategies import calculate, formulas, numbers
 
 ROOT2 = surd(0, 1, 0, 0)

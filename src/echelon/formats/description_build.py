@@ -100,7 +100,7 @@ class _Tree:
         self._riders: dict[int, list[Part]] = {}
         self._labels: dict[str, str] = {}
         self._coordinates: dict[str, str] = {}
-        if floating and parts[0].moves and parts[0].kind != "floating":
+        if floating and (not parts or (parts[0].moves and parts[0].kind != "floating")):
             self._float_base()
         for part in parts:
             self._add(part)

@@ -38,7 +38,8 @@ def check_document(document: Document) -> RobotDescription:
     from echelon.formats.schema import RobotDescription
 
     if not isinstance(document.data, dict):
-        raise document.error("", f"{_START}, but this is a {'list' if isinstance(document.data, list) else 'text'}")
+        found = "a list" if isinstance(document.data, list) else "nothing" if document.data is None else "a text"
+        raise document.error("", f"{_START}; this is {found}")
     if "echelon" not in document.data:
         raise document.error("", f"the key 'echelon' is missing: {_START}")
     try:

@@ -24,7 +24,7 @@ from echelon.formats.options import ReadingOptions
 from echelon.mechanism.mechanism import Symbol
 from echelon.mechanism.placement import Vector
 
-_PIECE, _LONGEST = 500, 100_000
+_PIECE, _LONGEST, _MOST_TERMS = 500, 1_000_000, 5000
 _NOT_FINITE = re.compile(r"[+-]?\.?(nan|inf|infinity)", re.IGNORECASE)
 _LEADING_ZERO = re.compile(r"[+-]?0\d+")
 
@@ -87,21 +87,30 @@ class Expressions:
         """An error about the element at a path."""
         return self.document.error(path, problem)
 
-    def polynomial(self, text: str, path: str, also: Collection[str] = ()) -> Polynomial:
-        """Any expression in declared symbols, pi, and the names in ``also``."""
+    def polynomial(self, text: str, path: str, coordinates: Collection[str] = ()) -> Polynomial:
+        """Any expression in declared symbols, pi, and coordinates where they may stand."""
+        value = self.parsed(text, path)
+        for name in value.symbols():
+            if name not in self.declared and name not in coordinates and name != PI:
+                problem = f"the symbol '{name}' in '{text}' is not declared: list it in symbols"
+                if coordinates:
+                    problem = f"'{name}' in '{text}' is neither a coordinate nor a declared symbol"
+                raise self.error(path, problem + nearest(name, [*self.declared, *coordinates]))
+        return value
+
+    def parsed(self, text: str, path: str) -> Polynomial:
+        """An expression in any names."""
         self._check_spelling(text, path)
         try:
             value = parse_long(text)
+            if len(value.terms) > _MOST_TERMS:
+                raise ValueError(f"the expression expands to {len(value.terms)} terms (at most {_MOST_TERMS})")
             for coefficient in value.terms.values():
                 float(coefficient)
         except ValueError as error:
             raise self.error(path, str(error)) from None
         except OverflowError:
             raise self.error(path, f"'{text}' is too large a number") from None
-        for name in value.symbols():
-            if name not in self.declared and name not in also and name != PI:
-                hint = nearest(name, [*self.declared, *also])
-                raise self.error(path, f"the symbol '{name}' in '{text}' is not declared: list it in symbols{hint}")
         return value
 
     def _check_spelling(self, text: str, path: str) -> None:
@@ -112,9 +121,9 @@ class Expressions:
         if "°" in text or text.endswith("deg"):
             raise self.error(path, f"'{text}' is in degrees: angles are in radians, such as 30*pi/180")
 
-    def length(self, text: str, path: str, also: Collection[str] = ()) -> Polynomial:
+    def length(self, text: str, path: str) -> Polynomial:
         """An expression that is not an angle, so without pi."""
-        value = self.polynomial(text, path, also)
+        value = self.polynomial(text, path)
         if PI in value.generators():
             raise self.error(path, f"pi can occur in angles only, not in '{text}': use a symbol or a number")
         return value

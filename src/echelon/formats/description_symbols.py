@@ -46,7 +46,7 @@ def declared_symbols(robot: RobotDescription, document: Document) -> tuple[dict[
         if problem:
             raise document.error(path, f"'{name}' {problem}")
         stated = entry if entry is None or isinstance(entry, str) else entry.value
-        value = None if stated is None else _constant(expressions, stated, path, robot)
+        value = None if stated is None else _constant(expressions, stated, path)
         meaning = ""
         if entry is not None and not isinstance(entry, str):
             meaning = entry.meaning
@@ -71,10 +71,10 @@ def _unusable(name: str) -> str:
     return ""
 
 
-def _constant(expressions: Expressions, text: str, path: str, robot: RobotDescription) -> float:
-    value = expressions.polynomial(text, path, robot.symbols)
+def _constant(expressions: Expressions, text: str, path: str) -> float:
+    value = expressions.parsed(text, path)
     if not set(value.generators()) <= {PI}:
-        problem = f"'{text}' is not a constant: write a relation between symbols where the length or angle is used"
+        problem = f"'{text}' is not a number: a relation between symbols belongs where the length or angle is used"
         raise expressions.error(path, problem)
     return value.evaluate({PI: math.pi}, float)
 

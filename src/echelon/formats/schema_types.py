@@ -16,6 +16,7 @@ from pydantic_core import PydanticCustomError
 from echelon.formats.hints import nearest
 
 _FLAGS = {"true": True, "false": False}
+_SHARED = ("label", "massless", "separate", "inertial")
 _RENAMED = {
     "r": ("alpha", "Khalil's r is d here, and Khalil's d is a"),
     "sigma": ("alpha", "write joint: revolute, prismatic or fixed"),
@@ -157,6 +158,8 @@ def check_keys(data: object, valid: Sequence[str]) -> None:
     ------
     PydanticCustomError
     """
+    # what rows and bodies share is listed last, behind what distinguishes them
+    valid = sorted(valid, key=lambda key: key in _SHARED)
     if not isinstance(data, dict):
         raise refusal(f"needs a mapping with the keys {', '.join(valid)}; found {kind_of(data)}")
     for key in data:

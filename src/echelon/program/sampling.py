@@ -18,8 +18,9 @@ import numpy as np
 
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import Surd
+from echelon.program.operations import Op
 from echelon.program.schedule import ModularArithmetic, Schedule
-from echelon.program.tape import Op, Program
+from echelon.program.tape import Program
 
 
 class FieldSampler:

@@ -17,7 +17,8 @@ import numpy.typing as npt
 from echelon.errors import EchelonError
 from echelon.exact.field import PrimeField
 from echelon.exact.numbers import Number
-from echelon.program.tape import Op, Program
+from echelon.program.operations import Op
+from echelon.program.tape import Program
 
 Array = npt.NDArray[Any]
 

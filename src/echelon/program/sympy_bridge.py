@@ -17,7 +17,8 @@ from typing import Any
 from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN
 from echelon.exact.numbers import Number, Rational, Surd, cosine_of_turn, parse_decimal, parts_of, sine_of_turn
-from echelon.program.tape import FUNCTIONS, Op, Program, Scalar
+from echelon.program.operations import FUNCTIONS, Op
+from echelon.program.tape import Program, Scalar
 
 SUPPORTED = {"Abs" if op is Op.ABS else op.name.lower(): op for op in FUNCTIONS}
 """The functions that a program can hold, by sympy's names."""

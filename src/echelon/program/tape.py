@@ -9,35 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from enum import IntEnum
 from fractions import Fraction
 
 from echelon.exact.numbers import Number, Surd, inverse
 from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
+from echelon.program.operations import Op
 
-
-class Op(IntEnum):
-    """Operation codes.  Unary functions follow ``SIN``; their operand is ``lhs``."""
-
-    INPUT = 0
-    CONSTANT = 1
-    ADD = 2
-    SUB = 3
-    MUL = 4
-    NEG = 5
-    DIV = 6
-    SIN = 7
-    COS = 8
-    TAN = 9
-    EXP = 10
-    LOG = 11
-    TANH = 12
-    SQRT = 13
-    ABS = 14
-    SIGN = 15
-
-
-FUNCTIONS = tuple(op for op in Op if op >= Op.SIN)
 _INPUT, _CONSTANT, _ADD, _SUB, _MUL, _NEG, _DIV = (int(op) for op in list(Op)[:7])
 _COMMUTATIVE = (_ADD, _MUL)
 
