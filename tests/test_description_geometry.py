@@ -1,86 +1,20 @@
-"""Descriptions against textbook kinematics: where a body is, what rides on it, and what floats."""
+"""Joints and tables of descriptions against textbook kinematics."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
-from echelon.errors import InputError
-from echelon.exact.polynomial import Polynomial, float_generators
 from echelon.formats.description import read_description, read_description_data, write_description
-from echelon.formats.description_expressions import parse_long
 from echelon.formats.options import ReadingOptions
-from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import Placement
-
-Array = npt.NDArray[np.float64]
+from kinematics import X, Y, Z, along, moved, pose_of, quaternion_turn, turned
 
 
 def read(text: str, **options: Any) -> Mechanism:
     return read_description(f"echelon: 1\n{text}", "robot.yaml", ReadingOptions(**options))
-
-
-# -- numeric kinematics, independent of the library -------------------------------------------------------------------
-
-
-def turned(axis: Sequence[float], angle: float) -> Array:
-    """Rodrigues' formula as a homogeneous matrix."""
-    x, y, z = np.array(axis, dtype=float) / np.linalg.norm(axis)
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    pose = np.eye(4)
-    pose[:3, :3] += np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
-    return pose
-
-
-def moved(*xyz: float) -> Array:
-    pose = np.eye(4)
-    pose[:3, 3] = xyz
-    return pose
-
-
-def along(axis: Sequence[float], distance: float) -> Array:
-    return moved(*(distance * np.array(axis) / np.linalg.norm(axis)))
-
-
-def quaternion_turn(w: float, x: float, y: float, z: float) -> Array:
-    return turned([x, y, z], 2 * np.arctan2(np.linalg.norm([x, y, z]), w))
-
-
-X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
-
-
-def pose_of(mechanism: Mechanism, body: int, q: Mapping[str, float]) -> Array:
-    """Homogeneous matrix of a body's frame in its parent's, by the steps of its joint."""
-    known = {name: s.value for name, s in mechanism.symbols.items() if s.value is not None}
-
-    def value(entry: Polynomial) -> float:
-        return entry.evaluate(float_generators(entry.generators(), known), float)
-
-    pose = np.eye(4)
-    for step in mechanism.bodies[body].joint.steps:
-        if isinstance(step, Placement):
-            here = np.eye(4)
-            here[:3, :3] = [[value(entry) for entry in row] for row in step.rotation]
-            here[:3, 3] = [value(entry) for entry in step.translation]
-            pose = pose @ here
-        else:
-            pose = pose @ motion_pose(step, q, value(step.pitch))
-    return pose
-
-
-def motion_pose(motion: Motion, q: Mapping[str, float], pitch: float) -> Array:
-    if motion.kind is MotionKind.BALL:
-        return quaternion_turn(*(q[name] for name in motion.positions))
-    axis = motion.sign * np.eye(3)[motion.axis]
-    position = q[motion.name]
-    if motion.kind is MotionKind.TRANSLATION:
-        return along(axis, position)
-    return turned(axis, position) @ (along(axis, pitch * position) if pitch else np.eye(4))
 
 
 # -- joints -----------------------------------------------------------------------------------------------------------
@@ -140,12 +74,13 @@ def test_joints_move_as_textbooks_say(case: str) -> None:
     assert again == mechanism
 
 
-@pytest.mark.parametrize("axis", ["-z", "x", "-y", "[1, 1, 1]", "[3, -4, 0]"])
+PLANES = {"-z": (0, 0, -1), "x": X, "-y": (0, -1, 0), "[1, 1, 1]": (1, 1, 1), "[3, -4, 0]": (3, -4, 0)}
+
+
+@pytest.mark.parametrize("axis", PLANES)
 def test_planar_joints_stay_in_their_plane(axis: str) -> None:
     mechanism = read(f"bodies: [{{name: b, joint: {{name: j, type: planar, axis: {axis}}}}}]")
-    letters = {"x": X, "y": Y, "z": Z}
-    normal = np.array(eval(axis) if axis[0] == "[" else letters[axis[-1]], dtype=float)
-    normal *= -1 if axis[0] == "-" else 1 / np.linalg.norm(normal)
+    normal = np.array(PLANES[axis], dtype=float) / np.linalg.norm(PLANES[axis])
     motions = mechanism.bodies[0].joint.motions
     q = dict(zip((m.name for m in motions), (0.1, 0.2, 0.7), strict=True))
     pose = pose_of(mechanism, 0, q)
@@ -156,20 +91,16 @@ def test_planar_joints_stay_in_their_plane(axis: str) -> None:
 
 def test_a_coupling_with_an_offset_starts_there() -> None:
     rows = "modified_dh: [{joint: revolute}, {joint: revolute, alpha: pi/2}, {joint: prismatic}]\n"
-    coupled = read(rows + "couplings: [{j2: 2*j1 + pi/6}, {j3: l*j2 - 0.1}]\nsymbols: {l: 0.4}")
-    free = read(rows)
-    # j2 and j3 are what remains of them without the constant part
-    for body, moving, full in ((1, 0.8, 0.8 + np.pi / 6), (2, 0.32, 0.32 + 0.4 * np.pi / 6 - 0.1)):
-        name = f"j{body + 1}"
-        if body == 2:
-            continue
-        np.testing.assert_allclose(
-            pose_of(coupled, body, {name: moving}), pose_of(free, body, {name: full}), atol=1e-12
-        )
+    coupled = read(rows + "couplings: [{j2: 2*j1 + 0.4}, {j3: l*j2 - 0.1}]\nsymbols: {l: 0.3}")
+    # chains are followed to independent coordinates, and what is constant on the way is geometry
     assert [(c.coordinate, [(n, str(r)) for n, r in c.terms]) for c in coupled.couplings] == [
         ("j2", [("j1", "2")]),
         ("j3", [("j1", "2*l")]),
     ]
+    free = read(rows)
+    for body, name, constant in ((1, "j2", 0.4), (2, "j3", 0.3 * 0.4 - 0.1)):
+        full = pose_of(free, body, {name: 0.8 + constant})
+        np.testing.assert_allclose(pose_of(coupled, body, {name: 0.8}), full, atol=1e-12)
 
 
 # -- tables -----------------------------------------------------------------------------------------------------------
@@ -200,92 +131,6 @@ def test_a_table_may_be_a_tree() -> None:
     assert mechanism.velocities == ("j1", "left", "right", "j4", "j5", "j6")
 
 
-# -- fixed parts ------------------------------------------------------------------------------------------------------
-
-
-def point_mass(mass: float, place: Sequence[float]) -> Array:
-    p = np.array(place, dtype=float)
-    tensor = mass * (p @ p * np.eye(3) - np.outer(p, p))
-    return np.array([*tensor[np.triu_indices(3)], *(mass * p), mass])
-
-
-TOOL = """
-symbols: {l: 0.3, beta: VALUE}
-bodies:
-  - name: hand
-    joint: {type: revolute, axis: z}
-    inertial: {mass: 2, com: [0.1, 0, 0], inertia: {xx: 0, yy: 0, zz: 0}}
-  - name: flange
-    parent: hand
-    joint: {type: fixed, origin: {xyz: [0, 0, l], rpy: [beta, 0, 0]}}
-  - name: tool
-    parent: flange
-    joint: {type: fixed, origin: {xyz: [0, 0.5, 0]}}
-    inertial: {mass: 3, com: [0, 0, 0.2], inertia: {xx: 0, yy: 0, zz: 0}}
-"""
-
-
-def test_what_is_fixed_rides_along() -> None:
-    hand = read(TOOL.replace("VALUE", "pi/6")).bodies[0]
-    place = moved(0, 0, 0.3) @ turned(X, np.pi / 6) @ [0, 0.5, 0.2, 1]
-    assert hand.inertial is not None
-    np.testing.assert_allclose(hand.inertial, point_mass(2, [0.1, 0, 0]) + point_mass(3, place[:3]), atol=1e-12)
-
-
-def test_inertial_values_at_a_symbolic_place_are_unknown() -> None:
-    mechanism = read(TOOL.replace("VALUE", "null"))
-    assert mechanism.bodies[0].inertial is None
-    assert mechanism.reading is not None
-    assert "'tool'" in " ".join(mechanism.reading.notes)
-
-
-def test_fixed_parts_can_be_kept_apart() -> None:
-    text = TOOL.replace("VALUE", "null")
-    apart = read(text.replace("- name: tool", "- name: tool\n    separate: true"))
-    assert [body.name for body in apart.bodies] == ["hand", "tool"]
-    assert [body.name for body in read(text, every_link=True).bodies] == ["hand", "flange", "tool"]
-
-
-def test_a_massless_body_gets_the_mass_of_what_it_carries() -> None:
-    text = TOOL.replace("VALUE", "0.2")
-    assert not read(text, massless=("hand",)).bodies[0].massless
-    assert not read(text, massless=("flange", "tool")).bodies[0].massless
-    assert read(text, massless=("hand", "flange", "tool")).bodies[0].massless
-
-
-# -- floating base ----------------------------------------------------------------------------------------------------
-
-ARM = "{name: arm, PARENT joint: {type: revolute, axis: z, origin: {xyz: [1, 0, 0]}}}"
-FLOATS = {
-    "table": ("modified_dh: [{joint: revolute}]", ["base", "j1"], ["0", "1"]),
-    "first part moves": (f"bodies: [{ARM}]", ["base", "arm"], ["0", "1"]),
-    "first part is the base": (f"bodies: [{{name: trunk}}, {ARM}]", ["trunk", "arm"], ["0", "1"]),
-    "no bodies": ("bodies: []", ["base"], ["0"]),
-    "floats anyway": (
-        f"bodies: [{{name: trunk, joint: {{type: floating, name: base}}}}, {ARM.replace('PARENT', 'parent: trunk,')}]",
-        ["trunk", "arm"],
-        ["0", "1"],
-    ),
-}
-
-
-@pytest.mark.parametrize("case", FLOATS)
-def test_floating_base(case: str) -> None:
-    text, names, labels = FLOATS[case]
-    text = text.replace("PARENT", "")
-    for mechanism in (read(text, floating=True), read(f"floating_base: true\n{text}")):
-        assert [body.name for body in mechanism.bodies] == names
-        assert [body.label for body in mechanism.bodies] == labels
-        assert mechanism.velocities[:6] == ("base.tx", "base.ty", "base.tz", "base.r.x", "base.r.y", "base.r.z")
-        assert [body.parent for body in mechanism.bodies] == [-1, 0][: len(names)]
-
-
-def test_what_hangs_on_a_floating_base_keeps_its_place() -> None:
-    text = f"floating_base: true\nbodies: [{{name: trunk, joint: {{type: fixed, origin: {{xyz: [0, 2, 0]}}}}}}, {ARM}]"
-    pose = pose_of(read(text.replace("PARENT", "")), 1, {"arm": 0.0})
-    np.testing.assert_allclose(pose[:3, 3], [1, -2, 0])
-
-
 # -- the literal reading ----------------------------------------------------------------------------------------------
 
 
@@ -306,28 +151,3 @@ def test_exact_angles_are_never_snapped(angle: str) -> None:
     assert not mechanism.reading.snaps
     values = {"pi/2000": np.pi / 2000, "pi/7": np.pi / 7, "pi/2 + pi/2000": np.pi / 2 + np.pi / 2000, "2*beta": 0.0002}
     np.testing.assert_allclose(pose_of(mechanism, 0, {"j1": 0.0}), turned(X, values[angle]), atol=1e-15)
-
-
-# -- long expressions -------------------------------------------------------------------------------------------------
-
-
-def test_long_sums_are_read() -> None:
-    names = [f"s{k}" for k in range(2000)]
-    total = parse_long(" - ".join(f"(1 + sqrt(2))*{name}" for name in names))
-    assert total.symbols() == sorted(names)
-    spaced = parse_long("a * - b + " * 200 + "2 * (c - d) ^ 2")
-    assert spaced == parse_long("-200*a*b + 2*c^2 - 4*c*d + 2*d^2")
-
-
-def test_expressions_cannot_grow_without_bounds() -> None:
-    with pytest.raises(InputError, match="terms"):
-        read("symbols: {a: 1, b: 1, c: 1, d: 1}\nmodified_dh: [{joint: revolute, a: (a + b + c + d)^32}]")
-    with pytest.raises(InputError, match="too large"):
-        read("modified_dh: [{joint: revolute, a: (9^32)^32}]")
-
-
-def test_messages_are_one_short_line() -> None:
-    with pytest.raises(InputError) as caught:
-        read('modified_dh: [{joint: revolute, a: "x\\n' + "y" * 5000 + '"}]')
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 800

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.exact.polynomial import float_generators
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.placement import Placement
 
@@ -136,6 +137,46 @@ def test_fixed_links_are_lumped_or_kept(read) -> None:  # type: ignore[no-untype
     assert ec.base_structure(kept).rank == ec.base_structure(lumped).rank
 
 
+def test_inertia_turns_with_its_frame(read) -> None:  # type: ignore[no-untyped-def]
+    """Centre of mass (0.1, 0.2, 0), mass 2, and the principal axes 1, 2, 3 turned by roll 90°, then yaw 90°."""
+    frame = INERTIAL.replace(
+        "xyz='0.1 0 0' rpy='0 0 0'", "xyz='0.1 0.2 0' rpy='1.5707963267948966 0 1.5707963267948966'"
+    )
+    (body,) = read(robot(link("base"), link("a", frame), joint("j", "base", "a"))).bodies
+    # x of the inertial frame is y of the link, y is z, z is x
+    central, moment, mass = (3, 0, 0, 1, 0, 2), (0.2, 0.4, 0), 2
+    steiner = (2 * 0.04, -2 * 0.02, 0, 2 * 0.01, 0, 2 * 0.05)
+    expected = [*(c + s for c, s in zip(central, steiner, strict=True)), *moment, mass]
+    np.testing.assert_allclose(body.inertial, expected, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("axis", "slides", "sign"), [("0 0 1", "xy", 1), ("1 0 0", "yz", 1), ("0 1 0", "zx", 1), ("0 0 -2", "xy", -1)]
+)
+def test_planar_joint_slides_across_its_axis_and_turns_about_it(read, axis: str, slides: str, sign: int) -> None:  # type: ignore[no-untyped-def]
+    joint = read(arm(f"<axis xyz='{axis}'/>", "planar")).bodies[1].joint
+    assert [m.kind for m in joint.motions] == [MotionKind.TRANSLATION, MotionKind.TRANSLATION, MotionKind.ROTATION]
+    assert [m.name for m in joint.motions] == [f"j2.{slides[0]}", f"j2.{slides[1]}", "j2.angle"]
+    normal = 3 - sum("xyz".index(c) for c in slides)
+    mounting = joint.steps[0].rotation if isinstance(joint.steps[0], Placement) else Placement().rotation
+    assert joint.motions[2].axis == normal
+    assert mounting[normal][normal].number == sign
+
+
+def test_axis_in_a_general_direction_keeps_its_value(read) -> None:  # type: ignore[no-untyped-def]
+    mechanism = read(arm("<axis xyz='1 2 -2'/>"), tolerance=0)
+    values = {name: symbol.value for name, symbol in mechanism.symbols.items()}
+    column = [placement(mechanism, 1).rotation[row][2] for row in range(3)]
+    found = [x.evaluate(float_generators(x.generators(), values), float) for x in column]
+    np.testing.assert_allclose(found, np.array([1, 2, -2]) / 3, rtol=1e-15)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig"])
+def test_other_encodings_of_xml(read, encoding: str) -> None:  # type: ignore[no-untyped-def]
+    text = robot(link("bäse"), link("a"), joint("j", "bäse", "a"))
+    assert read(text.encode(encoding)).bodies == read(text).bodies
+
+
 def test_floating_base(read) -> None:  # type: ignore[no-untyped-def]
     mechanism = read(arm(), floating=True)
     assert [b.label for b in mechanism.bodies] == ["0", "1", "2"]
@@ -200,7 +241,10 @@ REFUSED = {
     "bomb": (BOMB, "entities are not accepted"),
     "external": (EXTERNAL, "entities are not accepted"),
     "empty file": ("", "empty"),
-    "garbage": (b"\x00\xff\xfe<robot", "robot.urdf"),
+    "garbage": (b"\x00\xff\xfe<robot", "not well-formed"),
+    "wrong encoding": ('<?xml version="1.0" encoding="UTF-16"?><robot/>', "encoding"),
+    "unknown encoding": ('<?xml version="1.0" encoding="klingon"?><robot/>', "unknown encoding: klingon"),
+    "broken characters": (b"<robot name='\xe9'/>", "not well-formed"),
     "wrong root": ("<sdf/>", "<sdf>"),
     "xacro": ("<robot xmlns:xacro='http://www.ros.org/wiki/xacro'><xacro:include filename='x'/></robot>", "xacro"),
     "empty robot": (robot(), "no links"),
@@ -209,8 +253,14 @@ REFUSED = {
     "not a number": (arm(origin("0 x 0")), "joint 'j2' origin xyz: 'x'"),
     "nan": (arm(origin("0 nan 0")), "'nan'"),
     "infinite": (arm(origin(rpy="inf 0 0")), "joint 'j2' origin rpy: 'inf'"),
+    "overflow": (arm(origin("1e999 0 0")), "joint 'j2' origin xyz: '1e999' is not a finite"),
+    "axis overflow": (arm("<axis xyz='0 0 1e999'/>"), "joint 'j2' axis: '1e999'"),
+    "mass overflow": (robot(link("a", INERTIAL.replace("'2'", "'1e999'", 1))), "link 'a' inertial mass: '1e999'"),
+    "not a mass": (robot(link("a", INERTIAL.replace("'2'", "'nan'", 1))), "link 'a' inertial mass: 'nan'"),
+    "expression": (arm(origin("${length} 0 0")), "joint 'j2' origin xyz: '${length}'"),
     "underscore": (arm(origin("1_0 0 0")), "'1_0'"),
     "two numbers": (arm(origin("0 0")), "needs three numbers"),
+    "no type": (arm().replace(" type='revolute'", ""), "joint 'j1': unknown joint type"),
     "zero axis": (arm("<axis xyz='0 0 0'/>"), "joint 'j2': the axis is zero"),
     "unknown parent": (robot(A, B, joint("j", "z", "b")), "joint 'j': parent link 'z' does not exist"),
     "unknown child": (robot(A, joint("j", "a", "z")), "child link 'z' does not exist"),
@@ -223,6 +273,12 @@ REFUSED = {
     "link twice": (robot(A, A), "link 'a': this name occurs twice"),
     "joint twice": (robot(A, B, C, joint("j", "a", "b"), joint("j", "b", "c")), "joint 'j': this name occurs twice"),
     "mimic itself": (arm("<mimic joint='j2'/>"), "mimics itself"),
+    "mimic nobody": (arm("<mimic multiplier='2'/>"), "joint 'j2' mimic: needs joint="),
+    "mimic of a fixed joint": (
+        robot(A, B, C, joint("f", "a", "b", kind="fixed"), joint("j", "b", "c", "<mimic joint='f'/>")),
+        "joint 'j' mimic: joint 'f' is fixed",
+    ),
+    "mimic offset": (arm("<mimic joint='j1' offset='inf'/>"), "joint 'j2' mimic: 'inf'"),
     "mimic missing": (arm("<mimic joint='jx'/>"), "'jx', which does not exist"),
     "mimic multiplier": (arm("<mimic joint='j1' multiplier='two'/>"), "'two'"),
     "mimic circle": (
@@ -242,13 +298,14 @@ def test_refusals(read, case: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(ec.InputError) as caught:
         read(text)
     assert message in str(caught.value)
-    assert "robot.urdf" in str(caught.value)
+    assert Path(caught.value.source or "").name == "robot.urdf"
+    assert len(str(caught.value).splitlines()) == 1
 
 
 def test_missing_file_and_directory(tmp_path: Path) -> None:
     with pytest.raises(ec.InputError, match="no such file"):
         ec.load(tmp_path / "none.urdf")
-    with pytest.raises(ec.InputError, match="cannot be read"):
+    with pytest.raises(ec.InputError, match=f"{tmp_path.name}: cannot be read: Is a directory"):
         ec.load(tmp_path)
     (tmp_path / "robot.stl").write_text("solid")
     with pytest.raises(ec.InputError, match="unknown format"):

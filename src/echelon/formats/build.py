@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,22 +17,7 @@ from echelon.formats.options import ReadingOptions, gravity_vector
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
 from echelon.mechanism.mechanism import GROUND, Body, Coupling, Mechanism
 from echelon.mechanism.placement import Placement, shift, turn
-from echelon.mechanism.reading import Snap
-
-
-@dataclass(frozen=True)
-class FileReading:
-    """How a file was read; implements :class:`echelon.mechanism.reading.Reading`."""
-
-    tree: LiteralTree
-    options: ReadingOptions
-    snaps: tuple[Snap, ...]
-    notes: tuple[str, ...]
-
-    def literal(self, elements: Collection[str] | None = None) -> Mechanism:
-        """The mechanism with these snapped elements (all, if omitted) taken literally."""
-        chosen = {snap.element for snap in self.snaps} if elements is None else elements
-        return build_mechanism(self.tree, self.options, chosen)
+from echelon.mechanism.reading import Reading
 
 
 def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collection[str] = ()) -> Mechanism:
@@ -77,14 +63,14 @@ class _Builder:
         self._attach_inertials()
         couplings = tuple(Coupling(c.dependent, ((c.leader, as_polynomial(c.ratio)),)) for c in self.couplings.values())
         used = {s for b in self.bodies for s in b.joint.symbols()}
-        reading = FileReading(self.tree, self.options, tuple(self.intent.snaps), tuple(self.notes))
+        rebuild = partial(build_mechanism, self.tree, self.options)
         return Mechanism(
             self.tree.name,
             tuple(self.bodies),
             gravity_vector(self.options.gravity, self.intent.gravity()),
             couplings,
             {name: symbol for name, symbol in self.intent.symbols.items() if name in used},
-            reading,
+            Reading(tuple(self.intent.snaps), tuple(self.notes), rebuild),
         )
 
     # -- bodies ----------------------------------------------------------------------------------------------------

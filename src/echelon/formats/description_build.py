@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,26 +23,10 @@ from echelon.formats.options import ReadingOptions, gravity_vector
 from echelon.mechanism.joint import Joint, Motion, Step, floating_motions, merge
 from echelon.mechanism.mechanism import GROUND, Body, Mechanism
 from echelon.mechanism.placement import ORIGIN, Placement
-from echelon.mechanism.reading import Snap
+from echelon.mechanism.reading import Reading
 
 if TYPE_CHECKING:
     from echelon.formats.schema import RobotDescription
-
-
-@dataclass(frozen=True)
-class DescriptionReading:
-    """How a description was read; implements :class:`echelon.mechanism.reading.Reading`."""
-
-    document: Document
-    robot: RobotDescription
-    options: ReadingOptions
-    snaps: tuple[Snap, ...]
-    notes: tuple[str, ...]
-
-    def literal(self, elements: Collection[str] | None = None) -> Mechanism:
-        """The mechanism with these snapped elements (all, if omitted) taken literally."""
-        chosen = {snap.element for snap in self.snaps} if elements is None else elements
-        return build_description(self.document, self.robot, self.options, chosen)
 
 
 def build_description(
@@ -81,8 +66,8 @@ def build_description(
         {name: s for name, s in expressions.intent.symbols.items() if name not in bare},
     )
     notes = (*tree.notes, *check_use(mechanism, robot, document))
-    reading = DescriptionReading(document, robot, options, tuple(expressions.intent.snaps), notes)
-    return replace(mechanism, reading=reading)
+    rebuild = partial(build_description, document, robot, options)
+    return replace(mechanism, reading=Reading(tuple(expressions.intent.snaps), notes, rebuild))
 
 
 class _Tree:
@@ -161,7 +146,10 @@ class _Tree:
             return part.label
         if part.default_label is not None and not floats:
             return part.default_label
-        return str(len(self.bodies) + (0 if self.floating else 1))
+        # a base that is a body of its own is number 0, so that the numbers of the others stay what they are
+        first = self.parts[0]
+        has_base = self.floating or (not first.moves and (first.separate or self.options.every_link))
+        return str(len(self.bodies) + (0 if has_base else 1))
 
     def _attach(self, part: Part) -> None:
         """A fixed part rides on its parent's body."""

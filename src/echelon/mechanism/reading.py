@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from echelon.mechanism.mechanism import Mechanism
@@ -33,16 +33,24 @@ class Snap:
         return f"{self.element}: {self.literal} read as {self.intended}"
 
 
-class Reading(Protocol):
-    """How a mechanism was read from a file, with the way back to the literal reading."""
+@dataclass(frozen=True)
+class Reading:
+    """How a mechanism was read from a file, with the way back to the literal reading.
 
-    @property
-    def snaps(self) -> tuple[Snap, ...]:
-        """Numbers that were read as nearby exact ones."""
+    Attributes
+    ----------
+    snaps : tuple of Snap
+        Numbers that were read as nearby exact ones.
+    notes : tuple of str
+        Things the reader wants its user to know.
+    rebuild : callable
+        Builds the mechanism again with the numbers of some elements taken literally.
+    """
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Things the reader wants its user to know."""
+    snaps: tuple[Snap, ...]
+    notes: tuple[str, ...]
+    rebuild: Callable[[Collection[str]], Mechanism] = field(repr=False, compare=False)
 
     def literal(self, elements: Collection[str] | None = None) -> Mechanism:
         """The mechanism with these snapped elements (all, if omitted) taken literally."""
+        return self.rebuild({snap.element for snap in self.snaps} if elements is None else elements)
