@@ -10,7 +10,6 @@ import pytest
 
 from echelon.errors import InputError
 from echelon.formats.description import read_description
-from echelon.formats.description_expressions import parse_long
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from kinematics import Array, X, moved, pose_of, turned
@@ -118,10 +117,10 @@ def test_what_hangs_on_a_floating_base_keeps_its_place() -> None:
 
 def test_long_sums_are_read() -> None:
     names = [f"s{k}" for k in range(2000)]
-    total = parse_long(" - ".join(f"(1 + sqrt(2))*{name}" for name in names))
+    total = parse(" - ".join(f"(1 + sqrt(2))*{name}" for name in names))
     assert total.symbols() == sorted(names)
-    spaced = parse_long("a * - b + " * 200 + "2 * (c - d) ^ 2")
-    assert spaced == parse_long("-200*a*b + 2*c^2 - 4*c*d + 2*d^2")
+    spaced = parse("a * - b + " * 200 + "2 * (c - d) ^ 2")
+    assert spaced == parse("-200*a*b + 2*c^2 - 4*c*d + 2*d^2")
 
 
 def test_expressions_cannot_grow_without_bounds() -> None:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import arms
 import echelon as ec
 from builders import mechanisms
+from echelon.errors import DegenerateSampleError
 from echelon.exact.angle import Angle
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.joint import Joint, Motion, ball, floating_motions, rotation, translation
@@ -132,6 +133,22 @@ def test_floating_tree(joints: list[tuple[str, int, int]], weightless: bool) -> 
 def test_seed_does_not_matter(seed: int) -> None:
     arm = arms.modified_dh("puma", *PUMA)
     assert ec.base_structure(arm, seed=seed).pivots == ec.base_structure(arm, seed=99).pivots
+
+
+def test_bad_luck_is_outvoted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A random point where more columns seem dependent than are, or a zero denominator, costs a repetition only."""
+    true, unlucky = {1: (0,)}, {1: (0,), 2: ()}
+    draws = iter([unlucky, DegenerateSampleError(), true, unlucky, true])
+
+    def draw(*_: object) -> dict[int, tuple[int, ...]]:
+        drawn = next(draws)
+        if isinstance(drawn, Exception):
+            raise drawn
+        return drawn
+
+    monkeypatch.setattr("echelon.base.structure._dependent_columns", draw)
+    found = ec.base_structure(arms.modified_dh("pendulum", "R 0 0 0"))
+    assert found.by_robot == true
 
 
 def test_names_do_not_matter() -> None:

@@ -19,7 +19,8 @@ PI = "pi"
 RESERVED = frozenset({PI, "sin", "cos", "sqrt"})
 """Names with a fixed meaning, which no symbol may take."""
 
-_LONGEST, _LARGEST_EXPONENT = 2000, 32
+_PIECE, _LONGEST_TERM, _LONGEST = 500, 2000, 1_000_000
+_LARGEST_EXPONENT, _MOST_TERMS = 32, 20_000
 
 
 def parse(text: str, symbols: Collection[str] | None = None) -> Polynomial:
@@ -53,9 +54,30 @@ def parse(text: str, symbols: Collection[str] | None = None) -> Polynomial:
     text = text.strip()
     if len(text) > _LONGEST:
         raise ValueError(f"an expression of {len(text)} characters is too long (at most {_LONGEST})")
+    # the walk below recurses along sums, so a long sum is read piece by piece
+    return Polynomial.sum(_parse_piece(piece, symbols) for piece in _pieces(text))
+
+
+def _pieces(text: str) -> list[str]:
+    """The text cut before signs that stand between terms, into parts that are no longer than necessary."""
+    cuts, depth, start = [0], 0, 0
+    for position, character in enumerate(text):
+        depth += (character == "(") - (character == ")")
+        if position - start <= _PIECE or depth or character not in "+-" or text[position - 1] != " ":
+            continue
+        if text[start:position].rstrip()[-1] not in "+-*/^(":
+            cuts.append(position)
+            start = position
+    return [text[a:b].strip() for a, b in zip(cuts, [*cuts[1:], len(text)], strict=True)]
+
+
+def _parse_piece(text: str, symbols: Collection[str] | None) -> Polynomial:
+    if len(text) > _LONGEST_TERM:
+        raise ValueError(f"a term of {len(text)} characters is too long (at most {_LONGEST_TERM})")
+    python = text.replace("^", "**")
     try:
-        tree = ast.parse(text.replace("^", "**"), mode="eval")
-        return _Reader(text.replace("^", "**"), symbols).read(tree.body)
+        tree = ast.parse(python, mode="eval")
+        return _Reader(python, symbols).read(tree.body)
     except (SyntaxError, RecursionError, MemoryError):
         raise ValueError(f"'{text}' is not an expression such as 0.5, pi/2, D3/2 or 2*cos(alpha)") from None
 
@@ -137,6 +159,8 @@ class _Reader:
         if isinstance(operator, ast.Sub):
             return left - right
         if isinstance(operator, ast.Mult):
+            if len(left.terms) * len(right.terms) > _MOST_TERMS:
+                raise ValueError(f"'{self.text}' expands to more than {_MOST_TERMS} terms")
             return left * right
         value = right.number
         if isinstance(operator, ast.Div):

@@ -24,39 +24,9 @@ from echelon.formats.options import ReadingOptions
 from echelon.mechanism.mechanism import Symbol
 from echelon.mechanism.placement import Vector
 
-_PIECE, _LONGEST, _MOST_TERMS = 500, 1_000_000, 5000
+_MOST_TERMS = 5000
 _NOT_FINITE = re.compile(r"[+-]?\.?(nan|inf|infinity)", re.IGNORECASE)
 _LEADING_ZERO = re.compile(r"[+-]?0\d+")
-
-
-def parse_long(text: str) -> Polynomial:
-    """Read an expression of any length.
-
-    The parser of expressions recurses along sums, so a long sum (as a saved model may hold) is read piece by piece.
-
-    Raises
-    ------
-    ValueError
-        If the text is not an expression.
-    """
-    if len(text) <= _PIECE:
-        return parse(text)
-    if len(text) > _LONGEST:
-        raise ValueError(f"an expression of {len(text)} characters is too long (at most {_LONGEST})")
-    return Polynomial.sum(parse(piece) for piece in _pieces(text))
-
-
-def _pieces(text: str) -> list[str]:
-    """The text cut before signs that stand between terms, into parts that are no longer than necessary."""
-    cuts, depth, start = [0], 0, 0
-    for position, character in enumerate(text):
-        depth += (character == "(") - (character == ")")
-        if position - start <= _PIECE or depth or character not in "+-" or text[position - 1] != " ":
-            continue
-        if text[start:position].rstrip()[-1] not in "+-*/^(":
-            cuts.append(position)
-            start = position
-    return [text[a:b] for a, b in zip(cuts, [*cuts[1:], len(text)], strict=True)]
 
 
 class Expressions:
@@ -102,7 +72,7 @@ class Expressions:
         """An expression in any names."""
         self._check_spelling(text, path)
         try:
-            value = parse_long(text)
+            value = parse(text)
             if len(value.terms) > _MOST_TERMS:
                 raise ValueError(f"the expression expands to {len(value.terms)} terms (at most {_MOST_TERMS})")
             for coefficient in value.terms.values():

@@ -179,6 +179,10 @@ def _check_tree(mechanism: Mechanism) -> None:
             if motion.name in coordinates:
                 raise InputError(f"coordinate '{motion.name}' occurs twice", element=f"joint '{body.joint.name}'")
             coordinates.add(motion.name)
+    names = mechanism.parameters
+    twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
+    if twice:
+        raise InputError(f"labels such as 1 and X1 give two parameters the name '{twice[0]}'; choose other labels")
 
 
 def _check_couplings(mechanism: Mechanism) -> None:
