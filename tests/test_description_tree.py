@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from echelon.errors import InputError
+from echelon.exact.expressions import parse
 from echelon.formats.description import read_description
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism

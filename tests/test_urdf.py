@@ -260,7 +260,7 @@ REFUSED = {
     "expression": (arm(origin("${length} 0 0")), "joint 'j2' origin xyz: '${length}'"),
     "underscore": (arm(origin("1_0 0 0")), "'1_0'"),
     "two numbers": (arm(origin("0 0")), "needs three numbers"),
-    "no type": (arm().replace(" type='revolute'", ""), "joint 'j1': unknown joint type"),
+    "no type": (arm().replace(" type='revolute'", ""), "joint 'j1': the attribute 'type' is missing"),
     "zero axis": (arm("<axis xyz='0 0 0'/>"), "joint 'j2': the axis is zero"),
     "unknown parent": (robot(A, B, joint("j", "z", "b")), "joint 'j': parent link 'z' does not exist"),
     "unknown child": (robot(A, joint("j", "a", "z")), "child link 'z' does not exist"),

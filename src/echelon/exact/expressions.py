@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Collection
 from fractions import Fraction
-from math import isqrt
+from math import comb, isqrt
 
 from echelon.exact.angle import Angle
 from echelon.exact.numbers import Number, Rational, Surd, inverse, parse_decimal
@@ -169,6 +169,8 @@ class _Reader:
             return left * inverse(value)
         exponent = int(value) if isinstance(value, int | Fraction) and value.denominator == 1 else -1
         if isinstance(operator, ast.Pow) and 0 <= exponent <= _LARGEST_EXPONENT:
+            if left.terms and comb(len(left.terms) + exponent - 1, exponent) > _MOST_TERMS:
+                raise ValueError(f"'{self.text}' expands to more than {_MOST_TERMS} terms")
             return left**exponent
         raise ValueError(f"in '{self.text}' only + - * / and powers 0 to {_LARGEST_EXPONENT} are possible")
 

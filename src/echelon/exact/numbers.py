@@ -144,6 +144,7 @@ def sine_of_turn(k: int) -> Number:
     return cosine_of_turn(k - 6)
 
 
+_LONGEST_DECIMAL = 1000
 _DECIMAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
 
 
@@ -160,6 +161,8 @@ def parse_decimal(text: str) -> Rational:
     >>> parse_decimal("-0.0825"), parse_decimal("1e-3"), parse_decimal("2.0")
     (Fraction(-33, 400), Fraction(1, 1000), 2)
     """
+    if len(text) > _LONGEST_DECIMAL:
+        raise ValueError(f"a number of {len(text)} characters is too long (at most {_LONGEST_DECIMAL})")
     if not _DECIMAL.fullmatch(text):
         raise ValueError(f"'{text}' is not a finite decimal number")
     value = Fraction(text)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from fractions import Fraction
-from math import acos, atan2, hypot, pi, sqrt
+from math import atan2, hypot, pi
 
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.numbers import Number, Rational, Surd, format_number
@@ -158,7 +158,6 @@ class Intent:
     def direction(self, direction: Triple, element: str, label: str) -> tuple[Placement, int, int]:
         """A placement, a coordinate axis of it, and a sign, that together give a direction of any length."""
         x, y, z = (float(v) for v in direction)
-        length = sqrt(x * x + y * y + z * z)
         for axis, component in enumerate((x, y, z)):
             rest = [v for k, v in enumerate((x, y, z)) if k != axis]
             off = atan2(hypot(*rest), abs(component))
@@ -168,7 +167,7 @@ class Intent:
                     self.snaps.append(Snap(element, f"({text})", "xyz"[axis], off))
                 return Placement(), axis, 1 if component > 0 else -1
         azimuth = self.angle(atan2(y, x), f"{element} azimuth", f"azimuth{label}")
-        elevation = self.angle(acos(z / length), f"{element} inclination", f"inclination{label}")
+        elevation = self.angle(atan2(hypot(x, y), z), f"{element} inclination", f"inclination{label}")
         return turn(2, azimuth) @ turn(1, elevation), 2, 1
 
     # -- gravity and symbols ---------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from echelon.formats.options import ANGLE_TOLERANCE, Gravity, ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 
 _SUPPORTED = "URDF (.urdf), MJCF (.xml, .mjcf) or an Echelon description (.yaml, .yml, .json)"
+_XACRO = re.compile(r"\{https?://[^}]*xacro/?\}")
 _LARGEST_FILE = 64 * 1024 * 1024
 
 
@@ -97,7 +99,7 @@ def _parse_xml_robot(data: bytes, source: str, options: ReadingOptions, director
 
     root = parse_xml(data, source)
     mimics = not options.independent_mimics
-    if any(str(element.tag).startswith("{http://www.ros.org/wiki/xacro}") for element in root.iter()):
+    if any(_XACRO.match(str(element.tag)) for element in root.iter()):
         raise InputError("this is xacro source: expand it first (xacro robot.xacro > robot.urdf)", source=source)
     if root.tag == "mujoco":
         from echelon.formats.mjcf import read_mjcf

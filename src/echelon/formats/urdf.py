@@ -149,7 +149,8 @@ class _Reader:
         kind = element.get("type")
         if kind not in JOINT_TYPES:
             valid = ", ".join(JOINT_TYPES)
-            raise self._error(f"unknown joint type '{kind}' (valid: {valid})", f"joint '{joint}'")
+            problem = f"unknown joint type '{kind}'" if kind else "the attribute 'type' is missing"
+            raise self._error(f"{problem} (valid: {valid})", f"joint '{joint}'")
         steps: list[LiteralStep] = [self._origin(element, f"joint '{joint}'")]
         if kind != "fixed":
             axis = (0, 0, 1) if kind == "floating" else self._axis(element, joint)
