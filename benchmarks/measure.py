@@ -7,16 +7,16 @@ import sys
 from collections.abc import Callable, Iterable
 from typing import Any
 
-import numeric
 import numpy as np
-from robots import Robot, chain, serial_model
-from timing import Times, interleaved
 
 import echelon as ec
+import numeric
 from echelon.base.certificate import certify
 from echelon.base.derive import DEFAULT_SEED, classical_matrix
 from echelon.base.structure import find_structure
 from echelon.regressor.virtual_power import virtual_power_form
+from robots import Robot, chain, serial_model
+from timing import Times, interleaved
 
 _HELP = "import sys; sys.argv = ['echelon', '--help']; from echelon.cli import main; main()"
 _PROGRAMS = {

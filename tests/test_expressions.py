@@ -30,6 +30,7 @@ SYMBOLS = ("D3", "RL4", "alpha")
         "sqrt(0.5) + sqrt(12) - sqrt(27/2)",
         "sqrt(9/4)*D3^(4/2)",
         "D3/sqrt(6)",
+        "D3^0 - RL4^1",
         "1/(1 + sqrt(2) + sqrt(3))",
         "cos(pi/12) - sin(-5*pi/12)",
         "D3*cos(alpha + pi/4) + RL4*sin(2*alpha)",
@@ -82,11 +83,27 @@ def test_meaning(text: str) -> None:
         ("lambda: 1", "not allowed"),
         ("__import__('os')", "not allowed"),
         ("1" * 2001, "too long"),
+        ("1 + " * 300_000 + "1", "too long"),
+        ("(1 + D3 + RL4 + alpha)^32*(1 + D3 + RL4 + alpha)^32", "more than 20000 terms"),
+        ("((1 + D3 + RL4 + alpha)^32)^32", "more than 20000 terms"),
+        ("(((9^32)^32)^32)^32", "more than 20000 bits"),
+        ("(D3/1e999)^32", "more than 20000 bits"),
+        ("cos(1000000000*alpha)", "no exact sine"),
+        ("1" + " + 1" * 300 + " + ", "is not an expression"),
+        ("(1" + " + 1" * 300 + "))", "is not an expression"),
     ],
 )
 def test_refusals(text: str, reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         parse(text, SYMBOLS)
+
+
+@pytest.mark.parametrize("term", ["D3", "2*D3*(RL4 - 3 + alpha)/7", "D3*(-cos(alpha) - (1 - RL4))", "RL4 * -2"])
+@pytest.mark.parametrize("signs", ["+-", "-"])
+def test_a_long_sum_is_the_sum_of_its_terms(term: str, signs: str) -> None:
+    text = "1" + "".join(f" {signs[k % len(signs)]} {term}" for k in range(1201))
+    expected = 1 + (1 if signs == "+-" else -1201) * parse(term, SYMBOLS)
+    assert parse(text, SYMBOLS) == expected
 
 
 def test_without_a_list_any_symbol_may_occur() -> None:

@@ -20,12 +20,6 @@ LENGTH_DEGREE: Final = (2, 2, 2, 2, 2, 2, 1, 1, 1, 0)
 UNITS: Final = ("kg·m²",) * 6 + ("kg·m",) * 3 + ("kg",)
 """SI unit of each standard parameter."""
 
-INERTIA_INDEX: Final = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
-"""Column of each entry of the symmetric inertia tensor within a body's block."""
-
-STANDARD_GRAVITY: Final = "9.81"
-"""Magnitude of gravity assumed where a file does not state it, m/s², as exact decimal text."""
-
 
 def parameter_name(body: str, index: int) -> str:
     """Name of one standard parameter: kind followed by the body's label.

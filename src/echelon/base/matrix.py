@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import Number, Surd
-from echelon.exact.polynomial import Polynomial, float_generators, is_trigonometric, symbol_of
+from echelon.exact.polynomial import float_generators, is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
 
 if TYPE_CHECKING:
@@ -113,12 +113,6 @@ def sympy_number(x: Number) -> Any:
             sympy.Integer(0),
         )
     return sympy.Rational(x.numerator, x.denominator)
-
-
-def sympy_polynomial(polynomial: Polynomial, exact: Mapping[str, Any] | None = None) -> Any:
-    """A polynomial in sympy."""
-    values = {g: _sympy_generator(g, exact or {}) for g in polynomial.generators()}
-    return polynomial.evaluate(values, sympy_number)
 
 
 def _sympy_generator(generator: str, exact: Mapping[str, Any]) -> Any:

@@ -260,7 +260,13 @@ class BaseModel:
         qdd: npt.ArrayLike,
         symbols: Mapping[str, float] | None = None,
     ) -> Floats:
-        """The regressor X of all standard parameters; arguments as for :meth:`regressor`.
+        """The regressor X of all standard parameters at given states.
+
+        Parameters
+        ----------
+        q, qd, qdd : arrays of shape (N, positions) and (N, velocities)
+            As for :meth:`regressor`.
+        symbols : mapping of str to float, optional
 
         Returns
         -------

@@ -11,6 +11,8 @@ from echelon.exact.polynomial import Polynomial, cosine, sine
 STEPS_PER_HALF_TURN = 12
 """π is twelve steps of 15°, the angles with a sine and cosine in Q(√2, √3)."""
 
+_LARGEST_MULTIPLE = 32  # cos(n x) is a polynomial of degree n
+
 
 @dataclass(frozen=True)
 class Angle:
@@ -34,7 +36,8 @@ class Angle:
     def is_exact(self) -> bool:
         """Whether sine and cosine are polynomials in the symbols over Q(√2, √3)."""
         steps = self.half_turns * STEPS_PER_HALF_TURN
-        return not self.radians and steps.denominator == 1 and all(c.denominator == 1 for _, c in self.parts)
+        whole = all(c.denominator == 1 and abs(c) <= _LARGEST_MULTIPLE for _, c in self.parts)
+        return not self.radians and steps.denominator == 1 and whole
 
     def cos(self) -> Polynomial:
         """Cosine as a polynomial in cos and sin of the symbols."""

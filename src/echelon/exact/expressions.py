@@ -12,7 +12,7 @@ from fractions import Fraction
 from math import comb, isqrt
 
 from echelon.exact.angle import Angle
-from echelon.exact.numbers import Number, Rational, Surd, inverse, parse_decimal
+from echelon.exact.numbers import Number, Rational, Surd, inverse, parse_decimal, parts_of
 from echelon.exact.polynomial import Polynomial
 
 PI = "pi"
@@ -20,7 +20,7 @@ RESERVED = frozenset({PI, "sin", "cos", "sqrt"})
 """Names with a fixed meaning, which no symbol may take."""
 
 _PIECE, _LONGEST_TERM, _LONGEST = 500, 2000, 1_000_000
-_LARGEST_EXPONENT, _MOST_TERMS = 32, 20_000
+_LARGEST_EXPONENT, _MOST_TERMS, _MOST_BITS = 32, 20_000, 20_000
 
 
 def parse(text: str, symbols: Collection[str] | None = None) -> Polynomial:
@@ -169,6 +169,8 @@ class _Reader:
             return left * inverse(value)
         exponent = int(value) if isinstance(value, int | Fraction) and value.denominator == 1 else -1
         if isinstance(operator, ast.Pow) and 0 <= exponent <= _LARGEST_EXPONENT:
+            if exponent * _bits(left) > _MOST_BITS:
+                raise ValueError(f"'{self.text}' has numbers of more than {_MOST_BITS} bits")
             if left.terms and comb(len(left.terms) + exponent - 1, exponent) > _MOST_TERMS:
                 raise ValueError(f"'{self.text}' expands to more than {_MOST_TERMS} terms")
             return left**exponent
@@ -181,6 +183,12 @@ class _Reader:
             angle = as_angle(argument)
             return angle.cos() if name == "cos" else angle.sin()
         raise ValueError(f"'{name}' is not a known function (known: sqrt of a number, sin, cos)")
+
+
+def _bits(polynomial: Polynomial) -> int:
+    """Length of the longest integer in the coefficients."""
+    parts = (part for c in polynomial.terms.values() for part in parts_of(c))
+    return max((n.bit_length() for part in parts for n in (part.numerator, part.denominator)), default=0)
 
 
 def _square_root(value: Number) -> Number:

@@ -98,10 +98,6 @@ class Joint:
         """The same joint mounted on a frame that is placed in the parent's."""
         return replace(self, steps=merge((placement, *self.steps)))
 
-    def followed_by(self, placement: Placement) -> Joint:
-        """The same joint with the body's frame moved."""
-        return replace(self, steps=merge((*self.steps, placement)))
-
 
 def merge(steps: tuple[Step, ...]) -> tuple[Step, ...]:
     """Join neighbouring placements and drop identities."""

@@ -151,14 +151,6 @@ class Mechanism:
         silent = (None,) * PER_BODY
         return tuple(v for b in self.carriers for v in (self.bodies[b].inertial or silent))
 
-    def chain(self, body: int) -> list[int]:
-        """Indices of the bodies from the base to this one, both ends included."""
-        path = []
-        while body != GROUND:
-            path.append(body)
-            body = self.bodies[body].parent
-        return path[::-1]
-
     def __str__(self) -> str:
         return f"{self.name}: {len(self.bodies)} bodies, {self.degrees_of_freedom} degrees of freedom"
 

@@ -155,6 +155,11 @@ def _snap(record: SnapRecord) -> Snap:
 def save_base(model: BaseModel, path: str | os.PathLike[str]) -> None:
     """Write a model to a JSON file, whole or not at all.
 
+    Parameters
+    ----------
+    model : BaseModel
+    path : path-like
+
     Raises
     ------
     InputError
@@ -165,6 +170,14 @@ def save_base(model: BaseModel, path: str | os.PathLike[str]) -> None:
 
 def load_base(path: str | os.PathLike[str]) -> BaseModel:
     """Read a model from a JSON file.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    BaseModel
 
     Raises
     ------

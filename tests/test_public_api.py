@@ -1,0 +1,72 @@
+"""The public face: what it offers, and that all of it is documented and typed."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+import typing
+from collections.abc import Callable, Iterator
+
+import pytest
+
+import echelon as ec
+
+PUBLIC = [
+    "BaseModel", "CertificateError", "ClosedFormError", "EchelonError", "Expression", "Identifiability", "InputError",
+    "Mechanism", "MissingExtraError", "Structure", "__version__", "base_parameters", "base_structure", "load",
+    "load_base", "save_base", "verify",
+]  # fmt: skip
+
+
+def test_public_names_are_pinned() -> None:
+    assert ec.__all__ == PUBLIC
+    assert all(hasattr(ec, name) for name in PUBLIC)
+
+
+def functions() -> Iterator[object]:
+    """Every public function and method of the package, with a readable id."""
+    for module_info in pkgutil.walk_packages(ec.__path__, "echelon."):
+        module = importlib.import_module(module_info.name)
+        for name, member in vars(module).items():
+            if name.startswith("_") or getattr(member, "__module__", None) != module.__name__:
+                continue
+            if inspect.isfunction(member):
+                yield pytest.param(member, id=f"{module.__name__}.{name}")
+            elif inspect.isclass(member):
+                for key, method in vars(member).items():
+                    if inspect.isfunction(method) and not key.startswith("_"):
+                        yield pytest.param(method, id=f"{module.__name__}.{name}.{key}")
+
+
+@pytest.mark.parametrize("function", list(functions()))
+def test_documented_and_typed(function: Callable[..., object]) -> None:
+    assert inspect.getdoc(function)
+    annotations = inspect.get_annotations(function)
+    named = [p for p in inspect.signature(function).parameters if p != "self"]
+    assert set(named) <= set(annotations) | {"cls"}
+    assert "return" in annotations
+
+
+def facade() -> Iterator[object]:
+    for name in ec.__all__:
+        member = getattr(ec, name)
+        if inspect.isfunction(member):
+            yield pytest.param(member, id=name)
+        elif inspect.isclass(member) and not issubclass(member, Exception):
+            for key, method in vars(member).items():
+                if inspect.isfunction(method) and not key.startswith("_"):
+                    yield pytest.param(method, id=f"{name}.{key}")
+
+
+@pytest.mark.parametrize("function", list(facade()))
+def test_every_argument_is_explained(function: Callable[..., object]) -> None:
+    text = inspect.getdoc(function) or ""
+    for name in inspect.signature(function).parameters:
+        assert name == "self" or name in text, name
+
+
+def test_errors_share_a_root() -> None:
+    errors = [getattr(ec, name) for name in PUBLIC if name.endswith("Error")]
+    assert all(issubclass(error, ec.EchelonError) for error in errors)
+    assert typing.get_type_hints(ec.InputError.__init__)
