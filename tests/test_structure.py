@@ -313,3 +313,11 @@ def test_robot_without_freedom() -> None:
 def test_robot_without_bodies() -> None:
     base = ec.base_parameters(arms.tree("nothing"))
     assert (base.rank, base.parameters) == (0, ())
+
+
+def test_joint_names_cannot_clash_with_our_own() -> None:
+    bodies = (
+        arms.body(1, 0, "floating", *floating_motions("free_")),
+        arms.body(2, 1, "floating", arms.place("a b c"), *floating_motions("free")),
+    )
+    assert rank(arms.tree("two free bodies", *bodies)) == 20

@@ -24,7 +24,7 @@ from echelon.regressor.energy import energy_form
 from echelon.regressor.linear import LinearForms
 
 _SURPLUS_ROWS = 8
-_ATTEMPTS = 8
+_ATTEMPTS, _PASSES = 8, 2
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,10 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
 def floating_pair(mechanism: Mechanism, index: int) -> Mechanism:
     """A body with its parent set free: the mechanism of two bodies that moves all ways the true one can, and more."""
     child, parent = mechanism.bodies[index], mechanism.bodies[mechanism.bodies[index].parent]
-    free = Joint("free", "floating", floating_motions("free"))
+    name = "free"
+    while any(motion.name.startswith(name) for motion in child.joint.motions):
+        name += "_"
+    free = Joint(name, "floating", floating_motions(name))
     return Mechanism(
         "pair",
         (replace(parent, parent=GROUND, joint=free, inertial=None), replace(child, parent=0, inertial=None)),
@@ -108,7 +111,7 @@ def _dependent_by_joint(mechanism: Mechanism, rng: np.random.Generator) -> dict[
         parent_is_massless = mechanism.bodies[body.parent].massless
         signature = (_child_side(body), parent_is_massless)
         if signature not in cache:
-            supports = _agreed(energy_form(floating_pair(mechanism, index)), rng, passes=1)
+            supports = _agreed(energy_form(floating_pair(mechanism, index)), rng)
             offset = 0 if parent_is_massless else PER_BODY
             # a massless parent leaves the child's block alone in the pair
             cache[signature] = tuple(sorted(k - offset for k in supports if k >= offset))
@@ -125,7 +128,7 @@ def _child_side(body: Body) -> tuple[object, ...]:
     return tuple(replace(s, name="") if isinstance(s, Motion) else s for s in steps[first:])
 
 
-def _agreed(forms: LinearForms, rng: np.random.Generator, passes: int = 2) -> dict[int, tuple[int, ...]]:
+def _agreed(forms: LinearForms, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
     """Dependent columns with their supports, confirmed by independent primes, geometries and states.
 
     Column 0 of the forms is the constant; results are numbered without it.
@@ -141,7 +144,7 @@ def _agreed(forms: LinearForms, rng: np.random.Generator, passes: int = 2) -> di
         # an unlucky point can only make more columns dependent, never fewer
         fewest = min(len(s) for s in seen)
         agreeing = [s for s in seen if len(s) == fewest and s == seen[-1]]
-        if len(agreeing) >= passes:
+        if len(agreeing) >= _PASSES:
             return seen[-1]
     raise EchelonError("random points keep contradicting each other; please report this model")
 

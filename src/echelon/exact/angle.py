@@ -36,7 +36,7 @@ class Angle:
     def is_exact(self) -> bool:
         """Whether sine and cosine are polynomials in the symbols over Q(√2, √3)."""
         steps = self.half_turns * STEPS_PER_HALF_TURN
-        whole = all(c.denominator == 1 and abs(c) <= _LARGEST_MULTIPLE for _, c in self.parts)
+        whole = all(c.denominator == 1 and -_LARGEST_MULTIPLE <= c <= _LARGEST_MULTIPLE for _, c in self.parts)
         return not self.radians and steps.denominator == 1 and whole
 
     def cos(self) -> Polynomial:
