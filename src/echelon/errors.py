@@ -46,3 +46,14 @@ class ClosedFormError(EchelonError):
 
 class CertificateError(EchelonError):
     """A base parameter set contradicts the model it claims to describe."""
+
+
+def one_line(text: str) -> str:
+    r"""Text without line breaks and terminal codes, for names that come from files.
+
+    Examples
+    --------
+    >>> one_line("arm\nof\x1b[31m steel")
+    'arm of [31m steel'
+    """
+    return "".join(character if character.isprintable() else " " for character in text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from html import escape
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ from echelon.base.classification import Identifiability
 from echelon.base.expression import LatexStyle, latex_symbol, render
 from echelon.base.reading_report import ROUNDING
 from echelon.conventions import PARAMETERS, PER_BODY
+from echelon.errors import one_line
 
 if TYPE_CHECKING:
     from echelon.base.model import BaseModel
@@ -18,10 +20,10 @@ _LATEX_ROWS_PER_PAGE = 40
 
 def headline(model: BaseModel) -> str:
     """The count in one line."""
-    name, rank, total = model.mechanism.name, model.rank, len(model.parameters)
-    return (
-        f"{name}: {rank} base parameters of {total} standard parameters, {model.mechanism.degrees_of_freedom} outputs"
-    )
+    name, rank, total = one_line(model.mechanism.name), model.rank, len(model.parameters)
+    count = model.mechanism.degrees_of_freedom
+    outputs = "1 output" if count == 1 else f"{count} outputs"
+    return f"{name}: {rank} base parameters of {total} standard parameters, {outputs}"
 
 
 def to_text(model: BaseModel) -> str:
@@ -55,7 +57,7 @@ def classification_rows(model: BaseModel) -> list[tuple[str, list[tuple[str, Ide
     for block, index in enumerate(model.mechanism.carriers):
         body = model.mechanism.bodies[index]
         kinds = classes[PER_BODY * block : PER_BODY * (block + 1)]
-        rows.append((f"{body.label}  {body.name}", [(_MARKS[kind], kind) for kind in kinds]))
+        rows.append((one_line(f"{body.label}  {body.name}"), [(_MARKS[kind], kind) for kind in kinds]))
     return rows
 
 
@@ -79,8 +81,8 @@ def facts(model: BaseModel) -> list[tuple[str, str]]:
     if used:
         found.append(("symbols", ", ".join(f"{s.name} = {value_text(s.exact, s.value)}" for s in used)))
     if model.reading.snaps:
-        found.append(("read as exact", snap_summary(model)))
-    found += [("note", note) for note in model.reading.notes]
+        found.append(("read as exact", one_line(snap_summary(model))))
+    found += [("note", one_line(note)) for note in model.reading.notes]
     found.append(("certificate", str(model.certificate)))
     return found
 
@@ -109,20 +111,20 @@ def snap_summary(model: BaseModel) -> str:
 
 def to_markdown(model: BaseModel) -> str:
     """A Markdown table with closed forms and classification."""
-    lines = [f"# Base parameters of {model.mechanism.name}", "", headline(model) + ".", ""]
+    lines = [f"# Base parameters of {_cell(one_line(model.mechanism.name))}", "", _cell(headline(model)) + ".", ""]
     lines += ["| # | base parameter | unit |", "|--:|---|---|"]
     lines += [f"| {i + 1} | {_cell(str(e))} | {e.unit} |" for i, e in enumerate(model.expressions)]
     lines += ["", f"| body | {' | '.join(PARAMETERS)} |", "|---|" + ":-:|" * PER_BODY]
     for title, marks in classification_rows(model):
         cells = " | ".join(mark for mark, _ in marks)
         lines.append(f"| {_cell(title)} | {cells} |")
-    lines += ["", legend(model), "", *(f"- {label}: {text}" for label, text in facts(model))]
+    lines += ["", legend(model), "", *(f"- {label}: {_cell(text)}" for label, text in facts(model))]
     return "\n".join(lines) + "\n"
 
 
 def _cell(text: str) -> str:
-    """Text that is safe in a Markdown table."""
-    return text.replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ")
+    """One line of text that is safe in Markdown and its tables."""
+    return re.sub(r"([\\|<`*\[])", r"\\\1", text)
 
 
 def to_latex(model: BaseModel) -> str:

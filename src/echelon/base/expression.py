@@ -9,6 +9,7 @@ from fractions import Fraction
 from typing import Protocol
 
 from echelon.conventions import PARAMETERS
+from echelon.errors import one_line
 from echelon.exact.numbers import Number, Surd
 from echelon.exact.polynomial import Monomial, Polynomial, is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
@@ -90,7 +91,7 @@ class TextStyle:
 
     def parameter(self, name: str) -> str:
         """The name itself."""
-        return name
+        return one_line(name)
 
     def generator(self, name: str, exponent: int) -> str:
         """E.g. ``d4²``, ``cos²(a)``."""
@@ -160,8 +161,12 @@ def latex_symbol(name: str) -> str:
     return f"{stem}_{{{_escape(index)}}}" if index else stem
 
 
+_WORDS = {"\\": "\\backslash ", "^": "\\wedge ", "~": "\\sim "}
+
+
 def _escape(text: str) -> str:
-    return re.sub(r"([_#$%&{}])", r"\\\1", text)
+    """Text that is safe in LaTeX math."""
+    return re.sub(r"[_#$%&{}\\^~]", lambda found: _WORDS.get(found[0], "\\" + found[0]), one_line(text))
 
 
 def render(expression: Expression, style: Style) -> str:

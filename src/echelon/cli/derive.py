@@ -16,6 +16,7 @@ import typer
 from echelon.base.derive import DEFAULT_SEED, base_parameters, base_structure
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.model import BaseModel
+from echelon.errors import one_line
 from echelon.files import write_atomically
 from echelon.formats.load import load
 from echelon.mechanism.mechanism import Mechanism
@@ -81,7 +82,7 @@ def _structure_text(robot: Mechanism, seed: int, *, as_json: bool) -> str:
         }
         return json.dumps(record, indent=1, ensure_ascii=False) + "\n"
     count = f"{robot.name}: {structure.rank} base parameters of {structure.parameters} standard parameters"
-    return f"{count}\nrepresentatives: {' '.join(names)}\n"
+    return f"{one_line(count)}\nrepresentatives: {one_line(' '.join(names))}\n"
 
 
 def _progress(message: str) -> AbstractContextManager[object]:

@@ -8,12 +8,13 @@ from __future__ import annotations
 import os
 import sys
 from enum import StrEnum
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-REFUTED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+REFUTED, BAD_INPUT, INTERNAL, INTERRUPTED = 1, 2, 70, 130
 
 app = typer.Typer(
     name="echelon",
@@ -116,6 +117,8 @@ def derive(
         **({} if tolerance is None else {"tolerance": tolerance}),
     }
     chosen = Format.JSON if as_json else output_format
+    if structure and (prefer or order is not Order.BASE_TO_TIP or chosen in (Format.LATEX, Format.MARKDOWN)):
+        raise typer.BadParameter("--structure is in base-to-tip order, as text or JSON, and takes no --prefer")
     run_derive(DeriveRequest(robot, chosen.value, output, reading, order.value, tuple(prefer or ()), structure, seed))
 
 
@@ -145,6 +148,9 @@ def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print."
 
 def main() -> None:
     """Run the command line and exit with its code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # files and pipes get UTF-8 on every system
+            stream.reconfigure(errors="replace") if stream.isatty() else stream.reconfigure(encoding="utf-8")
     try:
         app()
     except KeyboardInterrupt:
@@ -154,9 +160,18 @@ def main() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except Exception as error:
-        from echelon.errors import EchelonError
+        sys.exit(_report(error))
 
-        if os.environ.get("ECHELON_TRACEBACK") or not isinstance(error, EchelonError):
-            raise
-        print(f"echelon: {error}", file=sys.stderr)  # noqa: T201
-        sys.exit(BAD_INPUT)
+
+def _report(error: Exception) -> int:
+    """One line for what a user can mend, a traceback for our own mistakes or on request; returns the exit code."""
+    from traceback import print_exception
+
+    from echelon.errors import EchelonError, one_line
+
+    expected = isinstance(error, EchelonError | OSError)
+    if expected and not os.environ.get("ECHELON_TRACEBACK"):
+        print(f"echelon: {one_line(str(error))}", file=sys.stderr)  # noqa: T201
+    else:
+        print_exception(error)
+    return BAD_INPUT if expected else INTERNAL

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-from echelon.errors import CertificateError
+from echelon.errors import CertificateError, one_line
 from echelon.results.saved import load_base
 from echelon.results.verify import verify
 
@@ -17,14 +17,14 @@ VALID, REFUTED = 0, 1
 
 def run_verify(file: Path, as_json: bool, seed: int | None) -> int:
     """Check a file; returns the exit code."""
-    model = load_base(file)
     try:
+        model = load_base(file)
         certificate = verify(model, seed)
     except CertificateError as error:
         if as_json:
             typer.echo(json.dumps({"valid": False, "reason": str(error)}))
         else:
-            typer.echo(f"{file}: NOT valid: {error}")
+            typer.echo(f"{file}: NOT valid: {one_line(str(error))}")
         return REFUTED
     if as_json:
         evidence = asdict(certificate)

@@ -50,7 +50,8 @@ class Angle:
     def _circle(self) -> tuple[Polynomial, Polynomial]:
         if not self.is_exact:
             raise ValueError(
-                f"the angle {self} has no exact sine: use a multiple of pi/12, or a symbol with that value"
+                f"the angle {self} has no exact sine: use a multiple of pi/12 (with at most "
+                f"{_LARGEST_MULTIPLE} times a symbol), or a symbol with that value"
             )
         steps = int(self.half_turns * STEPS_PER_HALF_TURN)
         point = (Polynomial.constant(cosine_of_turn(steps)), Polynomial.constant(sine_of_turn(steps)))

@@ -54,7 +54,7 @@ class CertificateRecord(_Strict):
     """Evidence; see the documentation of the certificate."""
 
     rank: int
-    seed: int
+    seed: int = Field(ge=0)
     minor_prime: int
     minor_states: int
     identity_primes: list[str] = Field(description="127-bit primes as decimal text.")
@@ -68,7 +68,7 @@ class BaseModelRecord(_Strict):
     format: Literal["echelon.base-model/1"] = Field(alias="schema")
     echelon: str = Field(description="Version that wrote the file.")
     name: str
-    seed: int
+    seed: int = Field(ge=0)
     rank: int
     outputs: list[str] = Field(description="Measured generalised forces, the rows of X.")
     parameters: list[str] = Field(description="Standard parameters, the columns of X and B.")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import asdict
+from math import isclose
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +14,7 @@ from echelon.base.certificate import Certificate
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.base.reading_report import ReadingReport
-from echelon.errors import EchelonError, InputError
+from echelon.errors import CertificateError, EchelonError, InputError
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import float_generators
 from echelon.exact.rational import RationalFunction
@@ -22,7 +24,7 @@ from echelon.mechanism.reading import Snap
 from echelon.version import __version__
 
 if TYPE_CHECKING:
-    from echelon.results.record import BaseModelRecord, SnapRecord
+    from echelon.results.record import BaseModelRecord, BaseParameterRecord, SnapRecord
 
 
 def to_json(model: BaseModel) -> str:
@@ -47,9 +49,6 @@ def to_dict(model: BaseModel) -> dict[str, Any]:
 
     certificate = asdict(model.certificate)
     certificate["identity_primes"] = [str(p) for p in model.certificate.identity_primes]
-    classes: dict[str, list[str]] = {}
-    for name, kind in model.classification.items():
-        classes.setdefault(kind.value, []).append(name)
     return {
         "schema": SCHEMA_NAME,
         "echelon": __version__,
@@ -60,11 +59,18 @@ def to_dict(model: BaseModel) -> dict[str, Any]:
         "parameters": list(model.parameters),
         "order": [model.parameters[c] for c in model.matrix.order],
         "base": _base_rows(model),
-        "classification": classes,
+        "classification": _classes(model),
         "reading": asdict(model.reading),
         "certificate": certificate,
         "model": write_description(model.mechanism),
     }
+
+
+def _classes(model: BaseModel) -> dict[str, list[str]]:
+    classes: dict[str, list[str]] = {}
+    for name, kind in model.classification.items():
+        classes.setdefault(kind.value, []).append(name)
+    return classes
 
 
 def _base_rows(model: BaseModel) -> list[dict[str, Any]]:
@@ -90,12 +96,14 @@ def _term(parameter: str, coefficient: RationalFunction, known: dict[str, float]
 def from_json(text: str | bytes, source: str = "base model") -> BaseModel:
     """Read a model back.
 
-    The structure of the document is checked, its claim is not: use :func:`echelon.verify` for that.
+    The document must be of the schema and agree with itself; its claim is not checked: use :func:`echelon.verify`.
 
     Raises
     ------
     InputError
         If the text is not a document of the schema; names the element.
+    CertificateError
+        If counts, expressions, values or classes do not follow from the exact terms.
     """
     from pydantic import ValidationError
 
@@ -119,10 +127,7 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
         raise InputError("the parameters are not those of the model", source=source, element="parameters")
     column = {name: i for i, name in enumerate(record.parameters)}
     try:
-        rows = tuple(
-            {column[t.parameter]: RationalFunction(parse(t.coefficient), parse(t.denominator)) for t in row.terms}
-            for row in record.base
-        )
+        rows = tuple(_row(row, column) for row in record.base)
         pivots = tuple(column[row.name] for row in record.base)
         order = tuple(column[name] for name in record.order)
     except KeyError as error:
@@ -134,7 +139,7 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
         evidence["identity_primes"] = tuple(int(p) for p in evidence["identity_primes"])
     except ValueError:
         raise InputError("primes are decimal numbers", source=source, element="certificate") from None
-    return BaseModel(
+    model = BaseModel(
         mechanism,
         BaseMatrix(mechanism.parameters, pivots, rows, order),
         Certificate(**evidence),
@@ -146,6 +151,38 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
         ),
         record.seed,
     )
+    _check_derived(record, model)
+    return model
+
+
+def _row(record: BaseParameterRecord, column: Mapping[str, int]) -> dict[int, RationalFunction]:
+    row = {column[t.parameter]: RationalFunction(parse(t.coefficient), parse(t.denominator)) for t in record.terms}
+    if len(row) < len(record.terms):
+        raise ValueError(f"a parameter occurs twice in {record.name}")
+    return row
+
+
+def _check_derived(record: BaseModelRecord, model: BaseModel) -> None:
+    """What people and other programs read instead of the exact terms must follow from them."""
+    stated = (record.name, record.rank, record.outputs, record.classification)
+    true = (model.mechanism.name, model.rank, list(model.mechanism.velocities), _classes(model))
+    for key, mine, theirs in zip(("name", "rank", "outputs", "classification"), true, stated, strict=True):
+        if mine != theirs:
+            raise CertificateError(f"'{key}' contradicts the model or the terms of its base parameters")
+    for row, derived in zip(record.base, _base_rows(model), strict=True):
+        # another version may word an expression in another way
+        same_text = record.echelon != __version__ or row.expression == derived["expression"]
+        stated_values = {t.parameter: t.value for t in row.terms}
+        true_values = {term["parameter"]: term["value"] for term in derived["terms"]}
+        if row.unit != derived["unit"] or not same_text or not _same_values(stated_values, true_values):
+            raise CertificateError(f"unit, expression or values of {row.name} contradict its terms")
+
+
+def _same_values(stated: Mapping[str, float | None], derived: Mapping[str, float | None]) -> bool:
+    def same(a: float | None, b: float | None) -> bool:
+        return a is b if a is None or b is None else isclose(a, b, rel_tol=1e-9, abs_tol=1e-12)
+
+    return stated.keys() == derived.keys() and all(same(stated[name], derived[name]) for name in stated)
 
 
 def _snap(record: SnapRecord) -> Snap:
@@ -183,6 +220,8 @@ def load_base(path: str | os.PathLike[str]) -> BaseModel:
     ------
     InputError
         If the file cannot be read or is not a saved base model.
+    CertificateError
+        If counts, expressions, values or classes do not follow from the exact terms.
     """
     try:
         data = Path(path).read_bytes()
@@ -190,7 +229,7 @@ def load_base(path: str | os.PathLike[str]) -> BaseModel:
         raise InputError(f"cannot be read: {error.strerror or error}", source=str(path)) from None
     try:
         return from_json(data, str(path))
-    except InputError:
+    except (InputError, CertificateError):
         raise
     except EchelonError as error:
         raise InputError(str(error), source=str(path)) from None
