@@ -114,3 +114,15 @@ def test_full_rank_and_rank_zero() -> None:
     assert still.rank == 0
     wrong = replace(still.matrix, pivots=(0,), rows=({0: RationalFunction(1)},))
     assert "too large" in refuted(still, wrong)
+
+
+def test_the_bound_knows_multiples_of_angles() -> None:
+    """A coupling by 50 makes sines of degree 50 in the angle that is drawn."""
+
+    def coupled(ratio: str) -> ec.BaseModel:
+        bodies = arms.modified_dh("", "R pi/2 0 0", "R 0 l1 0").bodies
+        return ec.base_parameters(arms.tree("geared", *bodies, couplings={"q2": {"q1": ratio}}))
+
+    direct, geared = coupled("1").certificate, coupled("50").certificate
+    assert geared.degree > 10 * direct.degree
+    assert geared.log10_error < -30

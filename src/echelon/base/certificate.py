@@ -99,8 +99,9 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int) -> Certificat
         )
     rng = np.random.default_rng(seed)
     minor_prime, states = _check_minimal(regressor, matrix, rng)
-    primes = tuple(_check_complete(regressor, matrix, rng) for _ in range(_POINTS))
-    degree = _identity_degree(regressor, matrix)
+    sampler = FieldSampler(regressor.program, list(regressor.entries.values()))
+    primes = tuple(_check_complete(regressor, matrix, sampler, rng) for _ in range(_POINTS))
+    degree = _identity_degree(regressor, matrix, sampler.largest_turn)
     bad_point = log10(max(1, degree)) - min(log10(p) for p in primes)
     bad_prime = log10(2) * (_COEFFICIENT_BITS - CERTIFICATE_BITS + 12)  # few of the many primes divide a coefficient
     error = _POINTS * (max(bad_point, bad_prime) + log10(2))
@@ -157,9 +158,8 @@ def _check_minimal(regressor: LinearForms, matrix: BaseMatrix, rng: np.random.Ge
     )
 
 
-def _check_complete(regressor: LinearForms, matrix: BaseMatrix, rng: np.random.Generator) -> int:
+def _check_complete(regressor: LinearForms, matrix: BaseMatrix, sampler: FieldSampler, rng: np.random.Generator) -> int:
     """Check X = X̄ B at a random point modulo a random large prime; returns the prime."""
-    sampler = FieldSampler(regressor.program, list(regressor.entries.values()))
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng, CERTIFICATE_BITS)
         try:
@@ -198,12 +198,15 @@ def _compare_at_point(
             raise CertificateError(f"the set is incomplete or wrong: it does not reproduce the effect of {name}")
 
 
-def _identity_degree(regressor: LinearForms, matrix: BaseMatrix) -> int:
-    """Degree of X − X̄ B in the random numbers, over a common denominator; a circle point has degree 2."""
+def _identity_degree(regressor: LinearForms, matrix: BaseMatrix, turn: int) -> int:
+    """Degree of X − X̄ B in the random numbers, over a common denominator.
+
+    A circle point has degree 2 in its random number, and ``turn`` times that where angles are multiples of it.
+    """
     forms = degree_bound(regressor.program, list(regressor.entries.values()))
     entries = [c for row in matrix.rows for c in row.values()]
     highest = max((_degree(c) for c in entries), default=0)
-    return 2 * (2 * forms + highest * max(1, matrix.rank))
+    return 2 * (2 * max(1, turn) * forms + highest * max(1, matrix.rank))
 
 
 def _degree(coefficient: RationalFunction) -> int:

@@ -148,7 +148,7 @@ class Polynomial:
         return iter(sorted(self.terms.items(), key=lambda term: (sum(e for _, e in term[0]), term[0])))
 
     def evaluate(self, values: Mapping[str, T], number: Callable[[Number], T]) -> T:
-        """Value of the polynomial over any ring.
+        """Value of the polynomial over any ring; terms are added in a fixed order, so that equal means equal rounding.
 
         Parameters
         ----------
@@ -162,7 +162,7 @@ class Polynomial:
         element of the ring
         """
         total: Any = number(0)
-        for monomial, coefficient in self.terms.items():
+        for monomial, coefficient in self.sorted_terms():
             term: Any = number(coefficient)
             for generator, exponent in monomial:
                 for _ in range(exponent):

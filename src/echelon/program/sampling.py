@@ -43,6 +43,11 @@ class FieldSampler:
         self._angles = self._sort_angles({program.lhs[n] for n in self._trigonometric})
         self.symbols = sorted(program.inputs[n].name for n in needed if self._is_symbol(n))
 
+    @property
+    def largest_turn(self) -> int:
+        """Degree of the sines and cosines in their independent circle points: multiples of angles, added up."""
+        return max((sum(map(abs, form.values())) for form in self._angles.values()), default=1)
+
     def _is_symbol(self, node: int) -> bool:
         return node in self.program.inputs and self.program.inputs[node].role == "symbol"
 
