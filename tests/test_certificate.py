@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import pytest
+import sympy
 
 import arms
 import echelon as ec
@@ -126,3 +128,43 @@ def test_the_bound_knows_multiples_of_angles() -> None:
     direct, geared = coupled("1").certificate, coupled("50").certificate
     assert geared.degree > 10 * direct.degree
     assert geared.log10_error < -30
+
+
+EXAMPLES = sorted((Path(__file__).parents[1] / "examples").iterdir())
+
+
+@pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
+def test_error_bound_of_the_examples(file: Path) -> None:
+    certificate = ec.base_parameters(ec.load(file)).certificate
+    assert certificate.log10_error < -30
+    assert len(set(certificate.identity_primes)) == 2
+    assert all(p.bit_length() == 127 and sympy.isprime(p) for p in certificate.identity_primes)
+    assert sympy.isprime(certificate.minor_prime)
+    assert f"rank {certificate.rank} proved" in str(certificate)
+
+
+@pytest.mark.parametrize("where", range(0, 40, 7))
+def test_a_coefficient_in_another_column_is_found(base: ec.BaseModel, where: int) -> None:
+    places = [(i, c) for i, row in enumerate(base.matrix.rows) for c in row if c != base.matrix.pivots[i]]
+    i, column = places[where % len(places)]
+    taken = {*base.matrix.rows[i], *base.matrix.pivots}
+    other = next(c for c in range(column + 1, 2 * len(base.parameters)) if c % len(base.parameters) not in taken)
+
+    def change(rows: Rows) -> None:
+        rows[i][other % len(base.parameters)] = rows[i].pop(column)
+
+    assert refuted(base, changed(base.matrix, change))
+
+
+def test_nothing_is_not_enough(base: ec.BaseModel) -> None:
+    assert "incomplete" in refuted(base, replace(base.matrix, pivots=(), rows=()))
+
+
+def test_symbols_of_nobody_are_found(base: ec.BaseModel) -> None:
+    """Even one that would vanish if it were drawn as zero."""
+    stray = RationalFunction(Polynomial.generator("stray"))
+
+    def change(rows: Rows) -> None:
+        rows[0][59] = rows[0][59] + stray
+
+    assert "M6" in refuted(base, changed(base.matrix, change))

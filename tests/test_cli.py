@@ -17,9 +17,10 @@ ROOT = Path(__file__).parents[1]
 PANDA, PENDULUM = str(ROOT / "examples/panda.yaml"), str(ROOT / "examples/double_pendulum.yaml")
 
 
-def run(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    code = "from echelon.cli import main; main()"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "PYTHONIOENCODING": "utf-8"}
+def run(
+    *arguments: str, cwd: Path | None = None, code: str = "from echelon.cli import main; main()", **variables: str
+) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), **variables}
     environment.pop("ECHELON_TRACEBACK", None)
     return subprocess.run(
         [sys.executable, "-c", code, *arguments],
@@ -115,7 +116,14 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path: Path, case: str) -> Non
     assert sorted(tmp_path.iterdir()) == before
 
 
-@pytest.mark.parametrize("arguments", [("derive",), ("derive", PANDA, "--nonsense"), ("frobnicate",), ()])
+IGNORED = [
+    ("derive", PANDA, "--structure", *others)
+    for others in (("--prefer", "M7"), ("--order", "tip-to-base"), ("--format", "latex"), ("--format", "markdown"))
+]
+"""Options that would have no effect are refused."""
+
+
+@pytest.mark.parametrize("arguments", [("derive",), ("derive", PANDA, "--nonsense"), ("frobnicate",), (), *IGNORED])
 def test_usage_errors(arguments: tuple[str, ...]) -> None:
     done = run(*arguments)
     assert done.returncode == 2
@@ -124,11 +132,64 @@ def test_usage_errors(arguments: tuple[str, ...]) -> None:
 
 def test_traceback_on_request() -> None:
     assert "Traceback" not in run("derive", "no.urdf").stderr
-    assert "Traceback" in run("--traceback", "derive", "no.urdf").stderr
+    done = run("--traceback", "derive", "no.urdf")
+    assert done.stderr.startswith("Traceback")
+    assert done.returncode == 2
+
+
+def test_our_own_mistakes_are_no_verdict() -> None:
+    """A bug shows its traceback, and its exit code is not that of a refuted claim."""
+    bug = "import echelon.cli.verify as v; v.run_verify = lambda *_: 1 // 0; from echelon.cli import main; main()"
+    done = run("verify", "set.json", code=bug)
+    assert "ZeroDivisionError" in done.stderr
+    assert done.returncode == 70
+
+
+def test_interruption() -> None:
+    stop = "import echelon.cli.verify as v\ndef stop(*_): raise KeyboardInterrupt\nv.run_verify = stop"
+    done = run("verify", "set.json", code=f"{stop}\nfrom echelon.cli import main\nmain()")
+    assert (done.returncode, done.stdout, "Traceback" in done.stderr) == (130, "", False)
+
+
+def test_a_full_disk_is_one_line() -> None:
+    full = Path("/dev/full")
+    if not full.is_char_device():
+        pytest.skip("no /dev/full on this system")
+    code = "import os; os.dup2(os.open('/dev/full', os.O_WRONLY), 1); from echelon.cli import main; main()"
+    done = run("derive", PENDULUM, code=code)
+    assert done.stderr.startswith("echelon: ")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-8"])
+def test_pipes_get_utf8_on_every_system(encoding: str) -> None:
+    assert "1  ZZ1 + l1²·M2" in run("derive", PENDULUM, PYTHONIOENCODING=encoding).stdout
+
+
+def test_a_reader_may_leave_early() -> None:
+    code = "import os; r, w = os.pipe(); os.close(r); os.dup2(w, 1); from echelon.cli import main; main()"
+    done = run("derive", PENDULUM, code=code)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_failure_leaves_an_existing_file_alone(tmp_path: Path) -> None:
+    (tmp_path / "out.txt").write_text("precious")
+    (tmp_path / "bad.yaml").write_text("echelon: 1\n")
+    assert run("derive", "bad.yaml", "-o", "out.txt", cwd=tmp_path).returncode == 2
+    assert (tmp_path / "out.txt").read_text() == "precious"
+    (tmp_path / "folder").mkdir()
+    assert run("derive", PENDULUM, "-o", "folder", cwd=tmp_path).returncode == 2
+    assert sorted(f.name for f in tmp_path.iterdir()) == ["bad.yaml", "folder", "out.txt"]
+
+
+def test_errors_stay_one_line_whatever_the_names() -> None:
+    done = run("derive", PENDULUM, "--prefer", "M\n\x1b[31m9")
+    assert (done.returncode, done.stderr.count("\n"), "\x1b" in done.stderr) == (2, 1, False)
 
 
 @pytest.mark.parametrize("command", ["derive", "verify", "schema"])
 def test_help_has_an_example(command: str) -> None:
+    assert command in run("--help").stdout
     done = run(command, "--help")
     assert done.returncode == 0
     assert f"Example: echelon {command}" in " ".join(done.stdout.split())
@@ -152,7 +213,8 @@ def loaded(code: str) -> set[str]:
 
 
 def test_help_loads_next_to_nothing() -> None:
-    assert not loaded("import echelon.cli.main") & {"sympy", "pydantic", "mujoco", "scipy", "yaml"}
+    show = "from echelon.cli import main\nsys.argv = ['echelon', '--help']\ntry: main()\nexcept SystemExit: pass"
+    assert not loaded(show) & {"sympy", "pydantic", "mujoco", "scipy", "yaml", "rich"}
 
 
 def test_import_is_light() -> None:

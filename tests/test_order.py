@@ -40,6 +40,31 @@ def test_preferred_parameters_become_representatives() -> None:
     assert model.rank == 36
 
 
+@pytest.mark.parametrize("robot", [arms.double_pendulum, arms.stanford, arms.helical])
+def test_whatever_is_seen_can_be_a_representative(robot: Callable[[], Mechanism]) -> None:
+    """Alone at the head of the order, every parameter with a non-zero column is a pivot; the classes stay the same."""
+    mechanism = robot()
+    classes = ec.base_parameters(mechanism).classification
+    for name, kind in classes.items():
+        model = ec.base_parameters(mechanism, prefer=(name,))
+        assert (name in model.pivots) is (kind is not ec.Identifiability.UNIDENTIFIABLE)
+        assert model.classification == classes
+
+
+def test_a_kind_gives_as_many_representatives_as_possible() -> None:
+    classical = ec.base_parameters(arms.panda())
+    masses = [c for c, name in enumerate(classical.parameters) if name.startswith("M") and name[1].isdigit()]
+    rank = rational_b(classical, tuple(masses)).rank()
+    pivots = ec.base_parameters(arms.panda(), prefer=("M",)).matrix.pivots
+    assert len({*pivots} & {*masses}) == rank == 4
+
+
+def test_tip_to_base_takes_the_last_bodies_first() -> None:
+    model = ec.base_parameters(arms.rx90(), order="tip-to-base")
+    assert [model.parameters[c] for c in model.matrix.order[:10]] == list(model.parameters[-10:])
+    assert [name[-1] for name in model.pivots] == sorted((name[-1] for name in model.pivots), reverse=True)
+
+
 def test_what_cannot_be_seen_cannot_be_a_representative() -> None:
     assert "M1" not in ec.base_parameters(arms.rx90(), prefer=("M1",)).pivots
 

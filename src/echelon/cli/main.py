@@ -10,14 +10,28 @@ import sys
 from enum import StrEnum
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 REFUTED, BAD_INPUT, INTERNAL, INTERRUPTED = 1, 2, 70, 130
 
+
+class _Commands(TyperGroup):
+    """The commands, which take it well when the reader of a pipe goes away (typer would exit with 1)."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:  # nothing more can be written, not even what is still in the buffer
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit from None
+
+
 app = typer.Typer(
     name="echelon",
+    cls=_Commands,
     help="Exact base inertial parameters of robots, in closed form, with a certificate.",
     epilog="Exit codes: 0 success, 1 a claim was refuted, 2 bad input or usage.",
     no_args_is_help=True,
@@ -155,10 +169,6 @@ def main() -> None:
         app()
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
-    except BrokenPipeError:
-        # the reader of a pipe went away: not an error, but nothing more can be written
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
     except Exception as error:
         sys.exit(_report(error))
 
