@@ -307,11 +307,12 @@ def test_the_seed_does_not_matter(arm: Callable[[], Mechanism]) -> None:
     assert all(base_parameters(arm(), seed=seed).matrix == first.matrix for seed in range(1, 6))
 
 
-def test_numbers_in_place_of_symbols() -> None:
-    """The set of a robot with numbers is that with symbols, evaluated; generic values lose no rank."""
-    numeric = base_parameters(arms.panda(lengths=tuple(arms.PANDA.values())))
-    assert numeric.matrix.symbols == ()
-    assert base_parameters(arms.panda()).B_exact == numeric.B
+@pytest.mark.parametrize("symbols", [(), ("d5",), ("d3", "a4")])
+def test_numbers_in_place_of_symbols(symbols: tuple[str, ...]) -> None:
+    """The set of a robot with some or all lengths as numbers is that with symbols, evaluated."""
+    numeric = base_parameters(arms.panda(lengths=[s if s in symbols else text for s, text in arms.PANDA.items()]))
+    assert numeric.matrix.symbols == tuple(sorted(symbols))
+    assert base_parameters(arms.panda()).B_exact == numeric.B_exact
 
 
 def test_millimetres() -> None:
