@@ -65,6 +65,19 @@ def test_missing_numbers_are_named(base: ec.BaseModel) -> None:
     assert unknown.B_float({"d2": 0.1}).shape == unknown.B.shape
 
 
+def test_misspelt_symbols_are_refused(base: ec.BaseModel) -> None:
+    """Also those that B does not need are known: d1 and gravity occur in X or in the mechanism only."""
+    states = random_states(base.mechanism, 2)
+    with pytest.raises(ec.InputError, match=r"'a44' is not a symbol .*valid: a4, a7, d1, d3, d5"):
+        base.B_float({"a44": 0.1})
+    with pytest.raises(ec.InputError, match="'a44'"):
+        base.regressor(*states, {"a44": 0.1})
+    np.testing.assert_array_equal(base.B_float({"d1": 9.0}), base.B_float())
+    pendulum = ec.base_parameters(arms.double_pendulum())
+    moon, earth = (pendulum.regressor([1, 1], [0, 0], [0, 0], {"g": g}) for g in (1.6, 9.6))
+    np.testing.assert_allclose(6 * moon, earth)
+
+
 def test_units(base: ec.BaseModel) -> None:
     units = dict(zip(base.pivots, base.units, strict=True))
     assert (units["ZZ1"], units["MX2"]) == ("kg·m²", "kg·m")

@@ -76,11 +76,11 @@ def meaning(text: str, values: dict[str, float]) -> float:
 def test_the_text_means_what_b_says(robot: Callable[[], Mechanism], prefer: tuple[str, ...]) -> None:
     """Signs, parentheses, powers, roots and quotients."""
     model = ec.base_parameters(robot(), prefer=prefer)
-    names = [*model.parameters, *model.matrix.symbols]
-    values = {name: 0.3 + 0.013 * k for k, name in enumerate(names)}
-    expected = model.B_float(values) @ [values[name] for name in model.parameters]
+    standard = {name: 0.3 + 0.013 * k for k, name in enumerate(model.parameters)}
+    lengths = {name: 0.4 + 0.17 * k for k, name in enumerate(model.matrix.symbols)}
+    expected = model.values([*standard.values()], lengths)
     for expression, value in zip(model.expressions, expected, strict=True):
-        assert meaning(str(expression), values) == pytest.approx(value, rel=1e-9)
+        assert meaning(str(expression), standard | lengths) == pytest.approx(value, rel=1e-9)
 
 
 # -- LaTeX ------------------------------------------------------------------------------------------------------------

@@ -52,11 +52,24 @@ def test_bad_metrics_are_refused(base: ec.BaseModel, zeta: np.ndarray, metric: o
         base.lift(base.values(zeta), metric=metric)  # type: ignore[arg-type]
 
 
-def test_bad_shapes_and_lengths_are_refused(base: ec.BaseModel, zeta: np.ndarray) -> None:
+def test_bad_shapes_are_refused(base: ec.BaseModel, zeta: np.ndarray) -> None:
     with pytest.raises(ec.InputError, match="43 base parameters"):
         base.lift([1.0])
+    with pytest.raises(ec.InputError, match="prior of 70"):
+        base.lift(base.values(zeta), prior=[1.0])
+
+
+@pytest.mark.parametrize("length", [0, -1, float("nan"), float("inf")])
+def test_bad_lengths_are_refused(base: ec.BaseModel, zeta: np.ndarray, length: float) -> None:
     with pytest.raises(ec.InputError, match="length"):
-        base.lift(base.values(zeta), length=0)
+        base.lift(base.values(zeta), length=length)
+
+
+def test_numbers_must_be_finite(base: ec.BaseModel, zeta: np.ndarray) -> None:
+    with pytest.raises(ec.InputError, match="finite"):
+        base.lift(np.full(base.rank, np.nan))
+    with pytest.raises(ec.InputError, match="finite"):
+        base.lift(base.values(zeta), prior=np.full(70, np.inf))
 
 
 @pytest.mark.parametrize(("metric", "same"), [("physical", True), ("identity", False)])

@@ -38,6 +38,7 @@ def test_preferred_parameters_become_representatives() -> None:
     model = ec.base_parameters(arms.rx90(), prefer=("M6", "YY2", "MZ4"))
     assert model.pivots[:3] == ("M6", "YY2", "MZ4")
     assert model.rank == 36
+    assert ec.base_parameters(arms.rx90(), prefer="M6").pivots[0] == "M6"  # one name is a list of one name
 
 
 @pytest.mark.parametrize("robot", [arms.double_pendulum, arms.stanford, arms.helical])

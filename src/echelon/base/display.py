@@ -21,9 +21,9 @@ _LATEX_ROWS_PER_PAGE = 40
 def headline(model: BaseModel) -> str:
     """The count in one line."""
     name, rank, total = one_line(model.mechanism.name), model.rank, len(model.parameters)
-    count = model.mechanism.degrees_of_freedom
-    outputs = "1 output" if count == 1 else f"{count} outputs"
-    return f"{name}: {rank} base parameters of {total} standard parameters, {outputs}"
+    outputs = model.mechanism.degrees_of_freedom
+    count = f"{rank} base parameter{'s' * (rank != 1)} of {total} standard parameters"
+    return f"{name}: {count}, {outputs} output{'s' * (outputs != 1)}"
 
 
 def to_text(model: BaseModel) -> str:

@@ -38,8 +38,8 @@ def metric_matrix(metric: Metric, parameters: int, length: float) -> npt.NDArray
     if isinstance(metric, str):
         if metric not in ("identity", "physical"):
             raise InputError(f"unknown metric '{metric}' (valid: identity, physical, or an array)")
-        if not length > 0:
-            raise InputError(f"the characteristic length must be positive, not {length}")
+        if not 0 < length < np.inf:
+            raise InputError(f"the characteristic length must be positive and finite, not {length}")
         scale = np.array([length**power for power in LENGTH_DEGREE]) if metric == "physical" else np.ones(10)
         return np.diag(np.tile(scale**2, parameters // len(LENGTH_DEGREE)))
     matrix = np.asarray(metric, dtype=float)

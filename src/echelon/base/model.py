@@ -215,6 +215,8 @@ class BaseModel:
         start = np.zeros(size) if prior is None else np.asarray(prior, dtype=float)
         if target.shape != (self.rank,) or start.shape != (size,):
             raise InputError(f"expected {self.rank} base parameters and a prior of {size} standard parameters")
+        if not (np.isfinite(target).all() and np.isfinite(start).all()):
+            raise InputError("base parameters and prior must be finite numbers")
         scale = characteristic_length(self.mechanism) if length is None else length
         return lift(self.B_float(symbols), target, start, metric_matrix(metric, size, scale))
 

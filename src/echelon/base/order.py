@@ -46,7 +46,7 @@ def column_order(parameters: Sequence[str], order: str, prefer: Sequence[str] = 
         columns = [c for block in reversed(blocks) for c in block]
     position = {name: i for i, name in enumerate(parameters)}
     first: list[int] = []
-    for name in prefer:
+    for name in (prefer,) if isinstance(prefer, str) else prefer:
         if name in position:
             first.append(position[name])
         elif name in PARAMETERS:

@@ -21,6 +21,12 @@ def symbol_values(
         If a symbol has no value, or an override is not a symbol of the mechanism.
     """
     given = dict(overrides or {})
+    if given:
+        known = _symbols(mechanism)
+        strange = next((name for name in given if name not in known), None)
+        if strange is not None:
+            valid = ", ".join(sorted(known)) or "none"
+            raise InputError(f"'{strange}' is not a symbol of this mechanism (valid: {valid})")
     values: dict[str, float] = {}
     for name in names:
         stated = mechanism.symbols.get(name)
@@ -29,6 +35,14 @@ def symbol_values(
             raise InputError(f"symbol '{name}' has no value; give it as symbols={{'{name}': ...}}")
         values[name] = value
     return values
+
+
+def _symbols(mechanism: Mechanism) -> set[str]:
+    """All symbols that a mechanism lists or uses."""
+    used = {name for body in mechanism.bodies for name in body.joint.symbols()}
+    used |= {name for c in mechanism.couplings for _, ratio in c.terms for name in ratio.symbols()}
+    used |= {name for part in mechanism.gravity or () for name in part.symbols()}
+    return used | set(mechanism.symbols)
 
 
 def characteristic_length(mechanism: Mechanism) -> float:
