@@ -18,7 +18,7 @@ from echelon.mechanism.joint import (
     translation,
     universal_motions,
 )
-from echelon.mechanism.mechanism import GROUND, Body, Coupling, Mechanism, Symbol
+from echelon.mechanism.mechanism import ALL, GROUND, Body, Coupling, Mechanism, Symbol
 from echelon.mechanism.placement import Placement, Vector, shift, turn
 
 DOWN = "0 0 -g"
@@ -48,7 +48,7 @@ def place(xyz: str = "0 0 0", rpy: str = "0 0 0") -> Placement:
 def body(number: int, parent: int, kind: str, *steps: Step, massless: bool = False) -> Body:
     """Body number 1, 2, … on the body of number ``parent`` (0 is the ground)."""
     joint = Joint(f"j{number}", kind, merge(steps))
-    return Body(f"link{number}", str(number), parent - 1 if parent else GROUND, joint, massless)
+    return Body(f"link{number}", str(number), parent - 1 if parent else GROUND, joint, () if massless else ALL)
 
 
 def tree(

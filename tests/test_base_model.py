@@ -53,7 +53,7 @@ def test_values_of_a_file() -> None:
 
 
 def test_missing_numbers_are_named(base: ec.BaseModel) -> None:
-    with pytest.raises(ec.InputError, match="inertial values for 7 bodies"):
+    with pytest.raises(ec.InputError, match="no values for 7 bodies"):
         base.values()
     with pytest.raises(ec.InputError, match="shape"):
         base.values([1.0, 2.0])

@@ -298,7 +298,8 @@ def test_gimbal_is_a_universal_joint() -> None:
 
 def test_massless_body_has_no_parameters() -> None:
     arm = arms.modified_dh("puma", *PUMA, values={"a2": "0.4", "a3": "0.1", "d3": "0.2", "d4": "0.5", "g": "9.81"})
-    arm = replace(arm, bodies=tuple(replace(b, massless=i in (2, 4)) for i, b in enumerate(arm.bodies)))
+    bodies = (replace(b, carried=() if i in (2, 4) else b.carried) for i, b in enumerate(arm.bodies))
+    arm = replace(arm, bodies=tuple(bodies))
     assert len(arm.parameters) == 40
     assert rank(arm) == svd_rank(arm)
 

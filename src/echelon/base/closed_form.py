@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from echelon.base.rows import Rows, rows_of
 from echelon.base.structure import Structure, floating_pair, pair_columns
-from echelon.conventions import LENGTH_DEGREE, PER_BODY
 from echelon.exact.ansatz import Geometry
 from echelon.exact.elimination import solve_batched
 from echelon.exact.field import PrimeField, Residues
@@ -24,7 +24,6 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.roles import symbol_roles
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.energy import energy_form
-from echelon.regressor.linear import LinearForms
 
 Combination = dict[int, RationalFunction]
 """A column as a combination of other columns: coefficient by column."""
@@ -71,47 +70,49 @@ def _across_joints(mechanism: Mechanism, structure: Structure, rng: np.random.Ge
     for index, targets in structure.by_joint.items():
         columns = pair_columns(mechanism, index)
         sources = [c for c in columns if c not in targets]
-        position = {c: 1 + k for k, c in enumerate(columns)}
+        position = {c: k for k, c in enumerate(columns)}
         pair = floating_pair(mechanism, index)
-        forms = energy_form(pair).columns([0, *(position[c] for c in (*sources, *targets))])
-        found |= _Relation(pair, forms, sources, targets).solve(rng)
+        rows = Rows(energy_form(pair), 1).columns([position[c] for c in (*sources, *targets)])
+        found |= _Relation(pair, rows, sources, targets, _degrees(mechanism, sources, targets)).solve(rng)
     return found
 
 
 def _across_robot(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> dict[int, Combination]:
     found: dict[int, Combination] = {c: {} for c, support in structure.by_robot.items() if not support}
-    groups: dict[int, list[int]] = {}
+    groups: dict[int | None, list[int]] = {}
     for column, support in structure.by_robot.items():
         if support:
-            groups.setdefault(column // PER_BODY, []).append(column)
-    energy = energy_form(mechanism) if groups else None
+            groups.setdefault(mechanism.columns[column].body, []).append(column)
+    rows = rows_of(mechanism) if groups else None
     for targets in groups.values():
-        assert energy is not None
+        assert rows is not None
         sources = sorted({c for t in targets for c in structure.by_robot[t]})
-        forms = energy.columns([0, *(1 + c for c in (*sources, *targets))])
-        found |= _Relation(mechanism, forms, sources, targets).solve(rng)
+        chosen = rows.columns([*sources, *targets])
+        found |= _Relation(mechanism, chosen, sources, targets, _degrees(mechanism, sources, targets)).solve(rng)
     return found
 
 
 @dataclass(frozen=True)
 class _Relation:
-    """Some columns known to be combinations of others, with forms [constant, sources, targets] to find out how."""
+    """Some columns known to be combinations of others, with rows [auxiliary, sources, targets] to find out how."""
 
     mechanism: Mechanism
-    forms: LinearForms
+    rows: Rows
     sources: Sequence[int]
     targets: Sequence[int]
+    degrees: Sequence[int] | None
 
     def solve(self, rng: np.random.Generator) -> dict[int, Combination]:
         """The combinations in closed form."""
         roles = symbol_roles(self.mechanism)
-        sampler = FieldSampler(self.forms.program, list(self.forms.entries.values()))
+        sampler = FieldSampler(self.rows.forms.program, list(self.rows.forms.entries.values()))
 
         def evaluate(field: PrimeField, geometry: Geometry) -> Residues:
             return self._coefficients(sampler, field, geometry, rng)
 
-        degrees = [_degree(s) - _degree(t) for s in self.sources for t in self.targets]
-        unknown = UnknownFunctions(evaluate, sampler.symbols, roles.angles, roles.lengths, degrees, roles.irrational)
+        lengths = frozenset() if self.degrees is None else roles.lengths
+        degrees = self.degrees or [0] * (len(self.sources) * len(self.targets))
+        unknown = UnknownFunctions(evaluate, sampler.symbols, roles.angles, lengths, degrees, roles.irrational)
         functions = iter(interpolate(unknown, rng))
         found: dict[int, Combination] = {t: {} for t in self.targets}
         for source in self.sources:
@@ -125,15 +126,20 @@ class _Relation:
         self, sampler: FieldSampler, field: PrimeField, geometry: Geometry, rng: np.random.Generator
     ) -> Residues:
         """Coefficients at given geometries: array of shape (sources · targets, geometries)."""
-        unknowns = 1 + len(self.sources)
+        first = self.rows.auxiliary
+        unknowns = first + len(self.sources)
         states = unknowns + 1  # one more equation than unknowns: a false relation contradicts itself
         values = sampler.evaluate(field, rng, states, geometry)
-        matrix = np.zeros((values.shape[1], states, self.forms.shape[1]), dtype=np.int64)
-        for (_, column), value in zip(self.forms.entries, values, strict=True):
+        matrix = np.zeros((values.shape[1], states, self.rows.forms.shape[1]), dtype=np.int64)
+        for (_, column), value in zip(self.rows.forms.entries, values, strict=True):
             matrix[:, :, column] = value
         solution = solve_batched(matrix[:, :, :unknowns], matrix[:, :, unknowns:], field)
-        return solution[:, 1:].reshape(len(solution), -1).T
+        return solution[:, first:].reshape(len(solution), -1).T
 
 
-def _degree(column: int) -> int:
-    return LENGTH_DEGREE[column % PER_BODY]
+def _degrees(mechanism: Mechanism, sources: Sequence[int], targets: Sequence[int]) -> list[int] | None:
+    """Powers of length of the coefficients; None where parameters of effects make them inhomogeneous."""
+    columns = mechanism.columns
+    if any(columns[c].kind is None for c in (*sources, *targets)):
+        return None
+    return [columns[s].length_degree - columns[t].length_degree for s in sources for t in targets]

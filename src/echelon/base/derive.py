@@ -58,8 +58,7 @@ def base_parameters(
     (43, 70)
     """
     rng = np.random.default_rng(seed)
-    names = mechanism.parameters
-    columns = column_order(names, order, prefer)
+    columns = column_order(mechanism.columns, order, prefer)
     structure = find_structure(mechanism, rng)
     matrix = classical_matrix(mechanism, structure, rng)
     if columns != matrix.order:

@@ -21,7 +21,7 @@ _LATEX_ROWS_PER_PAGE = 40
 def headline(model: BaseModel) -> str:
     """The count in one line."""
     name, rank, total = one_line(model.mechanism.name), model.rank, len(model.parameters)
-    outputs = model.mechanism.degrees_of_freedom
+    outputs = len(model.mechanism.outputs)
     count = f"{rank} base parameter{'s' * (rank != 1)} of {total} standard parameters"
     return f"{name}: {count}, {outputs} output{'s' * (outputs != 1)}"
 
@@ -50,14 +50,17 @@ def legend(model: BaseModel) -> str:
     return "   ".join(f"{_MARKS[kind]} {kind.value}: {count}" for kind, count in class_counts(model))
 
 
-def classification_rows(model: BaseModel) -> list[tuple[str, list[tuple[str, Identifiability]]]]:
-    """One row per body: its label and name, and a mark and class for each of its ten parameters."""
+def classification_rows(model: BaseModel) -> list[tuple[str, list[tuple[str, Identifiability | None]]]]:
+    """One row per body: its label and name, and a mark and class for each of XX … M; blank where it is not carried."""
     classes = list(model.classification.values())
-    rows = []
-    for block, index in enumerate(model.mechanism.carriers):
+    rows: list[tuple[str, list[tuple[str, Identifiability | None]]]] = []
+    for index, first in model.mechanism.first_column.items():
         body = model.mechanism.bodies[index]
-        kinds = classes[PER_BODY * block : PER_BODY * (block + 1)]
-        rows.append((one_line(f"{body.label}  {body.name}"), [(_MARKS[kind], kind) for kind in kinds]))
+        kinds = {kind: classes[first + k] for k, kind in enumerate(body.carried)}
+        cells: list[tuple[str, Identifiability | None]] = [
+            (_MARKS[kinds[k]], kinds[k]) if k in kinds else (" ", None) for k in range(PER_BODY)
+        ]
+        rows.append((one_line(f"{body.label}  {body.name}"), cells))
     return rows
 
 

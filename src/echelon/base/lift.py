@@ -6,18 +6,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from echelon.conventions import LENGTH_DEGREE
 from echelon.errors import InputError
 
 Metric = Literal["identity", "physical"] | npt.ArrayLike
 
 
-def metric_matrix(metric: Metric, parameters: int, length: float) -> npt.NDArray[np.float64]:
+def metric_matrix(metric: Metric, degrees: Sequence[int], length: float) -> npt.NDArray[np.float64]:
     """The metric S as a matrix.
 
     Parameters
@@ -25,8 +25,8 @@ def metric_matrix(metric: Metric, parameters: int, length: float) -> npt.NDArray
     metric : str or array
         ``"identity"`` (adds kg to kg·m²), ``"physical"`` (a unit of length makes them comparable), the diagonal of S,
         or S itself.
-    parameters : int
-        Number of standard parameters.
+    degrees : sequence of int
+        Power of length in the unit of every standard parameter.
     length : float
         Characteristic length for ``"physical"``, m.
 
@@ -40,8 +40,9 @@ def metric_matrix(metric: Metric, parameters: int, length: float) -> npt.NDArray
             raise InputError(f"unknown metric '{metric}' (valid: identity, physical, or an array)")
         if not 0 < length < np.inf:
             raise InputError(f"the characteristic length must be positive and finite, not {length}")
-        scale = np.array([length**power for power in LENGTH_DEGREE]) if metric == "physical" else np.ones(10)
-        return np.diag(np.tile(scale**2, parameters // len(LENGTH_DEGREE)))
+        scale = [length**power if metric == "physical" else 1.0 for power in degrees]
+        return np.diag(np.square(scale))
+    parameters = len(degrees)
     matrix = np.asarray(metric, dtype=float)
     matrix = np.diag(matrix) if matrix.ndim == 1 else matrix
     if matrix.shape != (parameters, parameters):

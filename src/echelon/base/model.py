@@ -16,7 +16,6 @@ from echelon.base.expression import Expression, collect
 from echelon.base.lift import Metric, lift, metric_matrix
 from echelon.base.matrix import BaseMatrix
 from echelon.base.reading_report import ReadingReport
-from echelon.conventions import PER_BODY, UNITS
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import characteristic_length, symbol_values
@@ -82,7 +81,7 @@ class BaseModel:
     @property
     def units(self) -> tuple[str, ...]:
         """SI unit of every base parameter."""
-        return tuple(UNITS[p % PER_BODY] for p in self.matrix.pivots)
+        return tuple(self.mechanism.columns[p].unit for p in self.matrix.pivots)
 
     @cached_property
     def expressions(self) -> tuple[Expression, ...]:
@@ -174,15 +173,16 @@ class BaseModel:
         InputError
             If the file does not state those of every body.
         """
-        silent = [
-            self.mechanism.bodies[b].name for b in self.mechanism.carriers if not self.mechanism.bodies[b].inertial
-        ]
+        stated = self.mechanism.standard_values()
+        owner = [b.name for b in self.mechanism.bodies for _ in b.carried]
+        owner += [effect.parameter for effect in self.mechanism.effects]
+        silent = list(dict.fromkeys(name for name, value in zip(owner, stated, strict=True) if value is None))
         if silent:
             shown = ", ".join(f"'{name}'" for name in silent[:6])
             raise InputError(
-                f"the file states no inertial values for {len(silent)} bodies ({shown}); give them as standard="
+                f"the file states no values for {len(silent)} bodies or parameters ({shown}); give them as standard="
             )
-        return np.array([v for b in self.mechanism.carriers for v in self.mechanism.bodies[b].inertial or ()])
+        return np.array(stated, dtype=float)
 
     def lift(
         self,
@@ -218,7 +218,12 @@ class BaseModel:
         if not (np.isfinite(target).all() and np.isfinite(start).all()):
             raise InputError("base parameters and prior must be finite numbers")
         scale = characteristic_length(self.mechanism) if length is None else length
-        return lift(self.B_float(symbols), target, start, metric_matrix(metric, size, scale))
+        return lift(
+            self.B_float(symbols),
+            target,
+            start,
+            metric_matrix(metric, [c.length_degree for c in self.mechanism.columns], scale),
+        )
 
     # -- regressors ---------------------------------------------------------------------------------------------
 

@@ -8,26 +8,28 @@ and brings denominators where it must.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 
 import numpy as np
 
 from echelon.base.matrix import BaseMatrix, residue, residues_of_generators
-from echelon.conventions import PARAMETERS, PER_BODY
+from echelon.conventions import PARAMETERS
 from echelon.errors import EchelonError, InputError
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField
 from echelon.exact.rational import RationalFunction
+from echelon.mechanism.parameter import Parameter
 
 ORDERS = ("base-to-tip", "tip-to-base")
 
 
-def column_order(parameters: Sequence[str], order: str, prefer: Sequence[str] = ()) -> tuple[int, ...]:
+def column_order(columns: Sequence[Parameter], order: str, prefer: Sequence[str] = ()) -> tuple[int, ...]:
     """Columns from most to least preferred as representative.
 
     Parameters
     ----------
-    parameters : sequence of str
-        Names of the standard parameters, ten per body.
+    columns : sequence of Parameter
+        The standard parameters.
     order : str
         ``"base-to-tip"`` (classical groupings, polynomial coefficients) or ``"tip-to-base"``.
     prefer : sequence of str
@@ -40,21 +42,20 @@ def column_order(parameters: Sequence[str], order: str, prefer: Sequence[str] = 
     """
     if order not in ORDERS:
         raise InputError(f"unknown order '{order}' (valid: {', '.join(ORDERS)})")
-    columns = list(range(len(parameters)))
-    if order == "tip-to-base":
-        blocks = [columns[k : k + PER_BODY] for k in range(0, len(columns), PER_BODY)]
-        columns = [c for block in reversed(blocks) for c in block]
-    position = {name: i for i, name in enumerate(parameters)}
+    numbers = list(range(len(columns)))
+    if order == "tip-to-base":  # parameters of effects, which belong to no body, stay last
+        numbers.sort(key=lambda c: inf if (body := columns[c].body) is None else -body)
+    position = {parameter.name: i for i, parameter in enumerate(columns)}
     first: list[int] = []
     for name in (prefer,) if isinstance(prefer, str) else prefer:
         if name in position:
             first.append(position[name])
         elif name in PARAMETERS:
-            first += [c for c in columns if c % PER_BODY == PARAMETERS.index(name)]
+            first += [c for c in numbers if columns[c].kind == PARAMETERS.index(name)]
         else:
             raise InputError(f"'{name}' is neither a standard parameter of this model nor one of {PARAMETERS}")
     first = list(dict.fromkeys(first))
-    return (*first, *(c for c in columns if c not in set(first)))
+    return (*first, *(c for c in numbers if c not in set(first)))
 
 
 def reordered(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generator) -> BaseMatrix:

@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from echelon.conventions import PER_BODY
+from echelon.base.rows import Rows, rows_of
 from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 from echelon.mechanism.joint import Joint, Motion, floating_motions
 from echelon.mechanism.mechanism import GROUND, Body, Mechanism
+from echelon.mechanism.output import Cut
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.energy import energy_form
 from echelon.regressor.linear import LinearForms
@@ -74,7 +75,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     by_joint = _dependent_by_joint(mechanism, rng)
     local = {column for columns in by_joint.values() for column in columns}
     remaining = [c for c in range(len(mechanism.parameters)) if c not in local]
-    supports = _agreed(energy_form(mechanism).columns([0, *(1 + c for c in remaining)]), rng)
+    supports = _agreed(rows_of(mechanism).columns(remaining), rng)
     pivots = tuple(remaining[k] for k in range(len(remaining)) if k not in supports)
     by_robot = {remaining[k]: tuple(remaining[s] for s in support) for k, support in supports.items()}
     return Structure(len(mechanism.parameters), pivots, by_joint, by_robot)
@@ -91,31 +92,31 @@ def floating_pair(mechanism: Mechanism, index: int) -> Mechanism:
         "pair",
         (replace(parent, parent=GROUND, joint=free, inertial=None), replace(child, parent=0, inertial=None)),
         gravity=None,
-        symbols=mechanism.symbols,
     )
 
 
 def pair_columns(mechanism: Mechanism, index: int) -> list[int]:
     """Columns of a body's parent and of the body, in the whole mechanism."""
-    block = {body: k for k, body in enumerate(mechanism.carriers)}
-    blocks = [block[b] for b in (mechanism.bodies[index].parent, index) if b in block]
-    return [PER_BODY * k + i for k in blocks for i in range(PER_BODY)]
+    first = mechanism.first_column
+    pair = [b for b in (mechanism.bodies[index].parent, index) if b in first]
+    return [first[b] + k for b in pair for k in range(len(mechanism.bodies[b].carried))]
 
 
 def _dependent_by_joint(mechanism: Mechanism, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
     cache: dict[object, tuple[int, ...]] = {}
     dependent = {}
+    # a sensor between a body and its parent sees what moves from one to the other
+    watched = {c.body for output in mechanism.outputs for c, _ in output.terms if isinstance(c, Cut)}
     for index, body in enumerate(mechanism.bodies):
-        if body.parent == GROUND or body.massless:
+        if body.parent == GROUND or body.massless or index in watched:
             continue
-        parent_is_massless = mechanism.bodies[body.parent].massless
-        signature = (_child_side(body), parent_is_massless)
+        parent = mechanism.bodies[body.parent]
+        signature = (_child_side(body), parent.carried)
         if signature not in cache:
-            supports = _agreed(energy_form(floating_pair(mechanism, index)), rng)
-            offset = 0 if parent_is_massless else PER_BODY
-            # a massless parent leaves the child's block alone in the pair
+            supports = _agreed(Rows(energy_form(floating_pair(mechanism, index)), 1), rng)
+            offset = len(parent.carried)
             cache[signature] = tuple(sorted(k - offset for k in supports if k >= offset))
-        columns = pair_columns(mechanism, index)[-PER_BODY:]
+        columns = pair_columns(mechanism, index)[-len(body.carried) :]
         if cache[signature]:
             dependent[index] = tuple(columns[k] for k in cache[signature])
     return dependent
@@ -125,19 +126,16 @@ def _child_side(body: Body) -> tuple[object, ...]:
     """The joint from its first motion on, without names: where it is mounted on a free parent does not matter."""
     steps = body.joint.steps
     first = next((k for k, step in enumerate(steps) if isinstance(step, Motion)), len(steps))
-    return tuple(replace(s, name="") if isinstance(s, Motion) else s for s in steps[first:])
+    return (body.carried, *(replace(s, name="") if isinstance(s, Motion) else s for s in steps[first:]))
 
 
-def _agreed(forms: LinearForms, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
-    """Dependent columns with their supports, confirmed by independent primes, geometries and states.
-
-    Column 0 of the forms is the constant; results are numbered without it.
-    """
+def _agreed(rows: Rows, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
+    """Dependent parameters with their supports, confirmed by independent primes, geometries and states."""
     seen: list[dict[int, tuple[int, ...]]] = []
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)
         try:
-            current = _dependent_columns(forms, field, rng)
+            current = _dependent_columns(rows, field, rng)
         except DegenerateSampleError:
             continue
         seen.append(current)
@@ -149,12 +147,15 @@ def _agreed(forms: LinearForms, rng: np.random.Generator) -> dict[int, tuple[int
     raise EchelonError("random points keep contradicting each other; please report this model")
 
 
-def _dependent_columns(forms: LinearForms, field: PrimeField, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
-    matrix = sample_matrix(forms, field, rng, forms.shape[1] + _SURPLUS_ROWS)
+def _dependent_columns(rows: Rows, field: PrimeField, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
+    size, first = rows.forms.shape[1], rows.auxiliary
+    matrix = sample_matrix(rows.forms, field, rng, size + _SURPLUS_ROWS)
     reduced, pivots = reduced_echelon(matrix, field)
-    free = sorted(set(range(forms.shape[1])) - set(pivots))
+    free = sorted(set(range(size)) - set(pivots))
     return {
-        column - 1: tuple(p - 1 for row, p in enumerate(pivots) if p and p < column and int(reduced[row, column]))
+        column - first: tuple(
+            p - first for row, p in enumerate(pivots) if first <= p < column and int(reduced[row, column])
+        )
         for column in free
     }
 

@@ -44,5 +44,5 @@ def _classification(model: BaseModel) -> Table:
     for name in PARAMETERS:
         table.add_column(name, justify="center")
     for title, marks in classification_rows(model):
-        table.add_row(Text(title), *(Text(mark, style=_COLOURS[kind]) for mark, kind in marks))
+        table.add_row(Text(title), *(Text(mark, style=_COLOURS[kind] if kind else "") for mark, kind in marks))
     return table

@@ -15,7 +15,7 @@ from echelon.formats.intent import Intent
 from echelon.formats.literal import LiteralCoupling, LiteralLink, LiteralPlacement, LiteralStep, LiteralTree
 from echelon.formats.options import ReadingOptions, gravity_vector
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
-from echelon.mechanism.mechanism import GROUND, Body, Coupling, Mechanism
+from echelon.mechanism.mechanism import ALL, GROUND, Body, Coupling, Mechanism
 from echelon.mechanism.placement import Placement, shift, turn
 from echelon.mechanism.reading import Reading
 
@@ -103,7 +103,7 @@ class _Builder:
             kind, name, read = "floating", "base", (*floating_motions("base"), *read)
         read = self.intent.name_lengths(merge(read), label, f"joint '{link.joint or link.name}'")
         massless = link.name in self.options.massless
-        self.bodies.append(Body(link.name, label, parent, Joint(name, kind, merge(read)), massless))
+        self.bodies.append(Body(link.name, label, parent, Joint(name, kind, merge(read)), () if massless else ALL))
         self.host[index] = len(self.bodies) - 1
         self.offset[index] = ()
 

@@ -21,7 +21,7 @@ from echelon.formats.inertia import Inertial, move_inertial
 from echelon.formats.intent import numeric_value
 from echelon.formats.options import ReadingOptions, gravity_vector
 from echelon.mechanism.joint import Joint, Motion, Step, floating_motions, merge
-from echelon.mechanism.mechanism import GROUND, Body, Mechanism
+from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
 from echelon.mechanism.placement import ORIGIN, Placement
 from echelon.mechanism.reading import Reading
 
@@ -100,7 +100,7 @@ class _Tree:
         while name in names:
             name += "_"
         joint = Joint(BASE, "floating", floating_motions(BASE))
-        self._append(Body(name, "0", GROUND, joint, massless=BASE in self.options.massless), "floating_base")
+        self._append(Body(name, "0", GROUND, joint, () if BASE in self.options.massless else ALL), "floating_base")
         self.host[None] = 0
 
     def _add(self, part: Part) -> None:
@@ -116,7 +116,7 @@ class _Tree:
             self._hang_base_on(steps)
             joint = Joint(BASE, "floating", merge((*floating_motions(BASE), *steps)))
         body = Body(part.name, label, self.host[part.parent] if not floats else GROUND, joint)
-        body = replace(body, massless=part.name in self.massless, inertial=part.inertial)
+        body = replace(body, carried=() if part.name in self.massless else ALL, inertial=part.inertial)
         self.host[part.name], self.offset[part.name] = len(self.bodies), Placement()
         self._append(body, part.path)
 
@@ -174,7 +174,7 @@ class _Tree:
 
     def _loaded(self, body: Body, riders: list[Part]) -> Body:
         """A body with what rides on it."""
-        massless = body.massless and all(part.name in self.massless for part in riders)
+        carried = () if body.massless and all(part.name in self.massless for part in riders) else ALL
         if body.inertial is None and not body.massless:
             return body
         total = np.array(body.inertial) if body.inertial is not None and not body.massless else None
@@ -186,10 +186,10 @@ class _Tree:
                 self.notes.append(
                     f"inertial values of '{body.name}' are unknown: '{part.name}' sits at a symbolic place"
                 )
-                return replace(body, massless=massless, inertial=None)
+                return replace(body, carried=carried, inertial=None)
             total = moved if total is None else total + moved
         values = None if total is None else tuple(float(v) for v in total)
-        return replace(body, massless=massless, inertial=values)
+        return replace(body, carried=carried, inertial=values)
 
     def _moved(self, part: Part) -> Inertial | None:
         """A rider's parameters about the frame of its body, if all symbols on the way have values."""

@@ -1,19 +1,27 @@
-"""The mechanism: a tree of bodies with joints, couplings between coordinates, and gravity."""
+"""The mechanism: bodies with joints, couplings, drives, effects and gravity, and what is measured on it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
-from echelon.conventions import PER_BODY, parameter_name
+from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
-from echelon.mechanism.joint import Joint, Motion
+from echelon.mechanism.effect import Action, Effect, Side
+from echelon.mechanism.joint import Joint, Motion, MotionKind
+from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output, plain
+from echelon.mechanism.parameter import Parameter, inertial_parameter
 from echelon.mechanism.placement import Vector
 from echelon.mechanism.reading import Reading
+from echelon.mechanism.transmission import Actuator, Transmission, transmission
 
 GROUND = -1
 """Parent index of a body that hangs on the fixed world."""
+
+ALL = tuple(range(PER_BODY))
+"""All ten standard parameters of a body."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +38,8 @@ class Body:
         Index of the parent body, or :data:`GROUND`.
     joint : Joint
         Connects the parent's frame to this body's frame.
-    massless : bool
-        A massless body carries no parameters.
+    carried : tuple of int
+        Which of XX … M it carries; none for a massless body, ZZ for a rotor whose other inertia counts to its carrier.
     inertial : tuple of 10 floats, optional
         Standard parameters stated by the file, about the body's frame; None where the file is silent.
     """
@@ -40,8 +48,13 @@ class Body:
     label: str
     parent: int
     joint: Joint
-    massless: bool = False
+    carried: tuple[int, ...] = ALL
     inertial: tuple[float, ...] | None = None
+
+    @property
+    def massless(self) -> bool:
+        """Whether it carries no parameters."""
+        return not self.carried
 
 
 @dataclass(frozen=True)
@@ -78,7 +91,7 @@ class Symbol:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """A tree of bodies.
+    """A tree of bodies, its drives, and what is measured.
 
     Attributes
     ----------
@@ -88,9 +101,15 @@ class Mechanism:
     gravity : 3 of Polynomial, or None
         Gravity in the base frame, m/s²; None where there is none.
     couplings : tuple of Coupling
-        Linear relations q = T θ that make coordinates depend on others.
+        Linear relations that make coordinates depend on others.
     symbols : mapping of str to Symbol
         Geometry symbols with their values.
+    actuators : tuple of Actuator
+        Rows of a transmission θ = T q; coordinates that no actuator drives have a drive of their own name.
+    effects : tuple of Effect
+        Friction, springs, rotor inertia and other forces with parameters of their own.
+    measured : tuple of Output, or None
+        What is measured; None for the forces of all actuators.
     reading : Reading, optional
         What was taken as exact when a file was read; absent for exact descriptions.
 
@@ -106,10 +125,15 @@ class Mechanism:
     couplings: tuple[Coupling, ...] = ()
     symbols: Mapping[str, Symbol] = field(default_factory=dict)
     reading: Reading | None = field(default=None, compare=False, repr=False)
+    actuators: tuple[Actuator, ...] = ()
+    effects: tuple[Effect, ...] = ()
+    measured: tuple[Output, ...] | None = None
 
     def __post_init__(self) -> None:
         _check_tree(self)
         _check_couplings(self)
+        _check_effects(self)
+        _check_outputs(self)
 
     @property
     def motions(self) -> tuple[Motion, ...]:
@@ -136,20 +160,55 @@ class Mechanism:
         """Number of independent velocity coordinates."""
         return len(self.velocities)
 
-    @property
-    def carriers(self) -> tuple[int, ...]:
-        """Indices of the bodies that carry parameters, in column order."""
-        return tuple(i for i, body in enumerate(self.bodies) if not body.massless)
+    @cached_property
+    def columns(self) -> tuple[Parameter, ...]:
+        """The standard parameters: those of the bodies, then those of the effects."""
+        inertial = (inertial_parameter(i, b.label, k) for i, b in enumerate(self.bodies) for k in b.carried)
+        return (*inertial, *(Parameter(effect.parameter, effect.unit) for effect in self.effects))
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Names of the standard parameters, in column order."""
-        return tuple(parameter_name(self.bodies[b].label, k) for b in self.carriers for k in range(PER_BODY))
+        return tuple(parameter.name for parameter in self.columns)
+
+    @cached_property
+    def first_column(self) -> dict[int, int]:
+        """For every body that carries parameters, the column of the first."""
+        first: dict[int, int] = {}
+        for column, parameter in enumerate(self.columns):
+            if parameter.body is not None:
+                first.setdefault(parameter.body, column)
+        return first
+
+    @cached_property
+    def transmission(self) -> Transmission:
+        """The transmission, completed by direct drives."""
+        return transmission(self.actuators, self.velocities)
+
+    @cached_property
+    def outputs(self) -> tuple[Output, ...]:
+        """The measured outputs, the rows of X."""
+        if self.measured is not None:
+            return self.measured
+        return tuple(
+            plain(a.name, self._force_unit(a.terms[0][0]), ActuatorForce(a.name)) for a in self.transmission.actuators
+        )
+
+    @property
+    def measures_every_force(self) -> bool:
+        """Whether the outputs are the forces of all independent coordinates, through a transmission or not."""
+        return self.measured is None
+
+    def _force_unit(self, velocity: str) -> str:
+        sliding = {n for m in self.motions if m.kind is MotionKind.TRANSLATION for n in m.velocities}
+        return "N" if velocity in sliding else "N·m"
 
     def standard_values(self) -> tuple[float | None, ...]:
         """Standard parameters stated by the file, None where it is silent."""
-        silent = (None,) * PER_BODY
-        return tuple(v for b in self.carriers for v in (self.bodies[b].inertial or silent))
+        values: list[float | None] = []
+        for body in self.bodies:
+            values += [None if body.inertial is None else body.inertial[k] for k in body.carried]
+        return (*values, *(effect.value for effect in self.effects))
 
     def __str__(self) -> str:
         return f"{self.name}: {len(self.bodies)} bodies, {self.degrees_of_freedom} degrees of freedom"
@@ -171,7 +230,7 @@ def _check_tree(mechanism: Mechanism) -> None:
             if motion.name in coordinates:
                 raise InputError(f"coordinate '{motion.name}' occurs twice", element=f"joint '{body.joint.name}'")
             coordinates.add(motion.name)
-    names = mechanism.parameters
+    names = [parameter.name for parameter in mechanism.columns if parameter.body is not None]
     twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
     if twice:
         raise InputError(f"labels such as 1 and X1 give two parameters the name '{twice[0]}'; choose other labels")
@@ -191,3 +250,49 @@ def _check_couplings(mechanism: Mechanism) -> None:
         for name, _ in coupling.terms:
             if name in dependent:
                 raise InputError(f"'{name}' is itself dependent; refer to independent ones only", element=where)
+
+
+def _check_effects(mechanism: Mechanism) -> None:
+    taken = {parameter.name for parameter in mechanism.columns if parameter.body is not None}
+    symbols = {name for body in mechanism.bodies for name in body.joint.symbols()} | set(mechanism.symbols)
+    clash = next((name for name in sorted(symbols) if name in taken), None)
+    if clash is not None:
+        raise InputError(f"the symbol '{clash}' has the name of a standard parameter; rename it")
+    for effect in mechanism.effects:
+        where = f"effect '{effect.parameter}'"
+        if effect.parameter in taken or effect.parameter in symbols:
+            raise InputError("another parameter or symbol has this name; choose another label", element=where)
+        taken.add(effect.parameter)
+        for action in effect.actions:
+            _check_action(mechanism, action, where)
+
+
+def _check_action(mechanism: Mechanism, action: Action, where: str) -> None:
+    drives = [actuator.name for actuator in mechanism.transmission.actuators]
+    joints = [name for motion in mechanism.motions for name in motion.velocities]
+    valid = drives if action.side is Side.ACTUATOR else joints
+    if action.at not in valid:
+        names = ", ".join(valid) or "none"
+        raise InputError(f"there is no {action.side} '{action.at}' (valid: {names})", element=where)
+
+
+def _check_outputs(mechanism: Mechanism) -> None:
+    names = [output.name for output in mechanism.outputs]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError("two outputs have this name", element=f"output '{twice}'")
+    drives = [actuator.name for actuator in mechanism.transmission.actuators]
+    for output in mechanism.outputs:
+        for channel, _ in output.terms:
+            if isinstance(channel, Cut):
+                if not GROUND <= channel.body < len(mechanism.bodies):
+                    raise InputError("it is at a body that does not exist", element=f"output '{output.name}'")
+                continue
+            name, valid = (
+                (channel.coordinate, mechanism.velocities)
+                if isinstance(channel, JointForce)
+                else (channel.actuator, drives)
+            )
+            if name not in valid:
+                problem = f"'{name}' is not measurable here (valid: {', '.join(valid) or 'none'})"
+                raise InputError(problem, element=f"output '{output.name}'")

@@ -16,16 +16,17 @@ from typing import Any
 
 from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN
-from echelon.exact.numbers import Number, Rational, Surd, cosine_of_turn, parse_decimal, parts_of, sine_of_turn
+from echelon.exact.numbers import Number, Rational, parse_decimal, parts_of
 from echelon.program.operations import FUNCTIONS, Op
-from echelon.program.tape import Program, Scalar
+from echelon.program.scalar import Scalar, power, square_root
+from echelon.program.tape import Program
+from echelon.program.turn import turned
 
 SUPPORTED = {"Abs" if op is Op.ABS else op.name.lower(): op for op in FUNCTIONS}
 """The functions that a program can hold, by sympy's names."""
 
 _CIRCULAR = ("sin", "cos", "tan")
 _RADICANDS = (1, 2, 3, 6)
-_ROOTS = {2: Surd((0, 1, 0, 0)), 3: Surd((0, 0, 1, 0)), 6: Surd((0, 0, 0, 1))}
 
 
 def from_sympy(program: Program, expression: Any, symbols: Mapping[str, Scalar]) -> Scalar:
@@ -35,7 +36,7 @@ def from_sympy(program: Program, expression: Any, symbols: Mapping[str, Scalar])
     ----------
     program : Program
     expression : sympy expression or number
-        Sums, products, powers of integers and half-integers, and the functions in :data:`SUPPORTED`.
+        Sums, products, powers, and the functions in :data:`SUPPORTED`.
     symbols : mapping of str to Scalar
         What the name of every symbol stands for, recorded on the same program.
 
@@ -146,9 +147,9 @@ class _Reader:
         if e.is_Mul:
             return self._product(e)
         if e.is_Pow:
-            return self._power(e.base, _exponent(e))
+            return self._power(e.base, e.exp)
         name = type(e).__name__
-        if name == "Exp1":
+        if e is _euler():
             return self.program.function(Op.EXP, self.program.one)
         if not e.is_Function or name not in SUPPORTED or len(e.args) != 1:
             raise _refusal(e)
@@ -165,42 +166,26 @@ class _Reader:
         above: list[Scalar] = []
         below: list[Scalar] = []
         for factor in e.args:
-            exponent = _exponent(factor) if factor.is_Pow else Fraction(1)
-            if exponent < 0:
-                below.append(self._power(factor.base, -exponent))
+            if factor.is_Pow and factor.exp.is_Number and factor.exp.is_negative:
+                below.append(self._power(factor.base, -factor.exp))
             else:
                 above.append(self.read(factor))
         return reduce(mul, above, self.program.one) / reduce(mul, below, self.program.one)
 
-    def _power(self, base: Any, exponent: Fraction) -> Scalar:
-        """A power by repeated squaring, times a square root for half-integers."""
-        if exponent < 0:
-            return self.program.one / self._power(base, -exponent)
-        count, half = divmod(exponent.numerator, exponent.denominator)
-        total = self._root(base) if half else self.program.one
-        square = self.read(base) if count else self.program.one
-        while count:
-            total = total * square if count & 1 else total
-            count >>= 1
-            square = square * square if count else square
-        return total
-
-    def _root(self, base: Any) -> Scalar:
-        exact = _ROOTS.get(int(base)) if base.is_Integer else None
-        return self._function("sqrt", base) if exact is None else self.program.constant(exact)
+    def _power(self, base: Any, exponent: Any) -> Scalar:
+        if base is _euler():
+            return self.program.function(Op.EXP, self.read(exponent))
+        return power(self.read(base), self.read(exponent))
 
     def _function(self, name: str, argument: Any) -> Scalar:
+        if name == "sqrt":
+            return square_root(self.read(argument))
         return self.program.function(SUPPORTED[name], self.read(argument))
 
     def _circular(self, name: str, argument: Any) -> Scalar:
         """Sine, cosine or tangent, with multiples of 15° in the argument turned by exactly."""
         steps, rest = _split_turn(argument)
-        if not steps % (2 * STEPS_PER_HALF_TURN):
-            return self._function(name, rest)
-        c, s = self._function("cos", rest), self._function("sin", rest)
-        c_turn, s_turn = cosine_of_turn(steps), sine_of_turn(steps)
-        cosine, sine = c * c_turn - s * s_turn, s * c_turn + c * s_turn
-        return sine / cosine if name == "tan" else cosine if name == "cos" else sine
+        return turned(SUPPORTED[name], self.read(rest), steps)
 
 
 def _split_turn(argument: Any) -> tuple[int, Any]:
@@ -229,12 +214,10 @@ def _rational(e: Any) -> Rational:
     return int(e.p) if e.q == 1 else Fraction(int(e.p), int(e.q))
 
 
-def _exponent(power: Any) -> Fraction:
-    if power.exp.is_Rational or power.exp.is_Float:
-        value = Fraction(_rational(power.exp))
-        if value.denominator <= 2:
-            return value
-    raise InputError("an exponent must be an integer or half an integer", element=f"'{power}'")
+def _euler() -> Any:
+    import sympy
+
+    return sympy.S.Exp1
 
 
 def _refusal(e: Any) -> InputError:

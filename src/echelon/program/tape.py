@@ -1,4 +1,4 @@
-"""The straight-line program and the scalar that records it.
+"""The straight-line program.
 
 A program is a list of operations in the order in which they were first needed; each refers to earlier ones by number.
 Recording is hash-consed: writing the same operation twice gives the same node, so common subexpressions cost nothing,
@@ -11,9 +11,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 
+from echelon.errors import InputError
 from echelon.exact.numbers import Number, Surd, inverse
 from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
 from echelon.program.operations import Op
+from echelon.program.scalar import Scalar
+
+__all__ = ["Input", "Program", "Scalar"]
 
 _INPUT, _CONSTANT, _ADD, _SUB, _MUL, _NEG, _DIV = (int(op) for op in list(Op)[:7])
 _COMMUTATIVE = (_ADD, _MUL)
@@ -76,8 +80,16 @@ class Program:
     # -- recording ---------------------------------------------------------------------------------------------
 
     def input(self, name: str, role: str = "state") -> Scalar:
-        """The input of this name, created on first use."""
+        """The input of this name, created on first use.
+
+        Raises
+        ------
+        InputError
+            If the name is already an input of another role.
+        """
         node = self._input_nodes.get(name)
+        if node is not None and self.inputs[node].role != role:
+            raise InputError(f"'{name}' is both a {self.inputs[node].role} and a {role}: rename one of them")
         if node is None:
             node = self._append(_INPUT, -1, -1)
             self._input_nodes[name] = node
@@ -103,11 +115,16 @@ class Program:
         return found
 
     def function(self, op: Op, x: Scalar) -> Scalar:
-        """A unary function of a scalar, folded where the argument is zero."""
-        if x.node == self.zero.node and op not in (Op.COS, Op.EXP, Op.LOG):
-            return self.zero
-        if x.node == self.zero.node and op in (Op.COS, Op.EXP):
-            return self.one
+        """A unary function of a scalar, folded where the value is exact.
+
+        Raises
+        ------
+        InputError
+            If the argument is a number outside the function's domain.
+        """
+        value = x.number
+        if value is not None and (folded := _folded(op, value)) is not None:
+            return self.constant(folded)
         return Scalar(self, self._intern(int(op), x.node, -1))
 
     def sin(self, x: Scalar) -> Scalar:
@@ -248,51 +265,21 @@ class Program:
         return f"Program({len(self)} nodes, {len(self.inputs)} inputs)"
 
 
-class Scalar:
-    """A recorded number: arithmetic on it appends to its program."""
-
-    __slots__ = ("node", "program")
-
-    def __init__(self, program: Program, node: int) -> None:
-        self.program = program
-        self.node = node
-
-    def _node_of(self, other: Scalar | Number) -> int:
-        return other.node if isinstance(other, Scalar) else self.program.constant(other).node
-
-    def __add__(self, other: Scalar | Number) -> Scalar:
-        return Scalar(self.program, self.program.add(self.node, self._node_of(other)))
-
-    __radd__ = __add__
-
-    def __sub__(self, other: Scalar | Number) -> Scalar:
-        return Scalar(self.program, self.program.subtract(self.node, self._node_of(other)))
-
-    def __rsub__(self, other: Number) -> Scalar:
-        return Scalar(self.program, self.program.subtract(self._node_of(other), self.node))
-
-    def __mul__(self, other: Scalar | Number) -> Scalar:
-        return Scalar(self.program, self.program.multiply(self.node, self._node_of(other)))
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Scalar | Number) -> Scalar:
-        return Scalar(self.program, self.program.divide(self.node, self._node_of(other)))
-
-    def __rtruediv__(self, other: Number) -> Scalar:
-        return Scalar(self.program, self.program.divide(self._node_of(other), self.node))
-
-    def __neg__(self) -> Scalar:
-        return Scalar(self.program, self.program.negate(self.node))
-
-    @property
-    def is_zero(self) -> bool:
-        """Whether this is structurally zero."""
-        return self.node == self.program.zero.node
-
-    def __repr__(self) -> str:
-        return f"Scalar({Op(self.program.ops[self.node]).name}, node {self.node})"
-
-
 def _is_negative(value: Number) -> bool:
     return float(value) < 0 if isinstance(value, Surd) else Fraction(value) < 0
+
+
+def _folded(op: Op, value: Number) -> Number | None:
+    """The exact value of a function at a number, where there is one."""
+    sign = -1 if _is_negative(value) else int(bool(value))
+    if op in (Op.LOG, Op.SQRT) and (sign < 0 or (op is Op.LOG and not sign)):
+        raise InputError(f"{op.name.lower()}({value}) is not real")
+    if op is Op.SIGN:
+        return sign
+    if op is Op.ABS:
+        return value * sign
+    if op is Op.LOG:
+        return 0 if value == 1 else None
+    if sign:
+        return None
+    return 1 if op in (Op.COS, Op.EXP) else 0

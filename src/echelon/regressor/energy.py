@@ -51,10 +51,11 @@ def energy_form(mechanism: Mechanism) -> LinearForms:
             current = _advance(current, step)
         rates[index] = current
     entries = {(0, 0): program.one.node}
-    for block, index in enumerate(mechanism.carriers):
-        for k, entry in enumerate(_energy_of_body(rates[index])):
-            if not entry.is_zero:
-                entries[0, 1 + 10 * block + k] = entry.node
+    for index, first in mechanism.first_column.items():
+        energies = _energy_of_body(rates[index])
+        for offset, kind in enumerate(mechanism.bodies[index].carried):
+            if not energies[kind].is_zero:
+                entries[0, 1 + first + offset] = energies[kind].node
     return LinearForms(program, entries, (1, 1 + len(mechanism.parameters)))
 
 

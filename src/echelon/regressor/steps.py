@@ -61,14 +61,14 @@ class Recorder:
     def __init__(self, mechanism: Mechanism, program: Program) -> None:
         self.mechanism, self.program = mechanism, program
         self.zeros: Vec = (program.zero, program.zero, program.zero)
-        self._coordinates = self._record_coordinates()
+        self.coordinates = self._record_coordinates()
 
     def steps(self, body: int) -> list[Step]:
         """Recorded steps from a body's parent to the body."""
         recorded: list[Step] = []
         for step in self.mechanism.bodies[body].joint.steps:
             if isinstance(step, Placement):
-                recorded.append(self._placement(step))
+                recorded.append(self.placement(step))
             else:
                 recorded.extend(self._motion(step))
         return recorded
@@ -107,14 +107,15 @@ class Recorder:
 
     # -- steps ---------------------------------------------------------------------------------------------------
 
-    def _placement(self, placement: Placement) -> Step:
+    def placement(self, placement: Placement) -> Step:
+        """A constant change of frame."""
         record = self.program.polynomial
         rows = [tuple(record(entry) for entry in row) for row in placement.rotation]
         shift = tuple(record(entry) for entry in placement.translation)
         return Step((rows[0], rows[1], rows[2]), shift)  # type: ignore[arg-type]
 
     def _motion(self, motion: Motion) -> list[Step]:
-        coordinates = self._coordinates[motion.name]
+        coordinates = self.coordinates[motion.name]
         if motion.kind is MotionKind.BALL:
             return [self._ball(motion, coordinates)]
         axis = self._axis(motion.axis, motion.sign)

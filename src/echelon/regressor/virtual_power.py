@@ -1,17 +1,20 @@
-"""Virtual power: random combinations of the rows of X at the cost of one inverse dynamics.
+"""Virtual power: combinations of the rows of X at the cost of one inverse dynamics.
 
-For a virtual velocity u of the independent coordinates, uᵀ X ζ is the power of the bodies' inertial wrenches in the
-virtual motion (Jourdain's principle).  One such row holds every row of X, because u is arbitrary, but costs O(bodies)
-operations instead of O(bodies · depth).  So X · N = 0 and the rank of X can be checked on X itself at little cost.
+In a virtual motion u of the measured freedoms, uᵀ X ζ is the power of the bodies' inertial wrenches and of the effects
+(Jourdain's principle).  One row with arbitrary u holds every row of X, but costs O(bodies) operations instead of
+O(bodies · depth).  So X · N = 0 and the rank of X can be checked on X itself at little cost.  With u a unit vector it
+is a row of X.
 """
 
 from __future__ import annotations
 
-from echelon.conventions import PER_BODY
+from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Program, Scalar
-from echelon.regressor.accelerations import Wrench, forward_accelerations, unit_wrenches
+from echelon.regressor.accelerations import Accelerations, Wrench, forward_accelerations, unit_wrenches
+from echelon.regressor.effects import EffectRecorder
 from echelon.regressor.linear import LinearForms
+from echelon.regressor.probes import Probes, VirtualMotion, virtual_motion
 from echelon.regressor.spatial import Vec, add, cross, dot, scale
 from echelon.regressor.steps import Recorder, Step, into_frame
 
@@ -29,46 +32,71 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
     Returns
     -------
     LinearForms
-        One row with columns ``mechanism.parameters``.  Inputs are ``u[...]`` for every velocity coordinate beside those
-        of :func:`echelon.regressor.newton_euler.inverse_dynamics_regressor`.
+        One row with columns ``mechanism.parameters``.  Inputs are ``u[...]`` for every output beside those of
+        :func:`echelon.regressor.newton_euler.inverse_dynamics_regressor`.
     """
     program = Program()
     recorder = Recorder(mechanism, program)
+    probes = Probes(mechanism, recorder)
+    speeds = {output.name: program.input(f"u[{output.name}]") for output in mechanism.outputs}
+    motion = virtual_motion(mechanism, program, probes, speeds)
     steps = {index: recorder.steps(index) for index in range(len(mechanism.bodies))}
     accelerations = forward_accelerations(mechanism, recorder, steps)
-    virtual = _virtual_rates(mechanism, program)
-    twists: dict[int, Twist] = {GROUND: (recorder.zeros, recorder.zeros)}
-    for index, body in enumerate(mechanism.bodies):
-        current = twists[body.parent]
-        for step in steps[index]:
-            current = _advance(current, step, virtual)
-        twists[index] = current
+    twists = _twists(mechanism, recorder, steps, probes, motion)
     entries: dict[tuple[int, int], int] = {}
-    for block, index in enumerate(mechanism.carriers):
-        for k, wrench in enumerate(unit_wrenches(accelerations[index], program)):
-            power = _power(twists[index], wrench)
-            if not power.is_zero:
-                entries[0, PER_BODY * block + k] = power.node
+    for column, power in enumerate(_powers(mechanism, recorder, accelerations, twists, motion)):
+        if not power.is_zero:
+            entries[0, column] = power.node
     return LinearForms(program, entries, (1, len(mechanism.parameters)))
 
 
-def _virtual_rates(mechanism: Mechanism, program: Program) -> dict[str, Scalar]:
-    """Virtual velocity of every freedom; dependent ones follow their couplings."""
-    rates = {name: program.input(f"u[{name}]") for name in mechanism.velocities}
-    for coupling in mechanism.couplings:
-        terms = (rates[name] * program.polynomial(ratio) for name, ratio in coupling.terms)
-        rates[coupling.coordinate] = sum(terms, program.zero)
-    return rates
+def _twists(
+    mechanism: Mechanism, recorder: Recorder, steps: dict[int, list[Step]], probes: Probes, motion: VirtualMotion
+) -> dict[int, Twist]:
+    """Virtual twist of every body."""
+    twists: dict[int, Twist] = {GROUND: (recorder.zeros, recorder.zeros)}
+    for step in probes.steps(GROUND, on_parent=False):
+        twists[GROUND] = _advance(twists[GROUND], step, motion)
+    for index, body in enumerate(mechanism.bodies):
+        current = twists[body.parent]
+        for step in (*probes.steps(index, True), *steps[index], *probes.steps(index, False)):
+            current = _advance(current, step, motion)
+        twists[index] = current
+    return twists
 
 
-def _advance(twist: Twist, step: Step, virtual: dict[str, Scalar]) -> Twist:
+def _powers(
+    mechanism: Mechanism,
+    recorder: Recorder,
+    accelerations: dict[int, Accelerations],
+    twists: dict[int, Twist],
+    motion: VirtualMotion,
+) -> list[Scalar]:
+    """Power per unit of every standard parameter, in column order."""
+    powers: list[Scalar] = []
+    for index in mechanism.first_column:
+        wrenches = unit_wrenches(accelerations[index], recorder.program)
+        powers += [_power(twists[index], wrenches[kind]) for kind in mechanism.bodies[index].carried]
+    effects = EffectRecorder(mechanism, recorder)
+    for effect in mechanism.effects:
+        total = recorder.program.zero
+        for side, at, force in effects.forces(effect):
+            speeds = motion.freedoms if side is Side.JOINT else motion.drives
+            if at in speeds:
+                total = total + force * speeds[at]
+        powers.append(total)
+    return powers
+
+
+def _advance(twist: Twist, step: Step, motion: VirtualMotion) -> Twist:
     angular, linear = twist
     if step.shift is not None:
         linear = add(linear, cross(angular, step.shift))
     angular, linear = into_frame(step, angular), into_frame(step, linear)
     for freedom in step.freedoms:
-        angular = add(angular, scale(freedom.angular, virtual[freedom.name]))
-        linear = add(linear, scale(freedom.linear, virtual[freedom.name]))
+        if freedom.name in motion.freedoms:
+            angular = add(angular, scale(freedom.angular, motion.freedoms[freedom.name]))
+            linear = add(linear, scale(freedom.linear, motion.freedoms[freedom.name]))
     return angular, linear
 
 

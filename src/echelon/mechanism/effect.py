@@ -1,0 +1,120 @@
+"""Effects: forces in joints and drives that are linear in parameters of their own (friction, springs, rotor inertia).
+
+Every effect is one parameter times a known function of the state, acting along one or more coordinates.  The usual
+ones are ready-made; any other is an expression.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Side(StrEnum):
+    """Where along the drive train an effect acts, and so which sensors see it."""
+
+    JOINT = "joint"
+    """At the joint itself: torque sensors in the joint see it."""
+    ACTUATOR = "actuator"
+    """In the drive: only the actuator's torque or current sees it."""
+
+
+@dataclass(frozen=True)
+class Action:
+    """A generalised force per unit of a parameter.
+
+    Attributes
+    ----------
+    at : str
+        Joint coordinate or actuator along which it acts.
+    side : Side
+        Which of the two ``at`` names.
+    term : str
+        Expression of the state: ``q``, ``qd``, ``qdd`` are position, velocity and acceleration of ``at`` itself,
+        ``qd[j5]`` those of another coordinate or actuator, ``i[name]`` a measured input; symbols as in the geometry.
+    """
+
+    at: str
+    side: Side
+    term: str
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One parameter of an effect, and what a unit of it does.
+
+    Attributes
+    ----------
+    parameter : str
+        Its name, such as ``Fv1``.
+    unit : str
+        SI unit.
+    actions : tuple of Action
+    value : float, optional
+        Value stated by the file.
+    """
+
+    parameter: str
+    unit: str
+    actions: tuple[Action, ...]
+    value: float | None = None
+
+
+@dataclass(frozen=True)
+class EffectTerm:
+    """One parameter of a ready-made effect: its symbol, its unit for a turning coordinate and the function."""
+
+    symbol: str
+    torque_unit: str
+    force_unit: str
+    term: str
+
+
+KINDS: dict[str, tuple[EffectTerm, ...]] = {
+    "viscous": (EffectTerm("Fv", "N·m·s/rad", "N·s/m", "qd"),),
+    "coulomb": (EffectTerm("Fc", "N·m", "N", "sign(qd)"),),
+    "asymmetric_coulomb": (
+        EffectTerm("Fcp", "N·m", "N", "(1 + sign(qd))/2"),
+        EffectTerm("Fcn", "N·m", "N", "(sign(qd) - 1)/2"),
+    ),
+    "offset": (EffectTerm("Fo", "N·m", "N", "1"),),
+    "stribeck": (EffectTerm("Fs", "N·m", "N", "sign(qd)*exp(-(abs(qd)/({velocity}))**({exponent}))"),),
+    "rotor_inertia": (EffectTerm("Ia", "kg·m²", "kg", "qdd"),),
+    "spring": (
+        EffectTerm("Ks", "N·m/rad", "N/m", "q"),
+        EffectTerm("Ps", "N·m", "N", "1"),
+    ),
+    "drive_gain": (EffectTerm("Kt", "N·m/A", "N/A", "-i"),),
+}
+"""Ready-made effects; a spring has a stiffness and a preload.  With positive parameters friction opposes the motion."""
+
+CONSTANTS: dict[str, dict[str, str | None]] = {"stribeck": {"velocity": None, "exponent": "2"}}
+"""Constants that a ready-made effect needs, with defaults."""
+
+
+def ready_made(
+    kind: str, at: str, side: Side, label: str, *, sliding: bool, constants: dict[str, str] | None = None
+) -> tuple[Effect, ...]:
+    """The parameters of a ready-made effect at one coordinate.
+
+    Parameters
+    ----------
+    kind : str
+        One of :data:`KINDS`.
+    at, side : str, Side
+        Where it acts.
+    label : str
+        Ends the names of its parameters: ``1`` gives ``Fv1``.
+    sliding : bool
+        Whether the coordinate is a length.
+    constants : mapping of str to str, optional
+        Expressions of the constants in :data:`CONSTANTS`.
+    """
+    return tuple(
+        Effect(
+            f"{entry.symbol}{label}",
+            entry.force_unit if sliding else entry.torque_unit,
+            (Action(at, side, entry.term.format(**(constants or {}))),),
+        )
+        for entry in KINDS[kind]
+    )

@@ -1,0 +1,165 @@
+"""Expressions as text, recorded on a program: ``Fc*sign(qd[j5])*exp(-(qd[j5]/0.05)**2)``.
+
+The grammar is that of Python's arithmetic: exact decimals, names, subscripts such as ``qd[j5]`` or ``qd["left-knee"]``,
+``+ - * / **`` (or ``^``), parentheses, and functions of one argument.  ``pi`` is exact in sin, cos and tan.  The text is
+walked as a syntax tree; nothing is ever evaluated as code.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+
+from echelon.errors import InputError
+from echelon.exact.angle import STEPS_PER_HALF_TURN
+from echelon.exact.expressions import PI, parse_angle
+from echelon.exact.numbers import parse_decimal
+from echelon.program.operations import FUNCTIONS, Op
+from echelon.program.scalar import Scalar, power, square_root
+from echelon.program.tape import Program
+from echelon.program.turn import turned
+
+FUNCTION_NAMES = {op.name.lower(): op for op in FUNCTIONS}
+"""The functions that a text may hold."""
+
+_LONGEST = 4000
+_SHOWN_NAMES = 12
+_CIRCULAR = (Op.SIN, Op.COS, Op.TAN)
+
+
+def record_expression(text: str, names: Mapping[str, Scalar], where: str, program: Program) -> Scalar:
+    """Record an expression.
+
+    Parameters
+    ----------
+    text : str
+    names : mapping of str to Scalar
+        What names and subscripted names (``qd[j5]``) stand for.
+    where : str
+        What the expression belongs to, for messages.
+    program : Program
+        Where the names are recorded.
+
+    Returns
+    -------
+    Scalar
+
+    Raises
+    ------
+    InputError
+        If the text is not an expression of these names; the message shows the text and what would be valid.
+
+    Examples
+    --------
+    >>> program = Program()
+    >>> y = record_expression("0.5*qd[j5] + abs(qd[j5])", {"qd[j5]": program.input("qd[j5]")}, "friction", program)
+    >>> program.count([y.node])
+    {'ABS': 1, 'ADD': 1, 'MUL': 1}
+    """
+    shown = text if len(text) <= 60 else text[:57] + "..."
+    if len(text) > _LONGEST:
+        raise InputError(f"'{shown}': an expression has at most {_LONGEST} characters", element=where)
+    source = text.strip().replace("^", "**")
+    try:
+        tree = ast.parse(source, mode="eval")
+        return _Recorder(source, names, program).record(tree.body)
+    except InputError as error:
+        raise InputError(f"in '{shown}': {error.problem}", element=where) from None
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise InputError(f"'{shown}' is not an expression such as 2*a*sin(x) - b*x**2", element=where) from None
+    except ZeroDivisionError:
+        raise InputError(f"'{shown}' divides by zero", element=where) from None
+
+
+class _Recorder:
+    def __init__(self, text: str, names: Mapping[str, Scalar], program: Program) -> None:
+        self.text, self.names, self.program = text, names, program
+
+    def record(self, node: ast.expr) -> Scalar:
+        match node:
+            case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
+                return self.program.constant(parse_decimal(self._source(node)))
+            case ast.Name(id=name):
+                return self._named(name)
+            case ast.Subscript(value=ast.Name(id=kind), slice=inner):
+                return self._named(f"{kind}[{self._index(inner)}]")
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                return -self.record(operand)
+            case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+                return self.record(operand)
+            case ast.BinOp(left=left, op=operation, right=right):
+                return self._binary(node, operation, self.record(left), self.record(right))
+            case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in FUNCTION_NAMES:
+                return self._function(FUNCTION_NAMES[name], argument)
+        valid = f"possible are numbers, names, + - * / ** and {', '.join(FUNCTION_NAMES)} of one argument"
+        raise InputError(f"'{self._source(node)}' has no meaning here; {valid}")
+
+    def _binary(self, node: ast.expr, operation: ast.operator, a: Scalar, b: Scalar) -> Scalar:
+        match operation:
+            case ast.Add():
+                return a + b
+            case ast.Sub():
+                return a - b
+            case ast.Mult():
+                return a * b
+            case ast.Div():
+                return a / b
+            case ast.Pow():
+                return power(a, b)
+        raise InputError(f"'{self._source(node)}' uses an operation other than + - * / **")
+
+    def _function(self, op: Op, argument: ast.expr) -> Scalar:
+        if op is Op.SQRT:
+            return square_root(self.record(argument))
+        if op not in _CIRCULAR:
+            return self.program.function(op, self.record(argument))
+        steps, rest = 0, self.program.zero
+        for sign, term in _terms(argument):
+            if PI not in self.names and any(isinstance(n, ast.Name) and n.id == PI for n in ast.walk(term)):
+                steps += sign * self._steps(term)
+            else:
+                rest = rest + sign * self.record(term)
+        return turned(op, rest, steps)
+
+    def _steps(self, term: ast.expr) -> int:
+        """A multiple of π as steps of 15°."""
+        try:
+            angle = parse_angle(self._source(term))
+            steps = angle.half_turns * STEPS_PER_HALF_TURN
+            if steps.denominator == 1 and not angle.parts and not angle.radians:
+                return int(steps)
+        except ValueError:
+            pass
+        raise InputError(f"'{self._source(term)}' is not a multiple of pi/12")
+
+    def _index(self, inner: ast.expr) -> str:
+        """What stands in brackets: a quoted text, or just as it is written."""
+        if isinstance(inner, ast.Constant) and isinstance(inner.value, str):
+            return inner.value
+        return self._source(inner)
+
+    def _named(self, name: str) -> Scalar:
+        if name in self.names:
+            return self.names[name]
+        if name == PI:
+            raise InputError("pi is exact only inside sin, cos and tan; elsewhere use a symbol with that value")
+        if name in FUNCTION_NAMES:
+            raise InputError(f"'{name}' is a function: write {name}(...)")
+        known = sorted(self.names)
+        more = f" and {len(known) - _SHOWN_NAMES} more" if len(known) > _SHOWN_NAMES else ""
+        raise InputError(f"'{name}' is unknown (valid: {', '.join(known[:_SHOWN_NAMES]) or 'none'}{more})")
+
+    def _source(self, node: ast.expr) -> str:
+        return ast.get_source_segment(self.text, node) or ""
+
+
+def _terms(node: ast.expr) -> list[tuple[int, ast.expr]]:
+    """The terms of a sum, with their signs."""
+    match node:
+        case ast.BinOp(left=left, op=ast.Add(), right=right):
+            return _terms(left) + _terms(right)
+        case ast.BinOp(left=left, op=ast.Sub(), right=right):
+            return _terms(left) + [(-sign, term) for sign, term in _terms(right)]
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return [(-sign, term) for sign, term in _terms(operand)]
+    return [(1, node)]

@@ -1,0 +1,106 @@
+"""Sensors as freedoms that never move, and the virtual motion of every freedom that an output stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.output import ActuatorForce, Cut, JointForce
+from echelon.mechanism.placement import Placement
+from echelon.program.tape import Program, Scalar
+from echelon.regressor.steps import Freedom, Recorder, Step
+
+
+def cut_name(cut: Cut, number: int) -> str:
+    """Name of the freedom of a cut; no coordinate can have it."""
+    return f"cut#{number} of body {cut.body}"
+
+
+class Probes:
+    """The cuts of a mechanism's outputs.
+
+    Attributes
+    ----------
+    names : mapping of Cut to str
+        Name of the freedom of every cut.
+    """
+
+    def __init__(self, mechanism: Mechanism, recorder: Recorder) -> None:
+        self._recorder = recorder
+        cuts = [c for output in mechanism.outputs for c, _ in output.terms if isinstance(c, Cut)]
+        self.names = {cut: cut_name(cut, number) for number, cut in enumerate(dict.fromkeys(cuts))}
+
+    def steps(self, body: int, on_parent: bool) -> list[Step]:
+        """Steps of the cuts at a body: into the sensor's frame, the freedom, and back."""
+        recorded: list[Step] = []
+        for cut, name in self.names.items():
+            if cut.body == body and cut.on_parent == on_parent:
+                recorded += [self._place(cut.frame), self._freedom(cut, name), self._place(cut.frame.inverse())]
+        return recorded
+
+    def _place(self, placement: Placement) -> Step:
+        return self._recorder.placement(placement)
+
+    def _freedom(self, cut: Cut, name: str) -> Step:
+        program, zeros = self._recorder.program, self._recorder.zeros
+        x, y, z = (program.one if k == cut.axis else program.zero for k in range(3))
+        direction = (x, y, z)
+        angular, linear = (direction, zeros) if cut.angular else (zeros, direction)
+        return Step(None, None, (Freedom(name, angular, linear, program.zero, program.zero),))
+
+
+@dataclass(frozen=True)
+class VirtualMotion:
+    """Virtual velocities that belong to one output, or to all of them together.
+
+    Attributes
+    ----------
+    freedoms : mapping of str to Scalar
+        Of joint coordinates (dependent ones included) and cuts; absent where zero.
+    drives : mapping of str to Scalar
+        Of actuators, whose effects the output sees.
+    """
+
+    freedoms: Mapping[str, Scalar]
+    drives: Mapping[str, Scalar]
+
+
+def virtual_motion(
+    mechanism: Mechanism, program: Program, probes: Probes, speeds: Mapping[str, Scalar]
+) -> VirtualMotion:
+    """The virtual motion whose power is Σ speed · output.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    program : Program
+    probes : Probes
+    speeds : mapping of str to Scalar
+        Virtual velocity conjugate to each output, by name; absent outputs do not take part.
+    """
+    freedoms: dict[str, Scalar] = {}
+    drives: dict[str, Scalar] = {}
+
+    def increase(target: dict[str, Scalar], name: str, speed: Scalar) -> None:
+        target[name] = target[name] + speed if name in target else speed
+
+    for output in mechanism.outputs:
+        if output.name not in speeds:
+            continue
+        for channel, weight in output.terms:
+            speed = speeds[output.name] * program.polynomial(weight)
+            if isinstance(channel, Cut):
+                increase(freedoms, probes.names[channel], speed)
+            elif isinstance(channel, JointForce):
+                increase(freedoms, channel.coordinate, speed)
+            elif isinstance(channel, ActuatorForce):
+                increase(drives, channel.actuator, speed)
+                for joint, inverse in mechanism.transmission.inverse[channel.actuator].items():
+                    factor = program.polynomial(inverse.numerator) / program.polynomial(inverse.denominator)
+                    increase(freedoms, joint, speed * factor)
+    for coupling in mechanism.couplings:
+        for name, ratio in coupling.terms:
+            if name in freedoms:
+                increase(freedoms, coupling.coordinate, freedoms[name] * program.polynomial(ratio))
+    return VirtualMotion(freedoms, drives)
