@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import assume, given
 
+from echelon.errors import InputError
 from echelon.exact.expressions import parse
 from echelon.exact.numbers import Number, surd
 from echelon.program.operations import FUNCTIONS, Op
@@ -120,9 +121,13 @@ def test_division_by_zero_is_refused() -> None:
 @pytest.mark.parametrize("op", FUNCTIONS)
 def test_functions_of_zero(op: Op) -> None:
     program = Program()
-    at_zero = {Op.COS: program.one, Op.EXP: program.one, Op.LOG: None}.get(op, program.zero)
-    result = program.function(op, program.zero)
-    assert program.ops[result.node] == Op.LOG if at_zero is None else result.node == at_zero.node
+    if op is Op.LOG:
+        with pytest.raises(InputError, match="not real"):
+            program.function(op, program.zero)
+        assert program.function(op, program.one).is_zero
+    else:
+        at_zero = program.one if op in (Op.COS, Op.EXP) else program.zero
+        assert program.function(op, program.zero).node == at_zero.node
     x = program.input("x")
     assert program.function(op, x).node == program.function(op, x).node
     assert program.ops[program.function(op, x).node] == op

@@ -190,9 +190,9 @@ def power(base: Scalar, exponent: Scalar) -> Scalar:
     """
     number = exponent.number
     if isinstance(number, int | Fraction) and (2 * number).denominator == 1:
-        if abs(number) > _LARGEST_EXPONENT:
-            raise InputError(f"the exponent {number} is larger than {_LARGEST_EXPONENT}")
         count, half = divmod(abs(Fraction(number)), 1)
+        if count > _LARGEST_EXPONENT:
+            raise InputError(f"the exponent {number} is larger than {_LARGEST_EXPONENT}")
         total = _integer_power(base, int(count))
         total = total * square_root(base) if half else total
         return total if number >= 0 else 1 / total
@@ -201,7 +201,8 @@ def power(base: Scalar, exponent: Scalar) -> Scalar:
 
 def _integer_power(base: Scalar, count: int) -> Scalar:
     """By repeated squaring, from the lowest bit on."""
-    if isinstance(value := base.number, int | Fraction) and count * _bits(value) > _MOST_BITS:
+    value = base.number
+    if isinstance(value, int | Fraction) and count * _bits(value) > _MOST_BITS:
         raise InputError(f"a power with more than {_MOST_BITS} bits")
     total, square = base.program.one, base
     while count:

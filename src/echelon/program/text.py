@@ -1,8 +1,8 @@
 """Expressions as text, recorded on a program: ``Fc*sign(qd[j5])*exp(-(qd[j5]/0.05)**2)``.
 
 The grammar is that of Python's arithmetic: exact decimals, names, subscripts such as ``qd[j5]`` or ``qd["left-knee"]``,
-``+ - * / **`` (or ``^``), parentheses, and functions of one argument.  ``pi`` is exact in sin, cos and tan.  The text is
-walked as a syntax tree; nothing is ever evaluated as code.
+``+ - * / **`` (or ``^``), parentheses, and functions of one argument.  ``pi`` is exact in sin, cos and tan.  The text
+is walked as a syntax tree; nothing is ever evaluated as code.
 """
 
 from __future__ import annotations
