@@ -27,7 +27,7 @@ def test_lift_is_the_nearest_with_these_values(base: ec.BaseModel, zeta: np.ndar
     n, rng = len(zeta), np.random.default_rng(2)
     root = rng.uniform(-1, 1, (n, n)) + 3 * np.eye(n)
     chosen = {"diagonal": rng.uniform(0.5, 2, n), "full": root @ root.T}.get(metric, metric)
-    s = metric_matrix(chosen, n, 0.384)
+    s = metric_matrix(chosen, [c.length_degree for c in base.mechanism.columns], 0.384)
     prior = rng.uniform(-1, 1, n)
     lifted = base.lift(base.values(zeta), prior, chosen)
     b = base.B_float()

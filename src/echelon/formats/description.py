@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.formats.description_build import build_description
+from echelon.formats.description_build import ReadFile, build_description
 from echelon.formats.description_check import check_document
 from echelon.formats.description_text import Document, read_text
 from echelon.formats.description_write import write_description
@@ -20,7 +20,9 @@ from echelon.mechanism.mechanism import Mechanism
 __all__ = ["read_description", "read_description_data", "write_description"]
 
 
-def read_description(text: str | bytes, source: str, options: ReadingOptions) -> Mechanism:
+def read_description(
+    text: str | bytes, source: str, options: ReadingOptions, read_file: ReadFile | None = None
+) -> Mechanism:
     """Read a robot from the text of a description.
 
     Parameters
@@ -31,6 +33,8 @@ def read_description(text: str | bytes, source: str, options: ReadingOptions) ->
         Name of the file, for messages.
     options : ReadingOptions
         ``independent_mimics`` and ``symbolic`` have no effect: couplings and symbols are as the description states.
+    read_file : callable, optional
+        Reads the robot file that a description may add to, by its name.
 
     Returns
     -------
@@ -56,7 +60,7 @@ def read_description(text: str | bytes, source: str, options: ReadingOptions) ->
     >>> print(read_description(pendulum, "pendulum.yaml", ReadingOptions()))
     pendulum: 2 bodies, 2 degrees of freedom
     """
-    return _build(read_text(text, source), options)
+    return _build(read_text(text, source), options, read_file)
 
 
 def read_description_data(data: Mapping[str, Any], source: str, options: ReadingOptions) -> Mechanism:
@@ -82,8 +86,8 @@ def read_description_data(data: Mapping[str, Any], source: str, options: Reading
     return _build(Document(dict(data), source), options)
 
 
-def _build(document: Document, options: ReadingOptions) -> Mechanism:
+def _build(document: Document, options: ReadingOptions, read_file: ReadFile | None = None) -> Mechanism:
     try:
-        return build_description(document, check_document(document), options)
+        return build_description(document, check_document(document), options, read_file)
     except InputError as error:
         raise error.located(document.source) from None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -14,6 +14,7 @@ from echelon.exact.polynomial import Polynomial
 from echelon.formats.description_couplings import StatedCoupling, offset_placement, read_couplings
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_parts import BASE, Part, read_parts
+from echelon.formats.description_setup import add_setup
 from echelon.formats.description_symbols import check_use, declared_symbols, stated_gravity
 from echelon.formats.description_text import Document
 from echelon.formats.hints import nearest_of
@@ -29,8 +30,16 @@ if TYPE_CHECKING:
     from echelon.formats.schema import RobotDescription
 
 
+ReadFile = Callable[[str], Mechanism]
+"""Reads the robot file that a description adds to."""
+
+
 def build_description(
-    document: Document, robot: RobotDescription, options: ReadingOptions, literal: Collection[str] = ()
+    document: Document,
+    robot: RobotDescription,
+    options: ReadingOptions,
+    read_file: ReadFile | None = None,
+    literal: Collection[str] = (),
 ) -> Mechanism:
     """Interpret a description.
 
@@ -40,6 +49,8 @@ def build_description(
     robot : RobotDescription
         The same, checked against the schema.
     options : ReadingOptions
+    read_file : callable, optional
+        For descriptions that add to a robot file.
     literal : collection of str
         Elements whose angles are not to be snapped.
 
@@ -52,6 +63,8 @@ def build_description(
     InputError
         If an expression, a name or a reference is not possible; names the element.
     """
+    if robot.robot is not None:
+        return _added_to_file(document, robot, options, read_file)
     symbols, bare = declared_symbols(robot, document)
     expressions = Expressions(document, options, literal, symbols)
     tree = _Tree(read_parts(robot, expressions), robot.floating_base or options.floating, options, expressions)
@@ -65,9 +78,34 @@ def build_description(
         tuple(c.coupling for c in couplings),
         {name: s for name, s in expressions.intent.symbols.items() if name not in bare},
     )
+    mechanism = add_setup(mechanism, robot, expressions)
     notes = (*tree.notes, *check_use(mechanism, robot, document))
-    rebuild = partial(build_description, document, robot, options)
+    rebuild = partial(build_description, document, robot, options, read_file)
     return replace(mechanism, reading=Reading(tuple(expressions.intent.snaps), notes, rebuild))
+
+
+def _added_to_file(
+    document: Document, robot: RobotDescription, options: ReadingOptions, read_file: ReadFile | None
+) -> Mechanism:
+    """A robot file with what a description adds to it."""
+    assert robot.robot is not None
+    for key in ("gravity", "floating_base", "couplings"):
+        if key in robot.model_fields_set:
+            raise document.error(key, "belongs to the geometry, which is that of the robot file")
+    if read_file is None:
+        raise document.error("robot", "a description without a place of its own cannot refer to another file")
+    stated = read_file(robot.robot.file)
+    symbols, bare = declared_symbols(robot, document)
+
+    def add(mechanism: Mechanism) -> Mechanism:
+        known = {n: s for n, s in symbols.items() if n not in bare}
+        expressions = Expressions(document, options, (), {**mechanism.symbols, **symbols})
+        return add_setup(replace(mechanism, symbols={**mechanism.symbols, **known}), robot, expressions)
+
+    mechanism, reading = add(stated), stated.reading
+    if reading is None:
+        return mechanism
+    return replace(mechanism, reading=replace(reading, rebuild=lambda literal: add(reading.rebuild(literal))))
 
 
 class _Tree:
@@ -116,7 +154,7 @@ class _Tree:
             self._hang_base_on(steps)
             joint = Joint(BASE, "floating", merge((*floating_motions(BASE), *steps)))
         body = Body(part.name, label, self.host[part.parent] if not floats else GROUND, joint)
-        body = replace(body, carried=() if part.name in self.massless else ALL, inertial=part.inertial)
+        body = replace(body, carried=() if part.name in self.massless else part.carried, inertial=part.inertial)
         self.host[part.name], self.offset[part.name] = len(self.bodies), Placement()
         self._append(body, part.path)
 
@@ -169,12 +207,13 @@ class _Tree:
             if name not in names and not (name == BASE and self.floating):
                 source = self.expressions.document.source
                 raise InputError(f"no body '{name}' to declare massless{nearest_of(name, names)}", source=source)
-        stated = {part.name for part in self.parts if part.massless}
+        stated = {part.name for part in self.parts if not part.carried}
         return frozenset(stated | set(self.options.massless))
 
     def _loaded(self, body: Body, riders: list[Part]) -> Body:
         """A body with what rides on it."""
-        carried = () if body.massless and all(part.name in self.massless for part in riders) else ALL
+        loaded = body.massless and not all(part.name in self.massless for part in riders)
+        carried = ALL if loaded else body.carried
         if body.inertial is None and not body.massless:
             return body
         total = np.array(body.inertial) if body.inertial is not None and not body.massless else None

@@ -51,7 +51,7 @@ def read_couplings(
     InputError
         If a coupling is not linear, refers to unknown coordinates, or goes in a circle.
     """
-    reader = _Reader(expressions, {name: m for name, m in motions.items() if m.kind is not MotionKind.BALL})
+    reader = LinearReader(expressions, {name: m for name, m in motions.items() if m.kind is not MotionKind.BALL})
     stated: dict[str, StatedCoupling] = {}
     for index, entries in enumerate(robot.couplings):
         for coordinate, entry in entries.items():
@@ -64,26 +64,33 @@ def read_couplings(
     return [_resolved(coupling, stated, (), expressions) for coupling in stated.values()]
 
 
-class _Reader:
+class LinearReader:
+    """Reads linear combinations of coordinates."""
+
     def __init__(self, expressions: Expressions, coordinates: Mapping[str, Motion]) -> None:
         self.expressions, self.coordinates = expressions, coordinates
 
     def check(self, coordinate: str, path: str) -> None:
+        """Refuse what is not a coordinate."""
         if coordinate not in self.coordinates:
             problem = f"there is no coordinate '{coordinate}'{nearest_of(coordinate, self.coordinates)}"
             raise self.expressions.error(path, problem)
 
     def read(self, coordinate: str, entry: CouplingEntry, path: str) -> StatedCoupling:
+        """A coupling as an expression or term by term."""
         if isinstance(entry, str):
-            return self._linear(coordinate, entry, path)
-        terms = {}
-        for name, ratio in entry.terms.items():
-            self.check(name, f"{path}.terms.{name}")
-            terms[name] = self.expressions.length(ratio, f"{path}.terms.{name}")
+            return self.linear(coordinate, entry, path)
         offset = self.expressions.polynomial(entry.offset, f"{path}.offset")
-        return StatedCoupling(path, coordinate, terms, offset)
+        return StatedCoupling(path, coordinate, self.terms(entry.terms, path), offset)
 
-    def _linear(self, coordinate: str, text: str, path: str) -> StatedCoupling:
+    def terms(self, entry: Mapping[str, str], path: str) -> dict[str, Polynomial]:
+        """Ratios to coordinates, by name."""
+        for name in entry:
+            self.check(name, f"{path}.terms.{name}")
+        return {name: self.expressions.length(ratio, f"{path}.terms.{name}") for name, ratio in entry.items()}
+
+    def linear(self, coordinate: str, text: str, path: str) -> StatedCoupling:
+        """A linear expression."""
         terms: dict[str, dict[Monomial, Number]] = {}
         offset: dict[Monomial, Number] = {}
         for monomial, coefficient in self.expressions.polynomial(text, path, self.coordinates).terms.items():

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from echelon.conventions import PARAMETERS
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_joints import Joints, joint_name
 from echelon.formats.hints import nearest, nearest_of
 from echelon.formats.inertia import central_inertial
 from echelon.mechanism.joint import Step
+from echelon.mechanism.mechanism import ALL
 
 if TYPE_CHECKING:
     from echelon.formats.schema import BodyEntry, Inertial, ModifiedRow, RobotDescription, StandardRow
@@ -36,7 +38,9 @@ class Part:
         Label that is stated, and label by position in a table.
     joint, kind : str
         Name and type of the joint.
-    separate, massless : bool
+    separate : bool
+    carried : tuple of int
+        Which of XX … M it carries
     inertial : tuple of 10 floats, optional
     steps : callable
         Steps of the joint, for a given stem of symbol names.
@@ -51,7 +55,7 @@ class Part:
     kind: str
     moves: bool
     separate: bool
-    massless: bool
+    carried: tuple[int, ...]
     inertial: tuple[float, ...] | None
     steps: Callable[[str], tuple[Step, ...]]
 
@@ -121,7 +125,7 @@ def _row_part(
         kind=row.joint,
         moves=row.joint != "fixed",
         separate=row.separate,
-        massless=row.massless,
+        carried=_carried(row),
         inertial=_inertial(row.inertial, f"{path}.inertial", expressions),
         steps=steps,
     )
@@ -177,7 +181,7 @@ def _body_part(body: BodyEntry, path: str, names: Sequence[str], joints: Joints)
         kind=kind,
         moves=moves,
         separate=body.separate,
-        massless=body.massless,
+        carried=_carried(body),
         inertial=_inertial(body.inertial, f"{path}.inertial", joints.expressions),
         steps=partial(joints.body, body, path),
     )
@@ -192,6 +196,13 @@ def _kind(body: BodyEntry) -> tuple[str, bool]:
     if body.joint.type == "custom":
         return body.joint.kind, any(isinstance(step, MotionStep) for step in body.joint.steps)
     return body.joint.type, body.joint.type != "fixed"
+
+
+def _carried(entry: ModifiedRow | StandardRow | BodyEntry) -> tuple[int, ...]:
+    """Which of the ten parameters a part carries."""
+    if entry.massless:
+        return ()
+    return ALL if entry.parameters is None else tuple(sorted({PARAMETERS.index(kind) for kind in entry.parameters}))
 
 
 # -- both -----------------------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import keyword
 import math
+import re
 import unicodedata
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_text import Document
 from echelon.formats.options import ReadingOptions, gravity_vector
-from echelon.mechanism.mechanism import Mechanism, Symbol
+from echelon.mechanism.mechanism import Mechanism, Symbol, setup_expressions
 from echelon.mechanism.placement import ORIGIN, Placement, Vector
 
 if TYPE_CHECKING:
@@ -104,7 +105,8 @@ def check_use(mechanism: Mechanism, robot: RobotDescription, document: Document)
             raise document.error(
                 f"symbols.{name}", f"'{name}' is a component of the generic gravity: rename the symbol"
             )
-    used = {symbol_of(g) for g in geometry | gravity}
+    terms = " ".join(action.term for effect in mechanism.effects for action in effect.actions)
+    used = {symbol_of(g) for g in geometry | gravity} | set(re.findall(r"\w+", terms))
     return [f"the symbol '{name}' is not used" for name in robot.symbols if name not in used]
 
 
@@ -116,8 +118,7 @@ def _geometry(mechanism: Mechanism) -> Iterator[Polynomial]:
                 yield from (entry for row in step.rotation for entry in row)
             else:
                 yield step.pitch
-    for coupling in mechanism.couplings:
-        yield from (ratio for _, ratio in coupling.terms)
+    yield from setup_expressions(mechanism)
 
 
 def stated_gravity(robot: RobotDescription, expressions: Expressions) -> Vector | None:

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from echelon.conventions import PARAMETERS
 from echelon.errors import InputError
-from echelon.exact.polynomial import Polynomial, format_polynomial
 from echelon.formats.description_symbols import GENERIC
-from echelon.formats.intent import exact_text
+from echelon.formats.setup_write import write_setup
+from echelon.formats.written import expression_text, frame_data
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step
-from echelon.mechanism.mechanism import GROUND, Body, Coupling, Mechanism, Symbol
-from echelon.mechanism.placement import IDENTITY, ORIGIN, Placement, Vector
+from echelon.mechanism.mechanism import ALL, GROUND, Body, Coupling, Mechanism, Symbol, setup_expressions
+from echelon.mechanism.placement import Placement, Vector
 
 if TYPE_CHECKING:
     from echelon.formats.description_joints import Joints
@@ -63,23 +64,19 @@ def write_description(mechanism: Mechanism) -> dict[str, Any]:
     document["gravity"] = _gravity(mechanism.gravity)
     if mechanism.couplings:
         document["couplings"] = [_coupling(coupling) for coupling in mechanism.couplings]
+    document |= write_setup(mechanism)
     document["bodies"] = [_body(body, mechanism, joints) for body in mechanism.bodies]
     return document
-
-
-def _expression(value: Polynomial) -> str:
-    number = value.number
-    return format_polynomial(value) if number is None else exact_text(number)
 
 
 def _gravity(gravity: Vector | None) -> str | list[str]:
     if gravity is None:
         return "none"
-    return "generic" if gravity == GENERIC else [_expression(part) for part in gravity]
+    return "generic" if gravity == GENERIC else [expression_text(part) for part in gravity]
 
 
 def _coupling(coupling: Coupling) -> dict[str, Any]:
-    return {coupling.coordinate: {"terms": {name: _expression(ratio) for name, ratio in coupling.terms}}}
+    return {coupling.coordinate: {"terms": {name: expression_text(ratio) for name, ratio in coupling.terms}}}
 
 
 # -- symbols --------------------------------------------------------------------------------------------------------
@@ -88,7 +85,7 @@ def _coupling(coupling: Coupling) -> dict[str, Any]:
 def _used(mechanism: Mechanism) -> list[str]:
     """Symbols that need a declaration, in order of appearance."""
     found = [name for body in mechanism.bodies for name in body.joint.symbols()]
-    found += [name for c in mechanism.couplings for _, ratio in c.terms for name in ratio.symbols()]
+    found += [name for value in setup_expressions(mechanism) for name in value.symbols()]
     if mechanism.gravity != GENERIC:
         found += [name for part in mechanism.gravity or () for name in part.symbols()]
     return list(dict.fromkeys(found))
@@ -121,19 +118,12 @@ def _body(body: Body, mechanism: Mechanism, joints: Joints) -> dict[str, Any]:
     written |= _short_form(body, joints) or {"joint": _custom(body.joint)}
     if body.massless:
         written["massless"] = True
+    elif body.carried != ALL:
+        written["parameters"] = [PARAMETERS[k] for k in body.carried]
     if body.joint.is_fixed:
         written["separate"] = True
     if body.inertial is not None:
         written["inertial"] = {"standard": [repr(float(value)) for value in body.inertial]}
-    return written
-
-
-def _frame(placement: Placement) -> dict[str, Any]:
-    written: dict[str, Any] = {}
-    if placement.translation != ORIGIN:
-        written["xyz"] = [_expression(part) for part in placement.translation]
-    if placement.rotation != IDENTITY:
-        written["rotation"] = [[_expression(entry) for entry in row] for row in placement.rotation]
     return written
 
 
@@ -142,14 +132,14 @@ def _axis(motion: Motion) -> str:
 
 
 def _custom(joint: Joint) -> dict[str, Any]:
-    steps = [_motion(step) if isinstance(step, Motion) else _frame(step) for step in joint.steps]
+    steps = [_motion(step) if isinstance(step, Motion) else frame_data(step) for step in joint.steps]
     return {"type": "custom", "kind": joint.kind, "name": joint.name, "steps": steps}
 
 
 def _motion(motion: Motion) -> dict[str, Any]:
     written = {"motion": motion.kind.value, "name": motion.name, "axis": _axis(motion)}
     if motion.kind is MotionKind.SCREW:
-        written["pitch"] = _expression(motion.pitch)
+        written["pitch"] = expression_text(motion.pitch)
     return written
 
 
@@ -178,17 +168,17 @@ def _guess(joint: Joint) -> dict[str, Any]:
     assert isinstance(frame, Placement)
     written: dict[str, Any] = {"type": joint.kind, "name": joint.name}
     if not origin.is_identity:
-        written["origin"] = _frame(origin)
+        written["origin"] = frame_data(origin)
     motions = joint.motions or (Motion(MotionKind.ROTATION, ""),)
     if joint.kind not in ("spherical", "floating", "fixed"):
         written["axis"] = _axis(motions[-1] if joint.kind == "planar" else motions[0])
     if joint.kind == "helical":
-        written["pitch"] = _expression(motions[0].pitch)
+        written["pitch"] = expression_text(motions[0].pitch)
     if joint.kind == "universal":
         # any other second axis fails the comparison, whatever stands here
         perpendicular = len(motions) > 1 and motions[1].axis != motions[0].axis
         written["axis2"] = _axis(motions[1]) if perpendicular else "xyz"[(motions[0].axis + 1) % 3]
-    return {"joint": written} if frame.is_identity else {"joint": written, "frame": _frame(frame)}
+    return {"joint": written} if frame.is_identity else {"joint": written, "frame": frame_data(frame)}
 
 
 def _reader(mechanism: Mechanism) -> Joints:

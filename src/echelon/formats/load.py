@@ -86,7 +86,13 @@ def parse_robot(data: bytes, source: str, options: ReadingOptions, directory: Pa
     if suffix in (".yaml", ".yml", ".json"):
         from echelon.formats.description import read_description
 
-        return read_description(data, source, options)
+        def read_file(name: str) -> Mechanism:
+            file = (directory or Path()) / name
+            if file.suffix.lower() in (".yaml", ".yml", ".json"):
+                raise InputError("only URDF and MJCF files can be added to; include the description", source=str(file))
+            return parse_robot(_read(file), str(file), options, file.parent)
+
+        return read_description(data, source, options, read_file)
     if not data.strip():
         raise InputError("the file is empty", source=source)
     if suffix in (".urdf", ".xml", ".mjcf", ".xacro") or data.lstrip()[:1] == b"<":

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
 from echelon.formats.schema_joints import Frame, Joint, Model
+from echelon.formats.schema_setup import EffectEntry, LinearTerms, OutputEntry, RobotFile, RotorEntry
 from echelon.formats.schema_types import (
     AS_LIST,
     AS_ROWS,
@@ -28,9 +29,10 @@ from echelon.formats.schema_types import (
     standard_or_central,
 )
 
-FORMS = ("modified_dh", "standard_dh", "bodies")
+FORMS = ("modified_dh", "standard_dh", "bodies", "robot")
 """The ways to describe the geometry; a document uses exactly one."""
 
+Kind = Literal["XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M"]
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
@@ -112,6 +114,9 @@ class _Carrier(Model):
         None, description="Short label of its parameters: 3 gives XX3 … M3. Default: its number.", examples=["3"]
     )
     massless: Flag = Field(False, description="Carries no parameters.", examples=[True])
+    parameters: Annotated[tuple[Kind, ...], AS_LIST] | None = Field(
+        None, description="Which of the ten it carries, if not all.", examples=[["ZZ"]]
+    )
     separate: Flag = Field(
         False,
         description="Keep a body that is fixed to its parent apart, with parameters of its own.",
@@ -203,6 +208,26 @@ class RobotDescription(Model):
         (),
         description="Coordinates that depend linearly on others, each as an expression in coordinates and symbols.",
         examples=[[{"j3": "2*j2 - 0.5*j1"}]],
+    )
+    actuators: dict[str, Expression | LinearTerms] = Field(
+        {},
+        description="Transmission: actuator coordinates as combinations of joint coordinates. A coordinate that none "
+        "of them drives has a drive of its own name.",
+        examples=[{"m5": "45*j5", "m6": "32*j5 + 32*j6"}],
+    )
+    rotors: Annotated[tuple[RotorEntry, ...], AS_LIST] = Field((), description="Spinning rotors.")
+    effects: Annotated[tuple[EffectEntry, ...], AS_LIST] = Field(
+        (),
+        description="Friction, springs, rotor inertia and other forces.",
+        examples=[[{"type": "viscous", "at": "all"}]],
+    )
+    outputs: Annotated[tuple[OutputEntry, ...], AS_LIST] | None = Field(
+        None,
+        description="What is measured; default: the forces of all actuators.",
+        examples=[[{"joint": "all"}, {"wrench": "base"}]],
+    )
+    robot: RobotFile | None = Field(
+        None, description="Instead of a geometry: a robot file that this adds to.", examples=[{"file": "arm.urdf"}]
     )
     modified_dh: Annotated[tuple[ModifiedRow, ...], AS_ROWS] | None = Field(
         None,

@@ -16,7 +16,7 @@ from pydantic_core import PydanticCustomError
 from echelon.formats.hints import nearest
 
 _FLAGS = {"true": True, "false": False}
-_SHARED = ("label", "massless", "separate", "inertial")
+_SHARED = ("label", "massless", "parameters", "separate", "inertial")
 _RENAMED = {
     "r": ("alpha", "Khalil's r is d here, and Khalil's d is a"),
     "sigma": ("alpha", "write joint: revolute, prismatic or fixed"),

@@ -214,6 +214,18 @@ class Mechanism:
         return f"{self.name}: {len(self.bodies)} bodies, {self.degrees_of_freedom} degrees of freedom"
 
 
+def setup_expressions(mechanism: Mechanism) -> list[Polynomial]:
+    """Expressions beside those of the joints and of gravity: of couplings, transmission and outputs."""
+    found = [ratio for coupling in mechanism.couplings for _, ratio in coupling.terms]
+    found += [ratio for actuator in mechanism.actuators for _, ratio in actuator.terms]
+    for output in mechanism.measured or ():
+        for channel, weight in output.terms:
+            found.append(weight)
+            if isinstance(channel, Cut):
+                found += [*channel.frame.translation, *(e for row in channel.frame.rotation for e in row)]
+    return found
+
+
 def _check_tree(mechanism: Mechanism) -> None:
     labels: set[str] = set()
     coordinates: set[str] = set()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.mechanism import Mechanism, setup_expressions
 from echelon.mechanism.placement import Placement
 
 
@@ -55,7 +55,7 @@ def _expressions(mechanism: Mechanism) -> tuple[list[Polynomial], list[Polynomia
                 others.extend(entry for row in step.rotation for entry in row)
             else:
                 translations.append(step.pitch)
-    others.extend(ratio for coupling in mechanism.couplings for _, ratio in coupling.terms)
+    others.extend(setup_expressions(mechanism))
     return translations, others
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 from echelon.errors import InputError
 from echelon.exact.polynomial import float_generators
-from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.mechanism import Mechanism, setup_expressions
 from echelon.mechanism.placement import Placement
 
 
@@ -40,7 +40,7 @@ def symbol_values(
 def _symbols(mechanism: Mechanism) -> set[str]:
     """All symbols that a mechanism lists or uses."""
     used = {name for body in mechanism.bodies for name in body.joint.symbols()}
-    used |= {name for c in mechanism.couplings for _, ratio in c.terms for name in ratio.symbols()}
+    used |= {name for value in setup_expressions(mechanism) for name in value.symbols()}
     used |= {name for part in mechanism.gravity or () for name in part.symbols()}
     return used | set(mechanism.symbols)
 
