@@ -1,0 +1,210 @@
+"""A claimed row against the exact ones.
+
+With B in reduced echelon form, a row c lies in its row space exactly if c = Σ c[p] · B[p] over the pivots p.  The
+pivots are chosen among the claimed rows' own leading parameters where possible: then every c is compared with the one
+row of B that it means, and what differs is the coefficient that is wrong.
+
+Coefficients are compared as rational functions of the geometry, which decides exactly.  Rows that state numbers instead
+of symbols are compared at the robot's lengths, exactly first, then within the rounding of the printed digits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from echelon.base.matrix import BaseMatrix
+from echelon.base.model import BaseModel
+from echelon.base.order import reordered
+from echelon.claims.findings import Agreement, TermDifference
+from echelon.claims.precision import Precision
+from echelon.exact.expressions import parse
+from echelon.exact.numbers import Number, Surd
+from echelon.exact.polynomial import float_generators, is_trigonometric, symbol_of
+from echelon.exact.rational import RationalFunction
+
+Row = Mapping[int, RationalFunction]
+"""Claimed coefficients by column, in the order of the text."""
+
+_ZERO = RationalFunction(0)
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """The robot's numbers, to put in for its symbols.
+
+    Attributes
+    ----------
+    exact : mapping of str to Number
+        Lengths with an exact value.
+    floats : mapping of str to float
+        All symbols with a value.
+    """
+
+    exact: Mapping[str, Number]
+    floats: Mapping[str, float]
+
+    @staticmethod
+    def of(model: BaseModel) -> Geometry:
+        """The values that a model's mechanism states."""
+        exact: dict[str, Number] = {}
+        floats: dict[str, float] = {}
+        for name, symbol in model.mechanism.symbols.items():
+            if symbol.value is not None:
+                floats[name] = symbol.value
+            value = parse(symbol.exact).number if symbol.exact else None
+            if value is not None:
+                exact[name] = value
+        return Geometry(exact, floats)
+
+    def exactly(self, value: RationalFunction) -> Number | None:
+        """A coefficient's exact value, if its lengths have one."""
+        generators = {*value.numerator.generators(), *value.denominator.generators()}
+        if any(g not in self.exact or is_trigonometric(g) for g in generators):
+            return None
+        return value.evaluate({g: _fraction(self.exact[g]) for g in generators}, _fraction)
+
+    def roughly(self, value: RationalFunction) -> float | None:
+        """A coefficient's value, if its symbols have one."""
+        generators = {*value.numerator.generators(), *value.denominator.generators()}
+        if any(symbol_of(g) not in self.floats for g in generators):
+            return None
+        return value.evaluate(float_generators(generators, self.floats), float)
+
+
+def _fraction(x: Number) -> Number:
+    return x if isinstance(x, Surd) else Fraction(x)
+
+
+@dataclass(frozen=True)
+class RowComparison:
+    """What is found about one row; see :class:`echelon.claims.findings.Finding`.
+
+    ``columns`` are those of the differences, ``numeric`` says that it agrees at the robot's lengths only.
+    """
+
+    agreement: Agreement
+    numeric: bool = False
+    largest: float = 0.0
+    columns: tuple[int, ...] = ()
+    differences: tuple[TermDifference, ...] = ()
+
+
+def led_by(matrix: BaseMatrix, rows: Sequence[Row], rng: np.random.Generator) -> BaseMatrix:
+    """B with the claimed rows' own leading parameters as representatives, as far as they can be.
+
+    Parameters
+    ----------
+    matrix : BaseMatrix
+    rows : sequence of rows
+    rng : numpy Generator
+    """
+    uses: dict[int, int] = {}
+    for row in rows:
+        for column in row:
+            uses[column] = uses.get(column, 0) + 1
+    leaders = []
+    for row in rows:
+        own = [c for c, value in row.items() if uses[c] == 1 and not value.symbols()]
+        leaders += ([c for c in own if c in matrix.pivots] or own)[:1]
+    if set(leaders) <= set(matrix.pivots):
+        return matrix
+    return reordered(matrix, (*leaders, *(c for c in matrix.order if c not in leaders)), rng)
+
+
+def compare_row(row: Row, matrix: BaseMatrix, geometry: Geometry, precision: Precision, rounded: bool) -> RowComparison:
+    """Compare one claimed row.
+
+    Parameters
+    ----------
+    row : mapping of int to RationalFunction
+    matrix : BaseMatrix
+    geometry : Geometry
+    precision : Precision
+        To which the coefficients are printed.
+    rounded : bool
+        Whether this row has decimals, so that its coefficients may be rounded.
+    """
+    expected = combination(row, matrix)
+    differing = [c for c in sorted({*row, *expected}) if row.get(c, _ZERO) != expected.get(c, _ZERO)]
+    if not differing:
+        return RowComparison(Agreement.EXACT)
+    numeric = not any(value.symbols() for value in row.values())
+    if numeric:
+        differing = [c for c in differing if not _same(row.get(c, _ZERO), expected.get(c, _ZERO), geometry)]
+        if not differing:
+            return RowComparison(Agreement.EXACT, numeric=True)
+    if precision.decimals is not None and (numeric or rounded):
+        gaps = {c: _gap(c, row, expected, geometry) for c in differing}
+        rounding = _Rounding(row, matrix, geometry, precision)
+        differing = [c for c, gap in gaps.items() if gap is None or abs(gap) > rounding.at(c)]
+        if not differing:
+            return RowComparison(Agreement.PRINTED_DIGITS, True, max(abs(gap or 0.0) for gap in gaps.values()))
+    differences = tuple(_difference(c, row, expected, matrix, geometry) for c in differing)
+    return RowComparison(Agreement.WRONG, columns=tuple(differing), differences=differences)
+
+
+def combination(row: Row, matrix: BaseMatrix) -> dict[int, RationalFunction]:
+    """The member of the row space of B that has a row's coefficients at the pivots."""
+    total: dict[int, RationalFunction] = {}
+    for pivot, exact in zip(matrix.pivots, matrix.rows, strict=True):
+        factor = row.get(pivot)
+        if factor is not None:
+            for column, value in exact.items():
+                part = factor * value
+                total[column] = total[column] + part if column in total else part
+    return {column: value for column, value in total.items() if value}
+
+
+def _same(claimed: RationalFunction, expected: RationalFunction, geometry: Geometry) -> bool:
+    left, right = geometry.exactly(claimed), geometry.exactly(expected)
+    return left is not None and left == right
+
+
+def _gap(column: int, row: Row, expected: Row, geometry: Geometry) -> float | None:
+    left, right = (geometry.roughly(terms.get(column, _ZERO)) for terms in (row, expected))
+    return None if left is None or right is None else left - right
+
+
+class _Rounding:
+    """How far a coefficient may be off by rounding: its own, and that of the coefficients that multiply rows of B."""
+
+    def __init__(self, row: Row, matrix: BaseMatrix, geometry: Geometry, precision: Precision) -> None:
+        self.row, self.geometry, self.precision = row, geometry, precision
+        self.rows = [
+            (self._own(pivot), exact)
+            for pivot, exact in zip(matrix.pivots, matrix.rows, strict=True)
+            if pivot in row and row[pivot] not in (RationalFunction(1), RationalFunction(-1))
+        ]
+
+    def at(self, column: int) -> float:
+        """The most that rounding explains at one column."""
+        total = self._own(column)
+        for rounding, exact in self.rows:
+            total += rounding * abs(self.geometry.roughly(exact.get(column, _ZERO)) or 0.0)
+        return total * (1 + 1e-9)
+
+    def _own(self, column: int) -> float:
+        return self.precision.tolerance(self.geometry.roughly(self.row.get(column, _ZERO)) or 0.0)
+
+
+def _difference(column: int, row: Row, expected: Row, matrix: BaseMatrix, geometry: Geometry) -> TermDifference:
+    claimed, exact = row.get(column, _ZERO), expected.get(column, _ZERO)
+    return TermDifference(
+        matrix.parameters[column],
+        coefficient_words(claimed),
+        coefficient_words(exact),
+        _gap(column, row, expected, geometry),
+    )
+
+
+def coefficient_words(value: RationalFunction) -> str:
+    """A coefficient in plain characters, decimal where that is exact."""
+    number = value.numerator.number if value.is_polynomial else None
+    if not isinstance(number, int | Fraction):
+        return str(value)
+    text = f"{float(number):.12g}"
+    return text if Fraction(text) == number else str(number)

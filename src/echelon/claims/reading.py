@@ -1,0 +1,168 @@
+"""Files of claimed base parameters: one expression each, from text, CSV or JSON."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from echelon.errors import InputError
+
+_HEADERS = (
+    "expression", "closed form", "base parameter", "base parameters", "base", "base_parameter", "base_parameters",
+    "parameter", "parameters", "params_base", "name",
+)  # fmt: skip
+"""Titles of a column of expressions, most telling first."""
+_COMMENT = re.compile(r"\s*(#|%|//).*$")
+_NAMED = re.compile(r"^\s*([^\W\d][\w .\[\]-]*?)\s*[=:]\s*(.+)$")
+_SCHEMA = "echelon.base-model/1"
+_LARGEST_FILE = 64 * 1024 * 1024
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One claimed base parameter, as text.
+
+    Attributes
+    ----------
+    text : str
+        The expression.
+    where : str
+        Where it stands: ``line 3``, ``entry 'beta_2'``.
+    name : str, optional
+        The name that its author gave it.
+    columns : mapping of str to str
+        Other cells of its row, such as values, by title or number.
+    """
+
+    text: str
+    where: str
+    name: str | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+
+def read_claims(source: str | os.PathLike[str] | Sequence[str] | Mapping[str, str]) -> tuple[Claim, ...]:
+    """Claimed expressions from a file or from texts.
+
+    Parameters
+    ----------
+    source : path-like, sequence of str, or mapping of str to str
+        A file (``.csv``, ``.tsv``, ``.json``, else plain text with one expression per line), expressions, or
+        expressions by name.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or holds no expressions.
+    """
+    if isinstance(source, str | os.PathLike):
+        return _read_file(Path(source))
+    claims = _from_json(source if isinstance(source, Mapping) else list(source), "claims")
+    if not claims:
+        raise InputError("no base parameters are claimed")
+    return claims
+
+
+def _read_file(file: Path) -> tuple[Claim, ...]:
+    try:
+        if file.stat().st_size > _LARGEST_FILE:
+            raise InputError(f"larger than {_LARGEST_FILE >> 20} MB; not a set of base parameters", source=str(file))
+        text = file.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise InputError("no such file", source=str(file)) from None
+    except UnicodeDecodeError:
+        raise InputError("not a text file in UTF-8", source=str(file)) from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror or error}", source=str(file)) from None
+    suffix = file.suffix.lower()
+    if suffix == ".json":
+        claims = _from_json(_parse_json(text, str(file)), str(file))
+    else:
+        claims = _from_table(text) if suffix in (".csv", ".tsv") else _from_lines(text)
+    if not claims:
+        raise InputError("holds no base parameters: expected one expression per line", source=str(file))
+    return claims
+
+
+def _from_lines(text: str) -> tuple[Claim, ...]:
+    claims = []
+    for number, line in enumerate(text.splitlines(), 1):
+        content = _COMMENT.sub("", line).strip().rstrip(";,")
+        named = _NAMED.match(content)
+        if content:
+            claims.append(Claim(named[2] if named else content, f"line {number}", named[1] if named else None))
+    return tuple(claims)
+
+
+def _from_table(text: str) -> tuple[Claim, ...]:
+    lines = text.splitlines()
+    first = next((line for line in lines if line.strip()), "")
+    delimiter = max(",;\t", key=first.count)
+    rows = [(n, [cell.strip() for cell in row]) for n, row in enumerate(csv.reader(lines, delimiter=delimiter), 1)]
+    rows = [(n, row) for n, row in rows if any(row) and not _COMMENT.match(row[0])]
+    if not rows:
+        return ()
+    titles = [cell.lower() for cell in rows[0][1]]
+    column = next((titles.index(header) for header in _HEADERS if header in titles), None)
+    if column is None:
+        titles, column = [str(k + 1) for k in range(max(len(row) for _, row in rows))], 0
+    else:
+        rows = rows[1:]
+    claims = []
+    for number, row in rows:
+        cells = dict(zip(titles, row, strict=False))
+        expression = cells.pop(titles[column], "")
+        name = cells.get("name") or None
+        if expression:
+            claims.append(Claim(expression, f"line {number}", name, cells))
+    return tuple(claims)
+
+
+def _parse_json(text: str, source: str) -> Any:
+    try:
+        return json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise InputError(f"not JSON: {error}", source=source) from None
+
+
+def _from_json(data: Any, source: str) -> tuple[Claim, ...]:
+    if isinstance(data, Mapping) and "schema" in data:
+        return _from_base_model(data, source)
+    entries: list[tuple[str | None, Any]]
+    if isinstance(data, Mapping):
+        entries = [(str(name), value) for name, value in data.items()]
+    elif isinstance(data, list):
+        entries = [(None, value) for value in data]
+    else:
+        raise InputError("expected a list of expressions or a mapping of names to expressions", source=source)
+    claims = []
+    for number, (name, value) in enumerate(entries, 1):
+        where = f"entry {number}" if name is None else f"entry '{name}'"
+        if not isinstance(value, str):
+            raise InputError(f"expected an expression as text, not {value!r:.40}", source=source, element=where)
+        claims.append(Claim(value, where, name))
+    return tuple(claims)
+
+
+def _from_base_model(data: Mapping[str, Any], source: str) -> tuple[Claim, ...]:
+    """A file of :func:`echelon.save_base`: only its terms are used, nothing it says about itself."""
+    if data["schema"] != _SCHEMA:
+        raise InputError(f"schema '{data['schema']}' is not a set of base parameters ({_SCHEMA})", source=source)
+    try:
+        return tuple(
+            Claim(
+                " + ".join(
+                    f"({t['coefficient']})/({t.get('denominator', '1')})*{t['parameter']}" for t in row["terms"]
+                ),
+                f"base.{k}",
+                str(row["name"]),
+            )
+            for k, row in enumerate(data["base"])
+        )
+    except (KeyError, TypeError):
+        raise InputError(f"not a document of schema {_SCHEMA}", source=source, element="base") from None
