@@ -14,8 +14,8 @@ import echelon as ec
 
 PUBLIC = [
     "BaseModel", "CertificateError", "ClosedFormError", "EchelonError", "Expression", "Identifiability", "InputError",
-    "Mechanism", "MissingExtraError", "Structure", "__version__", "base_parameters", "base_structure", "load",
-    "load_base", "save_base", "verify",
+    "Mechanism", "MissingExtraError", "SensorReport", "SpecialGeometry", "Structure", "__version__", "base_parameters",
+    "base_structure", "load", "load_base", "save_base", "sensor_report", "special_geometry", "verify",
 ]  # fmt: skip
 
 

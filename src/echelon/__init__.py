@@ -11,6 +11,8 @@ from echelon.base.classification import Identifiability
 from echelon.base.derive import base_parameters, base_structure
 from echelon.base.expression import Expression
 from echelon.base.model import BaseModel
+from echelon.base.sensors import SensorReport, sensor_report
+from echelon.base.special import SpecialGeometry, special_geometry
 from echelon.base.structure import Structure
 from echelon.errors import (
     CertificateError,
@@ -35,6 +37,8 @@ __all__ = [
     "InputError",
     "Mechanism",
     "MissingExtraError",
+    "SensorReport",
+    "SpecialGeometry",
     "Structure",
     "__version__",
     "base_parameters",
@@ -42,5 +46,7 @@ __all__ = [
     "load",
     "load_base",
     "save_base",
+    "sensor_report",
+    "special_geometry",
     "verify",
 ]

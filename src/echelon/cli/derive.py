@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -16,6 +15,7 @@ import typer
 from echelon.base.derive import DEFAULT_SEED, base_parameters, base_structure
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.model import BaseModel
+from echelon.cli.progress import progress
 from echelon.errors import one_line
 from echelon.files import write_atomically
 from echelon.formats.load import load
@@ -41,7 +41,7 @@ def run_derive(request: DeriveRequest) -> None:
     """Derive, then print or write."""
     seed = DEFAULT_SEED if request.seed is None else request.seed
     started = perf_counter()
-    with _progress(f"deriving {request.robot.name}"):
+    with progress(f"deriving {request.robot.name}"):
         robot = load(request.robot, **request.reading)
         if request.structure:
             text = _structure_text(robot, seed, as_json=request.output_format == "json")
@@ -83,12 +83,3 @@ def _structure_text(robot: Mechanism, seed: int, *, as_json: bool) -> str:
         return json.dumps(record, indent=1, ensure_ascii=False) + "\n"
     count = f"{robot.name}: {structure.rank} base parameters of {structure.parameters} standard parameters"
     return f"{one_line(count)}\nrepresentatives: {one_line(' '.join(names))}\n"
-
-
-def _progress(message: str) -> AbstractContextManager[object]:
-    """A spinner on a terminal, nothing in a pipe."""
-    if not sys.stderr.isatty():
-        return nullcontext()
-    from rich.console import Console
-
-    return Console(stderr=True).status(message)

@@ -116,6 +116,9 @@ def derive(
         list[str] | None, typer.Option(help="A link that carries no parameters; may be repeated.")
     ] = None,
     structure: Annotated[bool, typer.Option("--structure", help="Count and representatives only.")] = False,
+    special: Annotated[
+        bool, typer.Option("--special", help="Instead: special geometry and gravity where the number changes.")
+    ] = False,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random points.")] = None,
 ) -> None:
     """Derive the base inertial parameters of a robot in closed form."""
@@ -133,6 +136,13 @@ def derive(
     chosen = Format.JSON if as_json else output_format
     if structure and (prefer or order is not Order.BASE_TO_TIP or chosen in (Format.LATEX, Format.MARKDOWN)):
         raise typer.BadParameter("--structure is in base-to-tip order, as text or JSON, and takes no --prefer")
+    if special:
+        if structure or prefer or order is not Order.BASE_TO_TIP or chosen in (Format.LATEX, Format.MARKDOWN):
+            raise typer.BadParameter("--special counts only: as text or JSON, without --structure, --order or --prefer")
+        from echelon.cli.special import run_special
+
+        run_special(robot, reading, output, seed, as_json=chosen is Format.JSON)
+        return
     run_derive(DeriveRequest(robot, chosen.value, output, reading, order.value, tuple(prefer or ()), structure, seed))
 
 
@@ -146,6 +156,25 @@ def verify(
     from echelon.cli.verify import run_verify
 
     raise typer.Exit(run_verify(file, as_json, seed))
+
+
+@app.command(epilog="Example: echelon sensors arm.yaml --size 2")
+def sensors(
+    robot: Annotated[Path, typer.Argument(help="URDF, MJCF or Echelon description (YAML, JSON).")],
+    size: Annotated[int, typer.Option(min=1, max=6, help="List all subsets up to this size.")] = 1,
+    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
+    floating: Annotated[bool, typer.Option(help="Let the root link float.")] = False,
+    gravity: Annotated[str, typer.Option(help="As for 'derive'.")] = "file",
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random points.")] = None,
+) -> None:
+    """Compare what the sensors of a robot see, alone and together.
+
+    Candidates are the outputs that the description states; without any, all actuators and a wrench sensor under the
+    base.
+    """
+    from echelon.cli.sensors import run_sensors
+
+    run_sensors(robot, size, {"floating": floating, "gravity": gravity}, seed, as_json=as_json)
 
 
 @app.command(epilog="Example: echelon schema description > robot.schema.json")

@@ -55,7 +55,7 @@ def to_dict(model: BaseModel) -> dict[str, Any]:
         "name": model.mechanism.name,
         "seed": model.seed,
         "rank": model.rank,
-        "outputs": list(model.mechanism.velocities),
+        "outputs": [output.name for output in model.mechanism.outputs],
         "parameters": list(model.parameters),
         "order": [model.parameters[c] for c in model.matrix.order],
         "base": _base_rows(model),
@@ -165,7 +165,7 @@ def _row(record: BaseParameterRecord, column: Mapping[str, int]) -> dict[int, Ra
 def _check_derived(record: BaseModelRecord, model: BaseModel) -> None:
     """What people and other programs read instead of the exact terms must follow from them."""
     stated = (record.name, record.rank, record.outputs, record.classification)
-    true = (model.mechanism.name, model.rank, list(model.mechanism.velocities), _classes(model))
+    true = (model.mechanism.name, model.rank, [output.name for output in model.mechanism.outputs], _classes(model))
     for key, mine, theirs in zip(("name", "rank", "outputs", "classification"), true, stated, strict=True):
         if mine != theirs:
             raise CertificateError(f"'{key}' contradicts the model or the terms of its base parameters")

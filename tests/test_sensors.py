@@ -1,0 +1,225 @@
+"""What sensors elsewhere than in the joints see, against MuJoCo's sensors and published counts."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import echelon as ec
+from echelon.base.sensors import sensor_report
+from echelon.exact.polynomial import Polynomial, as_polynomial
+from echelon.formats.description import read_description_data, write_description
+from echelon.formats.options import ReadingOptions
+from echelon.mechanism.output import Cut, plain
+from echelon.mechanism.placement import Placement, as_matrix
+from echelon.program.schedule import FloatArithmetic, Schedule
+from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.newton_euler import inverse_dynamics_regressor
+from echelon.regressor.virtual_power import virtual_power_form
+from robots import robot_file
+
+MJCF = """
+<mujoco>
+  <option gravity="0.3 -0.4 -9.81"/>
+  <worldbody>
+    <body name="a" pos="0.1 0.2 0.3">
+      <joint name="j1" type="hinge" axis="0 0 1"/>
+      <inertial pos="0.02 0.03 0.04" mass="2.5" fullinertia="0.03 0.04 0.05 0.001 0.002 0.003"/>
+      <site name="sa" pos="0.03 -0.02 0.05" euler="20 30 40"/>
+      <body name="b" pos="0.1 0 0.25" euler="90 0 0">
+        <joint name="j2" type="slide" axis="1 0 0"/>
+        <inertial pos="-0.02 0.01 0.02" mass="1.5" fullinertia="0.02 0.03 0.025 0.001 -0.002 0.001"/>
+        <site name="sb" pos="0.01 0.02 0.03" euler="10 -20 70"/>
+        <body name="c" pos="0 0.2 0.1" euler="0 90 0">
+          <joint name="j3" type="hinge" axis="0 1 0"/>
+          <inertial pos="0.05 0.01 -0.02" mass="0.7" fullinertia="0.004 0.005 0.006 0.0001 0.0002 0.0003"/>
+          <site name="sc" pos="-0.01 0.04 0.02" euler="-50 15 5"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <sensor>
+    <force site="sa"/><torque site="sa"/><force site="sb"/><torque site="sb"/><force site="sc"/><torque site="sc"/>
+  </sensor>
+</mujoco>
+"""
+
+
+def set_up(tmp_path: Path, robot: str, **entries: object) -> ec.Mechanism:
+    path = tmp_path / "setup.yaml"
+    path.write_text(json.dumps({"echelon": 1, "name": "set-up", "robot": {"file": robot}, **entries}))
+    return ec.load(path)
+
+
+@pytest.fixture
+def mujoco_arm(tmp_path: Path) -> tuple[mujoco.MjModel, ec.Mechanism]:
+    (tmp_path / "arm.xml").write_text(MJCF)
+    model = mujoco.MjModel.from_xml_string(MJCF)
+    return model, _with_cuts(ec.load(tmp_path / "arm.xml"), model)
+
+
+def _with_cuts(mechanism: ec.Mechanism, model: mujoco.MjModel) -> ec.Mechanism:
+    """Sensors at MuJoCo's sites; their rotations are decimals, so they are put in directly."""
+
+    def exact(x: float) -> Polynomial:
+        return as_polynomial(Fraction(float(x)))
+
+    outputs = []
+    for k in range(3):
+        rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, model.site_quat[k])
+        rows = as_matrix([[exact(x) for x in row] for row in rotation.reshape(3, 3)])
+        x, y, z = (exact(v) for v in model.site_pos[k])
+        frame = Placement(rows, (x, y, z))
+        outputs += [
+            plain(f"s{k}.{angular}{axis}", "N", Cut(k, frame, False, axis, angular))
+            for angular in (False, True)
+            for axis in range(3)
+        ]
+    return replace(mechanism, measured=tuple(outputs))
+
+
+def test_force_and_torque_sensors_agree_with_mujoco(mujoco_arm: tuple[mujoco.MjModel, ec.Mechanism]) -> None:
+    model, mechanism = mujoco_arm
+    data, rng = mujoco.MjData(model), np.random.default_rng(3)
+    forms = inverse_dynamics_regressor(mechanism)
+    zeta = np.array(mechanism.standard_values(), dtype=float)
+    for _ in range(5):
+        data.qpos[:], data.qvel[:], data.qacc[:] = rng.normal(size=(3, 3))
+        mujoco.mj_inverse(model, data)
+        mujoco.mj_rnePostConstraint(model, data)
+        # mj_inverse leaves qacc, from which the sensors are computed again
+        mujoco.mj_sensorAcc(model, data)
+        y = evaluate_floats(forms, mechanism, data.qpos, data.qvel, data.qacc)[0] @ zeta
+        # MuJoCo's sensors point from the child to the parent's force on it with the same sign as ours
+        np.testing.assert_allclose(y, data.sensordata, rtol=1e-9, atol=1e-9)
+
+
+def test_rows_of_the_regressor_are_those_of_the_virtual_power(
+    mujoco_arm: tuple[mujoco.MjModel, ec.Mechanism],
+) -> None:
+    _, mechanism = mujoco_arm
+    rows, power = inverse_dynamics_regressor(mechanism), virtual_power_form(mechanism)
+    rng = np.random.default_rng(0)
+    schedule = Schedule(power.program, list(power.entries.values()))
+    named = {power.program.inputs[n].name: n for n in schedule.leaves}
+    state = {name: rng.normal(size=1) for name in named}
+    for name in named:
+        if power.program.inputs[named[name]].role == "symbol":
+            value = mechanism.symbols[name].value
+            assert value is not None
+            state[name] = np.array([value])
+    values = {node: state[name] for name, node in named.items()}
+    got = np.zeros(len(mechanism.parameters))
+    for (_, c), v in zip(power.entries, schedule.run(FloatArithmetic(), values, 1), strict=True):
+        got[c] = v[0]
+    q, qd, qdd = (
+        np.array([state[f"{k}[{n}]"][0] if f"{k}[{n}]" in state else 0.0 for n in mechanism.velocities])
+        for k in ("q", "qd", "qdd")
+    )
+    u = np.array([state.get(f"u[{o.name}]", np.zeros(1))[0] for o in mechanism.outputs])
+    np.testing.assert_allclose(got, u @ evaluate_floats(rows, mechanism, q, qd, qdd)[0], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("outputs", "rank"),
+    [
+        ([{"joint": "all"}], 43),
+        ([{"joint": "joint1"}, {"joint": "joint2"}], 43),
+        ([{"joint": "joint2"}], 42),
+        ([{"wrench": "base"}], 48),
+        ([{"joint": "all"}, {"wrench": "base"}], 48),
+    ],
+)
+def test_xarm7(tmp_path: Path, outputs: list[object], rank: int) -> None:
+    robot = set_up(tmp_path, str(robot_file("xarm7")), outputs=outputs)
+    assert ec.base_structure(robot).rank == rank
+    assert ec.base_parameters(robot).certificate.rank == rank
+
+
+def test_ur5_base_wrench(tmp_path: Path) -> None:
+    assert ec.base_parameters(set_up(tmp_path, str(robot_file("ur5_robot")), outputs=[{"wrench": "base"}])).rank == 41
+
+
+def test_an_invertible_coupling_leaves_the_inertial_rank_alone(tmp_path: Path) -> None:
+    drives = {"m5": "45*joint5 + 3*joint6", "m6": "-32*joint5 + 32*joint6", "m1": "50*joint1"}
+    robot = set_up(tmp_path, str(robot_file("xarm7")), actuators=drives)
+    assert ec.base_parameters(robot).rank == 43
+    alone = set_up(tmp_path, str(robot_file("xarm7")), actuators=drives, outputs=[{"actuator": "m6"}])
+    direct = set_up(tmp_path, str(robot_file("xarm7")), outputs=[{"joint": "joint6"}])
+    assert ec.base_structure(alone).rank > ec.base_structure(direct).rank
+
+
+def test_torques_follow_the_transmission(tmp_path: Path) -> None:
+    drives = {"m5": "45*joint5 + 3*joint6", "m6": "-32*joint5 + 32*joint6"}
+    robot, direct = set_up(tmp_path, str(robot_file("xarm7")), actuators=drives), ec.load(robot_file("xarm7.urdf"))
+    state = np.random.default_rng(1).normal(size=(3, 7))
+    tau = evaluate_floats(inverse_dynamics_regressor(direct), direct, *state)[0]
+    motor = evaluate_floats(inverse_dynamics_regressor(robot), robot, *state)[0]
+    names = [o.name for o in robot.outputs]
+    transmission = np.array([[45, 3], [-32, 32]])
+    assert names[:2] == ["m5", "m6"]
+    np.testing.assert_allclose(transmission.T @ motor[:2], tau[4:6], rtol=1e-9, atol=1e-12)
+
+
+def test_sensor_report_of_xarm7() -> None:
+    report = sensor_report(ec.load(robot_file("xarm7")), 2)
+    assert report.rank == report.ranks["base",] == 48
+    assert report.ranks["joint2",] == 42
+    assert report.ranks["joint1", "joint2"] == 43
+    assert report.smallest == ("base",)
+    assert report.proven_smallest
+
+
+def test_sensors_command() -> None:
+    command = [sys.executable, "-c", "from echelon.cli.main import main; main()", "sensors", "examples/panda.yaml"]
+    root = Path(__file__).parent.parent
+    text = subprocess.run(command, capture_output=True, text=True, check=True, cwd=root).stdout
+    assert "smallest sufficient set: base" in text
+    data = json.loads(subprocess.run([*command, "--json"], capture_output=True, text=True, check=True, cwd=root).stdout)
+    assert data["rank"] == 48
+
+
+@pytest.mark.parametrize(
+    ("entries", "message"),
+    [
+        ({"outputs": [{"joint": "ghost"}]}, "no joint coordinate 'ghost'"),
+        ({"outputs": [{"wrench": "ghost"}]}, "no moving body 'ghost'"),
+        ({"outputs": [{"torque": "joint1"}]}, "outputs"),
+        ({"actuators": {"a": "joint1 + joint2", "b": "2*joint1 + 2*joint2"}}, "singular"),
+        ({"actuators": {"a": "joint1 + joint2"}}, "1 actuators drive 2"),
+        ({"effects": [{"type": "viscous", "at": "ghost"}]}, "no coordinate 'ghost'"),
+        ({"effects": [{"type": "viscous", "at": "joint1", "velocity": "1"}]}, "stribeck"),
+        ({"effects": [{"parameter": "M1", "acts": [{"at": "joint1", "term": "qd"}]}]}, "another parameter"),
+        ({"outputs": [{"joint": "joint1"}, {"joint": "joint1"}]}, "two outputs"),
+    ],
+)
+def test_bad_set_ups_are_named(tmp_path: Path, entries: dict[str, object], message: str) -> None:
+    with pytest.raises(ec.InputError, match=message):
+        set_up(tmp_path, str(robot_file("xarm7")), **entries)
+
+
+def test_a_set_up_survives_saving(tmp_path: Path) -> None:
+    robot = set_up(
+        tmp_path,
+        str(robot_file("xarm7")),
+        actuators={"m5": "45*joint5 + 3*joint6", "m6": "-32*joint5 + 32*joint6"},
+        effects=[{"type": "viscous", "at": "all"}, {"type": "rotor_inertia", "at": "m5"}],
+        rotors=[{"name": "r3", "on": "link2", "drives": "100*joint3"}],
+        outputs=[{"actuator": "m5"}, {"joint": "joint1"}, {"wrench": "link4", "components": ["fx", "tz"]},
+                 {"name": "sum", "sum": [{"joint": "joint2"}, {"actuator": "m6", "weight": "1/2"}]}],
+    )  # fmt: skip
+    again = read_description_data(write_description(robot), "again", ReadingOptions())
+    for field in ("bodies", "couplings", "actuators", "effects", "measured"):
+        assert getattr(again, field) == getattr(robot, field)
+    base = ec.base_parameters(robot)
+    ec.save_base(base, tmp_path / "base.json")
+    assert ec.verify(tmp_path / "base.json").rank == base.rank
