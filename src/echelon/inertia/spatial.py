@@ -1,0 +1,148 @@
+"""The ten standard parameters of a body as matrices, and about another frame.
+
+The pseudo-inertia J = ∫ [x; 1] [x; 1]ᵀ dm (Wensing, Kim & Slotine 2018) makes a change of frame a congruence,
+J' = H J Hᵀ with the homogeneous H, so one short function serves floats and exact numbers alike.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.conventions import PER_BODY
+from echelon.errors import InputError
+
+Floats = npt.NDArray[np.float64]
+Array = npt.NDArray[Any]
+
+UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""Places of XX XY XZ YY YZ ZZ in the inertia tensor."""
+
+
+def parameter_array(values: npt.ArrayLike) -> Floats:
+    """Values as an array of floats with ten parameters in the last axis.
+
+    Raises
+    ------
+    InputError
+        If the shape is another.
+    """
+    array = np.asarray(values, dtype=float)
+    if array.ndim == 0 or array.shape[-1] != PER_BODY:
+        raise InputError(f"expected {PER_BODY} parameters per body in the last axis, got shape {array.shape}")
+    return array
+
+
+def tensor_and_moment(values: Array) -> tuple[Array, Array, Array]:
+    """Inertia tensor (..., 3, 3), first moments (..., 3) and mass (...) of standard parameters (..., 10)."""
+    tensor = np.zeros((*values.shape[:-1], 3, 3), dtype=values.dtype)
+    for k, (i, j) in enumerate(UPPER):
+        tensor[..., i, j] = tensor[..., j, i] = values[..., k]
+    return tensor, values[..., 6:9], values[..., 9]
+
+
+def from_tensor(tensor: Array, moment: Array, mass: Array) -> Array:
+    """Standard parameters (..., 10) of an inertia tensor about the frame's origin, first moments and mass."""
+    return np.stack(
+        [*(tensor[..., i, j] for i, j in UPPER), *(moment[..., k] for k in range(3)), np.asarray(mass)], axis=-1
+    )
+
+
+def pseudo_inertia(values: Array) -> Array:
+    """Pseudo-inertia J of standard parameters.
+
+    Parameters
+    ----------
+    values : array of shape (..., 10)
+        Floats, or objects that are exact.
+
+    Returns
+    -------
+    array of shape (..., 4, 4)
+        [[Σ, h], [hᵀ, m]] with Σ = ½ tr(I) 1 − I.
+    """
+    tensor, moment, mass = tensor_and_moment(values)
+    half = Fraction(1, 2) if values.dtype == object else 0.5
+    trace = (tensor[..., 0, 0] + tensor[..., 1, 1] + tensor[..., 2, 2]) * half
+    pseudo = np.zeros((*values.shape[:-1], 4, 4), dtype=values.dtype)
+    pseudo[..., :3, :3] = -tensor
+    for k in range(3):
+        pseudo[..., k, k] = trace - tensor[..., k, k]
+    pseudo[..., :3, 3] = pseudo[..., 3, :3] = moment
+    pseudo[..., 3, 3] = mass
+    return pseudo
+
+
+def from_pseudo_inertia(pseudo: Array) -> Array:
+    """Standard parameters (..., 10) of a pseudo-inertia (..., 4, 4)."""
+    second = pseudo[..., :3, :3]
+    trace = second[..., 0, 0] + second[..., 1, 1] + second[..., 2, 2]
+    tensor = -second
+    for k in range(3):
+        tensor[..., k, k] = trace - second[..., k, k]
+    return from_tensor(tensor, pseudo[..., :3, 3], pseudo[..., 3, 3])
+
+
+def spatial_inertia(values: npt.ArrayLike) -> Floats:
+    """Featherstone's spatial inertia of standard parameters, as in spatial_v2: angular part first.
+
+    Parameters
+    ----------
+    values : array of shape (..., 10)
+
+    Returns
+    -------
+    array of shape (..., 6, 6)
+        [[I, h×], [(h×)ᵀ, m 1]].
+    """
+    tensor, moment, mass = tensor_and_moment(parameter_array(values))
+    spatial = np.zeros((*mass.shape, 6, 6))
+    spatial[..., :3, :3] = tensor
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        spatial[..., i, 3 + j] = spatial[..., 3 + j, i] = -moment[..., k]
+        spatial[..., j, 3 + i] = spatial[..., 3 + i, j] = moment[..., k]
+        spatial[..., 3 + i, 3 + i] = mass
+    return spatial
+
+
+def from_spatial_inertia(spatial: npt.ArrayLike) -> Floats:
+    """Standard parameters (..., 10) of a spatial inertia (..., 6, 6), angular part first."""
+    array = np.asarray(spatial, dtype=float)
+    moment = np.stack([array[..., 2, 4], array[..., 0, 5], array[..., 1, 3]], axis=-1)
+    return from_tensor(array[..., :3, :3], moment, array[..., 3, 3])
+
+
+def move(values: Array, homogeneous: Array) -> Array:
+    """Parameters of the same body about the frame in which its own frame is placed.
+
+    Parameters
+    ----------
+    values : array of shape (..., 10)
+        About the body's own frame.
+    homogeneous : array of shape (4, 4)
+        The body's own frame in the new one: x_new = R x + t, m.
+
+    Returns
+    -------
+    array of shape (..., 10)
+    """
+    return from_pseudo_inertia(homogeneous @ pseudo_inertia(values) @ homogeneous.T)
+
+
+def frame_change(homogeneous: Array) -> Array:
+    """The matrix T of :func:`move`: new parameters = T · parameters.
+
+    Parameters
+    ----------
+    homogeneous : array of shape (4, 4)
+        Floats, or objects that are exact.
+
+    Returns
+    -------
+    array of shape (10, 10)
+    """
+    units = np.eye(PER_BODY, dtype=int).astype(homogeneous.dtype)
+    return move(units, homogeneous).T
