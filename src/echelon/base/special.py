@@ -78,6 +78,7 @@ def special_geometry(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> Speci
     >>> import echelon as ec
     >>> for case in ec.special_geometry(ec.load("examples/double_pendulum.yaml")).cases:
     ...     print(case)
+    g = 0: 4
     gravity along z: 4
     no gravity: 4
     """

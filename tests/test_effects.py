@@ -1,0 +1,152 @@
+"""Effects and rotors against independent formulas, and what they do to the base parameters."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import echelon as ec
+from echelon.formats.description import read_description_data
+from echelon.formats.options import ReadingOptions
+from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.newton_euler import inverse_dynamics_regressor
+
+ROW = {"joint": "revolute", "alpha": "pi/2", "a": "0.2"}
+
+
+def arm(joints: int = 2, **entries: object) -> ec.Mechanism:
+    data = {"echelon": 1, "name": "arm", "modified_dh": [ROW] * joints, **entries}
+    return read_description_data(data, "arm", ReadingOptions())
+
+
+def columns(robot: ec.Mechanism, q: object, qd: object, qdd: object) -> dict[str, np.ndarray]:
+    x = evaluate_floats(inverse_dynamics_regressor(robot), robot, q, qd, qdd)
+    return {name: x[:, :, k] for k, name in enumerate(robot.parameters)}
+
+
+STATES = np.random.default_rng(5).normal(size=(3, 20, 2))
+Q, QD, QDD = STATES
+
+FORMULAS = {
+    "viscous": {"Fv": lambda _q, v, _a: v},
+    "coulomb": {"Fc": lambda _q, v, _a: np.sign(v)},
+    "asymmetric_coulomb": {
+        "Fcp": lambda _q, v, _a: np.where(v > 0, 1.0, 0.0),
+        "Fcn": lambda _q, v, _a: np.where(v < 0, -1.0, 0.0),
+    },
+    "offset": {"Fo": lambda _q, v, _a: np.ones_like(v)},
+    "rotor_inertia": {"Ia": lambda _q, _v, a: a},
+    "spring": {"Ks": lambda q, _v, _a: q, "Ps": lambda q, _v, _a: np.ones_like(q)},
+}
+
+
+@pytest.mark.parametrize("kind", FORMULAS)
+def test_ready_made_effects(kind: str) -> None:
+    found = columns(arm(effects=[{"type": kind, "at": "all"}]), Q, QD, QDD)
+    for symbol, formula in FORMULAS[kind].items():
+        expected = formula(Q, QD, QDD)
+        for joint in (0, 1):
+            column = found[f"{symbol}{joint + 1}"]
+            np.testing.assert_allclose(column[:, joint], expected[:, joint], rtol=1e-14)
+            assert not column[:, 1 - joint].any()
+
+
+def test_stribeck() -> None:
+    found = columns(arm(effects=[{"type": "stribeck", "at": "j1", "velocity": "0.5", "exponent": "2"}]), Q, QD, QDD)
+    v = QD[:, 0]
+    np.testing.assert_allclose(found["Fs1"][:, 0], np.sign(v) * np.exp(-((np.abs(v) / 0.5) ** 2)), rtol=1e-12)
+
+
+def test_effects_in_the_drive_act_through_the_transmission() -> None:
+    drives = {"a": "3*j1 + 2*j2", "b": "-j1 + 5*j2"}
+    transmission = np.array([[3.0, 2.0], [-1.0, 5.0]])
+    robot = arm(actuators=drives, effects=[{"type": "viscous", "at": ["a", "j2"]}])
+    assert robot.effects[1].actions[0].side == "joint"
+    found = columns(robot, Q, QD, QDD)
+    rates = QD @ transmission.T
+    np.testing.assert_allclose(found["Fv_a"], np.stack([rates[:, 0], np.zeros(20)], axis=1), rtol=1e-14)
+    # a joint's friction reaches the motors by the inverse of T, transposed
+    joint = np.stack([np.zeros(20), QD[:, 1]], axis=1)
+    np.testing.assert_allclose(found["Fv2"], joint @ np.linalg.inv(transmission), rtol=1e-12)
+
+
+def test_a_torque_sensor_in_the_joint_does_not_see_the_drive() -> None:
+    effects = [{"type": "viscous", "at": "j1"}, {"type": "viscous", "at": "j1", "side": "joint", "label": "bearing"}]
+    found = columns(arm(effects=effects, outputs=[{"joint": "j1"}]), Q, QD, QDD)
+    assert not found["Fv1"].any()
+    np.testing.assert_allclose(found["Fvbearing"][:, 0], QD[:, 0])
+
+
+def test_a_rotor_on_the_first_link_of_a_planar_arm() -> None:
+    """E = I (q̇1 + n q̇2)² / 2, so τ1 = I (q̈1 + n q̈2) and τ2 = n τ1."""
+    rows = [{"joint": "revolute"}, {"joint": "revolute", "a": "0.3"}]
+    rotors = [{"name": "rotor", "on": "j1", "drives": "50*j2", "label": "r"}]
+    data = {"echelon": 1, "name": "arm", "modified_dh": rows, "rotors": rotors}
+    robot = read_description_data(data, "arm", ReadingOptions())
+    expected = QDD[:, 0] + 50 * QDD[:, 1]
+    np.testing.assert_allclose(columns(robot, Q, QD, QDD)["ZZr"], np.stack([expected, 50 * expected], 1), rtol=1e-12)
+
+
+def test_gyroscopic_torque_of_a_rotor() -> None:
+    """A rotor that spins across the axis of the link that carries it resists with I ω × θ̇."""
+    rows = [{"joint": "revolute"}, {"joint": "revolute", "alpha": "pi/2"}]
+    rotors = [{"name": "rotor", "on": "j2", "drives": "10*j2", "axis": "x", "label": "r"}]
+    data = {"echelon": 1, "name": "arm", "modified_dh": rows, "rotors": rotors}
+    robot = read_description_data(data, "arm", ReadingOptions())
+    # E = I/2 (ω_x + 10 q̇2)² with ω_x = q̇1 sin q2
+    (q2, d1, d2), (a1, a2) = (Q[:, 1], QD[:, 0], QD[:, 1]), (QDD[:, 0], QDD[:, 1])
+    spin = d1 * np.sin(q2) + 10 * d2
+    rate = a1 * np.sin(q2) + d1 * d2 * np.cos(q2) + 10 * a2
+    tau1 = rate * np.sin(q2) + spin * np.cos(q2) * d2
+    tau2 = 10 * rate - spin * d1 * np.cos(q2)
+    np.testing.assert_allclose(columns(robot, Q, QD, QDD)["XXr"], np.stack([tau1, tau2], axis=1), rtol=1e-10)
+
+
+def test_an_effect_with_several_places_and_terms() -> None:
+    acts = [{"at": "j1", "term": "2*qd[j2]"}, {"at": "j2", "term": "qd[j1]*sin(q) - q[j1]**2/3"}]
+    found = columns(arm(effects=[{"parameter": "K", "unit": "N·m", "acts": acts}]), Q, QD, QDD)["K"]
+    np.testing.assert_allclose(found[:, 0], 2 * QD[:, 1], rtol=1e-14)
+    np.testing.assert_allclose(found[:, 1], QD[:, 0] * np.sin(Q[:, 1]) - Q[:, 0] ** 2 / 3, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "added"),
+    [
+        (["viscous"], 6),
+        (["coulomb"], 6),
+        (["offset"], 6),
+        # the inertia of the first rotors counts to the links that turn with them
+        (["rotor_inertia"], 4),
+        (["viscous", "coulomb", "offset", "rotor_inertia"], 22),
+        (["coulomb", "asymmetric_coulomb"], 12),
+    ],
+)
+def test_rank_with_effects(kinds: list[str], added: int, tmp_path: Path) -> None:
+    root = Path(__file__).parent.parent
+    rows = (root / "examples" / "ur10.yaml").read_text()
+    path = tmp_path / "ur10.yaml"
+    path.write_text(rows + "\neffects:\n" + "".join(f"  - {{type: {kind}, at: all}}\n" for kind in kinds))
+    base = ec.base_parameters(ec.load(path))
+    assert base.rank == 36 + added
+    assert base.certificate.log10_error < -30
+
+
+def test_a_spring_across_gravity() -> None:
+    """On a vertical slide the weight and a spring's preload are one force."""
+    data = {
+        "echelon": 1, "name": "slide", "modified_dh": [{"joint": "prismatic"}],
+        "effects": [{"type": "spring", "at": "j1"}, {"type": "offset", "at": "j1"}],
+    }  # fmt: skip
+    base = ec.base_parameters(read_description_data(data, "slide", ReadingOptions()))
+    assert [str(e) for e in base.expressions] == ["M1", "Ks1", "Ps1 + Fo1"]
+
+
+def test_coupled_arm_example() -> None:
+    root = Path(__file__).parent.parent
+    robot = ec.load(root / "examples" / "coupled_arm.yaml")
+    base = ec.base_parameters(robot)
+    assert [o.name for o in robot.outputs] == ["m2", "m3", "m4", "m5", "m6", "m7", "j1"]
+    friction = [e for e in base.expressions if str(e).startswith("F")]
+    assert len(friction) == 14
