@@ -13,9 +13,10 @@ import pytest
 import echelon as ec
 
 PUBLIC = [
-    "BaseModel", "CertificateError", "ClosedFormError", "EchelonError", "Expression", "Identifiability", "InputError",
-    "Mechanism", "MissingExtraError", "SensorReport", "SpecialGeometry", "Structure", "__version__", "base_parameters",
-    "base_structure", "load", "load_base", "save_base", "sensor_report", "special_geometry", "verify",
+    "Audit", "BaseModel", "CertificateError", "ClosedFormError", "EchelonError", "Expression", "Identifiability",
+    "InputError", "Mechanism", "MissingExtraError", "SensorReport", "SpecialGeometry", "Structure", "Verdict",
+    "__version__", "audit", "base_parameters", "base_structure", "convert", "convert_columns", "load", "load_base",
+    "save_base", "sensor_report", "special_geometry", "verify",
 ]  # fmt: skip
 
 

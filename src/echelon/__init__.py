@@ -14,6 +14,9 @@ from echelon.base.model import BaseModel
 from echelon.base.sensors import SensorReport, sensor_report
 from echelon.base.special import SpecialGeometry, special_geometry
 from echelon.base.structure import Structure
+from echelon.claims.audit import audit
+from echelon.claims.findings import Verdict
+from echelon.claims.result import Audit
 from echelon.errors import (
     CertificateError,
     ClosedFormError,
@@ -22,12 +25,14 @@ from echelon.errors import (
     MissingExtraError,
 )
 from echelon.formats.load import load
+from echelon.inertia.convert import convert, convert_columns
 from echelon.mechanism.mechanism import Mechanism
 from echelon.results.saved import load_base, save_base
 from echelon.results.verify import verify
 from echelon.version import __version__
 
 __all__ = [
+    "Audit",
     "BaseModel",
     "CertificateError",
     "ClosedFormError",
@@ -40,9 +45,13 @@ __all__ = [
     "SensorReport",
     "SpecialGeometry",
     "Structure",
+    "Verdict",
     "__version__",
+    "audit",
     "base_parameters",
     "base_structure",
+    "convert",
+    "convert_columns",
     "load",
     "load_base",
     "save_base",

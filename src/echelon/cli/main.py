@@ -177,6 +177,40 @@ def sensors(
     run_sensors(robot, size, {"floating": floating, "gravity": gravity}, seed, as_json=as_json)
 
 
+@app.command(epilog="Example: echelon audit tx40.urdf TX40_bp_5.csv --ignore 'fv*'")
+def audit(
+    robot: Annotated[Path, typer.Argument(help="URDF, MJCF or Echelon description (YAML, JSON).")],
+    claimed: Annotated[Path, typer.Argument(help="Base parameters to check: CSV, JSON, or one expression per line.")],
+    naming: Annotated[
+        str, typer.Option(help="How the claims write parameters: 'auto', or echelon, symoro, sympybotics, pinocchio.")
+    ] = "auto",
+    define: Annotated[
+        list[str] | None, typer.Option(help="A symbol of the claims, 'RL4=pz4' or 'L=0.45'; may be repeated.")
+    ] = None,
+    ignore: Annotated[
+        list[str] | None, typer.Option(help="Parameters that the robot file leaves out, 'fv*'; may be repeated.")
+    ] = None,
+    floating: Annotated[bool, typer.Option(help="Let the root link float.")] = False,
+    gravity: Annotated[str, typer.Option(help="As for 'derive'.")] = "file",
+    mimic: Annotated[Mimic, typer.Option(help="Respect mimic joints, or treat them as independent.")] = Mimic.COUPLED,
+    every_link: Annotated[bool, typer.Option("--every-link", help="Keep links fixed to others as bodies.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="File to write instead of the terminal.")
+    ] = None,
+) -> None:
+    """Compare base parameters that someone else claims with the exact ones; exits with 1 where they differ."""
+    from echelon.cli.audit import run_audit
+
+    reading = {
+        "floating": floating,
+        "gravity": gravity,
+        "independent_mimics": mimic is Mimic.INDEPENDENT,
+        "every_link": every_link,
+    }
+    raise typer.Exit(run_audit(robot, claimed, reading, naming, define or (), ignore or (), as_json, output))
+
+
 @app.command(epilog="Example: echelon schema description > robot.schema.json")
 def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print.")]) -> None:
     """Print the JSON schema of a file format."""
