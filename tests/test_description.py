@@ -25,6 +25,7 @@ from oracles import float_regressor, random_states
 ROOT = Path(__file__).parents[1]
 EXAMPLES = {
     "cart_pole": 4,
+    "coupled_arm": 63,
     "double_pendulum": 6,
     "floating_tree": 39,
     "furuta": 8,
@@ -34,6 +35,7 @@ EXAMPLES = {
     "rx90": 36,
     "scara": 8,
     "stanford": 33,
+    "tx40": 61,
     "ur10": 36,
 }
 
