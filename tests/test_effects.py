@@ -150,3 +150,25 @@ def test_coupled_arm_example() -> None:
     assert [o.name for o in robot.outputs] == ["m2", "m3", "m4", "m5", "m6", "m7", "j1"]
     friction = [e for e in base.expressions if str(e).startswith("F")]
     assert len(friction) == 14
+
+
+def test_drive_gains_multiply_measured_currents() -> None:
+    base = ec.base_parameters(arm(effects=[{"type": "drive_gain", "at": "all"}]))
+    currents = {"j1": np.linspace(1, 2, 20), "j2": np.linspace(-1, 1, 20)}
+    x = base.standard_regressor(Q, QD, QDD, inputs=currents)
+    np.testing.assert_allclose(x[:, 1, base.parameters.index("Kt2")], -currents["j2"])
+    with pytest.raises(ec.InputError, match=r"input i\[j"):
+        base.standard_regressor(Q, QD, QDD)
+
+
+def test_a_point_payload_adds_its_mass_alone() -> None:
+    arm_alone = {"name": "link", "joint": {"type": "revolute", "axis": "y"}}
+    payload = {
+        "name": "load", "parent": "link", "joint": {"type": "fixed", "origin": {"xyz": ["0.3", 0, 0]}},
+        "separate": True, "parameters": ["M"], "label": "L",
+    }  # fmt: skip
+    data = {"echelon": 1, "name": "arm", "bodies": [arm_alone, payload]}
+    robot = read_description_data(data, "arm", ReadingOptions())
+    assert robot.parameters[-1] == "ML"
+    assert len(robot.parameters) == 11
+    assert [str(e) for e in ec.base_parameters(robot).expressions] == ["YY1 + 9/100·ML", "MX1 + 3/10·ML", "MZ1"]

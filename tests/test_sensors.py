@@ -160,7 +160,7 @@ def test_an_invertible_coupling_leaves_the_inertial_rank_alone(tmp_path: Path) -
 
 def test_torques_follow_the_transmission(tmp_path: Path) -> None:
     drives = {"m5": "45*joint5 + 3*joint6", "m6": "-32*joint5 + 32*joint6"}
-    robot, direct = set_up(tmp_path, str(robot_file("xarm7")), actuators=drives), ec.load(robot_file("xarm7.urdf"))
+    robot, direct = set_up(tmp_path, str(robot_file("xarm7")), actuators=drives), ec.load(robot_file("xarm7"))
     state = np.random.default_rng(1).normal(size=(3, 7))
     tau = evaluate_floats(inverse_dynamics_regressor(direct), direct, *state)[0]
     motor = evaluate_floats(inverse_dynamics_regressor(robot), robot, *state)[0]

@@ -243,6 +243,7 @@ class BaseModel:
         qd: npt.ArrayLike,
         qdd: npt.ArrayLike,
         symbols: Mapping[str, float] | None = None,
+        inputs: Mapping[str, npt.ArrayLike] | None = None,
     ) -> Floats:
         """The base regressor X̄ at given states.
 
@@ -253,12 +254,14 @@ class BaseModel:
         qd, qdd : arrays of shape (N, velocities)
             In the order of ``mechanism.velocities``.
         symbols : mapping of str to float, optional
+        inputs : mapping of str to array of shape (N,), optional
+            Measured inputs that effects use, such as currents, by coordinate or actuator.
 
         Returns
         -------
         array of shape (N, outputs, base parameters)
         """
-        return evaluate_floats(self.reduced, self.mechanism, q, qd, qdd, symbols)
+        return evaluate_floats(self.reduced, self.mechanism, q, qd, qdd, symbols, inputs)
 
     def standard_regressor(
         self,
@@ -266,6 +269,7 @@ class BaseModel:
         qd: npt.ArrayLike,
         qdd: npt.ArrayLike,
         symbols: Mapping[str, float] | None = None,
+        inputs: Mapping[str, npt.ArrayLike] | None = None,
     ) -> Floats:
         """The regressor X of all standard parameters at given states.
 
@@ -273,13 +277,14 @@ class BaseModel:
         ----------
         q, qd, qdd : arrays of shape (N, positions) and (N, velocities)
             As for :meth:`regressor`.
-        symbols : mapping of str to float, optional
+        symbols, inputs : mappings, optional
+            As for :meth:`regressor`.
 
         Returns
         -------
         array of shape (N, outputs, standard parameters)
         """
-        return evaluate_floats(self.inverse_dynamics, self.mechanism, q, qd, qdd, symbols)
+        return evaluate_floats(self.inverse_dynamics, self.mechanism, q, qd, qdd, symbols, inputs)
 
     # -- showing ------------------------------------------------------------------------------------------------
 

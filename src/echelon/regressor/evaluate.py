@@ -23,6 +23,7 @@ def evaluate_floats(
     qd: npt.ArrayLike,
     qdd: npt.ArrayLike,
     symbols: Mapping[str, float] | None = None,
+    inputs: Mapping[str, npt.ArrayLike] | None = None,
 ) -> npt.NDArray[np.float64]:
     """Evaluate forms at states of a mechanism.
 
@@ -35,6 +36,8 @@ def evaluate_floats(
     qd, qdd : arrays of shape (N, velocities)
     symbols : mapping of str to float, optional
         Values that replace or complete those of the mechanism.
+    inputs : mapping of str to array of shape (N,), optional
+        Measured inputs that effects use, such as the currents of drives with unknown gains, by coordinate or actuator.
 
     Returns
     -------
@@ -43,16 +46,17 @@ def evaluate_floats(
     Raises
     ------
     InputError
-        If shapes do not fit or a symbol has no value.
+        If shapes do not fit, or a symbol or a measured input has no value.
     """
     named = {
+        **{f"i[{name}]": np.atleast_1d(np.asarray(values, dtype=float)) for name, values in (inputs or {}).items()},
         **_columns(q, "q", mechanism.positions),
         **_columns(qd, "qd", mechanism.velocities),
         **_columns(qdd, "qdd", mechanism.velocities),
     }
-    counts = {len(np.atleast_2d(np.asarray(x))) for x in (q, qd, qdd)}
+    counts = {len(np.atleast_2d(np.asarray(x))) for x in (q, qd, qdd)} | {len(v) for v in named.values()}
     if len(counts) != 1:
-        raise InputError(f"q, qd and qdd have different numbers of samples: {sorted(counts)}")
+        raise InputError(f"q, qd, qdd and inputs have different numbers of samples: {sorted(counts)}")
     samples = counts.pop()
     schedule = Schedule(forms.program, list(forms.entries.values()))
     wanted = [forms.program.inputs[n].name for n in schedule.leaves if forms.program.inputs[n].role == "symbol"]
@@ -64,6 +68,8 @@ def evaluate_floats(
         leaves = {}
         for node in schedule.leaves:
             name = forms.program.inputs[node].name
+            if name not in constants and name not in named:
+                raise InputError(f"the measured input {name} is needed; give it as inputs={{'{name[2:-1]}': ...}}")
             leaves[node] = np.full(size, constants[name]) if name in constants else named[name][block]
         for (row, column), value in zip(forms.entries, schedule.run(FloatArithmetic(), leaves, size), strict=True):
             result[block, row, column] = value
