@@ -40,6 +40,10 @@ class DegenerateSampleError(EchelonError):
     """A random point or prime fell on a zero of some denominator; the caller draws another."""
 
 
+class UnknownRelationsError(EchelonError):
+    """The algebraic relations between some functions are not known, so a finite field cannot stand for them."""
+
+
 class ClosedFormError(EchelonError):
     """No closed form was found within the degree bounds; rank and pivots are not affected."""
 

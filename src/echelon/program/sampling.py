@@ -1,26 +1,31 @@
 """Random points of a finite field for the inputs of a program, respecting what the inputs mean.
 
-Sines and cosines become leaves: an angle is a point of the unit circle, and angles that are rational multiples of one
-another (coupled joints) are multiples of one circle point, so their algebraic relation holds exactly.  A constant angle
-other than zero is a point that all samples share.  Quaternions are points of the unit sphere.  An input used both as an
-angle and as a number (the turn of a screw) gets two independent values, because x, sin x and cos x satisfy no
-polynomial relation.
+Functions become leaves whose values satisfy exactly the algebraic relations that hold for all real inputs (see
+:mod:`echelon.program.canonical`): an angle is a point of the unit circle, angles that are rational multiples of one
+another are multiples of one circle point, exp(x + y) is a product, and so on.  What is constant for the model is the
+same at all samples.  Quaternions are points of the unit sphere.  Signs are those of a random real point for every
+sample.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from fractions import Fraction
 from functools import reduce
-from math import lcm
+from math import prod
 
 import numpy as np
+import numpy.typing as npt
 
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.numbers import Surd
+from echelon.program.canonical import CanonicalForms, Form, Product, Signs, Turn
+from echelon.program.generator_values import GeneratorValues, residues_of
 from echelon.program.operations import Op
+from echelon.program.region import RealPoints
+from echelon.program.rewriting import written_out
 from echelon.program.schedule import ModularArithmetic, Schedule
 from echelon.program.tape import Program
+
+_Pattern = tuple[Signs, npt.NDArray[np.intp]]  # signs, and the samples that have them
 
 
 class FieldSampler:
@@ -31,34 +36,39 @@ class FieldSampler:
     program : Program
     outputs : sequence of int
         Output nodes.
+
+    Raises
+    ------
+    UnknownRelationsError
+        If the algebraic relations between the program's functions are not known.
     """
 
     def __init__(self, program: Program, outputs: Sequence[int]) -> None:
-        self.program = program
-        needed = program.needed(outputs)
-        trigonometric = [n for n in needed if program.ops[n] in (Op.SIN, Op.COS)]
-        self._schedule = Schedule(program, outputs, trigonometric)
+        self.program, outputs = written_out(program, outputs)
+        ops = self.program.ops
+        needed = self.program.needed(outputs)
+        functions = [n for n in needed if ops[n] >= Op.SIN]
+        self._schedule = Schedule(self.program, outputs, functions)
         leaves = set(self._schedule.leaves)
-        self._trigonometric = [n for n in trigonometric if n in leaves]
-        self._angles = self._sort_angles({program.lhs[n] for n in self._trigonometric})
-        self.symbols = sorted(program.inputs[n].name for n in needed if self._is_symbol(n))
+        self._functions = [n for n in functions if n in leaves and ops[n] != Op.SIGN]
+        self._sign_leaves = [n for n in functions if n in leaves and ops[n] == Op.SIGN]
+        self.symbols = sorted(self.program.inputs[n].name for n in needed if self._is_symbol(n))
+        self.canonical = CanonicalForms(self.program)
+        has_regions = any(ops[n] in (Op.SIGN, Op.SQRT, Op.LOG) for n in functions)
+        self._region = RealPoints(self.program, outputs) if has_regions else None
+        if self._region is None:
+            self.canonical.forms([(n, ()) for n in self._functions])
 
     @property
     def largest_turn(self) -> int:
-        """Degree of the sines and cosines in their independent circle points: multiples of angles, added up."""
-        return max((sum(map(abs, form.values())) for form in self._angles.values()), default=1)
+        """Degree of the functions in the independent random numbers, e.g. multiples of angles, added up."""
+        canonical = self.canonical
+        roots = prod(canonical.unit(g.name) for g in canonical.generators.values() if g.kind == "root")
+        powers = max((canonical.unit(f"x{node}") for node in canonical.rooted), default=1)
+        return max((_degree(form) for form in canonical.known), default=1) * roots * powers
 
     def _is_symbol(self, node: int) -> bool:
         return node in self.program.inputs and self.program.inputs[node].role == "symbol"
-
-    def _sort_angles(self, arguments: set[int]) -> dict[int, dict[int, int]]:
-        """For every argument of a sine or cosine, how many times each independent angle is in it."""
-        forms = {argument: _linear_form(self.program, argument) for argument in sorted(arguments)}
-        units: dict[int, int] = {}
-        for form in forms.values():
-            for atom, ratio in form.items():
-                units[atom] = lcm(units.get(atom, 1), ratio.denominator)
-        return {argument: {k: int(ratio * units[k]) for k, ratio in form.items()} for argument, form in forms.items()}
 
     def evaluate(
         self, field: PrimeField, rng: np.random.Generator, states: int, geometry: Mapping[str, Residues]
@@ -72,7 +82,8 @@ class FieldSampler:
         states : int
             Random states per geometry.
         geometry : mapping of str to array of shape (geometries,)
-            Value of every symbol; for an angle symbol the tangent of half the angle.
+            Value of every symbol; for an angle symbol the tangent of half the angle, for a symbol under a root the
+            root.
 
         Returns
         -------
@@ -81,83 +92,106 @@ class FieldSampler:
         Raises
         ------
         DegenerateSampleError
-            If a denominator vanishes at a point.
+            If a denominator vanishes at a point, or the field has no root that is needed.
+        InputError
+            If no real point is found at which all logarithms and roots are real.
         """
         geometries = len(next(iter(geometry.values()))) if geometry else 1
         samples = geometries * states
+        reals = self._region.draw(rng, samples) if self._region is not None else {}
+        patterns = self._patterns(reals, samples)
         spread = {name: np.repeat(value, states) for name, value in geometry.items()}
-        values = self._draw_inputs(field, rng, samples, spread)
-        values.update(self._draw_angles(field, rng, samples, spread))
+        wanted = {g for node in patterns for signs, _ in patterns[node] for g in _generators(self._form(node, signs))}
+        inputs = [n for n in self._schedule.leaves if n in self.program.inputs]
+        drawn = GeneratorValues(self.canonical, field, rng, spread, reals, samples)
+        generators = drawn.draw(wanted, inputs)
+        values = {n: drawn.inputs[n] for n in inputs}
+        for node in self._sign_leaves:
+            values[node] = _embedded(np.sign(reals[self.program.lhs[node]]), field)
+        circles = self._circles(generators, field)
+        for node, regions in patterns.items():
+            values[node] = self._combined(node, regions, generators, circles, field, samples)
         result = self._schedule.run(ModularArithmetic(field), values, samples)
         return result.reshape(len(result), geometries, states)
 
-    def _draw_inputs(
-        self, field: PrimeField, rng: np.random.Generator, samples: int, spread: Mapping[str, Residues]
-    ) -> dict[int, Residues]:
-        values: dict[int, Residues] = {}
-        for node in self._schedule.leaves:
-            if self._is_symbol(node):
-                values[node] = spread[self.program.inputs[node].name]
-            elif node in self.program.inputs:
-                values[node] = field.draw(rng, (samples,))
-        for group in self.program.unit_groups:
-            if any(node in values for node in group):
-                points = field.sphere(field.draw(rng, (len(group) - 1, samples)))
-                values.update(zip(group, points, strict=True))
-        return values
+    # -- signs and forms -----------------------------------------------------------------------------------------
 
-    def _draw_angles(
-        self, field: PrimeField, rng: np.random.Generator, samples: int, spread: Mapping[str, Residues]
-    ) -> dict[int, Residues]:
-        points = {argument: self._identity(field, samples) for argument in self._angles}
-        atoms = list(dict.fromkeys(atom for form in self._angles.values() for atom in form))
-        if atoms:
-            tangents = np.stack([self._tangent(atom, field, rng, samples, spread) for atom in atoms])
-            cosines, sines = field.circle(tangents)
-            circle = {atom: (cosines[i], sines[i]) for i, atom in enumerate(atoms)}
-        for argument, form in self._angles.items():
-            turns = [circle[k] if n == 1 else field.multiply_angle(circle[k], n) for k, n in form.items()]
-            if turns:
-                points[argument] = reduce(field.add_angles, turns)
-        ops, lhs = self.program.ops, self.program.lhs
-        return {node: points[lhs[node]][0 if ops[node] == Op.COS else 1] for node in self._trigonometric}
+    def _patterns(self, reals: Mapping[int, npt.NDArray[np.float64]], samples: int) -> dict[int, list[_Pattern]]:
+        """For every function, the signs that occur in it and the samples where they do; all their forms are known."""
+        everywhere = np.arange(samples)
+        while True:
+            rooted = len(self.canonical.rooted)
+            found: dict[int, list[_Pattern]] = {}
+            for node in self._functions:
+                signed = self.canonical.signed(node) if self._region is not None else []
+                found[node] = _sorted_signs(signed, reals) if signed else [((), everywhere)]
+            self.canonical.forms([(node, signs) for node, regions in found.items() for signs, _ in regions])
+            if len(self.canonical.rooted) == rooted:
+                return found
 
-    def _identity(self, field: PrimeField, samples: int) -> tuple[Residues, Residues]:
-        return np.ones(samples, dtype=field.dtype), np.zeros(samples, dtype=field.dtype)
+    def _form(self, node: int, signs: Signs) -> Form:
+        return self.canonical.form(node, signs)
 
-    def _tangent(
+    # -- values ---------------------------------------------------------------------------------------------------
+
+    def _circles(self, generators: Mapping[str, Residues], field: PrimeField) -> dict[str, tuple[Residues, Residues]]:
+        angles = [name for name in generators if self.canonical.generators[name].kind == "angle"]
+        if not angles:
+            return {}
+        cosines, sines = field.circle(np.stack([generators[name] for name in angles]))
+        return {name: (cosines[i], sines[i]) for i, name in enumerate(angles)}
+
+    def _combined(
         self,
-        atom: int,
+        node: int,
+        regions: Sequence[_Pattern],
+        generators: Mapping[str, Residues],
+        circles: Mapping[str, tuple[Residues, Residues]],
         field: PrimeField,
-        rng: np.random.Generator,
         samples: int,
-        spread: Mapping[str, Residues],
     ) -> Residues:
-        if self._is_symbol(atom):
-            return spread[self.program.inputs[atom].name]
-        varies = any(n in self.program.inputs and not self._is_symbol(n) for n in self.program.needed([atom]))
-        return field.draw(rng, (samples,)) if varies else np.repeat(field.draw(rng, (1,)), samples)
+        """Values of a function, region by region."""
+        total = np.zeros(samples, dtype=field.dtype)
+        for signs, where in regions:
+            form = self._form(node, signs)
+            if isinstance(form, Turn):
+                turns = [(tuple(x[where] for x in circles[g]), n) for g, n in form.multiples.items()]
+                points = [(c, s) if n == 1 else field.multiply_angle((c, s), n) for (c, s), n in turns]
+                point = reduce(field.add_angles, points) if points else _identity(field, len(where))
+                total[where] = point[0 if self.program.ops[node] == Op.COS else 1]
+            else:
+                own = {g: generators[g][where] for g in _generators(form)}
+                total[where] = residues_of(form, own, field, len(where))
+        return total
 
 
-def _linear_form(program: Program, node: int) -> dict[int, Fraction]:
-    """A node as a rational combination of atoms: inputs, the constant 1, and nodes that are not linear in others."""
-    op, a, b = program.ops[node], program.lhs[node], program.rhs[node]
-    if op == Op.CONSTANT and not isinstance(value := program.constants[node], Surd):
-        return {program.one.node: Fraction(value)} if value else {}
-    if op == Op.NEG:
-        return _combined({}, _linear_form(program, a), Fraction(-1))
-    if op in (Op.ADD, Op.SUB):
-        sign = Fraction(1 if op == Op.ADD else -1)
-        return _combined(_linear_form(program, a), _linear_form(program, b), sign)
-    if op == Op.MUL:
-        for factor, other in ((a, b), (b, a)):
-            ratio = program.constants.get(factor)
-            if ratio is not None and not isinstance(ratio, Surd):
-                return _combined({}, _linear_form(program, other), Fraction(ratio))
-    return {node: Fraction(1)}
+def _sorted_signs(nodes: Sequence[int], reals: Mapping[int, npt.NDArray[np.float64]]) -> list[_Pattern]:
+    """The different signs of some nodes, with the samples where they occur."""
+    table = np.sign(np.stack([reals[n] for n in nodes], axis=1)).astype(int)
+    rows, which = np.unique(table, axis=0, return_inverse=True)
+    which = which.reshape(-1)
+    return [(tuple(zip(nodes, map(int, row), strict=True)), np.flatnonzero(which == k)) for k, row in enumerate(rows)]
 
 
-def _combined(left: dict[int, Fraction], right: dict[int, Fraction], factor: Fraction) -> dict[int, Fraction]:
-    """The form left + factor · right, without zeros."""
-    total = {k: left.get(k, Fraction(0)) + factor * right.get(k, Fraction(0)) for k in {**left, **right}}
-    return {k: v for k, v in total.items() if v}
+def _generators(form: Form) -> set[str]:
+    if isinstance(form, Turn):
+        return set(form.multiples)
+    return set(form.exponents) if isinstance(form, Product) else set(form.symbols())
+
+
+def _degree(form: Form) -> int:
+    if isinstance(form, Turn):
+        return sum(map(abs, form.multiples.values()))
+    if isinstance(form, Product):
+        return sum(map(abs, form.exponents.values()))
+    return sum(max((sum(e for _, e in m) for m in p.terms), default=0) for p in (form.numerator, form.denominator))
+
+
+def _identity(field: PrimeField, samples: int) -> tuple[Residues, Residues]:
+    return np.ones(samples, dtype=field.dtype), np.zeros(samples, dtype=field.dtype)
+
+
+def _embedded(signs: npt.NDArray[np.float64], field: PrimeField) -> Residues:
+    result = np.empty(len(signs), dtype=field.dtype)
+    result[:] = [int(s) % field.p for s in signs]
+    return result

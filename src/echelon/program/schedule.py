@@ -197,13 +197,18 @@ class ModularArithmetic:
 def degree_bound(program: Program, outputs: Sequence[int]) -> int:
     """An upper bound on the degree of the outputs' numerators and denominators in the leaves.
 
-    Inputs, sines and cosines count 1.  Used for Schwartz–Zippel bounds.
+    Inputs and functions count 1; |x| = sign(x)·x, and tan and tanh are quotients of leaves.  Used for Schwartz–Zippel
+    bounds.
     """
     degree: dict[int, tuple[int, int]] = {}
     for node in program.needed(outputs):
         op, a, b = program.ops[node], program.lhs[node], program.rhs[node]
         if op == Op.CONSTANT:
             degree[node] = (0, 0)
+        elif op in (Op.TAN, Op.TANH):
+            degree[node] = (1, 1)
+        elif op == Op.ABS:
+            degree[node] = (degree[a][0] + 1, degree[a][1])
         elif op == Op.INPUT or op >= Op.SIN:
             degree[node] = (1, 0)
         elif op == Op.NEG:

@@ -1,0 +1,328 @@
+"""Functions of a program in terms of independent generators, so that exactly the true algebraic relations hold.
+
+Innermost functions first, every argument is written as a quotient of polynomials in generators.
+
+- exp and the circle point of Σ r·m, with atoms m (:mod:`echelon.program.atoms`), are products of integer powers of
+  generators exp(m/N) and multiples of circle points at m/N, where N is the common denominator of the ratios r of m.
+- log Π f^e = Σ e·log|f| over irreducible factors f, because logarithms of coprime polynomials are independent; log exp
+  m = m.  Where log|f| stands alone in an exponent, exp(r·log|f|) = |f|^r.
+- Roots √Π f^e = Π |f|^(e/2) are algebraic: a generator r with r^N = |f|.  An input x under a root becomes ±r^N itself.
+
+Generators are algebraically independent but for the roots (Ax 1971, Rosenlicht 1976; see :mod:`echelon.program.atoms`).
+Constants that are functions of numbers (log 2, sin 1) are taken as independent too, as Schanuel's conjecture says.
+Signs are constant on regions: every form is for given signs of the arguments of SIGN and of the inputs under roots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import lcm
+
+import flint
+
+from echelon.errors import InputError, UnknownRelationsError
+from echelon.exact.factors import factors, is_rational
+from echelon.exact.polynomial import Polynomial
+from echelon.exact.rational import RationalFunction
+from echelon.program.atoms import Atom, AtomBasis
+from echelon.program.operations import Op
+from echelon.program.tape import Program
+
+Signs = tuple[tuple[int, int], ...]
+"""Nodes with their signs, ±1, sorted by node."""
+
+_MOST_PASSES = 200
+_MOST_TERMS = 2000
+_LARGEST_NESTED_TURN = 24
+
+
+@dataclass(frozen=True)
+class Generator:
+    """An independent generator.
+
+    Attributes
+    ----------
+    name : str
+    kind : str
+        ``"input"``: the input, or its root if it is under a root.  ``"exp"``: exp(element / unit).  ``"angle"``: the
+        tangent of half of element / unit.  ``"log"``: log|element|.  ``"root"``: |element|^(1 / unit).
+    element : RationalFunction
+        In earlier generators.
+    node : int
+        Of an input.
+    constant : bool
+        Whether it is the same at all samples.
+    """
+
+    name: str
+    kind: str
+    element: RationalFunction
+    node: int
+    constant: bool
+
+
+@dataclass(frozen=True)
+class Product:
+    """A product of powers of generators."""
+
+    exponents: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class Turn:
+    """An angle: multiples of the angles of generators, added up."""
+
+    multiples: Mapping[str, int]
+
+
+Form = Product | Turn | RationalFunction
+
+
+class CanonicalForms:
+    """Forms of the functions of a program.
+
+    Parameters
+    ----------
+    program : Program
+        Without ABS, TAN and TANH (see :func:`echelon.program.rewriting.written_out`).
+
+    Attributes
+    ----------
+    generators : dict of str to Generator
+        In an order in which each depends on earlier ones only.
+    units : dict of str to int
+        The N of every generator; 1 where absent.
+    """
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self.generators: dict[str, Generator] = {}
+        self.units: dict[str, int] = {}
+        self.rooted: set[int] = set()
+        self._names: dict[object, str] = {}
+        self._bases = {kind: AtomBasis(lambda name: self.generators[name].constant) for kind in ("exp", "angle")}
+        self._changed = False
+        self._signs = {n for n, op in enumerate(program.ops) if op == Op.SIGN}
+        self._elements: dict[Signs, dict[int, RationalFunction]] = {}
+        self._forms: dict[tuple[int, Signs], Form] = {}
+
+    def forms(self, requests: Sequence[tuple[int, Signs]]) -> list[Form]:
+        """Forms of function nodes, each for some signs.
+
+        Units and denominators are shared, so all is formed anew until no request asks for larger ones.
+
+        Raises
+        ------
+        UnknownRelationsError
+            If the relations of a function to others are not known.
+        """
+        for _ in range(_MOST_PASSES):
+            self._changed = False
+            found = [self._form(node, signs) for node, signs in requests]
+            grown = [basis for basis in self._bases.values() if basis.changed]
+            if not self._changed and not grown:
+                return found
+            for basis in grown:
+                basis.changed = False
+            self._elements.clear()
+            self._forms.clear()
+        raise UnknownRelationsError("the arguments of functions have no common unit")
+
+    @property
+    def known(self) -> list[Form]:
+        """All forms found so far."""
+        return list(self._forms.values())
+
+    def signed(self, node: int) -> list[int]:
+        """The nodes whose signs the form of a function depends on."""
+        ops, lhs = self.program.ops, self.program.lhs
+        cone = self.program.needed([lhs[node]], self._signs)
+        return sorted({lhs[n] for n in cone if ops[n] == Op.SIGN} | (self.rooted & set(cone)))
+
+    def form(self, node: int, signs: Signs) -> Form:
+        """One form, already asked for."""
+        return self._form(node, signs)
+
+    def input_generator(self, node: int) -> Generator:
+        """The generator of an input."""
+        name = f"x{node}"
+        if name not in self.generators:
+            constant = self.program.inputs[node].role == "symbol"
+            self.generators[name] = Generator(name, "input", RationalFunction(0), node, constant)
+        return self.generators[name]
+
+    def unit(self, name: str) -> int:
+        """The N of a generator."""
+        return self.units.get(name, 1)
+
+    # -- elements ----------------------------------------------------------------------------------------------
+
+    def _element(self, node: int, signs: Signs) -> RationalFunction:
+        """Any node as a quotient of polynomials in generators."""
+        known = self._elements.setdefault(signs, {})
+        for n in self.program.needed([node], self._signs.union(known)):
+            if n not in known:
+                known[n] = self._operated(n, signs, known)
+                if len(known[n].numerator.terms) + len(known[n].denominator.terms) > _MOST_TERMS:
+                    raise UnknownRelationsError(f"a function's argument has more than {_MOST_TERMS} terms")
+        return known[node]
+
+    def _operated(self, node: int, signs: Signs, known: Mapping[int, RationalFunction]) -> RationalFunction:
+        program, op = self.program, Op(self.program.ops[node])
+        if op is Op.INPUT:
+            return self._input(node, signs)
+        if op is Op.CONSTANT:
+            return RationalFunction(program.constants[node])
+        if op is Op.SIGN:
+            return RationalFunction(dict(signs)[program.lhs[node]])
+        if op in (Op.ADD, Op.SUB, Op.MUL, Op.DIV):
+            a, b = known[program.lhs[node]], known[program.rhs[node]]
+            if op is Op.DIV and not b:
+                raise InputError("division by zero in the argument of a function")
+            return {Op.ADD: a.__add__, Op.SUB: a.__sub__, Op.MUL: a.__mul__, Op.DIV: a.__truediv__}[op](b)
+        if op is Op.NEG:
+            return -known[program.lhs[node]]
+        return self._nested(op, self._form(node, signs))
+
+    def _input(self, node: int, signs: Signs) -> RationalFunction:
+        name = self.input_generator(node).name
+        power = Polynomial.generator(name) ** self.unit(name)
+        return RationalFunction(power * (dict(signs)[node] if node in self.rooted and signs else 1))
+
+    def _nested(self, op: Op, form: Form) -> RationalFunction:
+        """The form of a function that occurs in the argument of another."""
+        if isinstance(form, RationalFunction):
+            return form
+        if isinstance(form, Product):
+            if any(self.generators[g].kind == "root" for g in form.exponents):
+                raise UnknownRelationsError("a function of the root of a sum")
+            return Atom(tuple(sorted(form.exponents.items()))).element
+        cosine, sine = RationalFunction(1), RationalFunction(0)
+        for name, count in form.multiples.items():
+            if abs(count) > _LARGEST_NESTED_TURN:
+                raise UnknownRelationsError(f"a function of a function of {count} times an angle")
+            t = Polynomial.generator(name)
+            c = RationalFunction(1 - t * t, 1 + t * t)
+            s = RationalFunction(2 * t * (1 if count > 0 else -1), 1 + t * t)
+            for _ in range(abs(count)):
+                cosine, sine = cosine * c - sine * s, cosine * s + sine * c
+        return cosine if op is Op.COS else sine
+
+    # -- functions -----------------------------------------------------------------------------------------------
+
+    def _form(self, node: int, signs: Signs) -> Form:
+        wanted = set(self.signed(node))
+        own = tuple(pair for pair in signs if pair[0] in wanted)
+        key = (node, own)
+        if key not in self._forms:
+            argument = self._element(self.program.lhs[node], own)
+            self._forms[key] = self._applied(Op(self.program.ops[node]), argument)
+        return self._forms[key]
+
+    def _applied(self, op: Op, argument: RationalFunction) -> Form:
+        if op in (Op.SIN, Op.COS):
+            return self._turn(argument)
+        if op is Op.EXP:
+            return self._exponential(argument)
+        return self._logarithm(argument) if op is Op.LOG else self._powers(argument, Fraction(1, 2))
+
+    def _turn(self, argument: RationalFunction) -> Turn:
+        return Turn(self._multiples("angle", self._bases["angle"].combination(argument)))
+
+    def _multiples(self, kind: str, combination: Sequence[tuple[Fraction, Atom]]) -> dict[str, int]:
+        """Integer multiples of the units of atoms."""
+        multiples = {}
+        for ratio, atom in combination:
+            name = self._named(kind, atom, atom.element, atom.generators)
+            self._refine(name, lcm(self.unit(name), ratio.denominator))
+            multiples[name] = int(ratio * self.unit(name))
+        return multiples
+
+    def _exponential(self, argument: RationalFunction) -> Product:
+        total: dict[str, int] = {}
+        combination = []
+        for ratio, atom in self._bases["exp"].combination(argument):
+            inner = self.generators[atom.generator] if atom.generator else None
+            if inner is not None and inner.kind == "log":
+                _add(total, self._powers(inner.element, ratio).exponents)
+            else:
+                combination.append((ratio, atom))
+        _add(total, self._multiples("exp", combination))
+        return Product(total)
+
+    def _logarithm(self, argument: RationalFunction) -> RationalFunction:
+        """log|argument|."""
+        total = RationalFunction(0)
+        for factor, exponent in self._factors(argument):
+            bare = self._bare(factor)
+            if bare is not None and bare.kind == "exp":
+                total += bare.element * RationalFunction(Fraction(exponent, self.unit(bare.name)))
+                continue
+            log = self._named("log", factor, RationalFunction(factor), set(factor.generators()))
+            total += RationalFunction(Polynomial.generator(log) * exponent)
+        return total
+
+    def _powers(self, argument: RationalFunction, exponent: Fraction) -> Product:
+        """|argument|^exponent."""
+        total: dict[str, int] = {}
+        for factor, count in self._factors(argument):
+            ratio = exponent * count
+            name = self._rooted(factor, ratio.denominator)
+            _add(total, {name: int(ratio * (self.unit(name) if self.generators[name].kind == "root" else 1))})
+        return Product(total)
+
+    def _rooted(self, factor: Polynomial, denominator: int) -> str:
+        """The generator whose integer powers include |factor|^(1/denominator)."""
+        bare = self._bare(factor)
+        if bare is None or bare.kind in ("log", "angle"):
+            name = self._named("root", factor, RationalFunction(factor), set(factor.generators()))
+            self._refine(name, lcm(self.unit(name), denominator))
+            return name
+        if bare.kind == "input" and bare.node not in self.rooted:
+            self.rooted.add(bare.node)
+            self._changed = True
+        # the generator itself is to become a finer root
+        self._refine(bare.name, self.unit(bare.name) * denominator)
+        return bare.name
+
+    def _bare(self, factor: Polynomial) -> Generator | None:
+        """The generator that a factor is, if it is one."""
+        single = len(factor.terms) == 1 and factor.number is None
+        return self.generators[factor.generators()[0]] if single else None
+
+    def _factors(self, argument: RationalFunction) -> list[tuple[Polynomial, int]]:
+        """|argument| as a product of powers of irreducible polynomials and prime numbers."""
+        if not argument:
+            raise InputError("the logarithm or root of zero")
+        if not (is_rational(argument.numerator) and is_rational(argument.denominator)):
+            raise UnknownRelationsError("a logarithm or root of an expression with square roots of numbers")
+        result: list[tuple[Polynomial, int]] = []
+        for part, sign in ((argument.numerator, 1), (argument.denominator, -1)):
+            content, found = factors(part)
+            result += [(f, sign * e) for f, e in found]
+            for number, side in ((abs(content.numerator), sign), (content.denominator, -sign)):
+                result += [(Polynomial.constant(int(q)), side * int(e)) for q, e in flint.fmpz(number).factor()]
+        return result
+
+    # -- generators ----------------------------------------------------------------------------------------------
+
+    def _named(self, kind: str, key: object, element: RationalFunction, made_of: set[str]) -> str:
+        """The generator of this kind and key, registered on first use."""
+        name = self._names.setdefault((kind, key), f"{kind}{len(self._names)}")
+        constant = all(self.generators[g].constant for g in made_of)
+        self.generators.setdefault(name, Generator(name, kind, element, -1, constant))
+        return name
+
+    def _refine(self, name: str, unit: int) -> None:
+        if unit != self.unit(name):
+            self.units[name] = unit
+            self._changed = True
+
+
+def _add(total: dict[str, int], powers: Mapping[str, int]) -> None:
+    for name, exponent in powers.items():
+        total[name] = total.get(name, 0) + exponent
+        if not total[name]:
+            del total[name]

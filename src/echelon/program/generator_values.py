@@ -1,0 +1,236 @@
+"""Random values of independent generators in a finite field, and of the roots that belong to them.
+
+Generators are drawn freely, but for the roots of sums, r^N = |f|: |f| must be a square for even N.  Because −1 is not a
+square modulo our primes, exactly one of f and −f is; samples where it is not |f| are drawn again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import DegenerateSampleError, UnknownRelationsError
+from echelon.exact.field import PrimeField, Residues
+from echelon.exact.polynomial import Polynomial
+from echelon.exact.rational import RationalFunction
+from echelon.program.canonical import CanonicalForms, Generator, Product
+
+_ROUNDS = 400
+
+
+class GeneratorValues:
+    """One drawing of the generators.
+
+    Parameters
+    ----------
+    canonical : CanonicalForms
+    field : PrimeField
+    rng : numpy Generator
+    symbols : mapping of str to array of shape (samples,)
+        Given values of the model's constants.
+    reals : mapping of int to array of shape (samples,)
+        Real values of the inputs, for signs.
+    samples : int
+
+    Attributes
+    ----------
+    inputs : dict of int to array of shape (samples,)
+        Values of the program's inputs.
+    """
+
+    def __init__(
+        self,
+        canonical: CanonicalForms,
+        field: PrimeField,
+        rng: np.random.Generator,
+        symbols: Mapping[str, Residues],
+        reals: Mapping[int, npt.NDArray[np.float64]],
+        samples: int,
+    ) -> None:
+        self.canonical, self.field, self.rng = canonical, field, rng
+        self.symbols, self.reals, self.samples = symbols, reals, samples
+        self.inputs: dict[int, Residues] = {}
+        self._values: dict[str, Residues] = {}
+
+    def draw(self, wanted: set[str], inputs: Sequence[int]) -> dict[str, Residues]:
+        """Values of some generators and all that they depend on; also fills :attr:`inputs`.
+
+        Raises
+        ------
+        DegenerateSampleError
+            If a constant has no root in the field.
+        """
+        names = self._with_ancestors(wanted | {self._input_generator(node) for node in inputs})
+        everywhere = np.arange(self.samples)
+        for name in names:
+            self._values[name] = np.zeros(self.samples, dtype=self.field.dtype)
+        pending = everywhere
+        for attempt in range(_ROUNDS):
+            for name in names:
+                self._fill(self.canonical.generators[name], pending, first=attempt == 0)
+            self._fill_spheres(pending)
+            pending = self._fill_roots(names, pending)
+            if not len(pending):
+                break
+        else:
+            raise UnknownRelationsError("too many roots of sums at once: no point of the field has all of them")
+        self._fill_inputs(inputs)
+        return self._values
+
+    def _input_generator(self, node: int) -> str:
+        return self.canonical.input_generator(node).name
+
+    def _with_ancestors(self, wanted: set[str]) -> list[str]:
+        """In order of definition; only roots need what they are made of."""
+        generators, pending, found = self.canonical.generators, list(wanted), set(wanted)
+        while pending:
+            generator = generators[pending.pop()]
+            if generator.kind == "root":
+                new = set(generator.element.symbols()) - found
+                found |= new
+                pending += new
+        return [name for name in generators if name in found]
+
+    # -- free generators -----------------------------------------------------------------------------------------
+
+    def _fill(self, generator: Generator, where: npt.NDArray[np.intp], *, first: bool) -> None:
+        if generator.kind == "root" or (generator.constant and not first):
+            return
+        symbol = self._symbol(generator)
+        if symbol is not None:
+            self._values[generator.name][where] = symbol[where]
+        elif generator.constant:
+            self._values[generator.name][where] = self.field.draw(self.rng, (1,))
+        else:
+            self._values[generator.name][where] = self.field.draw(self.rng, (len(where),))
+
+    def _symbol(self, generator: Generator) -> Residues | None:
+        """The given value of a constant of the model, or of the tangent of half an angle that is one."""
+        inputs = self.canonical.program.inputs
+        if generator.kind == "input" and generator.constant:
+            return self.symbols[inputs[generator.node].name]
+        if generator.kind == "angle" and generator.constant and self.canonical.unit(generator.name) == 1:
+            names = generator.element.symbols()
+            if len(names) == 1 and generator.element == Polynomial.generator(names[0]):
+                inner = self.canonical.generators[names[0]]
+                if inner.kind == "input" and self.canonical.unit(inner.name) == 1:
+                    return self.symbols[inputs[inner.node].name]
+        return None
+
+    def _fill_spheres(self, where: npt.NDArray[np.intp]) -> None:
+        for group in self.canonical.program.unit_groups:
+            names = [self._input_generator(node) for node in group]
+            present = [name in self._values for name in names]
+            if not any(present):
+                continue
+            if self.canonical.rooted & set(group):
+                raise UnknownRelationsError("a root of a component of a quaternion")
+            points = self.field.sphere(self.field.draw(self.rng, (len(group) - 1, len(where))))
+            for name, point in zip(names, points, strict=True):
+                if name in self._values:
+                    self._values[name][where] = point
+
+    def _fill_inputs(self, inputs: Sequence[int]) -> None:
+        for node in inputs:
+            name = self._input_generator(node)
+            value = self._values[name]
+            if node in self.canonical.rooted:
+                value = _power(value, self.canonical.unit(name), self.field)
+                value = np.where(self.reals[node] < 0, -value % self.field.p, value)
+            self.inputs[node] = value
+
+    # -- roots ---------------------------------------------------------------------------------------------------
+
+    def _fill_roots(self, names: Sequence[str], where: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+        """Fill roots at some samples; returns those where one does not exist."""
+        missing = np.zeros(len(where), dtype=bool)
+        for name in names:
+            generator = self.canonical.generators[name]
+            if generator.kind != "root":
+                continue
+            own = {g: self._values[g][where] for g in generator.element.symbols()}
+            size = residues_of(generator.element, own, self.field, len(where))
+            negative = self._real(generator)[where] < 0
+            size = np.where(negative, -size % self.field.p, size)
+            root, exists = _root(size, self.canonical.unit(name), self.field)
+            if generator.constant and not exists.all():
+                raise DegenerateSampleError(f"a constant has no root modulo {self.field.p}")
+            self._values[name][where] = root
+            missing |= ~exists
+        return where[missing]
+
+    def _real(self, generator: Generator) -> npt.NDArray[np.float64]:
+        """The real value of what a generator is made of, at the real points of all samples."""
+        values = {g: self._real_generator(self.canonical.generators[g]) for g in generator.element.symbols()}
+        with np.errstate(all="ignore"):
+            result = generator.element.evaluate(values, lambda x: np.asarray(float(x)))
+        return np.broadcast_to(np.asarray(result, dtype=np.float64), (self.samples,))
+
+    def _real_generator(self, generator: Generator) -> npt.NDArray[np.float64]:
+        unit = self.canonical.unit(generator.name)
+        if generator.kind == "input":
+            value = self.reals[generator.node]
+            return np.abs(value) ** (1 / unit) if generator.node in self.canonical.rooted else value
+        inner = self._real(generator)
+        with np.errstate(all="ignore"):
+            if generator.kind == "exp":
+                return np.exp(inner / unit)
+            if generator.kind == "angle":
+                return np.tan(inner / (2 * unit))
+            size = np.abs(inner)
+            return np.log(size) if generator.kind == "log" else size ** (1 / unit)
+
+
+def residues_of(
+    form: RationalFunction | Product, values: Mapping[str, Residues], field: PrimeField, samples: int
+) -> Residues:
+    """A quotient of polynomials, or a product of powers, of generators.
+
+    Raises
+    ------
+    DegenerateSampleError
+        If a denominator vanishes.
+    """
+    if isinstance(form, Product):
+        total = np.ones(samples, dtype=field.dtype)
+        for name, exponent in form.exponents.items():
+            base = values[name] if exponent > 0 else field.invert_array(values[name])
+            total = total * _power(base, abs(exponent), field) % field.p
+        return total
+    top = _polynomial(form.numerator, values, field, samples)
+    if form.is_polynomial:
+        return top
+    return top * field.invert_array(_polynomial(form.denominator, values, field, samples)) % field.p
+
+
+def _polynomial(polynomial: Polynomial, values: Mapping[str, Residues], field: PrimeField, samples: int) -> Residues:
+    total = np.zeros(samples, dtype=field.dtype)
+    for monomial, coefficient in polynomial.sorted_terms():
+        term = np.full(samples, field.embed(coefficient), dtype=field.dtype)
+        for name, exponent in monomial:
+            term = term * _power(values[name], exponent, field) % field.p
+        total = (total + term) % field.p
+    return total
+
+
+def _power(base: Residues, exponent: int, field: PrimeField) -> Residues:
+    result = np.ones_like(base)
+    for bit in bin(exponent)[2:]:
+        result = result * result % field.p
+        if bit == "1":
+            result = result * base % field.p
+    return result
+
+
+def _root(x: Residues, degree: int, field: PrimeField) -> tuple[Residues, npt.NDArray[np.bool_]]:
+    """The root of this degree, which for an even degree is itself a square, and where it exists."""
+    order = field.p - 1 if degree % 2 else (field.p - 1) // 2
+    try:
+        exponent = pow(degree, -1, order)
+    except ValueError:
+        raise DegenerateSampleError(f"roots of degree {degree} are not unique modulo {field.p}") from None
+    root = _power(x, exponent, field)
+    exists: npt.NDArray[np.bool_] = np.asarray(_power(root, degree, field) == x, dtype=bool)
+    return root, exists

@@ -1,0 +1,73 @@
+"""Functions that are rational in others, written out: |x| = sign(x)·x, tan = sin/cos, tanh x = (e²ˣ − 1)/(e²ˣ + 1).
+
+Programs keep these functions whole, because in floating point they are faster and do not overflow.  For exact work only
+sine, cosine, exponential, logarithm, square root and sign remain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from echelon.errors import InputError
+from echelon.program.operations import Op
+from echelon.program.scalar import Scalar
+from echelon.program.tape import Program
+
+_WRITTEN_OUT = (Op.ABS, Op.TAN, Op.TANH)
+
+
+def written_out(program: Program, outputs: Sequence[int]) -> tuple[Program, list[int]]:
+    """The same outputs without ABS, TAN and TANH; the program itself if it has none.
+
+    Returns
+    -------
+    (Program, list of int)
+        A program and its outputs.
+
+    Raises
+    ------
+    InputError
+        If an output divides by zero everywhere.
+    """
+    needed = program.needed(outputs)
+    if not any(program.ops[n] in _WRITTEN_OUT for n in needed):
+        return program, list(outputs)
+    copy = Program()
+    new: dict[int, int] = {}
+    for node in needed:
+        try:
+            new[node] = _copied(program, node, copy, new)
+        except ZeroDivisionError:
+            raise InputError("division by zero") from None
+    for group in program.unit_groups:
+        if any(node in new for node in group):
+            copy.unit_groups.append(tuple(_input(program, node, copy).node for node in group))
+    return copy, [new[n] for n in outputs]
+
+
+def _input(program: Program, node: int, copy: Program) -> Scalar:
+    return copy.input(program.inputs[node].name, program.inputs[node].role)
+
+
+def _copied(program: Program, node: int, copy: Program, new: dict[int, int]) -> int:
+    op = Op(program.ops[node])
+    if op is Op.INPUT:
+        return _input(program, node, copy).node
+    if op is Op.CONSTANT:
+        return copy.constant(program.constants[node]).node
+    a = new[program.lhs[node]]
+    if op in (Op.ADD, Op.SUB, Op.MUL, Op.DIV):
+        operation = {Op.ADD: copy.add, Op.SUB: copy.subtract, Op.MUL: copy.multiply, Op.DIV: copy.divide}[op]
+        return operation(a, new[program.rhs[node]])
+    return copy.negate(a) if op is Op.NEG else _function(copy, op, Scalar(copy, a)).node
+
+
+def _function(copy: Program, op: Op, x: Scalar) -> Scalar:
+    if op is Op.ABS:
+        return copy.function(Op.SIGN, x) * x
+    if op is Op.TAN:
+        return copy.sin(x) / copy.cos(x)
+    if op is Op.TANH:
+        square = copy.function(Op.EXP, 2 * x)
+        return (square - 1) / (square + 1)
+    return copy.function(op, x)
