@@ -30,7 +30,7 @@ def factors(polynomial: Polynomial) -> tuple[Fraction, Factors]:
     --------
     >>> x, y = Polynomial.generator("x"), Polynomial.generator("y")
     >>> factors((y * y - x * x) * Fraction(1, 2))
-    (Fraction(-1, 2), [(x - y, 1), (x + y, 1)])
+    (Fraction(-1, 2), [(x + y, 1), (x - y, 1)])
     """
     names = polynomial.generators()
     ring = _context(len(names))
