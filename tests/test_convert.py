@@ -104,7 +104,8 @@ def test_mujoco_compiles_the_same_principal_axes() -> None:
     values = bodies(5)
     full = ec.convert(values, "echelon", "mujoco_full")
     text = "".join(
-        f"<body><freejoint/><inertial mass='{b[0]}' pos='{b[1]} {b[2]} {b[3]}' fullinertia='{' '.join(map(str, b[4:]))}'/>"
+        f"<body><freejoint/><inertial mass='{b[0]}' pos='{b[1]} {b[2]} {b[3]}' "
+        f"fullinertia='{' '.join(map(str, b[4:]))}'/>"
         "<geom size='0.1' mass='0'/></body>"
         for b in full
     )

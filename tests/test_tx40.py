@@ -1,0 +1,53 @@
+"""The Stäubli TX40 with its coupled wrist, and the published set of base parameters."""
+
+from __future__ import annotations
+
+import csv
+import os
+from pathlib import Path
+
+import pytest
+
+import echelon as ec
+
+ROOT = Path(__file__).parent.parent
+DATA = Path(os.environ.get("ECHELON_DATA", ROOT.parent / "shared" / "data")) / "staubli_tx40"
+
+
+@pytest.fixture(scope="module")
+def tx40() -> ec.BaseModel:
+    return ec.base_parameters(ec.load(ROOT / "examples" / "tx40.yaml"))
+
+
+def published(name: str) -> Path:
+    if not (DATA / name).is_file():
+        pytest.skip(f"the measured data of the TX40 is not there: {DATA / name}")
+    return DATA / name
+
+
+def test_rank_with_drives_and_coupled_wrist(tx40: ec.BaseModel) -> None:
+    """36 of the bodies; 4 rotor inertias that count to no link; viscous, Coulomb, offset of 6 axes; 3 of the wrist."""
+    assert tx40.rank == 36 + 4 + 18 + 3
+    alone = {name for name, seen in tx40.classification.items() if seen is ec.Identifiability.ALONE}
+    assert {"Ia3", "Ia6", "Fv6", "Fc1", "Fo5", "Iam6", "fvm6", "fsm6"} <= alone
+    first = tx40.expressions[0]
+    assert first.name == "ZZ1"
+    assert "Ia1" in str(first)
+
+
+def test_the_published_set_is_right_and_misses_one_rotor(tx40: ec.BaseModel) -> None:
+    claims = [row[0] for row in csv.reader(published("reference/TX40_bp_5.csv").open())]
+    found = ec.audit(tx40, claims)
+    assert len(found.findings) == 60
+    assert found.verdict.name == "INCOMPLETE"
+    assert len(found.missing) == 1
+    assert "missing: Ia6" in found.to_text()
+    assert ec.audit(tx40, [*claims, "Ia6"]).equal
+
+
+def test_a_wrong_coefficient_is_named(tx40: ec.BaseModel) -> None:
+    claims = [row[0] for row in csv.reader(published("reference/TX40_bp_5.csv").open())]
+    claims[9] = claims[9].replace("0.225*m4", "0.325*m4")
+    found = ec.audit(tx40, [*claims, "Ia6"])
+    assert found.verdict.name == "WRONG"
+    assert [f.agreement.name for f in found.findings].count("WRONG") == 1
