@@ -14,9 +14,9 @@ import echelon as ec
 
 PUBLIC = [
     "Audit", "BaseModel", "CertificateError", "ClosedFormError", "EchelonError", "Expression", "Identifiability",
-    "InputError", "Mechanism", "MissingExtraError", "SensorReport", "SpecialGeometry", "Structure", "Verdict",
+    "InputError", "Match", "Mechanism", "MissingExtraError", "SensorReport", "SpecialGeometry", "Structure", "Verdict",
     "__version__", "audit", "base_parameters", "base_structure", "convert", "convert_columns", "load", "load_base",
-    "save_base", "sensor_report", "special_geometry", "verify",
+    "match", "save_base", "sensor_report", "special_geometry", "verify",
 ]  # fmt: skip
 
 

@@ -10,6 +10,7 @@ BaseModel(panda: 43 base parameters of 70)
 from echelon.base.classification import Identifiability
 from echelon.base.derive import base_parameters, base_structure
 from echelon.base.expression import Expression
+from echelon.base.match import Match, match
 from echelon.base.model import BaseModel
 from echelon.base.sensors import SensorReport, sensor_report
 from echelon.base.special import SpecialGeometry, special_geometry
@@ -40,6 +41,7 @@ __all__ = [
     "Expression",
     "Identifiability",
     "InputError",
+    "Match",
     "Mechanism",
     "MissingExtraError",
     "SensorReport",
@@ -54,6 +56,7 @@ __all__ = [
     "convert_columns",
     "load",
     "load_base",
+    "match",
     "save_base",
     "sensor_report",
     "special_geometry",
