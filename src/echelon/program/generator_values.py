@@ -16,6 +16,7 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
 from echelon.program.canonical import CanonicalForms, Generator, Product
+from echelon.program.constants import ConstantName
 
 _ROUNDS = 400
 
@@ -33,6 +34,8 @@ class GeneratorValues:
     reals : mapping of int to array of shape (samples,)
         Real values of the inputs, for signs.
     samples : int
+    names : mapping of str to ConstantName
+        Generators that are constants of the model, by what they are called.
 
     Attributes
     ----------
@@ -48,7 +51,9 @@ class GeneratorValues:
         symbols: Mapping[str, Residues],
         reals: Mapping[int, npt.NDArray[np.float64]],
         samples: int,
+        names: Mapping[str, ConstantName],
     ) -> None:
+        self._names = names
         self.canonical, self.field, self.rng = canonical, field, rng
         self.symbols, self.reals, self.samples = symbols, reals, samples
         self.inputs: dict[int, Residues] = {}
@@ -107,17 +112,13 @@ class GeneratorValues:
             self._values[generator.name][where] = self.field.draw(self.rng, (len(where),))
 
     def _symbol(self, generator: Generator) -> Residues | None:
-        """The given value of a constant of the model, or of the tangent of half an angle that is one."""
-        inputs = self.canonical.program.inputs
-        if generator.kind == "input" and generator.constant:
-            return self.symbols[inputs[generator.node].name]
-        if generator.kind == "angle" and generator.constant and self.canonical.unit(generator.name) == 1:
-            names = generator.element.symbols()
-            if len(names) == 1 and generator.element == Polynomial.generator(names[0]):
-                inner = self.canonical.generators[names[0]]
-                if inner.kind == "input" and self.canonical.unit(inner.name) == 1:
-                    return self.symbols[inputs[inner.node].name]
-        return None
+        """The given value of a constant of the model, or of a function of constants."""
+        if not generator.constant:
+            return None
+        if generator.name in self._names and self._names[generator.name].name in self.symbols:
+            return self.symbols[self._names[generator.name].name]
+        # the caller may not know yet that a constant is under a root: then the value stands for the root
+        return self.symbols[self.canonical.program.inputs[generator.node].name] if generator.kind == "input" else None
 
     def _fill_spheres(self, where: npt.NDArray[np.intp]) -> None:
         for group in self.canonical.program.unit_groups:

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from echelon.exact.field import PrimeField, Residues
 from echelon.program.canonical import CanonicalForms, Form, Product, Signs, Turn
+from echelon.program.constants import ConstantName, constant_names
 from echelon.program.generator_values import GeneratorValues, residues_of
 from echelon.program.operations import Op
 from echelon.program.region import RealPoints
@@ -52,12 +53,42 @@ class FieldSampler:
         leaves = set(self._schedule.leaves)
         self._functions = [n for n in functions if n in leaves and ops[n] != Op.SIGN]
         self._sign_leaves = [n for n in functions if n in leaves and ops[n] == Op.SIGN]
-        self.symbols = sorted(self.program.inputs[n].name for n in needed if self._is_symbol(n))
+        self._plain = {self.program.inputs[n].name for n in needed if self._is_symbol(n)}
         self.canonical = CanonicalForms(self.program)
         has_regions = any(ops[n] in (Op.SIGN, Op.SQRT, Op.LOG) for n in functions)
         self._region = RealPoints(self.program, outputs) if has_regions else None
         if self._region is None:
             self.canonical.forms([(n, ()) for n in self._functions])
+
+    @property
+    def has_regions(self) -> bool:
+        """Whether signs or domains make regions of the real points."""
+        return self._region is not None
+
+    @property
+    def symbols(self) -> list[str]:
+        """Constants that the outputs depend on, sorted; functions of constants join when first evaluated."""
+        names = self._constants().values()
+        derived = {c.definition: c.name for c in names if c.name != c.definition}
+        rooted = {self.program.inputs[n].name for n in self.canonical.rooted}
+        return sorted((self._plain - rooted) | set(derived.values()))
+
+    @property
+    def definitions(self) -> dict[str, str]:
+        """What the symbols that are functions of constants stand for, as expressions in constants."""
+        return {c.name: c.definition for c in self._constants().values() if c.name != c.definition}
+
+    @property
+    def angles(self) -> frozenset[str]:
+        """Symbols whose values stand for the tangent of half of them."""
+        return frozenset(c.name for c in self._constants().values() if c.is_angle)
+
+    def _constants(self) -> dict[str, ConstantName]:
+        canonical = self.canonical
+        numeric = {f"x{n}" for n in self._schedule.leaves if n in self.program.inputs}
+        numeric |= {g for form in canonical.known for g in _generators(form)}
+        numeric |= {g for r in canonical.generators.values() if r.kind == "root" for g in r.element.symbols()}
+        return constant_names(canonical, numeric)
 
     @property
     def largest_turn(self) -> int:
@@ -82,8 +113,8 @@ class FieldSampler:
         states : int
             Random states per geometry.
         geometry : mapping of str to array of shape (geometries,)
-            Value of every symbol; for an angle symbol the tangent of half the angle, for a symbol under a root the
-            root.
+            Value of every one of :attr:`symbols`; for an angle symbol the tangent of half the angle.  Functions of
+            constants that are left out get a random value.
 
         Returns
         -------
@@ -103,7 +134,7 @@ class FieldSampler:
         spread = {name: np.repeat(value, states) for name, value in geometry.items()}
         wanted = {g for node in patterns for signs, _ in patterns[node] for g in _generators(self._form(node, signs))}
         inputs = [n for n in self._schedule.leaves if n in self.program.inputs]
-        drawn = GeneratorValues(self.canonical, field, rng, spread, reals, samples)
+        drawn = GeneratorValues(self.canonical, field, rng, spread, reals, samples, self._constants())
         generators = drawn.draw(wanted, inputs)
         values = {n: drawn.inputs[n] for n in inputs}
         for node in self._sign_leaves:

@@ -1,0 +1,1 @@
+"""Models that are not mechanisms: anything linear in its parameters."""

@@ -1,0 +1,130 @@
+"""What a user gives as a model (sympy, text, numbers, functions) as recorded scalars."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable, Mapping, Sequence
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from echelon.errors import InputError
+from echelon.exact.numbers import Rational, Surd
+from echelon.program.scalar import Scalar, exact
+from echelon.program.sympy_bridge import from_sympy
+from echelon.program.tape import Program
+from echelon.program.text import record_expression
+
+
+def names_of(items: Iterable[Any], kind: str) -> tuple[str, ...]:
+    """Names of symbols given as texts or sympy symbols."""
+    if isinstance(items, str):
+        raise InputError(f"the {kind}s are a list of names, not one text")
+    return tuple(_name(item, kind) for item in items)
+
+
+def _name(item: Any, kind: str) -> str:
+    if isinstance(item, str) and item.strip():
+        return item.strip()
+    if getattr(item, "is_Symbol", False):
+        return str(item.name)
+    raise InputError(f"'{item}' is not the name of a {kind}")
+
+
+def constant_values(constants: Mapping[Any, Any] | Sequence[Any] | None) -> dict[str, Rational | None]:
+    """Names of constants with their exact values, None where unknown."""
+    if constants is None:
+        return {}
+    if not isinstance(constants, Mapping):
+        return dict.fromkeys(names_of(constants, "constant"))
+    return {_name(key, "constant"): _value(_name(key, "constant"), value) for key, value in constants.items()}
+
+
+def _value(name: str, value: Any) -> Rational | None:
+    if value is None:
+        return None
+    try:
+        found = Fraction(value) if isinstance(value, str) else exact(value)
+    except (ValueError, ZeroDivisionError, InputError):
+        raise InputError(f"'{value}' is not a number such as 0.5 or 2/3", element=f"constant '{name}'") from None
+    if isinstance(found, Surd):
+        raise InputError(f"'{value}' is not a rational number", element=f"constant '{name}'")
+    return found
+
+
+def free_names(X: Any, declared: set[str]) -> list[str]:
+    """Constants that a model implies: free symbols of its sympy expressions, other arguments of its function."""
+    if callable(X) and not hasattr(X, "free_symbols"):
+        return [n for n in _arguments(X) if n not in declared]
+    symbols = getattr(X, "free_symbols", None)
+    if symbols is None:
+        symbols = {s for e in np.array(X, dtype=object).ravel() for s in getattr(e, "free_symbols", ())}
+    return sorted({s.name for s in symbols} - declared)
+
+
+def _arguments(function: Any) -> list[str]:
+    parameters = inspect.signature(function).parameters.values()
+    if any(p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD, p.POSITIONAL_ONLY) for p in parameters):
+        raise InputError("a model function names its arguments: def X(x, y): ...")
+    return [p.name for p in parameters]
+
+
+def record_rows(program: Program, X: Any, scalars: Mapping[str, Scalar], columns: int | None) -> list[list[Scalar]]:
+    """The entries of a matrix as recorded scalars.
+
+    Parameters
+    ----------
+    program : Program
+    X : sympy Matrix, nested sequence or function
+    scalars : mapping of str to Scalar
+    columns : int or None
+        Wanted number of columns; None for a column of outputs.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong or an entry cannot be recorded; names the entry.
+    """
+    if callable(X) and not hasattr(X, "free_symbols"):
+        X = _traced(X, scalars)
+    try:
+        table = np.array(X.tolist() if hasattr(X, "tolist") else X, dtype=object)
+    except ValueError:
+        raise InputError("the rows of X have different lengths") from None
+    if columns is None:
+        table = table.reshape(-1, 1)
+    if table.ndim != 2 or not len(table) or (columns is not None and table.shape[1] != columns):
+        raise InputError(f"X has shape {table.shape}; expected (outputs, {columns})")
+    letter = "y" if columns is None else "X"
+
+    def place(i: int, j: int) -> str:
+        return f"{letter}[{i}]" if columns is None else f"{letter}[{i}, {j}]"
+
+    return [
+        [_recorded(program, entry, scalars, place(i, j)) for j, entry in enumerate(row)] for i, row in enumerate(table)
+    ]
+
+
+def _traced(function: Any, scalars: Mapping[str, Scalar]) -> Any:
+    """What a function returns for recording scalars."""
+    try:
+        return function(**{name: scalars[name] for name in _arguments(function)})
+    except InputError as error:
+        raise InputError(error.problem, element=f"function '{getattr(function, '__name__', 'X')}'") from None
+    except (TypeError, AttributeError) as error:
+        problem = f"cannot be recorded: {error} (use + - * / **, abs and NumPy's sin, cos, tan, exp, log, tanh, sqrt)"
+        raise InputError(problem, element=f"function '{getattr(function, '__name__', 'X')}'") from None
+
+
+def _recorded(program: Program, entry: Any, scalars: Mapping[str, Scalar], place: str) -> Scalar:
+    if isinstance(entry, Scalar):
+        return entry
+    if isinstance(entry, str):
+        return record_expression(entry, scalars, place, program)
+    try:
+        if hasattr(entry, "free_symbols"):
+            return from_sympy(program, entry, scalars)
+        return program.constant(exact(entry))
+    except InputError as error:
+        raise InputError(str(error), element=place) from None

@@ -1,0 +1,86 @@
+"""Names for the generators that are constants of a model: ``a``, ``exp[a/2]``, ``log[2]``, ``root2[a]``.
+
+Coefficients of B may depend on them like on any other constant, so they are symbols to everyone else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from echelon.exact.polynomial import Polynomial
+from echelon.exact.rational import RationalFunction
+from echelon.program.canonical import CanonicalForms, Generator
+
+
+@dataclass(frozen=True)
+class ConstantName:
+    """A generator that is a constant of the model.
+
+    Attributes
+    ----------
+    name : str
+        Without parentheses, so that it is a symbol and not the cosine of one.
+    definition : str
+        An expression in the model's constants (see :mod:`echelon.program.text`); equal to the name for a plain one.
+    is_angle : bool
+        Whether values stand for the tangent of half of the constant.
+    """
+
+    name: str
+    definition: str
+    is_angle: bool = False
+
+
+def constant_names(canonical: CanonicalForms, numeric: Collection[str]) -> dict[str, ConstantName]:
+    """Names of all generators known so far that are constants, by generator.
+
+    Parameters
+    ----------
+    canonical : CanonicalForms
+    numeric : collection of str
+        Generators of inputs that occur as numbers; others may stand for the tangent of half an angle.
+    """
+    names: dict[str, ConstantName] = {}
+    for generator in canonical.generators.values():
+        if not generator.constant or generator.kind == "root":
+            continue
+        if all(g in names for g in generator.element.symbols()):
+            names[generator.name] = _named(canonical, generator, numeric, names)
+    return names
+
+
+def _named(
+    canonical: CanonicalForms, generator: Generator, numeric: Collection[str], names: dict[str, ConstantName]
+) -> ConstantName:
+    unit = canonical.unit(generator.name)
+    if generator.kind == "input":
+        plain = canonical.program.inputs[generator.node].name
+        return ConstantName(plain, plain) if unit == 1 else ConstantName(f"root{unit}[{plain}]", f"{plain}^(1/{unit})")
+    inner = generator.element.symbols()
+    is_input = len(inner) == 1 and generator.element == Polynomial.generator(inner[0])
+    if generator.kind == "angle" and unit == 1 and is_input and canonical.generators[inner[0]].kind == "input":
+        plain = names[inner[0]].definition
+        if inner[0] not in numeric:
+            return ConstantName(plain, plain, is_angle=True)
+    share = 2 * unit if generator.kind == "angle" else unit
+    element = generator.element * RationalFunction(Polynomial.constant(1), share)
+    function = "tan" if generator.kind == "angle" else generator.kind
+    shown = _renamed(element, {g: names[g].name for g in inner})
+    definition = _renamed(element, {g: f"({names[g].definition})" for g in inner})
+    bare = f"abs({definition})" if function == "log" else definition
+    return ConstantName(f"{function}[{shown}]", f"{function}({bare})")
+
+
+def _renamed(element: RationalFunction, names: dict[str, str]) -> str:
+    """An element as text, with its generators called by name."""
+
+    def written(polynomial: Polynomial) -> str:
+        terms = [
+            "*".join([f"({c})" if m else str(c), *(f"{names[g]}^{e}" if e > 1 else names[g] for g, e in m)])
+            for m, c in polynomial.sorted_terms()
+        ]
+        return " + ".join(t.removeprefix("(1)*") for t in terms) or "0"
+
+    top = written(element.numerator)
+    return top if element.is_polynomial else f"({top})/({written(element.denominator)})"
