@@ -10,6 +10,7 @@ BaseModel(panda: 43 base parameters of 70)
 from echelon.base.classification import Identifiability
 from echelon.base.derive import base_parameters, base_structure
 from echelon.base.expression import Expression
+from echelon.base.linear_base import LinearBase
 from echelon.base.match import Match, match
 from echelon.base.model import BaseModel
 from echelon.base.sensors import SensorReport, sensor_report
@@ -24,10 +25,12 @@ from echelon.errors import (
     EchelonError,
     InputError,
     MissingExtraError,
+    UnknownRelationsError,
 )
 from echelon.formats.load import load
 from echelon.inertia.convert import convert, convert_columns
 from echelon.mechanism.mechanism import Mechanism
+from echelon.models.linear_model import LinearModel
 from echelon.results.saved import load_base, save_base
 from echelon.results.verify import verify
 from echelon.version import __version__
@@ -41,12 +44,15 @@ __all__ = [
     "Expression",
     "Identifiability",
     "InputError",
+    "LinearBase",
+    "LinearModel",
     "Match",
     "Mechanism",
     "MissingExtraError",
     "SensorReport",
     "SpecialGeometry",
     "Structure",
+    "UnknownRelationsError",
     "Verdict",
     "__version__",
     "audit",

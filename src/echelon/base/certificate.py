@@ -2,7 +2,7 @@
 
 *Complete* (rank ≤ r): X · N = 0 for the null vectors N that B implies.  This is an identity of rational functions; it
 is checked at random points modulo two random 127-bit primes.  By the Schwartz–Zippel lemma a false identity of degree d
-survives one such point with probability at most d/p.
+survives one such point with probability at most d/p.  Where signs make regions, every point is taken in many regions.
 
 *Minimal* (rank ≥ r): the pivot columns of X, sampled modulo a 31-bit prime, contain a non-zero r × r minor.  That is a
 proof, not a probability.
@@ -13,6 +13,7 @@ The set was derived from energies; the check uses the inverse dynamics (as rows 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import log10
 
@@ -28,7 +29,9 @@ from echelon.program.schedule import degree_bound
 from echelon.regressor.linear import LinearForms
 
 _POINTS = 2
-_ATTEMPTS = 8
+_ATTEMPTS = 64
+_REGION_STATES = 64
+"""States per point where signs make regions, of which a point sees one."""
 _MOST_STATES = 4096
 _COEFFICIENT_BITS = 60.0
 """Coefficients are assumed shorter than 2^60 bits, which no computer could write down."""
@@ -178,10 +181,19 @@ def _compare_at_point(
     rng: np.random.Generator,
 ) -> None:
     symbols = {s: field.draw(rng, (1,)) for s in sorted({*sampler.symbols, *matrix.symbols})}
-    values = sampler.evaluate(field, rng, 1, symbols)[:, 0, 0]
-    entry = {key: int(value) for key, value in zip(regressor.entries, values, strict=True)}
+    states = _REGION_STATES if sampler.has_regions else 1
+    values = sampler.evaluate(field, rng, states, symbols)[:, 0]
     residues = residues_of_generators(matrix.generators, symbols, field)
     generators = {g: int(value[0]) for g, value in residues.items()}
+    for k in range(states):
+        entry = {key: int(value[k]) for key, value in zip(regressor.entries, values, strict=True)}
+        _compare_entries(entry, matrix, generators, field)
+
+
+def _compare_entries(
+    entry: Mapping[tuple[int, int], int], matrix: BaseMatrix, generators: Mapping[str, int], field: PrimeField
+) -> None:
+    """Check X = X̄ B for the values of X at one state."""
     by_column: dict[int, dict[int, int]] = {}
     for (row, column), value in entry.items():
         by_column.setdefault(column, {})[row] = value

@@ -1,39 +1,55 @@
-"""From a mechanism to its certified base parameters."""
+"""From a mechanism or a linear model to its certified base parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import overload
 
 import numpy as np
 
 from echelon.base.certificate import certify
 from echelon.base.closed_form import dependent_columns
+from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.base.order import column_order, reordered
 from echelon.base.reading_report import report_reading
 from echelon.base.structure import Structure, find_structure
+from echelon.errors import InputError
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
+from echelon.models.linear_model import LinearModel
 from echelon.regressor.virtual_power import virtual_power_form
 
 DEFAULT_SEED = 2015
 
 
+@overload
 def base_parameters(
-    mechanism: Mechanism,
+    mechanism: Mechanism, *, order: str = ..., prefer: Sequence[str] = ..., seed: int = ...
+) -> BaseModel: ...
+
+
+@overload
+def base_parameters(
+    mechanism: LinearModel, *, order: str = ..., prefer: Sequence[str] = ..., seed: int = ...
+) -> LinearBase: ...
+
+
+def base_parameters(
+    mechanism: Mechanism | LinearModel,
     *,
     order: str = "base-to-tip",
     prefer: Sequence[str] = (),
     seed: int = DEFAULT_SEED,
-) -> BaseModel:
-    """Base inertial parameters in closed form, with a certificate.
+) -> BaseModel | LinearBase:
+    """Base parameters in closed form, with a certificate.
 
     Parameters
     ----------
-    mechanism : Mechanism
+    mechanism : Mechanism or LinearModel
     order : str
-        ``"base-to-tip"`` for the classical groupings, or ``"tip-to-base"``.
+        ``"base-to-tip"`` for the classical groupings, or ``"tip-to-base"``; for mechanisms.
     prefer : sequence of str
         Parameters (``"M7"``) or kinds (``"MX"``) that should be representatives, most wanted first.
     seed : int
@@ -41,10 +57,12 @@ def base_parameters(
 
     Returns
     -------
-    BaseModel
+    BaseModel or LinearBase
 
     Raises
     ------
+    InputError
+        If a linear model is to be put in the order of a mechanism.
     ClosedFormError
         If a coefficient has no closed form within the degree bounds.
     CertificateError
@@ -57,6 +75,10 @@ def base_parameters(
     >>> base.rank, len(base.parameters)
     (43, 70)
     """
+    if isinstance(mechanism, LinearModel):
+        if order != "base-to-tip":
+            raise InputError("a linear model has no base and tip: choose representatives with prefer")
+        return linear_base_parameters(mechanism, prefer, seed)
     rng = np.random.default_rng(seed)
     columns = column_order(mechanism.columns, order, prefer)
     structure = find_structure(mechanism, rng)

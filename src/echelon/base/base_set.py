@@ -1,0 +1,63 @@
+"""What every set of base parameters has, whatever model it belongs to."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from echelon.base.classification import Identifiability, classify
+from echelon.base.expression import Expression, collect
+from echelon.base.matrix import BaseMatrix
+
+if TYPE_CHECKING:
+    import sympy
+
+
+class BaseSet:
+    """Base parameters ζ̄ = B ζ.
+
+    Attributes
+    ----------
+    matrix : BaseMatrix
+        Exact sparse B.
+    """
+
+    matrix: BaseMatrix
+
+    @property
+    def rank(self) -> int:
+        """Number of base parameters."""
+        return self.matrix.rank
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the standard parameters, the columns of B."""
+        return self.matrix.parameters
+
+    @property
+    def pivots(self) -> tuple[str, ...]:
+        """Names of the representatives, one per row of B."""
+        return tuple(self.parameters[p] for p in self.matrix.pivots)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of every base parameter."""
+        raise NotImplementedError
+
+    @cached_property
+    def expressions(self) -> tuple[Expression, ...]:
+        """Every base parameter in closed form, terms with equal coefficients collected."""
+        return tuple(
+            collect(name, unit, [(self.parameters[c], value) for c, value in sorted(row.items())])
+            for name, unit, row in zip(self.pivots, self.units, self.matrix.rows, strict=True)
+        )
+
+    @cached_property
+    def classification(self) -> dict[str, Identifiability]:
+        """For every standard parameter, whether it can be identified alone, in combination, or not at all."""
+        return classify(self.matrix)
+
+    @cached_property
+    def B(self) -> sympy.ImmutableSparseMatrix:
+        """B as a sympy matrix in the model's constants, shape (base parameters, standard parameters)."""
+        return self.matrix.sympy()
