@@ -27,6 +27,7 @@ from echelon.errors import (
     MissingExtraError,
     UnknownRelationsError,
 )
+from echelon.formats.linear import load_linear
 from echelon.formats.load import load
 from echelon.inertia.convert import convert, convert_columns
 from echelon.mechanism.mechanism import Mechanism
@@ -62,6 +63,7 @@ __all__ = [
     "convert_columns",
     "load",
     "load_base",
+    "load_linear",
     "match",
     "save_base",
     "sensor_report",

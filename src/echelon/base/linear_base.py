@@ -133,7 +133,17 @@ class LinearBase(BaseSet):
     def full_regressor(
         self, variables: Mapping[str, npt.ArrayLike], constants: Mapping[str, float] | None = None
     ) -> Floats:
-        """The regressor X at given samples, shape (N, outputs, parameters)."""
+        """The regressor X at given samples.
+
+        Parameters
+        ----------
+        variables : mapping of str to array of shape (N,)
+        constants : mapping of str to float, optional
+
+        Returns
+        -------
+        array of shape (N, outputs, parameters)
+        """
         return evaluate_model(self.model, self.model.regressor, variables, constants)
 
     def _constants_used(self) -> list[str]:

@@ -12,6 +12,7 @@ import numpy as np
 from echelon.base.derive import base_parameters
 from echelon.base.expression import collect
 from echelon.base.model import BaseModel
+from echelon.base.reading_report import ROUNDING
 from echelon.claims.compare import Geometry, Row, RowComparison, compare_row, led_by
 from echelon.claims.findings import Agreement, Finding, Missing
 from echelon.claims.linear import LinearReader, names_in
@@ -25,6 +26,9 @@ from echelon.errors import InputError
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.mechanism import Mechanism
+
+_PROPAGATED = 10.0
+"""How much larger than a rounded angle its effect on a coefficient may be."""
 
 Claims = str | os.PathLike[str] | Sequence[str] | Mapping[str, str]
 
@@ -109,6 +113,19 @@ def _compare(
         str(precision),
         any(c.numeric for c in compared),
         ignored,
+        _notes(model, compared),
+    )
+
+
+def _notes(model: BaseModel, compared: Sequence[RowComparison]) -> tuple[str, ...]:
+    """Numeric programs take a file's 1.5708 literally; terms of that size then come from there."""
+    snapped = max((snap.difference for snap in model.reading.snaps), default=0.0)
+    gaps = [abs(d.difference) for c in compared for d in c.differences if d.difference is not None]
+    if snapped <= ROUNDING or not any(gap <= _PROPAGATED * snapped for gap in gaps):
+        return ()
+    return (
+        f"the robot file's rounded angles were read as exact (largest change {snapped:.2g}), which differences of this "
+        "size may come from; with tolerance 0 they are taken literally, as most programs do",
     )
 
 

@@ -58,6 +58,7 @@ def _counts(audit: Audit) -> list[str]:
     lines = [f"rows: {', '.join(texts)}", f"missing: {len(audit.missing)}"]
     if audit.ignored:
         lines.append(f"ignored: {len(audit.ignored)} rows ({', '.join(claim.text for claim in audit.ignored)})")
+    lines += [f"note: {note}" for note in audit.notes]
     return lines if audit.missing else [line for line in lines if not line.startswith("missing")]
 
 
@@ -113,6 +114,7 @@ def to_dict(audit: Audit) -> dict[str, Any]:
         "rows": [_finding(finding) for finding in audit.findings],
         "missing": [{"expression": str(m.expression), "witness": _witness(m.witness)} for m in audit.missing],
         "ignored": [claim.text for claim in audit.ignored],
+        "notes": list(audit.notes),
     }
 
 

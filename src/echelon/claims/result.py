@@ -34,6 +34,8 @@ class Audit:
         Whether rows hold only at the robot's lengths, because they state numbers instead of symbols.
     ignored : tuple of Claim
         Rows that were left out on request.
+    notes : tuple of str
+        What may explain differences.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Audit:
     precision: str
     numeric: bool
     ignored: tuple[Claim, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> Verdict:
