@@ -192,6 +192,9 @@ def audit(
     ] = None,
     floating: Annotated[bool, typer.Option(help="Let the root link float.")] = False,
     gravity: Annotated[str, typer.Option(help="As for 'derive'.")] = "file",
+    tolerance: Annotated[
+        float | None, typer.Option(help="As for 'derive'; 0 takes rounded angles literally, as most programs do.")
+    ] = None,
     mimic: Annotated[Mimic, typer.Option(help="Respect mimic joints, or treat them as independent.")] = Mimic.COUPLED,
     every_link: Annotated[bool, typer.Option("--every-link", help="Keep links fixed to others as bodies.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
@@ -207,6 +210,7 @@ def audit(
         "gravity": gravity,
         "independent_mimics": mimic is Mimic.INDEPENDENT,
         "every_link": every_link,
+        **({} if tolerance is None else {"tolerance": tolerance}),
     }
     raise typer.Exit(run_audit(robot, claimed, reading, naming, define or (), ignore or (), as_json, output))
 
