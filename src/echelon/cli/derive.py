@@ -18,6 +18,7 @@ from echelon.base.model import BaseModel
 from echelon.cli.progress import progress
 from echelon.errors import one_line
 from echelon.files import write_atomically
+from echelon.formats.linear import holds_linear_model
 from echelon.formats.load import load
 from echelon.mechanism.mechanism import Mechanism
 from echelon.results.saved import to_json
@@ -42,6 +43,9 @@ def run_derive(request: DeriveRequest) -> None:
     seed = DEFAULT_SEED if request.seed is None else request.seed
     started = perf_counter()
     with progress(f"deriving {request.robot.name}"):
+        if holds_linear_model(request.robot):
+            _write_linear(request, seed, started)
+            return
         robot = load(request.robot, **request.reading)
         if request.structure:
             text = _structure_text(robot, seed, as_json=request.output_format == "json")
@@ -60,6 +64,20 @@ def run_derive(request: DeriveRequest) -> None:
         typer.echo(text, nl=not text.endswith("\n"))
         if request.output_format == "text":
             typer.echo(f"time: {elapsed:.2f} s")
+
+
+def _write_linear(request: DeriveRequest, seed: int, started: float) -> None:
+    from echelon.cli.derive_linear import linear_text
+
+    text = linear_text(
+        request.robot, request.output_format, request.order, request.prefer, seed, structure=request.structure
+    )
+    if request.output is not None:
+        write_atomically(request.output, text)
+        return
+    typer.echo(text, nl=False)
+    if request.output_format == "text":
+        typer.echo(f"time: {perf_counter() - started:.2f} s")
 
 
 def _render(model: BaseModel, output_format: str) -> str:

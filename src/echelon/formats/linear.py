@@ -1,0 +1,112 @@
+"""Linear models as documents: variables, parameters, constants, and outputs or a regressor.
+
+A document says ``echelon: 1`` and ``model: linear``; see ``docs/linear-models.md``.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel as Schema
+from pydantic import ConfigDict, Field, ValidationError, model_validator
+
+from echelon.errors import InputError
+from echelon.formats.description_text import Document, read_text
+from echelon.models.linear_model import LinearModel
+
+_SUFFIXES = (".yaml", ".yml", ".json")
+
+
+class LinearDocument(Schema):
+    """A model that is linear in its parameters."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, coerce_numbers_to_str=True)
+
+    echelon: Literal["1"] = Field(description="Version of the format.")
+    model: Literal["linear"]
+    name: str = "model"
+    variables: list[str] = Field(description="What varies from sample to sample.")
+    parameters: dict[str, str | None] | list[str] = Field(description="Names, or names with units, in column order.")
+    constants: dict[str, str | None] | list[str] = Field({}, description="Names, or names with exact values.")
+    outputs: dict[str, str] | None = Field(None, description="Expressions linear in the parameters, by name.")
+    regressor: dict[str, list[str]] | None = Field(None, description="Rows of X by the name of their output.")
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> LinearDocument:
+        if (self.outputs is None) == (self.regressor is None):
+            raise ValueError("give either outputs or regressor")
+        return self
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON schema of a linear-model document."""
+    return LinearDocument.model_json_schema()
+
+
+def holds_linear_model(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is a document of a linear model, rather than a robot."""
+    file = Path(path)
+    if file.suffix.lower() not in _SUFFIXES or not file.is_file():
+        return False
+    try:
+        data = read_text(file.read_bytes(), str(file)).data
+    except InputError:
+        return False
+    return isinstance(data, dict) and data.get("model") == "linear"
+
+
+def load_linear(path: str | os.PathLike[str]) -> LinearModel:
+    """Read a linear model from a YAML or JSON document.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    LinearModel
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is not such a document, or an output is not linear in its parameters.
+    """
+    file = Path(path)
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror or error}", source=str(file)) from None
+    return read_linear(read_text(data, str(file)))
+
+
+def read_linear(document: Document) -> LinearModel:
+    """A linear model from a parsed document.
+
+    Parameters
+    ----------
+    document : Document
+
+    Raises
+    ------
+    InputError
+        As for :func:`load_linear`; names the element.
+    """
+    try:
+        stated = LinearDocument.model_validate(document.data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        path = ".".join(str(part) for part in first["loc"] if part not in ("list[str]", "dict[str,nullable[str]]"))
+        raise document.error(path, first["msg"]) from None
+    parameters = stated.parameters
+    units = [unit or "" for unit in parameters.values()] if isinstance(parameters, dict) else None
+    given = (stated.variables, list(parameters), stated.constants)
+    try:
+        if stated.outputs is not None:
+            rows, names = list(stated.outputs.values()), list(stated.outputs)
+            return LinearModel.from_outputs(rows, *given, names, units, stated.name)
+        table = stated.regressor or {}
+        return LinearModel(list(table.values()), *given, list(table), units, stated.name)
+    except InputError as error:
+        raise error.located(document.source) from None
