@@ -88,10 +88,9 @@ def record_rows(program: Program, X: Any, scalars: Mapping[str, Scalar], columns
     """
     if callable(X) and not hasattr(X, "free_symbols"):
         X = _traced(X, scalars)
-    try:
-        table = np.array(X.tolist() if hasattr(X, "tolist") else X, dtype=object)
-    except ValueError:
-        raise InputError("the rows of X have different lengths") from None
+    table = np.array(X.tolist() if hasattr(X, "tolist") else X, dtype=object)
+    if table.ndim == 1 and any(isinstance(row, list | tuple) for row in table):
+        raise InputError("the rows of X have different lengths")
     if columns is None:
         table = table.reshape(-1, 1)
     if table.ndim != 2 or not len(table) or (columns is not None and table.shape[1] != columns):
@@ -112,7 +111,7 @@ def _traced(function: Any, scalars: Mapping[str, Scalar]) -> Any:
         return function(**{name: scalars[name] for name in _arguments(function)})
     except InputError as error:
         raise InputError(error.problem, element=f"function '{getattr(function, '__name__', 'X')}'") from None
-    except (TypeError, AttributeError) as error:
+    except (TypeError, AttributeError, ValueError) as error:
         problem = f"cannot be recorded: {error} (use + - * / **, abs and NumPy's sin, cos, tan, exp, log, tanh, sqrt)"
         raise InputError(problem, element=f"function '{getattr(function, '__name__', 'X')}'") from None
 

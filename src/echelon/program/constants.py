@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from fractions import Fraction
 
-from echelon.exact.polynomial import Polynomial
+from echelon.exact.numbers import Number, Surd
+from echelon.exact.polynomial import Monomial, Polynomial
 from echelon.exact.rational import RationalFunction
 from echelon.program.canonical import CanonicalForms, Generator
 
@@ -67,8 +69,8 @@ def _named(
     element = generator.element * RationalFunction(Polynomial.constant(1), share)
     function = "tan" if generator.kind == "angle" else generator.kind
     shown = _renamed(element, {g: names[g].name for g in inner})
-    definition = _renamed(element, {g: f"({names[g].definition})" for g in inner})
-    bare = f"abs({definition})" if function == "log" else definition
+    definition = _renamed(element, {g: _grouped(names[g].definition, " *^/") for g in inner})
+    bare = f"abs({definition})" if function == "log" and " " in definition else definition
     return ConstantName(f"{function}[{shown}]", f"{function}({bare})")
 
 
@@ -76,11 +78,25 @@ def _renamed(element: RationalFunction, names: dict[str, str]) -> str:
     """An element as text, with its generators called by name."""
 
     def written(polynomial: Polynomial) -> str:
-        terms = [
-            "*".join([f"({c})" if m else str(c), *(f"{names[g]}^{e}" if e > 1 else names[g] for g, e in m)])
-            for m, c in polynomial.sorted_terms()
-        ]
-        return " + ".join(t.removeprefix("(1)*") for t in terms) or "0"
+        return " + ".join(term(m, c) for m, c in polynomial.sorted_terms()).replace("+ -", "- ") or "0"
+
+    def term(monomial: Monomial, coefficient: Number) -> str:
+        if isinstance(coefficient, Surd):
+            factors, below = [f"({coefficient})"], 1
+        else:
+            number, below = Fraction(coefficient).numerator, Fraction(coefficient).denominator
+            factors = [] if abs(number) == 1 and monomial else [str(abs(number))]
+        factors += [f"{names[g]}^{e}" if e > 1 else names[g] for g, e in monomial]
+        sign = "-" if not isinstance(coefficient, Surd) and coefficient < 0 else ""
+        return sign + "*".join(factors) + (f"/{below}" if below > 1 else "")
 
     top = written(element.numerator)
-    return top if element.is_polynomial else f"({top})/({written(element.denominator)})"
+    if element.is_polynomial:
+        return top
+    bottom = written(element.denominator)
+    return f"{_grouped(top, ' ')}/{_grouped(bottom, ' */')}"
+
+
+def _grouped(text: str, separators: str) -> str:
+    """Text in parentheses if one of some characters is in it."""
+    return f"({text})" if any(c in text for c in separators) else text
