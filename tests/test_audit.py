@@ -289,6 +289,20 @@ def test_ignored_and_defined_names() -> None:
     assert [claim.text for claim in found.ignored] == ["FV1", "FS1"]
 
 
+def test_measured_inputs_are_part_of_an_example(tmp_path: Path) -> None:
+    file = tmp_path / "driven.yaml"
+    text = (EXAMPLES / "double_pendulum.yaml").read_text()
+    file.write_text(text + "effects: [{type: drive_gain, at: all}, {type: viscous, at: all}]\n")
+    model = ec.base_parameters(ec.load(file))
+    claims = [str(e) for e in model.expressions]
+    assert ec.audit(model, claims).equal
+    gain = next(k for k, text in enumerate(claims) if text.startswith("Kt"))
+    found = ec.audit(model, claims[:gain] + claims[gain + 1 :])
+    (missing,) = found.missing
+    assert missing.witness.change == {claims[gain]: 1.0}
+    assert any(key.startswith("i[") for key in missing.witness.state)
+
+
 CSV = """base parameter;value;std
 # comment
 ZZ1 + l1^2*M2;1.25;0.1

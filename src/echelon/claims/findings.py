@@ -65,7 +65,8 @@ class Witness:
     claimed : mapping of int to float
         What it changes in the claimed base parameters, by row number from 1; empty if nothing.
     state : mapping of str to tuple of float
-        ``q``, ``qd``, ``qdd`` of an example, in the order of the mechanism's coordinates.
+        ``q``, ``qd``, ``qdd`` of an example, in the order of the mechanism's coordinates; ``i[name]`` for measured
+        inputs.
     outputs : mapping of str to float
         Change of the outputs in that state.
     symbols : mapping of str to float

@@ -101,7 +101,14 @@ class Laboratory:
     @cached_property
     def regressor(self) -> Floats:
         """X at the example states, shape (states, outputs, n)."""
-        return self.model.standard_regressor(*self.states, symbols=self.assumed)
+        return self.model.standard_regressor(*self.states, symbols=self.assumed, inputs=self.measured)
+
+    @cached_property
+    def measured(self) -> dict[str, Floats]:
+        """Example values of measured inputs, such as currents, by name."""
+        rng = np.random.default_rng(self.seed + 1)
+        names = sorted(i.name[2:-1] for i in self.model.inverse_dynamics.program.inputs.values() if i.name[:2] == "i[")
+        return {name: rng.uniform(-2.0, 2.0, _STATES).round(2) for name in names}
 
     def _witness(self, change: Floats) -> Witness:
         change = np.where(np.abs(change) > _NEGLIGIBLE, change, 0.0)
@@ -113,7 +120,7 @@ class Laboratory:
         return Witness(
             _named(self.matrix.parameters, change),
             {i + 1: float(v) for i, v in enumerate(felt) if abs(v) > _NEGLIGIBLE},
-            {"q": q, "qd": qd, "qdd": qdd},
+            {"q": q, "qd": qd, "qdd": qdd, **{f"i[{k}]": (float(v[loudest]),) for k, v in self.measured.items()}},
             {
                 output.name: float(v) if abs(v) > _NEGLIGIBLE * scale else 0.0
                 for output, v in zip(self.model.mechanism.outputs, outputs[loudest], strict=True)
