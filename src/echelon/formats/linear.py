@@ -7,10 +7,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any, Literal
-
-from pydantic import BaseModel as Schema
-from pydantic import ConfigDict, Field, ValidationError, model_validator
+from typing import Any
 
 from echelon.errors import InputError
 from echelon.formats.description_text import Document, read_text
@@ -19,29 +16,10 @@ from echelon.models.linear_model import LinearModel
 _SUFFIXES = (".yaml", ".yml", ".json")
 
 
-class LinearDocument(Schema):
-    """A model that is linear in its parameters."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, coerce_numbers_to_str=True)
-
-    echelon: Literal["1"] = Field(description="Version of the format.")
-    model: Literal["linear"]
-    name: str = "model"
-    variables: list[str] = Field(description="What varies from sample to sample.")
-    parameters: dict[str, str | None] | list[str] = Field(description="Names, or names with units, in column order.")
-    constants: dict[str, str | None] | list[str] = Field({}, description="Names, or names with exact values.")
-    outputs: dict[str, str] | None = Field(None, description="Expressions linear in the parameters, by name.")
-    regressor: dict[str, list[str]] | None = Field(None, description="Rows of X by the name of their output.")
-
-    @model_validator(mode="after")
-    def _one_of_two(self) -> LinearDocument:
-        if (self.outputs is None) == (self.regressor is None):
-            raise ValueError("give either outputs or regressor")
-        return self
-
-
 def json_schema() -> dict[str, Any]:
     """The JSON schema of a linear-model document."""
+    from echelon.formats.schema_linear import LinearDocument
+
     return LinearDocument.model_json_schema()
 
 
@@ -93,6 +71,10 @@ def read_linear(document: Document) -> LinearModel:
     InputError
         As for :func:`load_linear`; names the element.
     """
+    from pydantic import ValidationError
+
+    from echelon.formats.schema_linear import LinearDocument
+
     try:
         stated = LinearDocument.model_validate(document.data)
     except ValidationError as error:
