@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from echelon.errors import InputError, UnknownRelationsError
 from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField, Residues
 from echelon.program.sampling import FieldSampler
@@ -143,3 +144,32 @@ SPANS = {
 @pytest.mark.parametrize(("texts", "expected"), SPANS.values(), ids=SPANS.keys())
 def test_ranks(texts: list[str], expected: int) -> None:
     assert rank(evaluate(sampler(*texts), SMALL_FIELD, 40), SMALL_FIELD) == expected
+
+
+UNKNOWN = {
+    "arc tangent": "atan(x)",
+    "function of a root of a sum": "exp(sqrt(1 + x**2))",
+    "log of a root of two": "log(x + sqrt(2))",
+    "quotient led by a constant": "exp(1/(a*x + 1))",
+}
+
+
+@pytest.mark.parametrize("text", UNKNOWN.values(), ids=UNKNOWN.keys())
+def test_unknown_relations_are_said_to_be_unknown(text: str) -> None:
+    with pytest.raises(UnknownRelationsError):
+        evaluate(sampler(text), SMALL_FIELD, 4)
+
+
+@pytest.mark.parametrize("text", ["log(-x**2)", "sqrt(x) + sqrt(-x)", "log(sin(x) - 2)"])
+def test_functions_that_are_real_nowhere(text: str) -> None:
+    with pytest.raises(InputError, match="no real point"):
+        evaluate(sampler(text), SMALL_FIELD, 4)
+
+
+def test_functions_of_constants_have_names() -> None:
+    made = sampler("exp(a/2)*x", "log(2*b)*y", "cos(a)*z", "sqrt(v)*a")
+    evaluate(made, SMALL_FIELD, 4)
+    assert made.symbols == ["a", "b", "exp[a/2]", "log[2]", "log[b]", "tan[a/2]"]
+    assert made.definitions == {
+        "exp[a/2]": "exp(a/2)", "log[2]": "log(2)", "log[b]": "log(b)", "tan[a/2]": "tan(a/2)",
+    }  # fmt: skip

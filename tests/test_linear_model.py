@@ -180,6 +180,35 @@ def test_bad_models(make: Any, problem: str) -> None:
         make()
 
 
+BALLS = {
+    "half an arc tangent": (["atan(x)", "x", "atan(x/(1 + sqrt(1 + x^2)))"], ["p0 + 1/2·p2", "p1"]),
+    "root of a sum": (["exp(sqrt(1 + x^2))", "exp(2*sqrt(1 + x^2))", "exp(sqrt(1 + x^2))*x/7"], ["p0", "p1", "p2"]),
+    "a decimal": (["atan(x)", "atan(x) + exp(1)*x", "x"], ["p0 + p1", "p1 + beta1·p2"]),
+    "value of a constant": (["atan(x)*x", "c*x*atan(x)"], ["p0 + 13/10·p1"]),
+    "unseen": (["atan(x)", "x - x"], ["p0"]),
+}
+
+
+@pytest.mark.parametrize(("columns", "expected"), BALLS.values(), ids=BALLS)
+def test_ball_route(columns: list[str], expected: list[str]) -> None:
+    model = LinearModel([columns], ["x"], [f"p{i}" for i in range(len(columns))], {"c": "1.3"})
+    base = ec.base_parameters(model)
+    assert base.route == "balls"
+    assert len(base.expressions) == len(expected)
+    if "beta1·" not in expected[-1]:
+        assert [str(e) for e in base.expressions] == expected
+    assert "completeness is not proven" in str(base)
+    assert base.certificate.log10_residual < -100
+    x = np.linspace(0.1, 3, 20)
+    assert base.regressor({"x": x}) @ base.B_float() == pytest.approx(base.full_regressor({"x": x}), rel=1e-9)
+    assert json.loads(linear_to_json(base))["route"] == "balls"
+
+
+def test_balls_need_values_where_constants_matter() -> None:
+    with pytest.raises(ec.ClosedFormError, match="they need values"):
+        ec.base_parameters(LinearModel([["atan(x)", "c*atan(x)"]], ["x"], ["p", "q"], ["c"]))
+
+
 POOL = ["x", "y", "x*y", "exp(x)", "exp(x + y)", "log(y**2)", "log(x*y)", "sin(x)", "sin(x + y)", "sqrt(x*y)",
         "abs(x)", "tanh(y)", "1", "exp(-x)*y", "sqrt(x)*exp(y)"]  # fmt: skip
 

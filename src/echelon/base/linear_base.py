@@ -13,7 +13,7 @@ import numpy.typing as npt
 from echelon.base.base_set import BaseSet
 from echelon.base.certificate import Certificate, certify
 from echelon.base.matrix import BaseMatrix
-from echelon.errors import InputError
+from echelon.errors import InputError, UnknownRelationsError
 from echelon.models.evaluation import definition_values, evaluate_model
 from echelon.models.linear_model import LinearModel
 from echelon.program.sympy_bridge import to_sympy
@@ -193,6 +193,7 @@ def linear_base_parameters(model: LinearModel, prefer: Sequence[str], seed: int)
     ClosedFormError
         If a coefficient has no closed form.
     """
+    from echelon.base.linear_balls import BallStructure
     from echelon.base.linear_structure import LinearStructure
 
     strangers = [p for p in prefer if p not in model.parameters]
@@ -200,8 +201,14 @@ def linear_base_parameters(model: LinearModel, prefer: Sequence[str], seed: int)
         raise InputError(f"'{strangers[0]}' is not a parameter (parameters: {', '.join(model.parameters)})")
     wanted = [model.parameters.index(p) for p in dict.fromkeys(prefer)]
     order = (*wanted, *(c for c in range(len(model.parameters)) if c not in wanted))
-    structure = LinearStructure(model.regressor, model.parameters, order, np.random.default_rng(seed))
-    matrix = structure.matrix(structure.dependences())
+    rng = np.random.default_rng(seed)
+    try:
+        structure = LinearStructure(model.regressor, model.parameters, order, rng)
+        dependences = structure.dependences()
+    except UnknownRelationsError:
+        found, decimals, evidence = BallStructure(model, order, rng).solve()
+        return LinearBase(model, found, decimals, BALLS, evidence, seed)
+    matrix = structure.matrix(dependences)
     certificate: Certificate = certify(model.regressor, matrix, seed)
     definitions = {n: d for n, d in structure.sampler.definitions.items() if n in matrix.symbols}
     return LinearBase(model, matrix, definitions, FINITE_FIELD, certificate, seed)

@@ -226,7 +226,11 @@ class CanonicalForms:
             return self._turn(argument)
         if op is Op.EXP:
             return self._exponential(argument)
-        return self._logarithm(argument) if op is Op.LOG else self._powers(argument, Fraction(1, 2))
+        if op is Op.LOG:
+            return self._logarithm(argument)
+        if op is Op.SQRT:
+            return self._powers(argument, Fraction(1, 2))
+        raise UnknownRelationsError(f"{op.name.lower()}, whose relations to other functions are not looked for")
 
     def _turn(self, argument: RationalFunction) -> Turn:
         return Turn(self._multiples("angle", self._bases["angle"].combination(argument)))

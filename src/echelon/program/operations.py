@@ -24,6 +24,7 @@ class Op(IntEnum):
     SQRT = 13
     ABS = 14
     SIGN = 15
+    ATAN = 16
 
 
 FUNCTIONS = tuple(op for op in Op if op >= Op.SIN)

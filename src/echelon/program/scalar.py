@@ -107,6 +107,10 @@ class Scalar:
         """Hyperbolic tangent."""
         return self.program.function(Op.TANH, self)
 
+    def arctan(self) -> Scalar:
+        """Arc tangent."""
+        return self.program.function(Op.ATAN, self)
+
     def sqrt(self) -> Scalar:
         """Square root."""
         return square_root(self)

@@ -132,6 +132,7 @@ _FLOAT_FUNCTIONS = {
     Op.SQRT: np.sqrt,
     Op.ABS: np.abs,
     Op.SIGN: np.sign,
+    Op.ATAN: np.arctan,
 }
 _FLOAT_BINARY = {Op.ADD: np.add, Op.SUB: np.subtract, Op.MUL: np.multiply, Op.DIV: np.divide}
 
