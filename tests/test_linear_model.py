@@ -20,7 +20,7 @@ from echelon.models.evaluation import evaluate_model
 from echelon.models.linear_model import LinearModel
 from echelon.results.linear import linear_to_json
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLES = Path(__file__).parents[1] / "examples" / "linear"
 
 ANSWERS = {
     "thermal_network": ["C1", "G12", "G10 + G10b", "C2", "G20", "eta"],
