@@ -130,7 +130,7 @@ def test_the_bound_knows_multiples_of_angles() -> None:
     assert geared.log10_error < -30
 
 
-EXAMPLES = sorted((Path(__file__).parents[1] / "examples").iterdir())
+EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.*"))
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)

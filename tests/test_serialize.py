@@ -19,7 +19,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.results.record import json_schema
 from echelon.results.saved import from_json, to_json
 
-EXAMPLES = sorted((Path(__file__).parents[1] / "examples").iterdir())
+EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.*"))
 
 
 @pytest.fixture(scope="module")
