@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     import sympy
 
 
-class BaseSet:
+class BaseSet(ABC):
     """Base parameters ζ̄ = B ζ.
 
     Attributes
@@ -40,9 +41,9 @@ class BaseSet:
         return tuple(self.parameters[p] for p in self.matrix.pivots)
 
     @property
+    @abstractmethod
     def units(self) -> tuple[str, ...]:
         """Unit of every base parameter."""
-        raise NotImplementedError
 
     @cached_property
     def expressions(self) -> tuple[Expression, ...]:

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from echelon.base.base_set import BaseSet
 from echelon.base.certificate import Certificate
-from echelon.base.classification import Identifiability, classify
-from echelon.base.expression import Expression, collect
 from echelon.base.lift import Metric, lift, metric_matrix
 from echelon.base.matrix import BaseMatrix
 from echelon.base.reading_report import ReadingReport
@@ -30,7 +29,7 @@ Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)
-class BaseModel:
+class BaseModel(BaseSet):
     """Base parameters ζ̄ = B ζ of a mechanism, with their evidence.
 
     Made by :func:`echelon.base_parameters` or :func:`echelon.load_base`.
@@ -64,44 +63,11 @@ class BaseModel:
     # -- the set -----------------------------------------------------------------------------------------------
 
     @property
-    def rank(self) -> int:
-        """Number of base parameters."""
-        return self.matrix.rank
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the standard parameters, the columns of B."""
-        return self.matrix.parameters
-
-    @property
-    def pivots(self) -> tuple[str, ...]:
-        """Names of the representatives, one per row of B."""
-        return tuple(self.parameters[p] for p in self.matrix.pivots)
-
-    @property
     def units(self) -> tuple[str, ...]:
         """SI unit of every base parameter."""
         return tuple(self.mechanism.columns[p].unit for p in self.matrix.pivots)
 
-    @cached_property
-    def expressions(self) -> tuple[Expression, ...]:
-        """Every base parameter in closed form, terms with equal coefficients collected."""
-        return tuple(
-            collect(name, unit, [(self.parameters[c], value) for c, value in sorted(row.items())])
-            for name, unit, row in zip(self.pivots, self.units, self.matrix.rows, strict=True)
-        )
-
-    @cached_property
-    def classification(self) -> dict[str, Identifiability]:
-        """For every standard parameter, whether it can be identified alone, in combination, or not at all."""
-        return classify(self.matrix)
-
     # -- B in other forms --------------------------------------------------------------------------------------
-
-    @cached_property
-    def B(self) -> sympy.ImmutableSparseMatrix:
-        """B as a sympy matrix in the geometry symbols, shape (base parameters, standard parameters)."""
-        return self.matrix.sympy()
 
     @cached_property
     def B_exact(self) -> sympy.ImmutableSparseMatrix:
