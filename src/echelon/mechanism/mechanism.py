@@ -9,11 +9,12 @@ from functools import cached_property
 from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
+from echelon.mechanism.closure import Closure
 from echelon.mechanism.effect import Action, Effect, Side
 from echelon.mechanism.joint import Joint, Motion, MotionKind
 from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output, plain
 from echelon.mechanism.parameter import Parameter, inertial_parameter
-from echelon.mechanism.placement import Vector
+from echelon.mechanism.placement import Placement, Vector
 from echelon.mechanism.reading import Reading
 from echelon.mechanism.transmission import Actuator, Transmission, transmission
 
@@ -110,6 +111,13 @@ class Mechanism:
         Friction, springs, rotor inertia and other forces with parameters of their own.
     measured : tuple of Output, or None
         What is measured; None for the forces of all actuators.
+    closures : tuple of Closure
+        Joints that close loops.
+    independent : tuple of str
+        With loops, the velocity coordinates that the others depend on, as many as there are degrees of freedom; empty
+        for all of them (see :func:`echelon.regressor.loops.close`).
+    assembly : mapping of str to float
+        Positions near which the loops close, which picks one of several ways to assemble them; zero where absent.
     reading : Reading, optional
         What was taken as exact when a file was read; absent for exact descriptions.
 
@@ -128,10 +136,14 @@ class Mechanism:
     actuators: tuple[Actuator, ...] = ()
     effects: tuple[Effect, ...] = ()
     measured: tuple[Output, ...] | None = None
+    closures: tuple[Closure, ...] = ()
+    independent: tuple[str, ...] = ()
+    assembly: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _check_tree(self)
         _check_couplings(self)
+        _check_closures(self)
         _check_effects(self)
         _check_outputs(self)
 
@@ -147,18 +159,23 @@ class Mechanism:
 
     @property
     def positions(self) -> tuple[str, ...]:
-        """Names of the independent position coordinates, the columns of ``q``."""
+        """Names of the position coordinates that no coupling makes dependent, the columns of ``q``."""
         return tuple(name for m in self.motions if m.name not in self.dependent for name in m.positions)
 
     @property
     def velocities(self) -> tuple[str, ...]:
-        """Names of the independent velocity coordinates, the columns of ``qd`` and ``qdd`` and the outputs y."""
+        """Names of the velocity coordinates that no coupling makes dependent, the columns of ``qd`` and ``qdd``."""
         return tuple(name for m in self.motions if m.name not in self.dependent for name in m.velocities)
+
+    @property
+    def independent_velocities(self) -> tuple[str, ...]:
+        """Names of the velocity coordinates that all others depend on, through couplings and loops."""
+        return self.independent or self.velocities
 
     @property
     def degrees_of_freedom(self) -> int:
         """Number of independent velocity coordinates."""
-        return len(self.velocities)
+        return len(self.independent_velocities)
 
     @cached_property
     def columns(self) -> tuple[Parameter, ...]:
@@ -183,7 +200,7 @@ class Mechanism:
     @cached_property
     def transmission(self) -> Transmission:
         """The transmission, completed by direct drives."""
-        return transmission(self.actuators, self.velocities)
+        return transmission(self.actuators, self.independent_velocities)
 
     @cached_property
     def outputs(self) -> tuple[Output, ...]:
@@ -214,16 +231,23 @@ class Mechanism:
         return f"{self.name}: {len(self.bodies)} bodies, {self.degrees_of_freedom} degrees of freedom"
 
 
-def setup_expressions(mechanism: Mechanism) -> list[Polynomial]:
-    """Expressions beside those of the joints and of gravity: of couplings, transmission and outputs."""
+def setup_placements(mechanism: Mechanism) -> list[Placement]:
+    """Placements beside those of the joints: of sensors and closures."""
+    cuts = [channel for output in mechanism.measured or () for channel, _ in output.terms if isinstance(channel, Cut)]
+    frames = [frame for closure in mechanism.closures for frame in (closure.first_frame, closure.second_frame)]
+    return [*(cut.frame for cut in cuts), *frames]
+
+
+def setup_ratios(mechanism: Mechanism) -> list[Polynomial]:
+    """Expressions beside those of placements and of gravity: ratios and weights."""
     found = [ratio for coupling in mechanism.couplings for _, ratio in coupling.terms]
     found += [ratio for actuator in mechanism.actuators for _, ratio in actuator.terms]
-    for output in mechanism.measured or ():
-        for channel, weight in output.terms:
-            found.append(weight)
-            if isinstance(channel, Cut):
-                found += [*channel.frame.translation, *(e for row in channel.frame.rotation for e in row)]
-    return found
+    return found + [weight for output in mechanism.measured or () for _, weight in output.terms]
+
+
+def setup_expressions(mechanism: Mechanism) -> list[Polynomial]:
+    """Expressions beside those of the joints and of gravity: of couplings, transmission, outputs and closures."""
+    return setup_ratios(mechanism) + [e for placement in setup_placements(mechanism) for e in placement.entries()]
 
 
 def _check_tree(mechanism: Mechanism) -> None:
@@ -264,6 +288,20 @@ def _check_couplings(mechanism: Mechanism) -> None:
                 raise InputError(f"'{name}' is itself dependent; refer to independent ones only", element=where)
 
 
+def _check_closures(mechanism: Mechanism) -> None:
+    for closure in mechanism.closures:
+        where = f"closure '{closure.name}'"
+        for body in (closure.first, closure.second):
+            if not GROUND <= body < len(mechanism.bodies):
+                raise InputError("it connects a body that does not exist", element=where)
+        if closure.first == closure.second:
+            raise InputError("it connects a body to itself", element=where)
+    for name in mechanism.independent:
+        if name not in mechanism.velocities:
+            valid = ", ".join(mechanism.velocities)
+            raise InputError(f"'{name}' cannot be an independent coordinate (valid: {valid})", element="independent")
+
+
 def _check_effects(mechanism: Mechanism) -> None:
     taken = {parameter.name for parameter in mechanism.columns if parameter.body is not None}
     symbols = {name for body in mechanism.bodies for name in body.joint.symbols()} | set(mechanism.symbols)
@@ -301,7 +339,7 @@ def _check_outputs(mechanism: Mechanism) -> None:
                     raise InputError("it is at a body that does not exist", element=f"output '{output.name}'")
                 continue
             name, valid = (
-                (channel.coordinate, mechanism.velocities)
+                (channel.coordinate, mechanism.independent_velocities)
                 if isinstance(channel, JointForce)
                 else (channel.actuator, drives)
             )

@@ -49,10 +49,13 @@ class Placement:
         x, y, z = rotate(back, self.translation)
         return Placement(back, (-x, -y, -z))
 
+    def entries(self) -> list[Polynomial]:
+        """All entries, those of the translation last."""
+        return [*(entry for row in self.rotation for entry in row), *self.translation]
+
     def symbols(self) -> list[str]:
         """Geometry symbols that occur."""
-        entries = [e for row in self.rotation for e in row] + list(self.translation)
-        return sorted({s for e in entries for s in e.symbols()})
+        return sorted({s for e in self.entries() for s in e.symbols()})
 
 
 def shift(x: Polynomial | int, y: Polynomial | int, z: Polynomial | int) -> Placement:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism, setup_expressions
+from echelon.mechanism.mechanism import Mechanism, setup_placements, setup_ratios
 from echelon.mechanism.placement import Placement
 
 
@@ -55,7 +55,10 @@ def _expressions(mechanism: Mechanism) -> tuple[list[Polynomial], list[Polynomia
                 others.extend(entry for row in step.rotation for entry in row)
             else:
                 translations.append(step.pitch)
-    others.extend(setup_expressions(mechanism))
+    for placement in setup_placements(mechanism):
+        translations.extend(placement.translation)
+        others.extend(entry for row in placement.rotation for entry in row)
+    others.extend(setup_ratios(mechanism))
     return translations, others
 
 

@@ -30,6 +30,10 @@ def substituted(mechanism: Mechanism, values: Mapping[str, Polynomial]) -> Mecha
             replace(c, terms=tuple((name, put.polynomial(ratio)) for name, ratio in c.terms))
             for c in mechanism.couplings
         ),
+        closures=tuple(
+            replace(c, first_frame=put.placement(c.first_frame), second_frame=put.placement(c.second_frame))
+            for c in mechanism.closures
+        ),
         reading=None,
     )
 
@@ -60,4 +64,7 @@ class _Substitution:
     def step(self, step: Step) -> Step:
         if isinstance(step, Motion):
             return replace(step, pitch=self.polynomial(step.pitch))
-        return Placement(self.matrix(step.rotation), self.vector(step.translation))
+        return self.placement(step)
+
+    def placement(self, placement: Placement) -> Placement:
+        return Placement(self.matrix(placement.rotation), self.vector(placement.translation))

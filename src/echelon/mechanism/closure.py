@@ -1,0 +1,102 @@
+"""Closures: joints that close the loops of a mechanism whose bodies form a tree.
+
+A closure holds a frame of one body against a frame of another.  With p the origin and R the axes of the second frame,
+seen from the first, each kind demands that some components of p vanish and that some entries of R have the value that
+they have where both frames coincide.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from echelon.mechanism.placement import Placement
+
+_ALONG_Z = ((0, 2, 0), (1, 2, 0), (2, 2, 1))
+_ALIGNED = tuple((i, j, int(i == j)) for i in range(3) for j in range(3))
+
+
+class ClosureKind(Enum):
+    """The kinds of closures; axes are z, those of a universal joint x of the first and y of the second frame."""
+
+    WELD = "weld"
+    REVOLUTE = "revolute"
+    PRISMATIC = "prismatic"
+    CYLINDRICAL = "cylindrical"
+    PLANAR = "planar"
+    UNIVERSAL = "universal"
+    SPHERICAL = "spherical"
+    POINT_ON_AXIS = "point_on_axis"
+    POINT_ON_PLANE = "point_on_plane"
+
+    @property
+    def positions(self) -> tuple[int, ...]:
+        """Components of p that vanish."""
+        return _POSITIONS[self]
+
+    @property
+    def directions(self) -> tuple[tuple[int, int, int], ...]:
+        """Entries (row, column, value) of R that are fixed; they may depend on one another."""
+        return _DIRECTIONS[self]
+
+    @property
+    def freedoms(self) -> int:
+        """Degrees of freedom that the closing joint leaves."""
+        return _FREEDOMS[self]
+
+
+_POSITIONS = {
+    ClosureKind.WELD: (0, 1, 2),
+    ClosureKind.REVOLUTE: (0, 1, 2),
+    ClosureKind.PRISMATIC: (0, 1),
+    ClosureKind.CYLINDRICAL: (0, 1),
+    ClosureKind.PLANAR: (2,),
+    ClosureKind.UNIVERSAL: (0, 1, 2),
+    ClosureKind.SPHERICAL: (0, 1, 2),
+    ClosureKind.POINT_ON_AXIS: (0, 1),
+    ClosureKind.POINT_ON_PLANE: (2,),
+}
+_DIRECTIONS = {
+    ClosureKind.WELD: _ALIGNED,
+    ClosureKind.REVOLUTE: _ALONG_Z,
+    ClosureKind.PRISMATIC: _ALIGNED,
+    ClosureKind.CYLINDRICAL: _ALONG_Z,
+    ClosureKind.PLANAR: _ALONG_Z,
+    ClosureKind.UNIVERSAL: ((0, 1, 0),),
+    ClosureKind.SPHERICAL: (),
+    ClosureKind.POINT_ON_AXIS: (),
+    ClosureKind.POINT_ON_PLANE: (),
+}
+_FREEDOMS = {
+    ClosureKind.WELD: 0,
+    ClosureKind.REVOLUTE: 1,
+    ClosureKind.PRISMATIC: 1,
+    ClosureKind.CYLINDRICAL: 2,
+    ClosureKind.PLANAR: 3,
+    ClosureKind.UNIVERSAL: 2,
+    ClosureKind.SPHERICAL: 3,
+    ClosureKind.POINT_ON_AXIS: 4,
+    ClosureKind.POINT_ON_PLANE: 5,
+}
+
+
+@dataclass(frozen=True)
+class Closure:
+    """A joint that closes a loop.
+
+    Attributes
+    ----------
+    name : str
+    kind : ClosureKind
+    first, second : int
+        The two bodies; GROUND for the base.
+    first_frame, second_frame : Placement
+        The frames that it holds together, each in the frame of its body.
+    """
+
+    name: str
+    kind: ClosureKind
+    first: int
+    second: int
+    first_frame: Placement = Placement()
+    second_frame: Placement = Placement()
