@@ -98,5 +98,5 @@ class Closure:
     kind: ClosureKind
     first: int
     second: int
-    first_frame: Placement = Placement()
-    second_frame: Placement = Placement()
+    first_frame: Placement
+    second_frame: Placement
