@@ -40,6 +40,10 @@ class DegenerateSampleError(EchelonError):
     """A random point or prime fell on a zero of some denominator; the caller draws another."""
 
 
+class SingularPoseError(EchelonError):
+    """A pose of a mechanism with loops from which no curve of closed poses goes on."""
+
+
 class UnknownRelationsError(EchelonError):
     """The algebraic relations between some functions are not known, so a finite field cannot stand for them."""
 

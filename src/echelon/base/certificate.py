@@ -102,7 +102,7 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int) -> Certificat
         )
     rng = np.random.default_rng(seed)
     minor_prime, states = _check_minimal(regressor, matrix, rng)
-    sampler = FieldSampler(regressor.program, list(regressor.entries.values()))
+    sampler = regressor.sampler()
     primes = tuple(_check_complete(regressor, matrix, sampler, rng) for _ in range(_POINTS))
     degree = _identity_degree(regressor, matrix, sampler.largest_turn)
     bad_point = log10(max(1, degree)) - min(log10(p) for p in primes)
@@ -137,7 +137,7 @@ def _check_echelon(matrix: BaseMatrix) -> None:
 def _check_minimal(regressor: LinearForms, matrix: BaseMatrix, rng: np.random.Generator) -> tuple[int, int]:
     """Find a non-zero minor; returns its prime and the number of states used."""
     forms = regressor.columns(matrix.pivots)
-    sampler = FieldSampler(forms.program, list(forms.entries.values()))
+    sampler = forms.sampler()
     states, best = 2 + matrix.rank // max(1, forms.shape[0]), -1
     while states <= _MOST_STATES:
         field = PrimeField.random(rng, ARRAY_BITS)

@@ -105,7 +105,7 @@ class _Relation:
     def solve(self, rng: np.random.Generator) -> dict[int, Combination]:
         """The combinations in closed form."""
         roles = symbol_roles(self.mechanism)
-        sampler = FieldSampler(self.rows.forms.program, list(self.rows.forms.entries.values()))
+        sampler = self.rows.forms.sampler()
 
         def evaluate(field: PrimeField, geometry: Geometry) -> Residues:
             return self._coefficients(sampler, field, geometry, rng)

@@ -15,7 +15,6 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.output import Cut, Output, plain
 from echelon.mechanism.placement import Placement
-from echelon.program.sampling import FieldSampler
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.virtual_power import virtual_power_form
 
@@ -137,7 +136,7 @@ class _Spaces:
 
 def _row_spaces(forms: Mapping[str, LinearForms], field: PrimeField, rng: np.random.Generator) -> dict[str, Residues]:
     """A basis of every sensor's row space."""
-    samplers = {name: FieldSampler(f.program, list(f.entries.values())) for name, f in forms.items()}
+    samplers = {name: f.sampler() for name, f in forms.items()}
     symbols = sorted({s for sampler in samplers.values() for s in sampler.symbols})
     geometry = {s: field.draw(rng, (1,)) for s in symbols}
     spaces: dict[str, Residues] = {}

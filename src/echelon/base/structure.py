@@ -20,12 +20,12 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.mechanism.joint import Joint, Motion, floating_motions
 from echelon.mechanism.mechanism import GROUND, Body, Mechanism
 from echelon.mechanism.output import Cut
-from echelon.program.sampling import FieldSampler
 from echelon.regressor.energy import energy_form
 from echelon.regressor.linear import LinearForms
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
+_FIRST_ORDER = 12
 
 
 @dataclass(frozen=True)
@@ -132,10 +132,12 @@ def _child_side(body: Body) -> tuple[object, ...]:
 def _agreed(rows: Rows, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
     """Dependent parameters with their supports, confirmed by independent primes, geometries and states."""
     seen: list[dict[int, tuple[int, ...]]] = []
-    for _ in range(_ATTEMPTS):
+    for attempt in range(_ATTEMPTS):
         field = PrimeField.random(rng)
+        # along curves the rank may grow with the number of coefficients, so each attempt takes more
+        order = _FIRST_ORDER * (attempt + 2) // 2
         try:
-            current = _dependent_columns(rows, field, rng)
+            current = _dependent_columns(rows, field, rng, order)
         except DegenerateSampleError:
             continue
         seen.append(current)
@@ -147,9 +149,11 @@ def _agreed(rows: Rows, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
     raise EchelonError("random points keep contradicting each other; please report this model")
 
 
-def _dependent_columns(rows: Rows, field: PrimeField, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
+def _dependent_columns(
+    rows: Rows, field: PrimeField, rng: np.random.Generator, order: int
+) -> dict[int, tuple[int, ...]]:
     size, first = rows.forms.shape[1], rows.auxiliary
-    matrix = sample_matrix(rows.forms, field, rng, size + _SURPLUS_ROWS)
+    matrix = sample_matrix(rows.forms, field, rng, size + _SURPLUS_ROWS, order)
     reduced, pivots = reduced_echelon(matrix, field)
     free = sorted(set(range(size)) - set(pivots))
     return {
@@ -160,15 +164,25 @@ def _dependent_columns(rows: Rows, field: PrimeField, rng: np.random.Generator) 
     }
 
 
-def sample_matrix(forms: LinearForms, field: PrimeField, rng: np.random.Generator, rows: int) -> Residues:
+def sample_matrix(
+    forms: LinearForms, field: PrimeField, rng: np.random.Generator, rows: int, order: int | None = None
+) -> Residues:
     """At least this many rows of the forms at random states of one random geometry.
+
+    Parameters
+    ----------
+    forms : LinearForms
+    field : PrimeField
+    rng : numpy Generator
+    rows : int
+    order : int, optional
+        Number of coefficients taken along curves, where there are loops.
 
     Returns
     -------
     array of shape (rows or a few more, columns)
     """
-    outputs = list(forms.entries.values())
-    sampler = FieldSampler(forms.program, outputs)
+    sampler = forms.sampler(order)
     states = -(-rows // max(1, forms.shape[0]))
     geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
     values = sampler.evaluate(field, rng, states, geometry)[:, 0, :]

@@ -50,6 +50,7 @@ class BallArithmetic:
     """Arrays of balls, at the precision of FLINT's context."""
 
     dtype: npt.DTypeLike = object
+    shape: tuple[int, ...] = ()
 
     def constant(self, value: Number) -> Any:
         """The ball of an exact number."""

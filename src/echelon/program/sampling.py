@@ -46,6 +46,7 @@ class FieldSampler:
 
     def __init__(self, program: Program, outputs: Sequence[int]) -> None:
         self.program, outputs = written_out(program, outputs)
+        self.outputs = outputs
         ops = self.program.ops
         needed = self.program.needed(outputs)
         functions = [n for n in needed if ops[n] >= Op.SIN]

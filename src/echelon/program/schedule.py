@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import EchelonError
+from echelon.exact import series
 from echelon.exact.field import PrimeField
 from echelon.exact.numbers import Number
 from echelon.program.operations import Op
@@ -27,8 +28,10 @@ class Arithmetic(Protocol):
     """What a schedule needs to know about the numbers it works on."""
 
     dtype: npt.DTypeLike
+    shape: tuple[int, ...]
+    """Axes of a single number: none, or one for the coefficients of a series."""
 
-    def constant(self, value: Number) -> float | int:
+    def constant(self, value: Number) -> float | int | Array:
         """Embed an exact constant."""
 
     def binary(self, op: int, a: Array, b: Array) -> Array:
@@ -99,14 +102,14 @@ class Schedule:
         Parameters
         ----------
         arithmetic : Arithmetic
-        values : mapping of leaf node to array of shape (samples,)
+        values : mapping of leaf node to array of shape (samples, *arithmetic.shape)
         samples : int
 
         Returns
         -------
-        array of shape (outputs, samples)
+        array of shape (outputs, samples, *arithmetic.shape)
         """
-        table: Array = np.empty((self.size, samples), dtype=arithmetic.dtype)
+        table: Array = np.empty((self.size, samples, *arithmetic.shape), dtype=arithmetic.dtype)
         for node in self.leaves:
             table[self._row[node]] = values[node]
         for node in self._constants:
@@ -141,6 +144,7 @@ class FloatArithmetic:
     """Double precision."""
 
     dtype: npt.DTypeLike = np.float64
+    shape: tuple[int, ...] = ()
 
     def constant(self, value: Number) -> float:
         """The nearest double."""
@@ -159,6 +163,8 @@ class FloatArithmetic:
 
 class ModularArithmetic:
     """GF(p): int64 arrays for primes below 2^31, arrays of Python integers above."""
+
+    shape: tuple[int, ...] = ()
 
     def __init__(self, field: PrimeField) -> None:
         self.field = field
@@ -191,6 +197,41 @@ class ModularArithmetic:
         """
         if op != Op.NEG:
             raise EchelonError(f"{Op(op).name.lower()} has no exact meaning in a finite field")
+        negative: Array = -a % self.field.p
+        return negative
+
+
+class SeriesArithmetic:
+    """Power series over GF(p), truncated to some order; the last axis holds the coefficients."""
+
+    dtype: npt.DTypeLike = np.int64
+
+    def __init__(self, field: PrimeField, order: int) -> None:
+        self.field, self.shape = field, (order,)
+
+    def constant(self, value: Number) -> Array:
+        """The residue as a series."""
+        return series.constant(np.array(self.field.embed(value)), self.shape[0])
+
+    def binary(self, op: int, a: Array, b: Array) -> Array:
+        """Elementwise operation on series."""
+        if op == Op.MUL:
+            return series.product(a, b, self.field)
+        if op == Op.DIV:
+            return series.product(a, series.inverse(b, self.field), self.field)
+        result: Array = (a + b if op == Op.ADD else a - b) % self.field.p
+        return result
+
+    def unary(self, op: int, a: Array) -> Array:
+        """Negation modulo p.
+
+        Raises
+        ------
+        EchelonError
+            For functions, whose series the caller must supply as leaves.
+        """
+        if op != Op.NEG:
+            raise EchelonError(f"{Op(op).name.lower()} of a series is not known")
         negative: Array = -a % self.field.p
         return negative
 

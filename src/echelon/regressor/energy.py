@@ -14,6 +14,7 @@ from fractions import Fraction
 
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Program, Scalar
+from echelon.regressor.closures import loops_of
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.spatial import Vec, add, cross, dot, scale
 from echelon.regressor.steps import Recorder, Step, into_frame
@@ -56,7 +57,7 @@ def energy_form(mechanism: Mechanism) -> LinearForms:
         for offset, kind in enumerate(mechanism.bodies[index].carried):
             if not energies[kind].is_zero:
                 entries[0, 1 + first + offset] = energies[kind].node
-    return LinearForms(program, entries, (1, 1 + len(mechanism.parameters)))
+    return LinearForms(program, entries, (1, 1 + len(mechanism.parameters)), loops_of(mechanism, recorder))
 
 
 def _advance(rates: _Rates, step: Step) -> _Rates:

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
+from echelon.program.sampling import FieldSampler
 from echelon.program.tape import Program
+from echelon.regressor.closures import Loops
+from echelon.regressor.curves import DEFAULT_ORDER, CurveSampler
 
 
 @dataclass(frozen=True)
@@ -19,17 +22,33 @@ class LinearForms:
         Node of every entry that is not structurally zero.
     shape : (int, int)
         Numbers of rows and columns.
+    loops : Loops, optional
+        What keeps motions on closed configurations, where there are loops.
     """
 
     program: Program
     entries: Mapping[tuple[int, int], int]
     shape: tuple[int, int]
+    loops: Loops | None = None
 
     def columns(self, keep: Collection[int]) -> LinearForms:
         """The forms restricted to some columns, renumbered in the given order."""
         position = {column: i for i, column in enumerate(keep)}
         entries = {(r, position[c]): node for (r, c), node in self.entries.items() if c in position}
-        return LinearForms(self.program, entries, (self.shape[0], len(position)))
+        return LinearForms(self.program, entries, (self.shape[0], len(position)), self.loops)
+
+    def sampler(self, order: int | None = None) -> FieldSampler:
+        """Evaluates all entries at random states modulo primes.
+
+        Parameters
+        ----------
+        order : int, optional
+            Number of coefficients taken along curves, where there are loops.
+        """
+        nodes = list(self.entries.values())
+        if self.loops is None:
+            return FieldSampler(self.program, nodes)
+        return CurveSampler(self.program, nodes, self.loops, order or DEFAULT_ORDER)
 
     def operations(self) -> dict[str, int]:
         """Operations needed to evaluate all entries, by kind."""

@@ -60,10 +60,13 @@ class VirtualMotion:
         Of joint coordinates (dependent ones included) and cuts; absent where zero.
     drives : mapping of str to Scalar
         Of actuators, whose effects the output sees.
+    chosen : mapping of str to Scalar
+        Those of freedoms that the outputs determine; in a mechanism with loops the others follow.
     """
 
     freedoms: Mapping[str, Scalar]
     drives: Mapping[str, Scalar]
+    chosen: Mapping[str, Scalar]
 
 
 def virtual_motion(
@@ -81,6 +84,8 @@ def virtual_motion(
     """
     freedoms: dict[str, Scalar] = {}
     drives: dict[str, Scalar] = {}
+    if mechanism.closures:
+        freedoms.update(dict.fromkeys(mechanism.independent_velocities, program.zero))
 
     def increase(target: dict[str, Scalar], name: str, speed: Scalar) -> None:
         target[name] = target[name] + speed if name in target else speed
@@ -99,8 +104,27 @@ def virtual_motion(
                 for joint, inverse in mechanism.transmission.inverse[channel.actuator].items():
                     factor = program.polynomial(inverse.numerator) / program.polynomial(inverse.denominator)
                     increase(freedoms, joint, speed * factor)
+    chosen = dict(freedoms)
+    if mechanism.closures:
+        freedoms.update({n: program.input(f"v[{n}]") for n in mechanism.velocities if n not in chosen})
+    return VirtualMotion(_coupled(mechanism, program, freedoms), drives, chosen)
+
+
+def any_motion(mechanism: Mechanism, program: Program) -> VirtualMotion:
+    """A virtual motion whose velocities, of all coordinates that no coupling makes dependent, are inputs ``v[...]``."""
+    freedoms = {name: program.input(f"v[{name}]") for name in mechanism.velocities}
+    drives = {
+        actuator.name: sum((freedoms[n] * program.polynomial(r) for n, r in actuator.terms), program.zero)
+        for actuator in mechanism.transmission.actuators
+    }
+    return VirtualMotion(_coupled(mechanism, program, freedoms), drives, {})
+
+
+def _coupled(mechanism: Mechanism, program: Program, freedoms: dict[str, Scalar]) -> dict[str, Scalar]:
+    """Virtual velocities completed by those of dependent coordinates."""
+    complete = dict(freedoms)
     for coupling in mechanism.couplings:
-        for name, ratio in coupling.terms:
-            if name in freedoms:
-                increase(freedoms, coupling.coordinate, freedoms[name] * program.polynomial(ratio))
-    return VirtualMotion(freedoms, drives)
+        moved = [freedoms[name] * program.polynomial(ratio) for name, ratio in coupling.terms if name in freedoms]
+        if moved:
+            complete[coupling.coordinate] = sum(moved, complete.get(coupling.coordinate, program.zero))
+    return complete

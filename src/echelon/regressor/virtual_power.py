@@ -12,9 +12,10 @@ from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.accelerations import Accelerations, Wrench, forward_accelerations, unit_wrenches
+from echelon.regressor.closures import loops_of
 from echelon.regressor.effects import EffectRecorder
 from echelon.regressor.linear import LinearForms
-from echelon.regressor.probes import Probes, VirtualMotion, virtual_motion
+from echelon.regressor.probes import Probes, VirtualMotion, any_motion, virtual_motion
 from echelon.regressor.spatial import Vec, add, cross, dot, scale
 from echelon.regressor.steps import Recorder, Step, into_frame
 
@@ -33,13 +34,18 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
     -------
     LinearForms
         One row with columns ``mechanism.parameters``.  Inputs are ``u[...]`` for every output beside those of
-        :func:`echelon.regressor.newton_euler.inverse_dynamics_regressor`.
+        :func:`echelon.regressor.newton_euler.inverse_dynamics_regressor`; with loops, also ``v[...]`` for the freedoms
+        that the outputs do not determine, or for all if every force is measured.
     """
     program = Program()
     recorder = Recorder(mechanism, program)
     probes = Probes(mechanism, recorder)
-    speeds = {output.name: program.input(f"u[{output.name}]") for output in mechanism.outputs}
-    motion = virtual_motion(mechanism, program, probes, speeds)
+    if mechanism.closures and mechanism.measures_every_force:
+        motion, known = any_motion(mechanism, program), None
+    else:
+        speeds = {output.name: program.input(f"u[{output.name}]") for output in mechanism.outputs}
+        motion = virtual_motion(mechanism, program, probes, speeds)
+        known = motion.chosen
     steps = {index: recorder.steps(index) for index in range(len(mechanism.bodies))}
     accelerations = forward_accelerations(mechanism, recorder, steps)
     twists = _twists(mechanism, recorder, steps, probes, motion)
@@ -47,7 +53,8 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
     for column, power in enumerate(_powers(mechanism, recorder, accelerations, twists, motion)):
         if not power.is_zero:
             entries[0, column] = power.node
-    return LinearForms(program, entries, (1, len(mechanism.parameters)))
+    loops = loops_of(mechanism, recorder, probes, known)
+    return LinearForms(program, entries, (1, len(mechanism.parameters)), loops)
 
 
 def _twists(

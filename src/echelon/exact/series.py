@@ -1,0 +1,124 @@
+"""Truncated power series over GF(p): arrays of residues whose last axis holds the coefficients of 1, t, t², …"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from echelon.exact.elimination import solve_batched
+from echelon.exact.field import PrimeField, Residues
+
+
+def constant(value: Residues, order: int) -> Residues:
+    """Constants as series of this many coefficients."""
+    series = np.zeros((*value.shape, order), dtype=np.int64)
+    series[..., 0] = value
+    return series
+
+
+def product(a: Residues, b: Residues, field: PrimeField) -> Residues:
+    """Elementwise product of series, truncated to their length; leading axes broadcast.
+
+    Parameters
+    ----------
+    a, b : arrays of shape (..., order)
+    field : PrimeField
+        With a prime below 2^31.
+    """
+    p, order = field.p, a.shape[-1]
+    result = np.zeros(np.broadcast_shapes(a.shape, b.shape), dtype=np.int64)
+    for j in range(order):
+        # sums of up to 2^32 residues fit into 63 bits
+        result[..., j:] += a[..., j, None] * b[..., : order - j] % p
+    return result % p
+
+
+def inverse(a: Residues, field: PrimeField) -> Residues:
+    """Elementwise 1/a by Newton's iteration.
+
+    Raises
+    ------
+    DegenerateSampleError
+        If a series has no constant term.
+    """
+    order, known = a.shape[-1], 1
+    result = field.invert_array(a[..., :1])
+    while known < order:
+        known = min(2 * known, order)
+        guess = _padded(result, known)
+        error = product(a[..., :known], guess, field)
+        error[..., 0] -= 2
+        result = product(guess, -error % field.p, field)
+    return result
+
+
+def derivative(a: Residues, field: PrimeField) -> Residues:
+    """d/dt; the last coefficient, which is not known, is zero."""
+    result = np.zeros_like(a)
+    result[..., :-1] = a[..., 1:] * np.arange(1, a.shape[-1]) % field.p
+    return result
+
+
+def integral(a: Residues, field: PrimeField) -> Residues:
+    """∫ a dt without a constant term."""
+    result = np.zeros_like(a)
+    counts = np.array([field.invert(k) for k in range(1, a.shape[-1])], dtype=np.int64)
+    result[..., 1:] = a[..., :-1] * counts % field.p
+    return result
+
+
+def matrix_product(a: Residues, b: Residues, field: PrimeField) -> Residues:
+    """Products of matrices of series.
+
+    Parameters
+    ----------
+    a : array of shape (..., n, m, order)
+    b : array of shape (..., m, k, order)
+    field : PrimeField
+
+    Returns
+    -------
+    array of shape (..., n, k, order)
+    """
+    p, order = field.p, a.shape[-1]
+    shape = (*np.broadcast_shapes(a.shape[:-3], b.shape[:-3]), a.shape[-3], b.shape[-2], order)
+    result = np.zeros(shape, dtype=np.int64)
+    for j in range(order):
+        for m in range(a.shape[-2]):
+            result[..., j:] += a[..., :, m, None, j, None] * b[..., None, m, :, : order - j] % p
+    return result % p
+
+
+def matrix_inverse(a: Residues, field: PrimeField, start: Residues | None = None) -> Residues:
+    """Inverses of square matrices of series by Newton's iteration.
+
+    Parameters
+    ----------
+    a : array of shape (batch, n, n, order)
+    field : PrimeField
+    start : array of shape (batch, n, n, known), optional
+        The inverse up to some order.
+
+    Raises
+    ------
+    DegenerateSampleError
+        If a matrix is singular at t = 0.
+    """
+    order, size = a.shape[-1], a.shape[-2]
+    if start is None:
+        unit = np.broadcast_to(np.eye(size, dtype=np.int64), (len(a), size, size))
+        start = solve_batched(a[..., 0], unit, field)[..., None]
+    result, known = start, start.shape[-1]
+    while known < order:
+        known = min(2 * known, order)
+        guess = _padded(result, known)
+        error = -matrix_product(a[..., :known], guess, field)
+        for k in range(size):
+            error[..., k, k, 0] += 2
+        result = matrix_product(guess, error % field.p, field)
+    return result
+
+
+def _padded(a: Residues, order: int) -> Residues:
+    result = np.zeros((*a.shape[:-1], order), dtype=np.int64)
+    result[..., : a.shape[-1]] = a
+    return result

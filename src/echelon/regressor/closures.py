@@ -1,0 +1,207 @@
+"""Closure equations of a mechanism with loops, and their Jacobian.
+
+A closure holds components of p and R, the origin and the axes of its second frame seen from the first, at fixed values.
+The rate of such a component is the power of a unit wrench on the second body and of its opposite on the first: a unit
+force along an axis at the frame's origin for p, a moment b × a for the product a · b of two axes.  So the Jacobian's
+entries are generalised forces, and sensors, which are freedoms that never move, get theirs the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from echelon.mechanism.closure import Closure
+from echelon.mechanism.joint import Motion
+from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.placement import Placement
+from echelon.program.tape import Scalar
+from echelon.regressor.probes import Probes
+from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, transposed
+from echelon.regressor.steps import Recorder, Step
+
+
+@dataclass(frozen=True)
+class ClosureEquations:
+    """Recorded closure equations.
+
+    Attributes
+    ----------
+    equations : tuple of int
+        Nodes that vanish where the loops are closed.
+    jacobian : mapping of (int, str) to int
+        For an equation and a freedom (a velocity coordinate of the tree, or a sensor), the node of its derivative.
+    owners : tuple of str
+        Name of the closure of every equation.
+    """
+
+    equations: tuple[int, ...]
+    jacobian: Mapping[tuple[int, str], int]
+    owners: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Loops:
+    """What keeps the motions of recorded forms on closed configurations.
+
+    Attributes
+    ----------
+    equations : ClosureEquations
+    motions : tuple of Motion
+        Those whose coordinates no coupling makes dependent.
+    speeds : mapping of str to int, or None
+        Virtual velocities of some freedoms, by node; those of the others are the inputs ``v[...]``.  None where all
+        are such inputs and every virtual motion that keeps the loops closed is wanted.
+    """
+
+    equations: ClosureEquations
+    motions: tuple[Motion, ...]
+    speeds: Mapping[str, int] | None
+
+
+def loops_of(
+    mechanism: Mechanism, recorder: Recorder, probes: Probes | None = None, speeds: Mapping[str, Scalar] | None = None
+) -> Loops | None:
+    """What keeps forms that were recorded for a mechanism on closed configurations; None without loops.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    recorder : Recorder
+        Of the forms.
+    probes : Probes, optional
+        Sensors that take part in virtual motions.
+    speeds : mapping of str to Scalar, optional
+        Virtual velocities of freedoms that are not free to choose.
+    """
+    if not mechanism.closures:
+        return None
+    equations = record_closures(mechanism, recorder, probes)
+    motions = tuple(m for m in mechanism.motions if m.name not in mechanism.dependent)
+    return Loops(equations, motions, None if speeds is None else {n: s.node for n, s in speeds.items()})
+
+
+def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | None = None) -> ClosureEquations:
+    """Record the closure equations on a recorder's program.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    recorder : Recorder
+    probes : Probes, optional
+        Sensors whose freedoms get columns, too.
+    """
+    equations: list[int] = []
+    owners: list[str] = []
+    sums: dict[tuple[int, str], Scalar] = {}
+    for closure in mechanism.closures:
+        loop = _Loop(mechanism, recorder, probes, closure)
+        for value, efforts in loop.conditions():
+            for name, effort in _independent(mechanism, recorder, efforts):
+                key = (len(equations), name)
+                sums[key] = sums[key] + effort if key in sums else effort
+            equations.append(value.node)
+            owners.append(closure.name)
+    jacobian = {key: value.node for key, value in sums.items() if not value.is_zero}
+    return ClosureEquations(tuple(equations), jacobian, tuple(owners))
+
+
+def _independent(
+    mechanism: Mechanism, recorder: Recorder, efforts: list[tuple[str, Scalar]]
+) -> Iterator[tuple[str, Scalar]]:
+    """Efforts at coordinates that no coupling makes dependent."""
+    couplings = {c.coordinate: c.terms for c in mechanism.couplings}
+    for name, effort in efforts:
+        if name in couplings:
+            for leader, ratio in couplings[name]:
+                yield leader, effort * recorder.program.polynomial(ratio)
+        else:
+            yield name, effort
+
+
+class _Loop:
+    """The two chains from the nearest common body to the frames that a closure holds together."""
+
+    def __init__(self, mechanism: Mechanism, recorder: Recorder, probes: Probes | None, closure: Closure) -> None:
+        self.recorder, self.closure = recorder, closure
+        first, second = _ancestors(mechanism, closure.first), _ancestors(mechanism, closure.second)
+        shared = set(first) & set(second)
+        self.first = _chain(recorder, probes, [b for b in first if b not in shared], closure.first_frame)
+        self.second = _chain(recorder, probes, [b for b in second if b not in shared], closure.second_frame)
+
+    def conditions(self) -> Iterator[tuple[Scalar, list[tuple[str, Scalar]]]]:
+        """Every equation with the effort that its unit wrench needs at each freedom."""
+        zeros, units = self.recorder.zeros, self._units()
+        (axes, origin), (other_axes, other_origin) = self._frame(self.first), self._frame(self.second)
+        difference = add(other_origin, _negative(origin))
+        positions = self.closure.kind.positions
+        for k in positions:
+            direction, lever = units[k], zeros
+            if len(positions) < len(units):  # otherwise the axes of the common body serve, with fewer terms
+                direction = apply(axes, units[k])
+                lever = apply(transposed(axes), cross(difference, direction))
+            on_first = (_negative(lever), _negative(apply(transposed(axes), direction)))
+            on_second = (zeros, apply(transposed(other_axes), direction))
+            yield dot(direction, difference), self._efforts(on_first, on_second)
+        for i, j, target in self.closure.kind.directions:
+            a, b = apply(axes, units[i]), apply(other_axes, units[j])
+            moment = cross(b, a)
+            on_first = (_negative(apply(transposed(axes), moment)), zeros)
+            on_second = (apply(transposed(other_axes), moment), zeros)
+            yield dot(a, b) - self.recorder.program.constant(target), self._efforts(on_first, on_second)
+
+    def _efforts(self, on_first: tuple[Vec, Vec], on_second: tuple[Vec, Vec]) -> list[tuple[str, Scalar]]:
+        return [*_carried_back(self.first, on_first), *_carried_back(self.second, on_second)]
+
+    def _frame(self, chain: list[Step]) -> tuple[Mat, Vec]:
+        """Axes and origin at the end of a chain, in the frame where it begins."""
+        axes, origin = self._units(), self.recorder.zeros
+        for step in reversed(chain):
+            if step.rotation is not None:
+                axes = _product(step.rotation, axes)
+                origin = apply(step.rotation, origin)
+            if step.shift is not None:
+                origin = add(step.shift, origin)
+        return axes, origin
+
+    def _units(self) -> Mat:
+        one, zero = self.recorder.program.one, self.recorder.program.zero
+        return ((one, zero, zero), (zero, one, zero), (zero, zero, one))
+
+
+def _ancestors(mechanism: Mechanism, body: int) -> list[int]:
+    """A body and those that carry it, the outermost first; the ground, which carries all, is left out."""
+    found: list[int] = []
+    while body != GROUND:
+        found.append(body)
+        body = mechanism.bodies[body].parent
+    return found[::-1]
+
+
+def _chain(recorder: Recorder, probes: Probes | None, bodies: list[int], frame: Placement) -> list[Step]:
+    steps: list[Step] = []
+    for body in bodies:
+        before, after = (probes.steps(body, True), probes.steps(body, False)) if probes else ([], [])
+        steps += [*before, *recorder.steps(body), *after]
+    return [*steps, recorder.placement(frame)]
+
+
+def _carried_back(chain: list[Step], wrench: tuple[Vec, Vec]) -> Iterator[tuple[str, Scalar]]:
+    """Generalised force at every freedom of a chain whose end carries a wrench."""
+    moment, force = wrench
+    for step in reversed(chain):
+        for freedom in step.freedoms:
+            yield freedom.name, dot(freedom.angular, moment) + dot(freedom.linear, force)
+        if step.rotation is not None:
+            moment, force = apply(step.rotation, moment), apply(step.rotation, force)
+        if step.shift is not None:
+            moment = add(moment, cross(step.shift, force))
+
+
+def _product(a: Mat, b: Mat) -> Mat:
+    x, y, z = (apply(a, column) for column in transposed(b))
+    return transposed((x, y, z))
+
+
+def _negative(v: Vec) -> Vec:
+    return (-v[0], -v[1], -v[2])
