@@ -87,7 +87,7 @@ class FieldSampler:
     def _constants(self) -> dict[str, ConstantName]:
         canonical = self.canonical
         numeric = {f"x{n}" for n in self._schedule.leaves if n in self.program.inputs}
-        numeric |= {g for form in canonical.known for g in _generators(form)}
+        numeric |= {g for form in canonical.known for g in generators_of(form)}
         numeric |= {g for r in canonical.generators.values() if r.kind == "root" for g in r.element.symbols()}
         return constant_names(canonical, numeric)
 
@@ -133,7 +133,7 @@ class FieldSampler:
         reals = self._region.draw(rng, samples) if self._region is not None else {}
         patterns = self._patterns(reals, samples)
         spread = {name: np.repeat(value, states) for name, value in geometry.items()}
-        wanted = {g for node in patterns for signs, _ in patterns[node] for g in _generators(self._form(node, signs))}
+        wanted = {g for node in patterns for signs, _ in patterns[node] for g in generators_of(self._form(node, signs))}
         inputs = [n for n in self._schedule.leaves if n in self.program.inputs]
         drawn = GeneratorValues(self.canonical, field, rng, spread, reals, samples, self._constants())
         generators = drawn.draw(wanted, inputs)
@@ -192,7 +192,7 @@ class FieldSampler:
                 point = reduce(field.add_angles, points) if points else _identity(field, len(where))
                 total[where] = point[0 if self.program.ops[node] == Op.COS else 1]
             else:
-                own = {g: generators[g][where] for g in _generators(form)}
+                own = {g: generators[g][where] for g in generators_of(form)}
                 total[where] = residues_of(form, own, field, len(where))
         return total
 
@@ -205,7 +205,8 @@ def _sorted_signs(nodes: Sequence[int], reals: Mapping[int, npt.NDArray[np.float
     return [(tuple(zip(nodes, map(int, row), strict=True)), np.flatnonzero(which == k)) for k, row in enumerate(rows)]
 
 
-def _generators(form: Form) -> set[str]:
+def generators_of(form: Form) -> set[str]:
+    """All generators that occur in a form."""
     if isinstance(form, Turn):
         return set(form.multiples)
     return set(form.exponents) if isinstance(form, Product) else set(form.symbols())

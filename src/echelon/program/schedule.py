@@ -207,7 +207,8 @@ class SeriesArithmetic:
     dtype: npt.DTypeLike = np.int64
 
     def __init__(self, field: PrimeField, order: int) -> None:
-        self.field, self.shape = field, (order,)
+        self.field = field
+        self.shape: tuple[int, ...] = (order,)
 
     def constant(self, value: Number) -> Array:
         """The residue as a series."""

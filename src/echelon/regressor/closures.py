@@ -18,7 +18,7 @@ from echelon.mechanism.placement import Placement
 from echelon.program.tape import Scalar
 from echelon.regressor.probes import Probes
 from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, transposed
-from echelon.regressor.steps import Recorder, Step
+from echelon.regressor.steps import Recorder, Step, into_frame
 
 
 @dataclass(frozen=True)
@@ -52,11 +52,14 @@ class Loops:
     speeds : mapping of str to int, or None
         Virtual velocities of some freedoms, by node; those of the others are the inputs ``v[...]``.  None where all
         are such inputs and every virtual motion that keeps the loops closed is wanted.
+    preferred : tuple of str
+        Coordinates that should rather be drawn than solved for where a closed pose is looked for.
     """
 
     equations: ClosureEquations
     motions: tuple[Motion, ...]
     speeds: Mapping[str, int] | None
+    preferred: tuple[str, ...] = ()
 
 
 def loops_of(
@@ -78,7 +81,8 @@ def loops_of(
         return None
     equations = record_closures(mechanism, recorder, probes)
     motions = tuple(m for m in mechanism.motions if m.name not in mechanism.dependent)
-    return Loops(equations, motions, None if speeds is None else {n: s.node for n, s in speeds.items()})
+    nodes = None if speeds is None else {name: speed.node for name, speed in speeds.items()}
+    return Loops(equations, motions, nodes, mechanism.independent)
 
 
 def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | None = None) -> ClosureEquations:
@@ -135,14 +139,15 @@ class _Loop:
         (axes, origin), (other_axes, other_origin) = self._frame(self.first), self._frame(self.second)
         difference = add(other_origin, _negative(origin))
         positions = self.closure.kind.positions
+        seen = _back(self.first, other_origin)
         for k in positions:
-            direction, lever = units[k], zeros
+            direction, lever, value = units[k], zeros, difference[k]
             if len(positions) < len(units):  # otherwise the axes of the common body serve, with fewer terms
-                direction = apply(axes, units[k])
+                direction, value = apply(axes, units[k]), seen[k]
                 lever = apply(transposed(axes), cross(difference, direction))
             on_first = (_negative(lever), _negative(apply(transposed(axes), direction)))
             on_second = (zeros, apply(transposed(other_axes), direction))
-            yield dot(direction, difference), self._efforts(on_first, on_second)
+            yield value, self._efforts(on_first, on_second)
         for i, j, target in self.closure.kind.directions:
             a, b = apply(axes, units[i]), apply(other_axes, units[j])
             moment = cross(b, a)
@@ -184,6 +189,15 @@ def _chain(recorder: Recorder, probes: Probes | None, bodies: list[int], frame: 
         before, after = (probes.steps(body, True), probes.steps(body, False)) if probes else ([], [])
         steps += [*before, *recorder.steps(body), *after]
     return [*steps, recorder.placement(frame)]
+
+
+def _back(chain: list[Step], point: Vec) -> Vec:
+    """A point's coordinates at the end of a chain, from those where it begins; linear in every step."""
+    for step in chain:
+        if step.shift is not None:
+            point = add(point, _negative(step.shift))
+        point = into_frame(step, point)
+    return point
 
 
 def _carried_back(chain: list[Step], wrench: tuple[Vec, Vec]) -> Iterator[tuple[str, Scalar]]:

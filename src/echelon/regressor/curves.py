@@ -7,9 +7,8 @@ coefficients of a row along such curves span what the row spans at all configura
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property, reduce
+from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -19,16 +18,18 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.program.canonical import Turn
 from echelon.program.generator_values import GeneratorValues
 from echelon.program.operations import Op
-from echelon.program.sampling import FieldSampler
+from echelon.program.sampling import FieldSampler, generators_of
 from echelon.program.schedule import Schedule, SeriesArithmetic
 from echelon.program.tape import Program
 from echelon.regressor.closures import Loops
 from echelon.regressor.lifting import Choice, choose, lift, tangent
 from echelon.regressor.moving import Layout, MovingCoordinates, Pose
+from echelon.regressor.poses import PoseFinder
+from echelon.regressor.positions import Constants, Positions, Recorded
 
 DEFAULT_ORDER = 16
 _LOST = 2  # coefficients that are not known of accelerations
-_FEWEST_CURVES = 2
+_SURPLUS = 3  # halves: that many more coefficients are taken than states, because some are not independent
 
 
 class CurveSampler(FieldSampler):
@@ -53,17 +54,29 @@ class CurveSampler(FieldSampler):
         entries = loops.equations.jacobian
         closing = [*loops.equations.equations, *entries.values()]
         super().__init__(program, [*outputs, *closing, *(loops.speeds or {}).values()])
-        self.loops, self.order, self.layout = loops, order, Layout(loops.motions)
+        self.loops, self.order = loops, order
+        layout = Layout(loops.motions)
         functions = [n for n in self._schedule.leaves if n not in self.program.inputs]
         first, last = len(outputs), len(outputs) + len(closing)
+        equations = self.outputs[first : first + len(loops.equations.equations)]
         self._main = Schedule(self.program, self.outputs[:first], functions)
-        self._closing = Schedule(self.program, self.outputs[first:last], functions)
         self._speeds = Schedule(self.program, self.outputs[last:], functions)
-        self._names = {node: entry.name for node, entry in self.program.inputs.items()}
-        self._turning = self._turning_generators()
-        self._units = np.ones(len(self.layout.turning), dtype=np.int64)
-        for generator, place in self._turning.items():
-            self._units[place] = self.canonical.unit(generator)
+        turns, turning = self._moving_turns(layout)
+        units = np.ones(len(layout.turning), dtype=np.int64)
+        for generator, place in turning.items():
+            units[place] = self.canonical.unit(generator)
+        self._recorded = Recorded(
+            self.program,
+            layout,
+            Schedule(self.program, equations, functions),
+            Schedule(self.program, self.outputs[first:last], functions),
+            list(entries),
+            loops.equations.owners,
+            turns,
+            turning,
+            units,
+        )
+        self._poses = PoseFinder([layout.names.index(name) for name in loops.preferred])
 
     def evaluate(
         self, field: PrimeField, rng: np.random.Generator, states: int, geometry: Mapping[str, Residues]
@@ -76,149 +89,134 @@ class CurveSampler(FieldSampler):
         See :meth:`echelon.program.sampling.FieldSampler.evaluate`.
         """
         geometries = len(next(iter(geometry.values()))) if geometry else 1
-        curves = max(_FEWEST_CURVES, -(-states // self.order))
-        samples = geometries * curves
-        constants = self._constants_of(field, rng, {n: np.repeat(v, curves) for n, v in geometry.items()}, samples)
-        curve = _Curve(self, field, rng, constants, self.layout.zero_pose(samples))
-        values = self._main.run(curve.arithmetic, curve.leaves(self._main), samples)[..., : self.order]
+        curves = 1 + -(-_SURPLUS * states // (2 * self.order))
+        curve = self._curve(self._positions(field, rng, geometry, geometries), rng, curves)
+        values = self._main.run(curve.arithmetic, curve.leaves(self._main), geometries * curves)[..., : self.order]
         return _mixed(values.reshape(len(values), geometries, -1), states, field, rng)
+
+    def jacobian(self, field: PrimeField, rng: np.random.Generator) -> Residues:
+        """Jacobian of the closures by all coordinates at a closed pose of a random geometry.
+
+        Returns
+        -------
+        array of shape (equations, velocities)
+        """
+        geometry = {s: field.draw(rng, (1,)) for s in self.symbols}
+        curve = self._curve(self._positions(field, rng, geometry, 1), rng, 1)
+        jacobian: Residues = curve.at_start()[0]
+        return jacobian
+
+    def _curve(self, positions: Positions, rng: np.random.Generator, curves: int) -> _Curve:
+        """Random curves from a closed pose of every sample."""
+        samples = positions.samples
+        while True:
+            pose = self._poses.find(positions, rng, samples).repeated(curves)
+            repeated = positions.at(np.repeat(np.arange(samples), curves))
+            try:
+                return _Curve(repeated, pose, rng, self.order + _LOST, self.loops.speeds, self._speeds)
+            except SingularPoseError:
+                if not self._poses.leave_zero():
+                    raise
 
     # -- leaves ----------------------------------------------------------------------------------------------------
 
-    def _turning_generators(self) -> dict[str, int]:
-        """Generators that are parts of the angles of coordinates, with the coordinate's place among those that turn."""
-        place = {f"q[{m.name}]": k for k, m in enumerate(self.layout.turning)}
-        sources = {self.canonical.input_generator(n).name: name for n, name in self._names.items()}
-        found: dict[str, int] = {}
+    def _moving_turns(self, layout: Layout) -> tuple[dict[int, Turn], dict[str, int]]:
+        """Sines and cosines of what moves, and the generators that are parts of angles of coordinates."""
+        place = {f"q[{m.name}]": k for k, m in enumerate(layout.turning)}
+        sources = {self.canonical.input_generator(n).name: e.name for n, e in self.program.inputs.items()}
+        turns: dict[int, Turn] = {}
+        turning: dict[str, int] = {}
         for node in self._functions:
             form = self._form(node, ())
-            moving = {g for g in _generators(form) if not self.canonical.generators[g].constant}
+            moving = {g for g in generators_of(form) if not self.canonical.generators[g].constant}
             for name in moving:
                 inner = self.canonical.generators[name].element.symbols()
                 source = sources.get(inner[0], "") if len(inner) == 1 else ""
                 if not isinstance(form, Turn) or source not in place:
                     shown = Op(self.program.ops[node]).name.lower()
                     raise UnknownRelationsError(f"{shown} of what moves in a mechanism with loops")
-                found[name] = place[source]
-        return found
+                turning[name] = place[source]
+                turns[node] = form
+        return turns, turning
 
-    def _constants_of(
+    def _positions(
         self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues], samples: int
-    ) -> _Constants:
+    ) -> Positions:
+        """The given geometries, with random values for what else is constant."""
         inputs = [n for n in self._schedule.leaves if self._is_symbol(n)]
         forms = {n: self._form(n, ()) for n in self._functions}
-        wanted = {g for form in forms.values() for g in _generators(form)} - self._turning.keys()
+        wanted = {g for form in forms.values() for g in generators_of(form)} - self._recorded.turning.keys()
         drawn = GeneratorValues(self.canonical, field, rng, geometry, {}, samples, self._constants())
         generators = drawn.draw(wanted, inputs)
         circles = self._circles(generators, field)
         values = {n: drawn.inputs[n] for n in inputs}
-        for node, form in forms.items():
-            if not _generators(form) & self._turning.keys():
-                everywhere = np.arange(samples)
-                values[node] = self._combined(node, [((), everywhere)], generators, circles, field, samples)
-        return _Constants(values, circles)
-
-
-@dataclass(frozen=True)
-class _Constants:
-    """Values of leaves that do not move, and circle points of angles that do not, one for each sample."""
-
-    leaves: Mapping[int, Residues]
-    circles: Mapping[str, tuple[Residues, Residues]]
+        everywhere = np.arange(samples)
+        for node in forms.keys() - self._recorded.turns.keys():
+            values[node] = self._combined(node, [((), everywhere)], generators, circles, field, samples)
+        return Positions(self._recorded, field, Constants(values, circles), samples)
 
 
 class _Curve:
-    """One random curve for every sample."""
+    """One random curve of closed configurations for every sample, and a random motion along it."""
 
     def __init__(
-        self, sampler: CurveSampler, field: PrimeField, rng: np.random.Generator, constants: _Constants, pose: Pose
+        self,
+        positions: Positions,
+        pose: Pose,
+        rng: np.random.Generator,
+        order: int,
+        given: Mapping[str, int] | None,
+        speeds: Schedule,
     ) -> None:
-        self.sampler, self.field, self.rng, self.constants, self.pose = sampler, field, rng, constants, pose
-        self.samples, self.order = len(pose.turns), sampler.order + _LOST
-        self.arithmetic = SeriesArithmetic(field, self.order)
+        self.positions, self.pose, self.rng = positions, pose, rng
+        self.field, self.order = positions.field, order
+        self._given, self._speeds = given, speeds
+        self.arithmetic = SeriesArithmetic(self.field, order)
+        self._drawn: dict[str, Residues] = {}
         self.moving = self._lifted()
 
     def leaves(self, schedule: Schedule) -> dict[int, Residues]:
         """Values of a schedule's leaves along the curves."""
         return {node: self._leaf(node) for node in schedule.leaves}
 
-    # -- closed curves ---------------------------------------------------------------------------------------------
+    def at_start(self) -> Residues:
+        """Jacobian of the closures where the curves begin, (samples, equations, velocities)."""
+        _, jacobian = self.positions.closure(self.positions.resting(self.pose))
+        start: Residues = jacobian[..., 0]
+        return start
 
     def _lifted(self) -> MovingCoordinates:
-        _, jacobian = self._closure(self._at(np.zeros((self.samples, len(self.sampler.layout.names), 1), np.int64)))
-        choice = choose(jacobian[0, :, :, 0], self.field)
-        free = self.field.draw(self.rng, (self.samples, len(choice.independent), self.order))
+        choice = choose(self.at_start()[0], self.field)
+        free = self.field.draw(self.rng, (self.positions.samples, len(choice.independent), self.order))
         free[..., 0] = 0
 
         def equations(local: Residues) -> tuple[Residues, Residues]:
-            moving = self._at(local)
-            values, jacobian = self._closure(moving)
+            moving = self.positions.moving(self.pose, local)
+            values, jacobian = self.positions.closure(moving)
             return values, moving.pulled_back(jacobian)
 
-        return self._at(lift(equations, choice, free, self.field))
-
-    def _at(self, local: Residues) -> MovingCoordinates:
-        return MovingCoordinates(self.sampler.layout, self.field, self.sampler._units, self.pose, local)
-
-    def _closure(self, moving: MovingCoordinates, names: Sequence[str] | None = None) -> tuple[Residues, Residues]:
-        """Equations and their derivatives by velocities: of all coordinates, or of the named freedoms."""
-        sampler, order = self.sampler, moving.local.shape[-1]
-        schedule, entries = sampler._closing, sampler.loops.equations.jacobian
-        leaves = {node: self._position_leaf(node, moving) for node in schedule.leaves}
-        values = schedule.run(SeriesArithmetic(self.field, order), leaves, self.samples)
-        count = len(sampler.loops.equations.equations)
-        columns = {name: k for k, name in enumerate(names or sampler.layout.names)}
-        jacobian = np.zeros((self.samples, count, len(columns), order), dtype=np.int64)
-        for (row, name), value in zip(entries, values[count:], strict=True):
-            if name in columns:
-                jacobian[:, row, columns[name]] = value
-        return values[:count].transpose(1, 0, 2), jacobian
+        return self.positions.moving(self.pose, lift(equations, choice, free, self.field))
 
     # -- values of leaves ------------------------------------------------------------------------------------------
 
     def _leaf(self, node: int) -> Residues:
-        name = self.sampler._names.get(node, "")
-        kind, coordinate = name.partition("[")[0], name[name.find("[") + 1 : -1]
-        columns = self.sampler.layout.names
-        if kind in ("qd", "qdd") and coordinate in columns:
-            return (self._rates if kind == "qd" else self._accelerations)[:, columns.index(coordinate)]
+        recorded = self.positions.recorded
+        entry = recorded.program.inputs.get(node)
+        if entry is None or entry.role == "symbol":
+            return self.positions.leaf(node, self.moving)
+        kind, _, rest = entry.name.partition("[")
+        coordinate, names = rest[:-1], recorded.layout.names
+        if kind == "qd":
+            return self._rates[:, names.index(coordinate)]
+        if kind == "qdd":
+            return self._accelerations[:, names.index(coordinate)]
         if kind == "v":
             return self._virtual[coordinate]
-        if kind in ("u", "i"):
-            return self._random(name)
-        return self._position_leaf(node, self.moving)
-
-    def _position_leaf(self, node: int, moving: MovingCoordinates) -> Residues:
-        """Value of a constant, a function of positions, or a position."""
-        sampler, order = self.sampler, moving.local.shape[-1]
-        if node in self.constants.leaves:
-            return series.constant(self.constants.leaves[node], order)
-        if node not in sampler.program.inputs:
-            return self._turned(node, moving)
-        name = sampler._names[node]
-        for k, motion in enumerate(sampler.layout.sliding):
-            if name == f"q[{motion.name}]":
-                return moving.slides[:, k]
-        for k, motion in enumerate(sampler.layout.balls):
-            for part, position in enumerate(motion.positions):
-                if name == f"q[{position}]":
-                    return moving.quaternions[:, k, part]
-        raise UnknownRelationsError(f"the input {name} of a mechanism with loops")
-
-    def _turned(self, node: int, moving: MovingCoordinates) -> Residues:
-        """Sine or cosine of a sum of angles."""
-        sampler, order = self.sampler, moving.local.shape[-1]
-        form = sampler._form(node, ())
-        assert isinstance(form, Turn)
-        points = []
-        for generator, count in form.multiples.items():
-            if generator in sampler._turning:
-                point = tuple(part[:, sampler._turning[generator]] for part in moving.turns)
-            else:
-                point = tuple(series.constant(part, order) for part in self.constants.circles[generator])
-            points.append(_multiplied((point[0], point[1]), count, self.field))
-        point = reduce(lambda a, b: _added(a, b, self.field), points)
-        return point[0 if sampler.program.ops[node] == Op.COS else 1]
+        if kind == "q":
+            return self.positions.leaf(node, self.moving)
+        if entry.name not in self._drawn:  # virtual velocities of outputs, measured inputs
+            self._drawn[entry.name] = self.field.draw(self.rng, (self.positions.samples, self.order))
+        return self._drawn[entry.name]
 
     @cached_property
     def _rates(self) -> Residues:
@@ -231,57 +229,33 @@ class _Curve:
     @cached_property
     def _virtual(self) -> dict[str, Residues]:
         """Virtual velocities that keep the loops closed, of freedoms that are not given."""
-        sampler, given = self.sampler, self.sampler.loops.speeds
-        names = [*sampler.layout.names, *(name for name in given or () if name not in sampler.layout.names)]
-        _, jacobian = self._closure(self.moving, names)
-        if given is None:
+        coordinates = self.positions.recorded.layout.names
+        names = [*coordinates, *(name for name in self._given or () if name not in coordinates)]
+        _, jacobian = self.positions.closure(self.moving, names)
+        if self._given is None:
             choice = choose(jacobian[0, :, :, 0], self.field)
-            free = self.field.draw(self.rng, (self.samples, len(choice.independent), self.order))
+            free = self.field.draw(self.rng, (self.positions.samples, len(choice.independent), self.order))
         else:
-            choice = self._choice_of(jacobian, names, given)
-            free = sampler._speeds.run(self.arithmetic, self.leaves(sampler._speeds), self.samples).transpose(1, 0, 2)
+            choice = _choice_of(jacobian[0, :, :, 0], names, list(self._given), self.field)
+            values = self._speeds.run(self.arithmetic, self.leaves(self._speeds), self.positions.samples)
+            free = values.transpose(1, 0, 2)
         speeds = tangent(jacobian, choice, free, self.field)
         return {name: speeds[:, k] for k, name in enumerate(names)}
 
-    def _choice_of(self, jacobian: Residues, names: Sequence[str], given: Collection[str]) -> Choice:
-        """The choice in which the freedoms whose velocities are given are the independent ones."""
-        independent = [names.index(name) for name in given]
-        choice = choose(jacobian[0, :, :, 0], self.field, independent)
-        if set(choice.independent) != set(independent):
-            raise SingularPoseError(self._undetermined(choice, names, independent))
-        return Choice(choice.rows, choice.dependent, tuple(independent))
 
-    def _undetermined(self, choice: Choice, names: Sequence[str], given: Sequence[int]) -> str:
-        stuck = [names[k] for k in given if k in choice.dependent]
-        if stuck:
-            return f"'{stuck[0]}' cannot move by itself while the loops stay closed: what it measures is not determined"
-        loose = next(names[k] for k in choice.independent if k not in given)
-        return f"'{loose}' is not determined by the independent coordinates"
-
-    def _random(self, name: str) -> Residues:
-        if not hasattr(self, "_drawn"):
-            self._drawn: dict[str, Residues] = {}
-        if name not in self._drawn:
-            self._drawn[name] = self.field.draw(self.rng, (self.samples, self.order))
-        return self._drawn[name]
-
-
-def _generators(form: object) -> set[str]:
-    return set(form.multiples) if isinstance(form, Turn) else set(form.symbols())  # type: ignore[attr-defined]
-
-
-def _added(a: tuple[Residues, Residues], b: tuple[Residues, Residues], field: PrimeField) -> tuple[Residues, Residues]:
-    cosine = series.product(a[0], b[0], field) - series.product(a[1], b[1], field)
-    sine = series.product(a[0], b[1], field) + series.product(a[1], b[0], field)
-    return cosine % field.p, sine % field.p
-
-
-def _multiplied(point: tuple[Residues, Residues], count: int, field: PrimeField) -> tuple[Residues, Residues]:
-    turned = (point[0], point[1] if count > 0 else -point[1] % field.p)
-    total = turned
-    for _ in range(abs(count) - 1):
-        total = _added(total, turned, field)
-    return total
+def _choice_of(jacobian: Residues, names: Sequence[str], given: Sequence[str], field: PrimeField) -> Choice:
+    """The choice in which the freedoms whose velocities are given are the independent ones."""
+    independent = [names.index(name) for name in given]
+    choice = choose(jacobian, field, independent)
+    stuck = [names[k] for k in independent if k in choice.dependent]
+    if stuck:
+        raise SingularPoseError(
+            f"'{stuck[0]}' cannot move by itself while the loops stay closed, so what is measured there is undetermined"
+        )
+    loose = [names[k] for k in choice.independent if k not in independent]
+    if loose:
+        raise SingularPoseError(f"'{loose[0]}' does not follow from the independent coordinates")
+    return Choice(choice.rows, choice.dependent, tuple(independent))
 
 
 def _mixed(values: Residues, states: int, field: PrimeField, rng: np.random.Generator) -> Residues:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from echelon.exact import series
 from echelon.exact.field import PrimeField, Residues
@@ -35,9 +36,18 @@ class Pose:
     slides: Residues
     balls: Residues
 
+    @property
+    def parts(self) -> tuple[Residues, Residues, Residues]:
+        """All arrays."""
+        return self.turns, self.slides, self.balls
+
+    def at(self, samples: npt.NDArray[np.intp]) -> Pose:
+        """A copy of some samples."""
+        return Pose(*(part[samples] for part in self.parts))
+
     def repeated(self, count: int) -> Pose:
         """Every sample repeated."""
-        return Pose(*(np.repeat(part, count, axis=0) for part in (self.turns, self.slides, self.balls)))
+        return Pose(*(np.repeat(part, count, axis=0) for part in self.parts))
 
 
 class Layout:
@@ -131,13 +141,14 @@ class MovingCoordinates:
             ((w0, y, 1), (x0, z, -1), (y0, scale, 1), (z0, x, 1)),
             ((w0, z, 1), (x0, y, 1), (y0, x, -1), (z0, scale, 1)),
         )
-        return np.stack([sum(sign * (a * b % p) for a, b, sign in part) % p for part in parts], axis=2)
+        components = [np.sum([sign * (a * b % p) for a, b, sign in part], axis=0) % p for part in parts]
+        return np.stack(components, axis=2)
 
     @cached_property
     def _ball_sizes(self) -> Residues:
         """1 + |z|² of every ball."""
         vector = self.local[:, self.layout.ball_places]
-        square = series.product(vector, vector, self.field).sum(axis=2) % self.field.p
+        square: Residues = series.product(vector, vector, self.field).sum(axis=2) % self.field.p
         square[..., 0] += 1
         return square
 

@@ -1,0 +1,245 @@
+"""Closed poses modulo p: the zero pose where it is closed, otherwise solutions of the closure equations.
+
+Loop after loop, as many coordinates as the closure has independent equations are unknown; the others are drawn.  A
+turning coordinate enters by the cosine and sine of its angle, in which the equations are linear, because it occurs once
+in every chain.  Loops that cannot be closed one after the other are closed together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import DegenerateSampleError, SingularPoseError
+from echelon.exact.elimination import rank
+from echelon.exact.field import PrimeField, Residues
+from echelon.exact.zero_dimensional import UnsolvedSystemError, solve
+from echelon.regressor.lifting import choose
+from echelon.regressor.moving import Pose
+from echelon.regressor.positions import Positions
+
+_ROUNDS = 40
+_MOST_TRIES = 64
+_MOST_UNKNOWNS = 4
+
+Indices = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Loops that are closed together.
+
+    Attributes
+    ----------
+    rows : tuple of int
+        Their equations.
+    drawn, unknown : tuple of int
+        Coordinates that no earlier block fixes: those to draw, and those to solve for.
+    """
+
+    rows: tuple[int, ...]
+    drawn: tuple[int, ...]
+    unknown: tuple[int, ...]
+
+
+class PoseFinder:
+    """Finds closed poses of one mechanism.
+
+    Parameters
+    ----------
+    preferred : sequence of int
+        Coordinates that should be drawn rather than solved for.
+    """
+
+    def __init__(self, preferred: Sequence[int]) -> None:
+        self._preferred = preferred
+        self._avoid_zero = False
+        self._blocks: list[Block] | None = None
+
+    def find(self, positions: Positions, rng: np.random.Generator, samples: int) -> Pose:
+        """A closed pose for every sample.
+
+        Raises
+        ------
+        SingularPoseError
+            If no closed poses can be found.
+        DegenerateSampleError
+            If a sample has none modulo this prime.
+        """
+        zero = positions.recorded.layout.zero_pose(samples)
+        if not self._avoid_zero and not positions.equations(zero).any():
+            return zero
+        if self._blocks is None:
+            self._blocks = self._planned(positions, rng)
+        return self._solved(positions, rng, samples, self._blocks)
+
+    def leave_zero(self) -> bool:
+        """No longer take the zero pose, because it is singular; returns whether it was taken so far."""
+        before, self._avoid_zero = self._avoid_zero, True
+        return not before
+
+    # -- plan ------------------------------------------------------------------------------------------------------
+
+    def _planned(self, positions: Positions, rng: np.random.Generator) -> list[Block]:
+        first = positions.at(np.zeros(1, dtype=np.intp))
+        field, layout = positions.field, positions.recorded.layout
+        _, series = first.closure(first.resting(_random_pose(positions, rng, 1)))
+        jacobian, owners = series[0, :, :, 0], positions.recorded.owners
+        groups: list[tuple[list[int], list[int]]] = []  # equations, coordinates that they are the first to involve
+        for owner in dict.fromkeys(owners):
+            rows = [k for k, name in enumerate(owners) if name == owner]
+            involved = np.flatnonzero(jacobian[rows].any(axis=0)).tolist()
+            taken = {c for _, columns in groups for c in columns}
+            columns = [c for c in involved if c not in taken]
+            earlier = [k for group, _ in groups for k in group]
+            needed = rank(jacobian[earlier + rows], field) - rank(jacobian[earlier], field)
+            while rank(jacobian[np.ix_(rows, columns)], field) < needed:
+                # what it involves is fixed by earlier loops already: close it together with the latest of them
+                last = next(k for k in reversed(range(len(groups))) if set(groups[k][1]) & set(involved))
+                more_rows, more = groups.pop(last)
+                rows, columns, involved = more_rows + rows, more + columns, sorted({*involved, *more})
+                involved = sorted({*involved, *np.flatnonzero(jacobian[rows].any(axis=0)).tolist()})
+                earlier = [k for group, _ in groups for k in group]
+                needed = rank(jacobian[earlier + rows], field) - rank(jacobian[earlier], field)
+            groups.append((rows, columns))
+        return [self._block(jacobian, rows, columns, layout.ball_places, field) for rows, columns in groups]
+
+    def _block(
+        self, jacobian: Residues, rows: list[int], columns: list[int], balls: Indices, field: PrimeField
+    ) -> Block:
+        # components of balls, then what is preferred, should rather be drawn
+        last = [columns.index(c) for c in (*balls.ravel().tolist(), *self._preferred) if c in columns]
+        choice = choose(jacobian[np.ix_(rows, columns)], field, last)
+        unknown = tuple(columns[k] for k in choice.dependent)
+        if set(unknown) & set(balls.ravel().tolist()):
+            raise SingularPoseError("a ball joint would have to be solved for to close the loops")
+        return Block(tuple(rows), tuple(c for c in columns if c not in unknown), unknown)
+
+    # -- solutions -------------------------------------------------------------------------------------------------
+
+    def _solved(self, positions: Positions, rng: np.random.Generator, samples: int, blocks: list[Block]) -> Pose:
+        found = positions.recorded.layout.zero_pose(samples)
+        pending, tries = np.arange(samples), 2
+        for _ in range(_ROUNDS):
+            owners = np.repeat(pending, tries)
+            owners, pose = self._tried(positions, rng, owners, blocks)
+            _, first = np.unique(owners, return_index=True)
+            for target, source in zip(found.parts, pose.parts, strict=True):
+                target[owners[first]] = source[first]
+            pending = np.setdiff1d(pending, owners)
+            if not pending.size:
+                return found
+            tries = min(2 * tries, max(2, _MOST_TRIES * 4 // len(pending)), _MOST_TRIES)
+        raise DegenerateSampleError("the loops do not close at random points")
+
+    def _tried(
+        self, positions: Positions, rng: np.random.Generator, owners: Indices, blocks: list[Block]
+    ) -> tuple[Indices, Pose]:
+        """Random poses, closed block by block; those that do not close are dropped."""
+        pose = _random_pose(positions, rng, len(owners))
+        for number, block in enumerate(blocks):
+            block = self._manageable(positions, owners, pose, number, block)
+            chosen, solved = _closed(positions.at(owners), pose, block, rng)
+            owners, pose = owners[chosen], solved
+            if not owners.size:
+                break
+        if owners.size and positions.at(owners).equations(pose).any():
+            raise SingularPoseError("the closure equations are not linear in each coordinate")
+        return owners, pose
+
+    def _manageable(self, positions: Positions, owners: Indices, pose: Pose, number: int, block: Block) -> Block:
+        """A block with fewer unknowns, where its equations leave more freedom than their number says."""
+        while True:
+            try:
+                if len(block.unknown) > _MOST_UNKNOWNS:
+                    raise UnsolvedSystemError("too many unknowns")
+                one = np.zeros(1, dtype=np.intp)
+                solve(*_system(positions.at(owners[one]), pose.at(one), block), positions.field)
+                return block
+            except UnsolvedSystemError:
+                if not block.unknown:
+                    raise SingularPoseError("no closed pose was found") from None
+                block = Block(block.rows, (*block.drawn, block.unknown[0]), block.unknown[1:])
+                assert self._blocks is not None
+                self._blocks[number] = block
+
+
+def _random_pose(positions: Positions, rng: np.random.Generator, samples: int) -> Pose:
+    layout, field = positions.recorded.layout, positions.field
+    turns = np.stack(field.circle(field.draw(rng, (samples, len(layout.turning)))), axis=-1)
+    balls = np.moveaxis(field.sphere(field.draw(rng, (3, samples, len(layout.balls)))), 0, -1)
+    return Pose(turns, field.draw(rng, (samples, len(layout.sliding))), balls)
+
+
+def _closed(positions: Positions, pose: Pose, block: Block, rng: np.random.Generator) -> tuple[Indices, Pose]:
+    """The samples for which a block closes, and their poses."""
+    if not block.unknown:
+        good = np.flatnonzero(~positions.equations(pose)[:, block.rows].any(axis=1))
+        return good, pose.at(good)
+    solutions = solve(*_system(positions, pose, block), positions.field)
+    good = np.flatnonzero(solutions.counts > 0)
+    closed = pose.at(good)
+    for target, sample in enumerate(good):
+        points = solutions.points[sample]
+        _put(positions, closed, target, block, points[rng.integers(len(points))])
+    return good, closed
+
+
+def _put(positions: Positions, pose: Pose, sample: int, block: Block, point: Residues) -> None:
+    """Write a solution into a pose."""
+    layout, place = positions.recorded.layout, 0
+    for column in block.unknown:
+        if column in layout.turn_places:
+            pose.turns[sample, int(np.flatnonzero(layout.turn_places == column)[0])] = point[place : place + 2]
+            place += 2
+        else:
+            pose.slides[sample, int(np.flatnonzero(layout.slide_places == column)[0])] = point[place]
+            place += 1
+
+
+def _system(positions: Positions, pose: Pose, block: Block) -> tuple[list[dict[tuple[int, ...], Residues]], int]:
+    """A block's equations as polynomials in cosines, sines and lengths, and the number of these."""
+    p, layout = positions.field.p, positions.recorded.layout
+    samples, turning = len(pose.turns), [c in layout.turn_places for c in block.unknown]
+    axes = [3 if turns else 2 for turns in turning]  # 1, c, s or 1, d
+    grid = list(product(*(range(n) for n in axes)))
+    probes = pose.repeated(len(grid))
+    for number, point in enumerate(grid):
+        for column, corner in zip(block.unknown, point, strict=True):
+            if column in layout.turn_places:
+                place = int(np.flatnonzero(layout.turn_places == column)[0])
+                probes.turns[number :: len(grid), place] = (int(corner == 1), int(corner == 2))
+            else:
+                probes.slides[number :: len(grid), int(np.flatnonzero(layout.slide_places == column)[0])] = corner
+    repeated = positions.at(np.repeat(np.arange(samples), len(grid)))
+    values = repeated.equations(probes)[:, block.rows].reshape(samples, *axes, len(block.rows))
+    for axis, size in enumerate(axes, 1):  # values at the corners become coefficients
+        start = np.take(values, [0], axis=axis)
+        rest = np.take(values, range(1, size), axis=axis)
+        values = np.concatenate([start, (rest - start) % p], axis=axis)
+    widths = [2 if turns else 1 for turns in turning]
+    offsets = [sum(widths[:k]) for k in range(len(widths))]
+    variables = sum(widths)
+    equations: list[dict[tuple[int, ...], Residues]] = []
+    for row in range(len(block.rows)):
+        terms = {}
+        for point in grid:
+            exponents = [0] * variables
+            for offset, corner in zip(offsets, point, strict=True):
+                if corner:
+                    exponents[offset + corner - 1] = 1
+            coefficient = values[:, *point, row]
+            if coefficient.any():
+                terms[tuple(exponents)] = coefficient
+        if terms:
+            equations.append(terms)
+    one = np.ones(samples, dtype=np.int64)
+    for offset, turns in zip(offsets, turning, strict=True):
+        if turns:
+            squares = [tuple(2 * int(k == offset + part) for k in range(variables)) for part in (0, 1)]
+            equations.append({squares[0]: one, squares[1]: one, (0,) * variables: -one % p})
+    return equations, variables

@@ -1,0 +1,169 @@
+"""Values modulo p of what depends on positions only: leaves of recorded forms, closure equations, their Jacobian."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import UnknownRelationsError
+from echelon.exact import series
+from echelon.exact.field import PrimeField, Residues
+from echelon.program.canonical import Turn
+from echelon.program.operations import Op
+from echelon.program.schedule import Schedule, SeriesArithmetic
+from echelon.program.tape import Program
+from echelon.regressor.moving import Layout, MovingCoordinates, Pose
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Closure equations on a program, and what its leaves mean.
+
+    Attributes
+    ----------
+    program : Program
+    layout : Layout
+    equations : Schedule
+        Of the closure equations.
+    closing : Schedule
+        Of the closure equations, then of the entries of the Jacobian.
+    entries : sequence of (int, str)
+        Equation and freedom of every entry of the Jacobian.
+    owners : tuple of str
+        Name of the closure of every equation.
+    turns : mapping of int to Turn
+        Angles of the nodes that are sines and cosines.
+    turning : mapping of str to int
+        Generators that are parts of angles of coordinates, with their place among those that turn.
+    units : array of int, shape (turning coordinates,)
+        The number of parts.
+    """
+
+    program: Program
+    layout: Layout
+    equations: Schedule
+    closing: Schedule
+    entries: Sequence[tuple[int, str]]
+    owners: tuple[str, ...]
+    turns: Mapping[int, Turn]
+    turning: Mapping[str, int]
+    units: Residues
+
+
+@dataclass(frozen=True)
+class Constants:
+    """Values of leaves that do not move, and circle points of angles that do not, one for each sample."""
+
+    leaves: Mapping[int, Residues]
+    circles: Mapping[str, tuple[Residues, Residues]]
+
+    def at(self, samples: npt.NDArray[np.intp]) -> Constants:
+        """Those of some samples."""
+        leaves = {node: value[samples] for node, value in self.leaves.items()}
+        return Constants(leaves, {name: (c[samples], s[samples]) for name, (c, s) in self.circles.items()})
+
+
+@dataclass(frozen=True)
+class Positions:
+    """Evaluates what depends on positions, for the constants of some samples.
+
+    Attributes
+    ----------
+    recorded : Recorded
+    field : PrimeField
+    constants : Constants
+    samples : int
+    """
+
+    recorded: Recorded
+    field: PrimeField
+    constants: Constants
+    samples: int
+
+    def at(self, samples: npt.NDArray[np.intp]) -> Positions:
+        """The same for some of the samples, or for samples repeated."""
+        return replace(self, constants=self.constants.at(samples), samples=len(samples))
+
+    def moving(self, pose: Pose, local: Residues) -> MovingCoordinates:
+        """Coordinates that move away from a pose; see :class:`MovingCoordinates`."""
+        return MovingCoordinates(self.recorded.layout, self.field, self.recorded.units, pose, local)
+
+    def resting(self, pose: Pose) -> MovingCoordinates:
+        """Coordinates at a pose, as series of one coefficient."""
+        return self.moving(pose, np.zeros((len(pose.turns), len(self.recorded.layout.names), 1), dtype=np.int64))
+
+    def equations(self, pose: Pose) -> Residues:
+        """Closure equations at poses, (samples, equations)."""
+        return self._run(self.recorded.equations, self.resting(pose))[..., 0].T
+
+    def closure(self, moving: MovingCoordinates, names: Sequence[str] | None = None) -> tuple[Residues, Residues]:
+        """Closure equations and their derivatives by velocities: of all coordinates, or of the named freedoms.
+
+        Returns
+        -------
+        array of shape (samples, equations, order), array of shape (samples, equations, velocities, order)
+        """
+        recorded = self.recorded
+        values = self._run(recorded.closing, moving)
+        count = len(recorded.owners)
+        columns = {name: k for k, name in enumerate(names or recorded.layout.names)}
+        samples, order = moving.local.shape[0], moving.local.shape[-1]
+        jacobian = np.zeros((samples, count, len(columns), order), dtype=np.int64)
+        for (row, name), value in zip(recorded.entries, values[count:], strict=True):
+            if name in columns:
+                jacobian[:, row, columns[name]] = value
+        return values[:count].transpose(1, 0, 2), jacobian
+
+    def leaf(self, node: int, moving: MovingCoordinates) -> Residues:
+        """Value of a constant, of a function of positions, or of a position, (samples, order)."""
+        recorded, order = self.recorded, moving.local.shape[-1]
+        if node in self.constants.leaves:
+            return series.constant(self.constants.leaves[node], order)
+        if node in recorded.turns:
+            return self._turned(node, moving)
+        name = recorded.program.inputs[node].name
+        for k, motion in enumerate(recorded.layout.sliding):
+            if name == f"q[{motion.name}]":
+                return moving.slides[:, k]
+        for k, motion in enumerate(recorded.layout.balls):
+            for part, position in enumerate(motion.positions):
+                if name == f"q[{position}]":
+                    return moving.quaternions[:, k, part]
+        raise UnknownRelationsError(f"{name}, an angle that is not in a sine or cosine, in a mechanism with loops")
+
+    def _run(self, schedule: Schedule, moving: MovingCoordinates) -> Residues:
+        samples, order = moving.local.shape[0], moving.local.shape[-1]
+        leaves = {node: self.leaf(node, moving) for node in schedule.leaves}
+        return schedule.run(SeriesArithmetic(self.field, order), leaves, samples)
+
+    def _turned(self, node: int, moving: MovingCoordinates) -> Residues:
+        """Sine or cosine of a sum of angles."""
+        recorded, order = self.recorded, moving.local.shape[-1]
+        points = []
+        for generator, count in recorded.turns[node].multiples.items():
+            if generator in recorded.turning:
+                place = recorded.turning[generator]
+                cosine, sine = (part[:, place] for part in moving.turns)
+            else:
+                cosine, sine = (series.constant(part, order) for part in self.constants.circles[generator])
+            points.append(_multiplied((cosine, sine), count, self.field))
+        point = reduce(lambda a, b: _added(a, b, self.field), points)
+        return point[0 if recorded.program.ops[node] == Op.COS else 1]
+
+
+def _added(a: tuple[Residues, Residues], b: tuple[Residues, Residues], field: PrimeField) -> tuple[Residues, Residues]:
+    cosine = series.product(a[0], b[0], field) - series.product(a[1], b[1], field)
+    sine = series.product(a[0], b[1], field) + series.product(a[1], b[0], field)
+    return cosine % field.p, sine % field.p
+
+
+def _multiplied(point: tuple[Residues, Residues], count: int, field: PrimeField) -> tuple[Residues, Residues]:
+    turned = (point[0], point[1] if count > 0 else -point[1] % field.p)
+    total = turned
+    for _ in range(abs(count) - 1):
+        total = _added(total, turned, field)
+    return total
