@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from math import prod
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +24,7 @@ from echelon.regressor.moving import Pose
 from echelon.regressor.positions import Positions
 
 _ROUNDS = 40
-_MOST_TRIES = 64
+_MOST_TRIES = 1024
 _MOST_UNKNOWNS = 4
 
 Indices = npt.NDArray[np.intp]
@@ -59,6 +60,7 @@ class PoseFinder:
         self._preferred = preferred
         self._avoid_zero = False
         self._blocks: list[Block] | None = None
+        self._manageable: set[int] = set()
 
     def find(self, positions: Positions, rng: np.random.Generator, samples: int) -> Pose:
         """A closed pose for every sample.
@@ -123,8 +125,10 @@ class PoseFinder:
 
     def _solved(self, positions: Positions, rng: np.random.Generator, samples: int, blocks: list[Block]) -> Pose:
         found = positions.recorded.layout.zero_pose(samples)
-        pending, tries = np.arange(samples), 2
+        # a loop closes at about half of the random points, one with more unknowns more rarely
+        pending, tries = np.arange(samples), 2 * prod(max(1, len(b.unknown) - 1) * 2 for b in blocks)
         for _ in range(_ROUNDS):
+            tries = max(2, min(tries, _MOST_TRIES // len(pending)))
             owners = np.repeat(pending, tries)
             owners, pose = self._tried(positions, rng, owners, blocks)
             _, first = np.unique(owners, return_index=True)
@@ -133,7 +137,7 @@ class PoseFinder:
             pending = np.setdiff1d(pending, owners)
             if not pending.size:
                 return found
-            tries = min(2 * tries, max(2, _MOST_TRIES * 4 // len(pending)), _MOST_TRIES)
+            tries *= 2
         raise DegenerateSampleError("the loops do not close at random points")
 
     def _tried(
@@ -142,7 +146,8 @@ class PoseFinder:
         """Random poses, closed block by block; those that do not close are dropped."""
         pose = _random_pose(positions, rng, len(owners))
         for number, block in enumerate(blocks):
-            block = self._manageable(positions, owners, pose, number, block)
+            if number not in self._manageable:
+                block = self._made_manageable(positions, owners, pose, number, block)
             chosen, solved = _closed(positions.at(owners), pose, block, rng)
             owners, pose = owners[chosen], solved
             if not owners.size:
@@ -151,7 +156,7 @@ class PoseFinder:
             raise SingularPoseError("the closure equations are not linear in each coordinate")
         return owners, pose
 
-    def _manageable(self, positions: Positions, owners: Indices, pose: Pose, number: int, block: Block) -> Block:
+    def _made_manageable(self, positions: Positions, owners: Indices, pose: Pose, number: int, block: Block) -> Block:
         """A block with fewer unknowns, where its equations leave more freedom than their number says."""
         while True:
             try:
@@ -159,6 +164,7 @@ class PoseFinder:
                     raise UnsolvedSystemError("too many unknowns")
                 one = np.zeros(1, dtype=np.intp)
                 solve(*_system(positions.at(owners[one]), pose.at(one), block), positions.field)
+                self._manageable.add(number)
                 return block
             except UnsolvedSystemError:
                 if not block.unknown:
