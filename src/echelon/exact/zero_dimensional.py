@@ -62,7 +62,7 @@ def solve(
     field : PrimeField
         With a prime below 2^31.
     monomial_limit : int
-        Bound on the number of monomials, up to the degree that is needed.
+        Bound on the number of monomials, up to the degree that is needed; not above 2048, where sums stay exact.
 
     Raises
     ------
