@@ -10,14 +10,16 @@ import numpy as np
 
 from echelon.errors import InputError
 from echelon.exact.polynomial import as_polynomial
+from echelon.formats.build_loops import build_closures
 from echelon.formats.inertia import Inertial, move_inertial, numeric_placement
 from echelon.formats.intent import Intent
 from echelon.formats.literal import LiteralCoupling, LiteralLink, LiteralPlacement, LiteralStep, LiteralTree
 from echelon.formats.options import ReadingOptions, gravity_vector
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
-from echelon.mechanism.mechanism import ALL, GROUND, Body, Coupling, Mechanism
+from echelon.mechanism.mechanism import ALL, GROUND, Body, Coupling, Mechanism, setup_placements
 from echelon.mechanism.placement import Placement, shift, turn
 from echelon.mechanism.reading import Reading
+from echelon.regressor.loops import close
 
 
 def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collection[str] = ()) -> Mechanism:
@@ -62,16 +64,36 @@ class _Builder:
                 self._attach(index, link)
         self._attach_inertials()
         couplings = tuple(Coupling(c.dependent, ((c.leader, as_polynomial(c.ratio)),)) for c in self.couplings.values())
-        used = {s for b in self.bodies for s in b.joint.symbols()}
-        rebuild = partial(build_mechanism, self.tree, self.options)
-        return Mechanism(
+        closures = tuple(build_closures(self.tree, self.intent, self._ride))
+        mechanism = Mechanism(
             self.tree.name,
             tuple(self.bodies),
             gravity_vector(self.options.gravity, self.intent.gravity()),
             couplings,
-            {name: symbol for name, symbol in self.intent.symbols.items() if name in used},
-            Reading(tuple(self.intent.snaps), tuple(self.notes), rebuild),
+            closures=closures,
         )
+        used = {s for b in self.bodies for s in b.joint.symbols()}
+        used.update(s for placement in setup_placements(mechanism) for s in placement.symbols())
+        symbols = {name: symbol for name, symbol in self.intent.symbols.items() if name in used}
+        # a placement on the way to a closure is read once more
+        snaps = tuple(dict.fromkeys(self.intent.snaps))
+        reading = Reading(snaps, tuple(self.notes), partial(build_mechanism, self.tree, self.options))
+        mechanism = replace(mechanism, symbols=symbols, reading=reading)
+        return self._closed(mechanism) if closures else mechanism
+
+    def _closed(self, mechanism: Mechanism) -> Mechanism:
+        """A mechanism whose loops close."""
+        positions = mechanism.positions
+        assembly = {name: value for name, value in self.tree.assembly.items() if name in positions}
+        driven = [name for name in self.tree.driven if name in mechanism.velocities]
+        try:
+            return close(replace(mechanism, assembly=assembly), None, prefer=driven)
+        except InputError as error:
+            raise error.located(self.tree.source) from None
+
+    def _ride(self, link: int) -> tuple[int, tuple[LiteralPlacement, ...]]:
+        """The body that carries a link, and the placements from its frame to the link's."""
+        return self.host.get(link, GROUND), self.offset.get(link, ())
 
     # -- bodies ----------------------------------------------------------------------------------------------------
 
@@ -101,9 +123,11 @@ class _Builder:
         kind, name = link.kind, link.joint
         if index == self.floating_link:
             kind, name, read = "floating", "base", (*floating_motions("base"), *read)
-        read = self.intent.name_lengths(merge(read), label, f"joint '{link.joint or link.name}'")
+        read = merge(read)
+        if not self.tree.closures:  # loops close at the lengths of the file, not at any others
+            read = merge(self.intent.name_lengths(read, label, f"joint '{link.joint or link.name}'"))
         massless = link.name in self.options.massless
-        self.bodies.append(Body(link.name, label, parent, Joint(name, kind, merge(read)), () if massless else ALL))
+        self.bodies.append(Body(link.name, label, parent, Joint(name, kind, read), () if massless else ALL))
         self.host[index] = len(self.bodies) - 1
         self.offset[index] = ()
 

@@ -13,6 +13,7 @@ from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.description_couplings import StatedCoupling, offset_placement, read_couplings
 from echelon.formats.description_expressions import Expressions
+from echelon.formats.description_loops import add_loops
 from echelon.formats.description_parts import BASE, Part, read_parts
 from echelon.formats.description_setup import add_setup
 from echelon.formats.description_symbols import check_use, declared_symbols, stated_gravity
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from echelon.formats.schema import RobotDescription
 
 
-ReadFile = Callable[[str], Mechanism]
+ReadFile = Callable[[str, ReadingOptions], Mechanism]
 """Reads the robot file that a description adds to."""
 
 
@@ -78,6 +79,7 @@ def build_description(
         tuple(c.coupling for c in couplings),
         {name: s for name, s in expressions.intent.symbols.items() if name not in bare},
     )
+    mechanism = add_loops(mechanism, robot, expressions, tree.find)
     mechanism = add_setup(mechanism, robot, expressions)
     notes = (*tree.notes, *check_use(mechanism, robot, document))
     rebuild = partial(build_description, document, robot, options, read_file)
@@ -94,18 +96,32 @@ def _added_to_file(
             raise document.error(key, "belongs to the geometry, which is that of the robot file")
     if read_file is None:
         raise document.error("robot", "a description without a place of its own cannot refer to another file")
-    stated = read_file(robot.robot.file)
+    # the loops of a geometry in numbers close at these numbers only
+    stated = read_file(robot.robot.file, replace(options, symbolic=False) if robot.loops else options)
     symbols, bare = declared_symbols(robot, document)
 
     def add(mechanism: Mechanism) -> Mechanism:
         known = {n: s for n, s in symbols.items() if n not in bare}
         expressions = Expressions(document, options, (), {**mechanism.symbols, **symbols})
-        return add_setup(replace(mechanism, symbols={**mechanism.symbols, **known}), robot, expressions)
+        mechanism = replace(mechanism, symbols={**mechanism.symbols, **known})
+        mechanism = add_loops(mechanism, robot, expressions, partial(_find_body, mechanism, expressions))
+        return add_setup(mechanism, robot, expressions)
 
     mechanism, reading = add(stated), stated.reading
     if reading is None:
         return mechanism
     return replace(mechanism, reading=replace(reading, rebuild=lambda literal: add(reading.rebuild(literal))))
+
+
+def _find_body(mechanism: Mechanism, expressions: Expressions, name: str | None, path: str) -> tuple[int, Placement]:
+    """A body of a robot file."""
+    names = [body.name for body in mechanism.bodies]
+    if name in names:
+        return names.index(name), Placement()
+    if name is None or name == BASE:
+        return GROUND, Placement()
+    problem = f"there is no moving body '{name}'{nearest_of(name, [BASE, *names])}; a fixed link is part of its parent"
+    raise expressions.error(path, problem)
 
 
 class _Tree:
@@ -198,6 +214,16 @@ class _Tree:
         self.host[part.name], self.offset[part.name] = self.host[part.parent], placed
         if self.host[part.name] != GROUND:
             self._riders.setdefault(self.host[part.name], []).append(part)
+
+    def find(self, name: str | None, path: str) -> tuple[int, Placement]:
+        """The body that carries a part, and where the part sits on it; None is the fixed world."""
+        if name is None:
+            return GROUND, Placement()
+        known = name if name in self.host else None
+        if known is None and name != BASE:
+            names = [BASE, *(part.name for part in self.parts)]
+            raise self.expressions.error(path, f"there is no body '{name}'{nearest_of(name, names)}")
+        return self.host[known], self.offset[known]
 
     # -- inertial values -------------------------------------------------------------------------------------------
 

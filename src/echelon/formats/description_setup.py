@@ -64,10 +64,16 @@ class _Setup:
 
     def _actuators(self) -> Iterator[Actuator]:
         for name, entry in self.robot.actuators.items():
-            yield Actuator(name, self._linear(entry, f"actuators.{name}"))
+            path = f"actuators.{name}"
+            terms = self._linear(entry, path)
+            for coordinate, _ in terms:
+                if coordinate not in self.mechanism.independent_velocities:
+                    problem = f"'{coordinate}' depends on others through loops; list it in 'independent' to drive it"
+                    raise self.expressions.error(path, problem)
+            yield Actuator(name, terms)
 
     def _linear(self, entry: str | LinearTerms, path: str) -> tuple[tuple[str, Polynomial], ...]:
-        """A combination of independent coordinates; actuators may stand for what they are."""
+        """A combination of coordinates that no coupling makes dependent; actuators may stand for what they are."""
         moving = {m.name: m for m in self.mechanism.motions if m.name not in self.mechanism.dependent}
         single = {name: m for name, m in moving.items() if m.kind is not MotionKind.BALL}
         reader = LinearReader(self.expressions, single)
@@ -179,7 +185,7 @@ class _Setup:
         if isinstance(entry, WrenchOutput):
             return self._wrench(entry, path)
         if isinstance(entry, JointOutput):
-            every = self.mechanism.velocities if entry.joint == EVERY else (entry.joint,)
+            every = self.mechanism.independent_velocities if entry.joint == EVERY else (entry.joint,)
             return [self._plain(self._joint(n, f"{path}.joint"), n, entry.name, len(every)) for n in every]
         if isinstance(entry, ActuatorOutput):
             drives = [a.name for a in self.mechanism.transmission.actuators]
@@ -197,9 +203,10 @@ class _Setup:
         return plain(chosen, "N" if self._slides(at) else "N·m", channel)
 
     def _joint(self, name: str, path: str) -> JointForce:
-        valid = self.mechanism.velocities
+        valid = self.mechanism.independent_velocities
         if name not in valid:
-            raise self.expressions.error(path, f"there is no joint coordinate '{name}'{nearest_of(name, valid)}")
+            problem = f"there is no independent joint coordinate '{name}'{nearest_of(name, valid)}"
+            raise self.expressions.error(path, problem)
         return JointForce(name)
 
     def _drive(self, name: str | None, path: str) -> ActuatorForce:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from echelon.conventions import PARAMETERS
 from echelon.errors import InputError
 from echelon.formats.description_symbols import GENERIC
+from echelon.formats.loops_write import write_loops
 from echelon.formats.setup_write import write_setup
 from echelon.formats.written import expression_text, frame_data
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step
@@ -44,8 +45,8 @@ def write_description(mechanism: Mechanism) -> dict[str, Any]:
     Returns
     -------
     dict
-        Texts, lists, mappings, True and the version number only.  Reading it back gives equal bodies, couplings,
-        gravity and symbols, without the reading.
+        Texts, lists, mappings, None, True and the version number only.  Reading it back gives equal bodies, couplings,
+        loops, gravity and symbols, without the reading.
 
     Raises
     ------
@@ -64,6 +65,7 @@ def write_description(mechanism: Mechanism) -> dict[str, Any]:
     document["gravity"] = _gravity(mechanism.gravity)
     if mechanism.couplings:
         document["couplings"] = [_coupling(coupling) for coupling in mechanism.couplings]
+    document |= write_loops(mechanism)
     document |= write_setup(mechanism)
     document["bodies"] = [_body(body, mechanism, joints) for body in mechanism.bodies]
     return document

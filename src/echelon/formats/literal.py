@@ -5,10 +5,12 @@ URDF and MJCF readers produce this form; :mod:`echelon.formats.intent` turns it 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from fractions import Fraction
 
 from echelon.exact.numbers import Rational
+from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import MotionKind
 
 Triple = tuple[Rational, Rational, Rational]
@@ -71,6 +73,8 @@ class LiteralLink:
         From the parent's frame to this link's; no motion in it means that the link is fixed.
     inertial : tuple of 10 floats, optional
         Standard parameters about this link's frame.
+    rest : tuple of LiteralPlacement
+        From the parent's frame to this link's at the reference pose, where a format has one.
     """
 
     name: str
@@ -79,6 +83,7 @@ class LiteralLink:
     kind: str
     steps: tuple[LiteralStep, ...]
     inertial: tuple[float, ...] | None = None
+    rest: tuple[LiteralPlacement, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -90,6 +95,31 @@ class LiteralCoupling:
     leader: str
     ratio: Rational = 1
     offset: Rational = 0
+
+
+@dataclass(frozen=True)
+class LiteralClosure:
+    """A joint that closes a loop.
+
+    Attributes
+    ----------
+    element, name : str
+    kind : ClosureKind
+    first, second : int
+        The two links.
+    first_frame : tuple of LiteralPlacement
+        The frame that it holds, in the first link's frame.
+    second_frame : tuple of LiteralPlacement, or None
+        The same in the second link's frame; None for where the first one is at the reference pose.
+    """
+
+    element: str
+    name: str
+    kind: ClosureKind
+    first: int
+    second: int
+    first_frame: tuple[LiteralPlacement, ...]
+    second_frame: tuple[LiteralPlacement, ...] | None
 
 
 @dataclass(frozen=True)
@@ -108,6 +138,11 @@ class LiteralTree:
     notes : tuple of str
     root_is_world : bool
         Whether the first link is the world itself, which never moves and carries no parameters.
+    closures : tuple of LiteralClosure
+    assembly : mapping of str to float
+        Positions at which the loops close; zero where absent.
+    driven : tuple of str
+        Coordinates with actuators.
     """
 
     name: str
@@ -117,3 +152,6 @@ class LiteralTree:
     gravity: Triple = (0, 0, Fraction(-981, 100))
     notes: tuple[str, ...] = ()
     root_is_world: bool = False
+    closures: tuple[LiteralClosure, ...] = ()
+    assembly: Mapping[str, float] = field(default_factory=dict)
+    driven: tuple[str, ...] = ()

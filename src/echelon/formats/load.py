@@ -86,7 +86,7 @@ def parse_robot(data: bytes, source: str, options: ReadingOptions, directory: Pa
     if suffix in (".yaml", ".yml", ".json"):
         from echelon.formats.description import read_description
 
-        def read_file(name: str) -> Mechanism:
+        def read_file(name: str, options: ReadingOptions) -> Mechanism:
             file = (directory or Path()) / name
             if file.suffix.lower() in (".yaml", ".yml", ".json"):
                 raise InputError("only URDF and MJCF files can be added to; include the description", source=str(file))

@@ -1,4 +1,4 @@
-"""Equality constraints of MJCF: linear couplings between joints, and joints held at a constant value.
+"""Equality constraints of MJCF, and what those of joints mean: linear couplings, and joints held at a constant value.
 
 MuJoCo states y − y₀ = a₀ + a₁ (x − x₀) + … + a₄ (x − x₀)⁴ for two joints, relative to their reference positions, and
 y − y₀ = a₀ for one.
@@ -14,6 +14,8 @@ from echelon.errors import InputError
 from echelon.exact.numbers import Rational, parse_decimal
 from echelon.formats.literal import LiteralCoupling
 
+JOINT = "joint"
+_SUPPORTED = (JOINT, "connect", "weld")
 _SIZE = 5  # coefficients of polycoef
 
 
@@ -39,7 +41,7 @@ class JointEquality:
 
 
 def take_equalities(spec: Any, source: str) -> tuple[list[Any], list[str]]:
-    """The active joint equalities of a spec, and notes; the inactive ones are deleted.
+    """The active equalities of a spec, and notes; the others are deleted.
 
     Raises
     ------
@@ -53,17 +55,27 @@ def take_equalities(spec: Any, source: str) -> tuple[list[Any], list[str]]:
     active, notes = [], []
     for equality in list(spec.equalities):
         if not equality.active:
-            notes.append(f"{_label(equality)} is ignored: it is not active")
+            notes.append(f"{equality_label(equality)} is ignored: it is not active")
             spec.delete(equality)
-        elif _kind(equality) != "joint":
+        elif _follows_mocap(equality, spec):
+            notes.append(f"{equality_label(equality)} is ignored: it follows a body that is moved from outside (mocap)")
+            spec.delete(equality)
+        elif equality_kind(equality) not in _SUPPORTED:
             raise InputError(
-                "closed loops are not supported yet; of equality constraints only those between joints are",
+                f"of equality constraints only {', '.join(_SUPPORTED)} are supported",
                 source=source,
-                element=_label(equality),
+                element=equality_label(equality),
             )
         else:
             active.append(equality)
     return active, notes
+
+
+def _follows_mocap(equality: Any, spec: Any) -> bool:
+    on_sites = str(equality.objtype.name) == "mjOBJ_SITE"
+    moved = [body for body in spec.bodies if body.mocap]
+    names = {part.name for body in moved for part in (body.sites if on_sites else [body])}
+    return equality_kind(equality) != JOINT and not names.isdisjoint((equality.name1, equality.name2))
 
 
 def read_equality(equality: Any, source: str) -> JointEquality:
@@ -81,10 +93,10 @@ def read_equality(equality: Any, source: str) -> JointEquality:
         raise InputError(
             f"polycoef {shown} is not linear; only linear couplings (third to fifth coefficient zero) are supported",
             source=source,
-            element=_label(equality),
+            element=equality_label(equality),
         )
     ratio = coefficients[1] if leader else 0
-    return JointEquality(_label(equality), str(equality.name1), leader if ratio else "", coefficients[0], ratio)
+    return JointEquality(equality_label(equality), str(equality.name1), leader if ratio else "", coefficients[0], ratio)
 
 
 def resolve(
@@ -131,11 +143,12 @@ def _coupling(equality: JointEquality, reference: Mapping[str, Rational]) -> Lit
     return LiteralCoupling(equality.element, equality.dependent, equality.leader, equality.ratio, offset)
 
 
-def _kind(equality: Any) -> str:
+def equality_kind(equality: Any) -> str:
+    """Kind of a constraint, such as ``connect``."""
     return str(equality.type.name).removeprefix("mjEQ_").lower()
 
 
-def _label(equality: Any) -> str:
+def equality_label(equality: Any) -> str:
     """Name of a constraint for messages, by what it connects if it has none."""
     name = equality.name or " and ".join(n for n in (equality.name1, equality.name2) if n)
-    return f"equality {_kind(equality)} '{name}'"
+    return f"equality {equality_kind(equality)} '{name}'"

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
 from echelon.formats.schema_joints import Frame, Joint, Model
+from echelon.formats.schema_loops import LoopEntry
 from echelon.formats.schema_setup import EffectEntry, LinearTerms, OutputEntry, RobotFile, RotorEntry
 from echelon.formats.schema_types import (
     AS_LIST,
@@ -208,6 +209,22 @@ class RobotDescription(Model):
         (),
         description="Coordinates that depend linearly on others, each as an expression in coordinates and symbols.",
         examples=[[{"j3": "2*j2 - 0.5*j1"}]],
+    )
+    loops: Annotated[tuple[LoopEntry, ...], AS_LIST] = Field(
+        (),
+        description="Joints that close loops.",
+        examples=[[{"joint": "revolute", "connects": ["coupler", "rocker"], "at": {"xyz": ["l3", 0, 0]}}]],
+    )
+    independent: Annotated[tuple[Name, ...], AS_LIST] | None = Field(
+        None,
+        description="With loops, the coordinates that the others depend on, as many as there are degrees of freedom; "
+        "default: a choice, driven coordinates first.",
+        examples=[["crank"]],
+    )
+    assembly: dict[str, Expression] = Field(
+        {},
+        description="With loops, positions near which they close, rad or m; zero where not stated.",
+        examples=[{"coupler": "1.2", "rocker": "2*pi/3"}],
     )
     actuators: dict[str, Expression | LinearTerms] = Field(
         {},

@@ -98,6 +98,14 @@ def _matrix(value: object) -> tuple[object, ...]:
     return _exactly(value, 3, "three rows such as [[1, 0, 0], [0, 0, -1], [0, 1, 0]]")
 
 
+def _pair(value: object) -> tuple[object, ...]:
+    return _exactly(value, 2, "two names of bodies such as [coupler, rocker]")
+
+
+def _part(value: object) -> str | None:
+    return None if value is None else _name(value)
+
+
 def _exactly(value: object, size: int, what: str) -> tuple[object, ...]:
     if not isinstance(value, list | tuple):
         raise refusal(f"needs a list of {what}, found {kind_of(value)}")
@@ -115,6 +123,8 @@ Version = Annotated[Literal[1], BeforeValidator(_version)]
 Triple = Annotated[tuple[Expression, Expression, Expression], BeforeValidator(_three)]
 Matrix = Annotated[tuple[Triple, Triple, Triple], BeforeValidator(_matrix)]
 Ten = Annotated[tuple[Expression, ...], BeforeValidator(_ten)]
+Part = Annotated[str | None, BeforeValidator(_part), WithJsonSchema({"type": ["string", "integer", "null"]})]
+PairOfParts = Annotated[tuple[Part, Part], BeforeValidator(_pair)]
 
 AS_LIST = BeforeValidator(_items)
 AS_ROWS = BeforeValidator(_rows)

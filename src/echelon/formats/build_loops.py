@@ -1,0 +1,77 @@
+"""The closures of a literal tree, exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import reduce
+from operator import matmul
+
+from echelon.errors import InputError
+from echelon.formats.intent import Intent
+from echelon.formats.literal import LiteralClosure, LiteralPlacement, LiteralTree
+from echelon.formats.second_frame import second_frame
+from echelon.mechanism.closure import Closure
+from echelon.mechanism.placement import Placement
+
+Ride = Callable[[int], tuple[int, tuple[LiteralPlacement, ...]]]
+"""The body that carries a link, and the placements from its frame to the link's."""
+
+
+def build_closures(tree: LiteralTree, intent: Intent, ride: Ride) -> Iterator[Closure]:
+    """The closures between bodies; those between links of one body hold nothing and are left out.
+
+    Parameters
+    ----------
+    tree : LiteralTree
+    intent : Intent
+        That has read the bodies already.
+    ride : callable
+        Where links are on bodies.
+
+    Raises
+    ------
+    InputError
+        If a second frame cannot be derived from the first one.
+    """
+    for closure in tree.closures:
+        (first, offset), (second, other) = ride(closure.first), ride(closure.second)
+        if first == second:
+            continue
+        stem = _stem(closure.name)
+        frame = _placed(intent, closure.first_frame, stem)
+        if closure.second_frame is None:
+            related = _at_reference(tree, intent, closure, frame)
+        else:
+            related = _placed(intent, closure.second_frame, stem)
+        yield Closure(
+            closure.name,
+            closure.kind,
+            first,
+            second,
+            _placed(intent, offset, stem) @ frame,
+            _placed(intent, other, stem) @ related,
+        )
+
+
+def _at_reference(tree: LiteralTree, intent: Intent, closure: LiteralClosure, frame: Placement) -> Placement:
+    """Where the frame of the first link is on the second one at the reference pose."""
+    links = tree.links
+    try:
+        return second_frame(
+            closure.kind,
+            closure.first,
+            closure.second,
+            frame,
+            lambda k: links[k].parent,
+            lambda k: _placed(intent, links[k].rest, _stem(links[k].name)),
+        )
+    except ValueError as error:
+        raise InputError(str(error), source=tree.source, element=closure.element) from None
+
+
+def _stem(name: str) -> str:
+    return "_" + "".join(c if c.isalnum() else "_" for c in name)
+
+
+def _placed(intent: Intent, placements: tuple[LiteralPlacement, ...], stem: str) -> Placement:
+    return reduce(matmul, (intent.placement(placement, stem) for placement in placements), Placement())

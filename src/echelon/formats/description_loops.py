@@ -1,0 +1,168 @@
+"""The loops of a description: joints that close them, and which coordinates stay independent."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from fractions import Fraction
+from functools import reduce
+from operator import matmul
+from typing import TYPE_CHECKING
+
+from echelon.exact.angle import Angle
+from echelon.exact.expressions import PI
+from echelon.formats.description_expressions import Expressions
+from echelon.formats.description_joints import Joints
+from echelon.formats.hints import nearest_of
+from echelon.formats.second_frame import second_frame
+from echelon.mechanism.closure import Closure, ClosureKind
+from echelon.mechanism.joint import X, Y, Z
+from echelon.mechanism.mechanism import Body, Mechanism
+from echelon.mechanism.placement import Placement, turn
+from echelon.regressor.loops import close
+
+if TYPE_CHECKING:
+    from echelon.formats.schema import RobotDescription
+    from echelon.formats.schema_joints import Frame
+    from echelon.formats.schema_loops import LoopEntry
+
+FindPart = Callable[[str | None, str], tuple[int, Placement]]
+"""The body that carries a part and where the part sits on it, by the part's name and the element that names it."""
+
+_ALIASES = {"points": ClosureKind.SPHERICAL, "axes": ClosureKind.CYLINDRICAL}
+_QUARTER, _HALF = Angle(Fraction(1, 2)), Angle(Fraction(1))
+_BACK = Angle(Fraction(-1, 2))
+_Z_ALONG = {
+    (X, 1): turn(Y, _QUARTER),
+    (X, -1): turn(Y, _BACK),
+    (Y, 1): turn(X, _BACK),
+    (Y, -1): turn(X, _QUARTER),
+    (Z, 1): Placement(),
+    (Z, -1): turn(X, _HALF),
+}
+"""Frames whose z axis lies along a coordinate axis, by axis and sign."""
+
+
+def add_loops(mechanism: Mechanism, robot: RobotDescription, expressions: Expressions, find: FindPart) -> Mechanism:
+    """A mechanism with the loops that a description states, beside those that it has.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    robot : RobotDescription
+    expressions : Expressions
+    find : callable
+        Finds what the loops connect.
+
+    Raises
+    ------
+    InputError
+        If something refers to bodies or coordinates that do not exist, or the loops cannot close; names the element.
+    """
+    loops = _Loops(mechanism, robot, expressions, find)
+    closures = (*mechanism.closures, *loops.closures())
+    if not closures:
+        for key in ("independent", "assembly"):
+            if key in robot.model_fields_set:
+                raise expressions.error(key, "there are no loops, so no coordinate depends on others through them")
+        return mechanism
+    # what a robot file chose already stays where it can
+    prefer = (*loops.driven(), *mechanism.independent)
+    assembly = {**mechanism.assembly, **loops.assembly()}
+    opened = replace(mechanism, closures=closures, independent=(), assembly=assembly)
+    return close(opened, loops.independent(), prefer=prefer)
+
+
+class _Loops:
+    def __init__(self, mechanism: Mechanism, robot: RobotDescription, expressions: Expressions, find: FindPart) -> None:
+        self.mechanism, self.robot, self.expressions, self.find = mechanism, robot, expressions, find
+        self.joints = Joints(expressions)
+
+    # -- closures --------------------------------------------------------------------------------------------------
+
+    def closures(self) -> Iterator[Closure]:
+        """The joints that close loops."""
+        taken = {closure.name for closure in self.mechanism.closures}
+        for index, entry in enumerate(self.robot.loops):
+            path = f"loops[{index}]"
+            name = entry.name or f"loop{len(self.mechanism.closures) + index + 1}"
+            if name in taken:
+                raise self.expressions.error(f"{path}.name", f"another loop has the name '{name}'")
+            taken.add(name)
+            yield self._closure(entry, name, path)
+
+    def _closure(self, entry: LoopEntry, name: str, path: str) -> Closure:
+        (first, offset), (second, other) = (
+            self.find(part, f"{path}.connects[{k}]") for k, part in enumerate(entry.connects)
+        )
+        if first == second:
+            shown = " and ".join(f"'{part}'" if part else "the world" for part in entry.connects)
+            raise self.expressions.error(f"{path}.connects", f"{shown} do not move against each other")
+        stem = "_" + "".join(c if c.isalnum() else "_" for c in name)
+        aim = self._aim(entry, path, stem)
+        kind = _ALIASES.get(entry.joint) or ClosureKind(entry.joint)
+        frame = offset @ self._frame(entry.at, f"{path}.at", stem) @ aim
+        if entry.on_second is None:
+            met = self._met(kind, first, second, frame, path)
+        else:
+            met = other @ self._frame(entry.on_second, f"{path}.on_second", stem) @ aim
+        return Closure(name, kind, first, second, frame, met)
+
+    def _frame(self, frame: Frame, path: str, stem: str) -> Placement:
+        return self.joints.frame(frame, path, stem)
+
+    def _aim(self, entry: LoopEntry, path: str, stem: str) -> Placement:
+        """A frame whose z axis lies along the joint's axis."""
+        if entry.axis is None:
+            return Placement()
+        direction = self.expressions.direction(entry.axis, f"{path}.axis")
+        mounting, axis, sign = self.expressions.intent.direction(direction, f"{path}.axis", stem)
+        return mounting @ _Z_ALONG[axis, sign]
+
+    def _met(self, kind: ClosureKind, first: int, second: int, frame: Placement, path: str) -> Placement:
+        """Where a frame of the first body is on the second one while all coordinates are zero."""
+        bodies = self.mechanism.bodies
+        try:
+            return second_frame(kind, first, second, frame, lambda k: bodies[k].parent, lambda k: _at_zero(bodies[k]))
+        except ValueError as error:
+            raise self.expressions.error(path, str(error)) from None
+
+    # -- coordinates -----------------------------------------------------------------------------------------------
+
+    def independent(self) -> tuple[str, ...] | None:
+        """The coordinates that shall be independent, if they are stated."""
+        for index, name in enumerate(self.robot.independent or ()):
+            self._check(name, self.mechanism.velocities, f"independent[{index}]")
+        return self.robot.independent
+
+    def assembly(self) -> dict[str, float]:
+        """Positions near which the loops close."""
+        found = {}
+        for name, text in self.robot.assembly.items():
+            path = f"assembly.{name}"
+            self._check(name, self.mechanism.positions, path)
+            value = self.expressions.polynomial(text, path)
+            if not set(value.generators()) <= {PI}:
+                raise self.expressions.error(path, f"'{text}' must be a number here, without symbols")
+            found[name] = value.evaluate({PI: math.pi}, float)
+        return found
+
+    def _check(self, name: str, valid: tuple[str, ...], path: str) -> None:
+        if name not in valid:
+            raise self.expressions.error(path, f"there is no coordinate '{name}'{nearest_of(name, valid)}")
+
+    def driven(self) -> list[str]:
+        """Coordinates that actuators drive."""
+        stated: list[str] = []
+        for actuator, entry in self.robot.actuators.items():
+            if isinstance(entry, str):
+                stated += self.expressions.parsed(entry, f"actuators.{actuator}").symbols()
+            else:
+                stated += entry.terms
+        return [name for name in dict.fromkeys(stated) if name in self.mechanism.velocities]
+
+
+def _at_zero(body: Body) -> Placement:
+    """A body's frame in that of its parent while its coordinates are zero."""
+    return reduce(matmul, (step for step in body.joint.steps if isinstance(step, Placement)), Placement())
