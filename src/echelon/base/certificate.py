@@ -4,8 +4,12 @@
 is checked at random points modulo two random 127-bit primes.  By the Schwartz–Zippel lemma a false identity of degree d
 survives one such point with probability at most d/p.  Where signs make regions, every point is taken in many regions.
 
+Loops have no random points at hand.  There the identity is checked along random curves from closed poses, each modulo
+its own 31-bit prime, coefficient by coefficient.  A false identity that vanishes at the pose to a lower order than the
+number of coefficients is missed by one curve with probability at most order/p, so several curves make it as unlikely.
+
 *Minimal* (rank ≥ r): the pivot columns of X, sampled modulo a 31-bit prime, contain a non-zero r × r minor.  That is a
-proof, not a probability.
+proof, not a probability.  (Closed poses modulo p continue to p-adic ones, so it is one with loops, too.)
 
 The set was derived from energies; the check uses the inverse dynamics (as rows uᵀX for arbitrary u, see
 :mod:`echelon.regressor.virtual_power`), so the two do not share their formulas.
@@ -29,6 +33,7 @@ from echelon.program.schedule import degree_bound
 from echelon.regressor.linear import LinearForms
 
 _POINTS = 2
+_CURVES, _CURVE_ORDER = 5, 24
 _ATTEMPTS = 64
 _REGION_STATES = 64
 """States per point where signs make regions, of which a point sees one."""
@@ -56,6 +61,8 @@ class Certificate:
         Bound on the degree of the identity.
     log10_error : float
         Decimal logarithm of a bound on the probability that X · N = 0 is false.
+    order : int
+        With loops, the number of coefficients compared along each curve; 0 without.
     """
 
     rank: int
@@ -65,12 +72,16 @@ class Certificate:
     identity_primes: tuple[int, ...]
     degree: int
     log10_error: float
+    order: int = 0
 
     def __str__(self) -> str:
+        count = len(self.identity_primes)
+        how = f"modulo {count} primes of {CERTIFICATE_BITS} bits"
+        if self.order:
+            how = f"along {count} closed curves to order {self.order}, each modulo its own prime of {ARRAY_BITS} bits"
         return (
             f"rank {self.rank} proved from below by a non-zero minor mod {self.minor_prime}; "
-            f"completeness X·N = 0 checked modulo {len(self.identity_primes)} primes of {CERTIFICATE_BITS} bits, "
-            f"error probability below 1e{int(self.log10_error)}"
+            f"completeness X·N = 0 checked {how}, error probability below 1e{int(self.log10_error)}"
         )
 
 
@@ -102,13 +113,24 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int) -> Certificat
         )
     rng = np.random.default_rng(seed)
     minor_prime, states = _check_minimal(regressor, matrix, rng)
+    if regressor.loops is not None:
+        return _certified_on_curves(regressor, matrix, seed, (minor_prime, states), rng)
     sampler = regressor.sampler()
-    primes = tuple(_check_complete(regressor, matrix, sampler, rng) for _ in range(_POINTS))
+    primes = tuple(_check_complete(regressor, matrix, sampler, rng, CERTIFICATE_BITS) for _ in range(_POINTS))
     degree = _identity_degree(regressor, matrix, sampler.largest_turn)
     bad_point = log10(max(1, degree)) - min(log10(p) for p in primes)
     bad_prime = log10(2) * (_COEFFICIENT_BITS - CERTIFICATE_BITS + 12)  # few of the many primes divide a coefficient
     error = _POINTS * (max(bad_point, bad_prime) + log10(2))
     return Certificate(matrix.rank, seed, minor_prime, states, primes, degree, error)
+
+
+def _certified_on_curves(
+    regressor: LinearForms, matrix: BaseMatrix, seed: int, minor: tuple[int, int], rng: np.random.Generator
+) -> Certificate:
+    sampler = regressor.sampler(_CURVE_ORDER)
+    primes = tuple(_check_complete(regressor, matrix, sampler, rng, ARRAY_BITS) for _ in range(_CURVES))
+    error = sum(log10(_CURVE_ORDER) - log10(p) for p in primes)
+    return Certificate(matrix.rank, seed, *minor, primes, _CURVE_ORDER, error, _CURVE_ORDER)
 
 
 def _check_echelon(matrix: BaseMatrix) -> None:
@@ -161,10 +183,12 @@ def _check_minimal(regressor: LinearForms, matrix: BaseMatrix, rng: np.random.Ge
     )
 
 
-def _check_complete(regressor: LinearForms, matrix: BaseMatrix, sampler: FieldSampler, rng: np.random.Generator) -> int:
-    """Check X = X̄ B at a random point modulo a random large prime; returns the prime."""
+def _check_complete(
+    regressor: LinearForms, matrix: BaseMatrix, sampler: FieldSampler, rng: np.random.Generator, bits: int
+) -> int:
+    """Check X = X̄ B at a random point modulo a random prime; returns the prime."""
     for _ in range(_ATTEMPTS):
-        field = PrimeField.random(rng, CERTIFICATE_BITS)
+        field = PrimeField.random(rng, bits)
         try:
             _compare_at_point(regressor, matrix, sampler, field, rng)
         except DegenerateSampleError:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from echelon.base.modes import in_mode
 from echelon.base.rows import Rows, rows_of
 from echelon.base.structure import Structure, floating_pair, pair_columns
 from echelon.exact.ansatz import Geometry
@@ -84,6 +85,8 @@ def _across_robot(mechanism: Mechanism, structure: Structure, rng: np.random.Gen
         if support:
             groups.setdefault(mechanism.columns[column].body, []).append(column)
     rows = rows_of(mechanism) if groups else None
+    if rows is not None:
+        rows = Rows(in_mode(rows.forms, structure.accepted), rows.auxiliary)
     for targets in groups.values():
         assert rows is not None
         sources = sorted({c for t in targets for c in structure.by_robot[t]})

@@ -12,6 +12,7 @@ from echelon.base.closed_form import dependent_columns
 from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
+from echelon.base.modes import in_mode
 from echelon.base.order import column_order, reordered
 from echelon.base.reading_report import report_reading
 from echelon.base.structure import Structure, find_structure
@@ -85,7 +86,7 @@ def base_parameters(
     matrix = classical_matrix(mechanism, structure, rng)
     if columns != matrix.order:
         matrix = reordered(matrix, columns, rng)
-    certificate = certify(virtual_power_form(mechanism), matrix, seed)
+    certificate = certify(in_mode(virtual_power_form(mechanism), structure.accepted), matrix, seed)
     reading = report_reading(mechanism, structure.rank, rng)
     return BaseModel(mechanism, matrix, certificate, reading, seed)
 

@@ -21,6 +21,7 @@ from echelon.mechanism.values import characteristic_length, symbol_values
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.newton_euler import inverse_dynamics_regressor
+from echelon.regressor.virtual_power import virtual_power_form
 
 if TYPE_CHECKING:
     import sympy
@@ -195,7 +196,9 @@ class BaseModel(BaseSet):
 
     @cached_property
     def inverse_dynamics(self) -> LinearForms:
-        """The standard regressor X as recorded forms."""
+        """The standard regressor X as recorded forms; with loops, its one row uᵀX in virtual velocities."""
+        if self.mechanism.closures:
+            return virtual_power_form(self.mechanism)
         return inverse_dynamics_regressor(self.mechanism)
 
     @cached_property
@@ -218,7 +221,9 @@ class BaseModel(BaseSet):
         q : array of shape (N, positions)
             In the order of ``mechanism.positions``, rad, m or unit quaternions (w, x, y, z).
         qd, qdd : arrays of shape (N, velocities)
-            In the order of ``mechanism.velocities``.
+            In the order of ``mechanism.velocities``.  With loops, each of q, qd and qdd may also be that of the
+            independent coordinates only, in the order of ``mechanism.independent_velocities``; the others then follow
+            from the pose in which the mechanism is assembled.
         symbols : mapping of str to float, optional
         inputs : mapping of str to array of shape (N,), optional
             Measured inputs that effects use, such as currents, by coordinate or actuator.
@@ -226,6 +231,12 @@ class BaseModel(BaseSet):
         Returns
         -------
         array of shape (N, outputs, base parameters)
+
+        Raises
+        ------
+        InputError
+            If shapes do not fit or values are missing.  With loops, also if they are not closed or cannot be closed, or
+            an output is not determined by the motion.
         """
         return evaluate_floats(self.reduced, self.mechanism, q, qd, qdd, symbols, inputs)
 

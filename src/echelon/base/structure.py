@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from echelon.base.modes import Dependence, InMode, Mode, dependence, find_modes, own_mode
 from echelon.base.rows import Rows, rows_of
 from echelon.errors import DegenerateSampleError, EchelonError
-from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 from echelon.mechanism.joint import Joint, Motion, floating_motions
 from echelon.mechanism.mechanism import GROUND, Body, Mechanism
@@ -25,7 +25,6 @@ from echelon.regressor.linear import LinearForms
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
-_FIRST_ORDER = 12
 
 
 @dataclass(frozen=True)
@@ -42,12 +41,18 @@ class Structure:
         For a body's index, its columns that depend on its other columns and its parent's, whatever the motion.
     by_robot : mapping of int to tuple of int
         For every other dependent column, the pivots it depends on (none: the column is zero).
+    modes : tuple of int
+        With loops, the ranks of all assembly modes that were seen.
+    accepted : InMode, optional
+        Sorts out poses in other assembly modes, if there are several.
     """
 
     parameters: int
     pivots: tuple[int, ...]
     by_joint: Mapping[int, tuple[int, ...]]
     by_robot: Mapping[int, tuple[int, ...]]
+    modes: tuple[int, ...] = ()
+    accepted: InMode | None = None
 
     @property
     def rank(self) -> int:
@@ -75,10 +80,18 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     by_joint = _dependent_by_joint(mechanism, rng)
     local = {column for columns in by_joint.values() for column in columns}
     remaining = [c for c in range(len(mechanism.parameters)) if c not in local]
-    supports = _agreed(rows_of(mechanism).columns(remaining), rng)
+    rows, accepted = rows_of(mechanism).columns(remaining), None
+    modes: list[Mode] = []
+    if mechanism.closures:
+        modes = find_modes(rows, rng)
+        mode = own_mode(mechanism, rows, modes)
+        supports, accepted = mode.dependence, InMode(rows, mode) if len(modes) > 1 else None
+    else:
+        supports = _agreed(rows, rng)
     pivots = tuple(remaining[k] for k in range(len(remaining)) if k not in supports)
     by_robot = {remaining[k]: tuple(remaining[s] for s in support) for k, support in supports.items()}
-    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot)
+    ranks = tuple(len(remaining) - len(mode.dependence) for mode in modes)
+    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, ranks, accepted)
 
 
 def floating_pair(mechanism: Mechanism, index: int) -> Mechanism:
@@ -132,12 +145,10 @@ def _child_side(body: Body) -> tuple[object, ...]:
 def _agreed(rows: Rows, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
     """Dependent parameters with their supports, confirmed by independent primes, geometries and states."""
     seen: list[dict[int, tuple[int, ...]]] = []
-    for attempt in range(_ATTEMPTS):
+    for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)
-        # along curves the rank may grow with the number of coefficients, so each attempt takes more
-        order = _FIRST_ORDER * (attempt + 2) // 2
         try:
-            current = _dependent_columns(rows, field, rng, order)
+            current = _dependent_columns(rows, field, rng)
         except DegenerateSampleError:
             continue
         seen.append(current)
@@ -149,24 +160,12 @@ def _agreed(rows: Rows, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
     raise EchelonError("random points keep contradicting each other; please report this model")
 
 
-def _dependent_columns(
-    rows: Rows, field: PrimeField, rng: np.random.Generator, order: int
-) -> dict[int, tuple[int, ...]]:
-    size, first = rows.forms.shape[1], rows.auxiliary
-    matrix = sample_matrix(rows.forms, field, rng, size + _SURPLUS_ROWS, order)
-    reduced, pivots = reduced_echelon(matrix, field)
-    free = sorted(set(range(size)) - set(pivots))
-    return {
-        column - first: tuple(
-            p - first for row, p in enumerate(pivots) if first <= p < column and int(reduced[row, column])
-        )
-        for column in free
-    }
+def _dependent_columns(rows: Rows, field: PrimeField, rng: np.random.Generator) -> Dependence:
+    matrix = sample_matrix(rows.forms, field, rng, rows.forms.shape[1] + _SURPLUS_ROWS)
+    return dependence(matrix, rows.auxiliary, field)
 
 
-def sample_matrix(
-    forms: LinearForms, field: PrimeField, rng: np.random.Generator, rows: int, order: int | None = None
-) -> Residues:
+def sample_matrix(forms: LinearForms, field: PrimeField, rng: np.random.Generator, rows: int) -> Residues:
     """At least this many rows of the forms at random states of one random geometry.
 
     Parameters
@@ -175,14 +174,12 @@ def sample_matrix(
     field : PrimeField
     rng : numpy Generator
     rows : int
-    order : int, optional
-        Number of coefficients taken along curves, where there are loops.
 
     Returns
     -------
     array of shape (rows or a few more, columns)
     """
-    sampler = forms.sampler(order)
+    sampler = forms.sampler()
     states = -(-rows // max(1, forms.shape[0]))
     geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
     values = sampler.evaluate(field, rng, states, geometry)[:, 0, :]

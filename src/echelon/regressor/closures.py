@@ -8,14 +8,19 @@ entries are generalised forces, and sensors, which are freedoms that never move,
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
+
+from echelon.exact.field import PrimeField, Residues
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.joint import Motion
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.placement import Placement
 from echelon.program.tape import Scalar
+from echelon.regressor.moving import Pose
 from echelon.regressor.probes import Probes
 from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, transposed
 from echelon.regressor.steps import Recorder, Step, into_frame
@@ -40,6 +45,9 @@ class ClosureEquations:
     owners: tuple[str, ...]
 
 
+Accepts = Callable[[PrimeField, np.random.Generator, Mapping[str, Residues], Pose], npt.NDArray[np.bool_]]
+
+
 @dataclass(frozen=True)
 class Loops:
     """What keeps the motions of recorded forms on closed configurations.
@@ -54,12 +62,15 @@ class Loops:
         are such inputs and every virtual motion that keeps the loops closed is wanted.
     preferred : tuple of str
         Coordinates that should rather be drawn than solved for where a closed pose is looked for.
+    accepts : callable, optional
+        Which of some poses are in the wanted assembly mode, from (field, rng, geometry, poses); None for all.
     """
 
     equations: ClosureEquations
     motions: tuple[Motion, ...]
     speeds: Mapping[str, int] | None
     preferred: tuple[str, ...] = ()
+    accepts: Accepts | None = None
 
 
 def loops_of(

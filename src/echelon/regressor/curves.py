@@ -29,6 +29,7 @@ from echelon.regressor.positions import Constants, Positions, Recorded
 
 DEFAULT_ORDER = 16
 _LOST = 2  # coefficients that are not known of accelerations
+_REGULAR_ORDER = 6  # coefficients after which a curve from a singular pose fails to be closed
 _SURPLUS = 3  # halves: that many more coefficients are taken than states, because some are not independent
 
 
@@ -76,7 +77,7 @@ class CurveSampler(FieldSampler):
             turning,
             units,
         )
-        self._poses = PoseFinder([layout.names.index(name) for name in loops.preferred])
+        self._poses = PoseFinder([layout.names.index(name) for name in loops.preferred], loops.accepts)
 
     def evaluate(
         self, field: PrimeField, rng: np.random.Generator, states: int, geometry: Mapping[str, Residues]
@@ -88,9 +89,44 @@ class CurveSampler(FieldSampler):
 
         See :meth:`echelon.program.sampling.FieldSampler.evaluate`.
         """
-        geometries = len(next(iter(geometry.values()))) if geometry else 1
-        curves = 1 + -(-_SURPLUS * states // (2 * self.order))
-        curve = self._curve(self._positions(field, rng, geometry, geometries), rng, curves)
+        while True:
+            pose = self.closed_pose(field, rng, geometry)
+            try:
+                return self.evaluate_at(field, rng, states, geometry, pose)
+            except SingularPoseError:
+                if not self._poses.leave_zero():
+                    raise
+
+    def closed_pose(self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues]) -> Pose:
+        """A closed pose for every geometry.
+
+        Raises
+        ------
+        SingularPoseError
+            If none can be found.
+        """
+        while True:
+            positions = self._positions(field, rng, geometry)
+            pose = self._poses.find(positions, rng)
+            if not self._poses.takes_zero or self._is_regular(positions, pose, rng):
+                return pose
+            self._poses.leave_zero()
+
+    def pose_variants(
+        self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues], count: int
+    ) -> Pose:
+        """A closed pose of one geometry and others that share some of its coordinates."""
+        pose = self.closed_pose(field, rng, geometry)
+        return self._poses.variants(self._positions(field, rng, geometry), pose, count, rng)
+
+    def evaluate_at(
+        self, field: PrimeField, rng: np.random.Generator, states: int, geometry: Mapping[str, Residues], pose: Pose
+    ) -> Residues:
+        """Evaluate along random curves from given closed poses; see :meth:`evaluate`."""
+        positions = self._positions(field, rng, geometry)
+        geometries, curves = positions.samples, 1 + -(-_SURPLUS * states // (2 * self.order))
+        positions = positions.at(np.repeat(np.arange(geometries), curves))
+        curve = _Curve(positions, pose.repeated(curves), rng, self.order + _LOST, self.loops.speeds, self._speeds)
         values = self._main.run(curve.arithmetic, curve.leaves(self._main), geometries * curves)[..., : self.order]
         return _mixed(values.reshape(len(values), geometries, -1), states, field, rng)
 
@@ -102,21 +138,20 @@ class CurveSampler(FieldSampler):
         array of shape (equations, velocities)
         """
         geometry = {s: field.draw(rng, (1,)) for s in self.symbols}
-        curve = self._curve(self._positions(field, rng, geometry, 1), rng, 1)
-        jacobian: Residues = curve.at_start()[0]
-        return jacobian
+        pose = self.closed_pose(field, rng, geometry)
+        positions = self._positions(field, rng, geometry)
+        _, jacobian = positions.closure(positions.resting(pose))
+        start: Residues = jacobian[0, :, :, 0]
+        return start
 
-    def _curve(self, positions: Positions, rng: np.random.Generator, curves: int) -> _Curve:
-        """Random curves from a closed pose of every sample."""
-        samples = positions.samples
-        while True:
-            pose = self._poses.find(positions, rng, samples).repeated(curves)
-            repeated = positions.at(np.repeat(np.arange(samples), curves))
-            try:
-                return _Curve(repeated, pose, rng, self.order + _LOST, self.loops.speeds, self._speeds)
-            except SingularPoseError:
-                if not self._poses.leave_zero():
-                    raise
+    def _is_regular(self, positions: Positions, pose: Pose, rng: np.random.Generator) -> bool:
+        """Whether curves of closed poses go on from a pose in all directions that the Jacobian allows."""
+        first = np.zeros(1, dtype=np.intp)
+        try:
+            _Curve(positions.at(first), pose.at(first), rng, _REGULAR_ORDER, None, self._speeds)
+        except SingularPoseError:
+            return False
+        return True
 
     # -- leaves ----------------------------------------------------------------------------------------------------
 
@@ -139,10 +174,9 @@ class CurveSampler(FieldSampler):
                 turns[node] = form
         return turns, turning
 
-    def _positions(
-        self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues], samples: int
-    ) -> Positions:
+    def _positions(self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues]) -> Positions:
         """The given geometries, with random values for what else is constant."""
+        samples = len(next(iter(geometry.values()))) if geometry else 1
         inputs = [n for n in self._schedule.leaves if self._is_symbol(n)]
         forms = {n: self._form(n, ()) for n in self._functions}
         wanted = {g for form in forms.values() for g in generators_of(form)} - self._recorded.turning.keys()
@@ -153,7 +187,7 @@ class CurveSampler(FieldSampler):
         everywhere = np.arange(samples)
         for node in forms.keys() - self._recorded.turns.keys():
             values[node] = self._combined(node, [((), everywhere)], generators, circles, field, samples)
-        return Positions(self._recorded, field, Constants(values, circles), samples)
+        return Positions(self._recorded, field, Constants(values, circles, dict(geometry)), samples)
 
 
 class _Curve:

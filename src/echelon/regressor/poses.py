@@ -19,6 +19,7 @@ from echelon.errors import DegenerateSampleError, SingularPoseError
 from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.zero_dimensional import UnsolvedSystemError, solve
+from echelon.regressor.closures import Accepts
 from echelon.regressor.lifting import choose
 from echelon.regressor.moving import Pose
 from echelon.regressor.positions import Positions
@@ -54,15 +55,22 @@ class PoseFinder:
     ----------
     preferred : sequence of int
         Coordinates that should be drawn rather than solved for.
+    accepts : callable, optional
+        Which of some poses are in the wanted assembly mode; see :class:`echelon.regressor.closures.Loops`.
+
+    Attributes
+    ----------
+    takes_zero : bool
+        Whether the last poses found were zero poses.
     """
 
-    def __init__(self, preferred: Sequence[int]) -> None:
-        self._preferred = preferred
-        self._avoid_zero = False
+    def __init__(self, preferred: Sequence[int], accepts: Accepts | None) -> None:
+        self._preferred, self._accepts = preferred, accepts
+        self._avoid_zero = self.takes_zero = False
         self._blocks: list[Block] | None = None
         self._manageable: set[int] = set()
 
-    def find(self, positions: Positions, rng: np.random.Generator, samples: int) -> Pose:
+    def find(self, positions: Positions, rng: np.random.Generator) -> Pose:
         """A closed pose for every sample.
 
         Raises
@@ -72,12 +80,33 @@ class PoseFinder:
         DegenerateSampleError
             If a sample has none modulo this prime.
         """
+        samples = positions.samples
         zero = positions.recorded.layout.zero_pose(samples)
-        if not self._avoid_zero and not positions.equations(zero).any():
+        self.takes_zero = not self._avoid_zero and not positions.equations(zero).any()
+        if self.takes_zero:
             return zero
         if self._blocks is None:
             self._blocks = self._planned(positions, rng)
         return self._solved(positions, rng, samples, self._blocks)
+
+    def variants(self, positions: Positions, pose: Pose, count: int, rng: np.random.Generator) -> Pose:
+        """Closed poses of one sample that share the coordinates that were drawn, among them the given one.
+
+        Parameters
+        ----------
+        positions : Positions
+            Of one sample.
+        pose : Pose
+            As found for it.
+        count : int
+            As many random choices are made between the solutions of every block.
+        rng : numpy Generator
+        """
+        if self.takes_zero or self._blocks is None:
+            return pose
+        same = np.zeros(count, dtype=np.intp)
+        _, others = self._completed(positions, rng, same, pose.at(same), self._blocks)
+        return Pose(*(np.concatenate(parts) for parts in zip(pose.parts, others.parts, strict=True)))
 
     def leave_zero(self) -> bool:
         """No longer take the zero pose, because it is singular; returns whether it was taken so far."""
@@ -143,8 +172,20 @@ class PoseFinder:
     def _tried(
         self, positions: Positions, rng: np.random.Generator, owners: Indices, blocks: list[Block]
     ) -> tuple[Indices, Pose]:
-        """Random poses, closed block by block; those that do not close are dropped."""
-        pose = _random_pose(positions, rng, len(owners))
+        """Random poses, closed; those that do not close, or are in another mode, are dropped."""
+        owners, pose = self._completed(positions, rng, owners, _random_pose(positions, rng, len(owners)), blocks)
+        if self._accepts is None or not owners.size:
+            return owners, pose
+        _, first = np.unique(owners, return_index=True)
+        pose, owners = pose.at(first), owners[first]
+        geometry = positions.at(owners).constants.geometry
+        good = np.flatnonzero(self._accepts(positions.field, rng, geometry, pose))
+        return owners[good], pose.at(good)
+
+    def _completed(
+        self, positions: Positions, rng: np.random.Generator, owners: Indices, pose: Pose, blocks: list[Block]
+    ) -> tuple[Indices, Pose]:
+        """Poses closed block by block, with random choices between solutions; those that do not close are dropped."""
         for number, block in enumerate(blocks):
             if number not in self._manageable:
                 block = self._made_manageable(positions, owners, pose, number, block)
@@ -152,7 +193,9 @@ class PoseFinder:
             owners, pose = owners[chosen], solved
             if not owners.size:
                 break
-        if owners.size and positions.at(owners).equations(pose).any():
+        if not owners.size:
+            return owners, pose
+        if positions.at(owners).equations(pose).any():
             raise SingularPoseError("the closure equations are not linear in each coordinate")
         return owners, pose
 

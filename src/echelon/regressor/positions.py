@@ -56,15 +56,27 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Constants:
-    """Values of leaves that do not move, and circle points of angles that do not, one for each sample."""
+    """What does not move, one value for each sample.
+
+    Attributes
+    ----------
+    leaves : mapping of int to array
+        Values of leaves.
+    circles : mapping of str to pair of arrays
+        Circle points of angles, by generator.
+    geometry : mapping of str to array
+        The symbols' values that they were found from.
+    """
 
     leaves: Mapping[int, Residues]
     circles: Mapping[str, tuple[Residues, Residues]]
+    geometry: Mapping[str, Residues]
 
     def at(self, samples: npt.NDArray[np.intp]) -> Constants:
         """Those of some samples."""
         leaves = {node: value[samples] for node, value in self.leaves.items()}
-        return Constants(leaves, {name: (c[samples], s[samples]) for name, (c, s) in self.circles.items()})
+        circles = {name: (c[samples], s[samples]) for name, (c, s) in self.circles.items()}
+        return Constants(leaves, circles, {name: value[samples] for name, value in self.geometry.items()})
 
 
 @dataclass(frozen=True)

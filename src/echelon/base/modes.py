@@ -1,0 +1,169 @@
+"""Assembly modes: a mechanism with loops can often be put together in several ways, each with a rank of its own.
+
+Modulo a prime there is no telling which of its closed poses belongs to which mode.  But modes that differ in what can
+be seen differ in which columns depend on which; that is found pose by pose, and it sorts poses afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.base.rows import Rows
+from echelon.errors import DegenerateSampleError, EchelonError
+from echelon.exact.elimination import reduced_echelon
+from echelon.exact.field import PrimeField, Residues
+from echelon.mechanism.mechanism import Mechanism
+from echelon.regressor.curves import CurveSampler
+from echelon.regressor.linear import LinearForms
+from echelon.regressor.moving import Pose
+
+Dependence = dict[int, tuple[int, ...]]
+"""Dependent columns, with the columns that each depends on."""
+
+_POSES = 6  # tried at each random geometry
+_ATTEMPTS = 8
+_FIRST_ORDER, _LARGEST_ORDER = 12, 96
+_SURPLUS_ROWS = 8
+_ANY = ""  # name of no symbol, to count geometries where there are no symbols
+
+
+@dataclass(frozen=True)
+class Mode:
+    """What depends on what in one assembly mode.
+
+    Attributes
+    ----------
+    dependence : mapping of int to tuple of int
+        Dependent columns of the rows, with the columns that each depends on.
+    order : int
+        Number of coefficients along curves that showed it.
+    """
+
+    dependence: Mapping[int, tuple[int, ...]]
+    order: int
+
+
+def find_modes(rows: Rows, rng: np.random.Generator) -> list[Mode]:
+    """All assembly modes that random closed poses are in, those with the lowest rank first.
+
+    Parameters
+    ----------
+    rows : Rows
+        Of a mechanism with loops.
+    rng : numpy Generator
+
+    Raises
+    ------
+    SingularPoseError
+        If no closed pose is found.
+    EchelonError
+        If random points keep contradicting each other, which has no natural cause.
+    """
+    first_order: dict[tuple[tuple[int, tuple[int, ...]], ...], int] = {}
+    before: set[tuple[tuple[int, tuple[int, ...]], ...]] = set()
+    for attempt in range(_ATTEMPTS):
+        # the rank may grow with the number of coefficients, so each attempt takes more
+        order = min(_FIRST_ORDER << attempt, _LARGEST_ORDER)
+        try:
+            found = {tuple(sorted(d.items())) for d in _dependences(rows, PrimeField.random(rng), rng, order)}
+        except DegenerateSampleError:
+            continue
+        for key in found:
+            first_order.setdefault(key, order)
+        if found and found == before:
+            return sorted((Mode(dict(key), first_order[key]) for key in found), key=lambda m: -len(m.dependence))
+        before = found
+    raise EchelonError("random points keep contradicting each other; please report this model")
+
+
+def _dependences(rows: Rows, field: PrimeField, rng: np.random.Generator, order: int) -> list[Dependence]:
+    """What depends on what at some random closed poses of a random geometry."""
+    sampler = rows.forms.sampler(order)
+    assert isinstance(sampler, CurveSampler)
+    geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
+    pose = sampler.pose_variants(field, rng, geometry, _POSES)
+    distinct = _distinct(pose)
+    repeated = {s: np.repeat(value, len(distinct)) for s, value in geometry.items()}
+    repeated[_ANY] = np.zeros(len(distinct), dtype=np.int64)
+    tables = _tables(rows, sampler, field, rng, repeated, pose.at(distinct))
+    return [dependence(table, rows.auxiliary, field) for table in tables]
+
+
+def _distinct(pose: Pose) -> npt.NDArray[np.intp]:
+    flat = np.concatenate([part.reshape(len(part), -1) for part in pose.parts], axis=1)
+    _, first = np.unique(flat, axis=0, return_index=True)
+    return np.sort(first)
+
+
+def _tables(
+    rows: Rows,
+    sampler: CurveSampler,
+    field: PrimeField,
+    rng: np.random.Generator,
+    geometry: Mapping[str, Residues],
+    pose: Pose,
+) -> Residues:
+    """Rows at poses, (poses, states, columns)."""
+    columns = rows.forms.shape[1]
+    values = sampler.evaluate_at(field, rng, columns + _SURPLUS_ROWS, geometry, pose)
+    tables = np.zeros((values.shape[1], values.shape[2], columns), dtype=np.int64)
+    for (_, column), value in zip(rows.forms.entries, values, strict=True):
+        tables[:, :, column] = value
+    return tables
+
+
+def dependence(table: Residues, auxiliary: int, field: PrimeField) -> Dependence:
+    """Dependent columns of a table, counted after the auxiliary ones, with the columns that each depends on."""
+    reduced, pivots = reduced_echelon(table, field)
+    return {
+        column - auxiliary: tuple(
+            p - auxiliary for row, p in enumerate(pivots) if auxiliary <= p < column and int(reduced[row, column])
+        )
+        for column in sorted(set(range(table.shape[1])) - set(pivots))
+    }
+
+
+@dataclass(frozen=True)
+class InMode:
+    """Accepts the poses that are in one mode.
+
+    Attributes
+    ----------
+    rows : Rows
+        Those that the mode was found with.
+    mode : Mode
+    """
+
+    rows: Rows
+    mode: Mode
+
+    def __call__(
+        self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues], pose: Pose
+    ) -> npt.NDArray[np.bool_]:
+        """Which poses are in the mode."""
+        sampler = self.rows.forms.sampler(self.mode.order)
+        assert isinstance(sampler, CurveSampler)
+        own = {s: geometry[s] for s in sampler.symbols} | {_ANY: np.zeros(len(pose.turns), dtype=np.int64)}
+        tables = _tables(self.rows, sampler, field, rng, own, pose)
+        wanted = self.mode.dependence
+        return np.array([dependence(table, self.rows.auxiliary, field).keys() == wanted.keys() for table in tables])
+
+
+def in_mode(forms: LinearForms, accepted: InMode | None) -> LinearForms:
+    """The forms at configurations of one assembly mode only."""
+    if accepted is None or forms.loops is None:
+        return forms
+    return replace(forms, loops=replace(forms.loops, accepts=accepted))
+
+
+def own_mode(mechanism: Mechanism, rows: Rows, modes: Sequence[Mode]) -> Mode:
+    """The mode in which the mechanism's own assembly pose is.
+
+    Where it cannot be told, because symbols have no values or the pose is where modes meet, it is the mode with the
+    lowest rank: equal lengths are there to make motions special.
+    """
+    return modes[0]
