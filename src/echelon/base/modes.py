@@ -24,6 +24,8 @@ from echelon.regressor.moving import Pose
 Dependence = dict[int, tuple[int, ...]]
 """Dependent columns, with the columns that each depends on."""
 
+_Key = tuple[tuple[int, tuple[int, ...]], ...]
+
 _POSES = 6  # tried at each random geometry
 _ATTEMPTS = 8
 _FIRST_ORDER, _LARGEST_ORDER = 12, 96
@@ -63,21 +65,24 @@ def find_modes(rows: Rows, rng: np.random.Generator) -> list[Mode]:
     EchelonError
         If random points keep contradicting each other, which has no natural cause.
     """
-    first_order: dict[tuple[tuple[int, tuple[int, ...]], ...], int] = {}
-    before: set[tuple[tuple[int, tuple[int, ...]], ...]] = set()
-    for attempt in range(_ATTEMPTS):
-        # the rank may grow with the number of coefficients, so each attempt takes more
-        order = min(_FIRST_ORDER << attempt, _LARGEST_ORDER)
+    orders: dict[_Key, list[int]] = {}
+    order = _FIRST_ORDER
+    for _ in range(_ATTEMPTS):
         try:
             found = {tuple(sorted(d.items())) for d in _dependences(rows, PrimeField.random(rng), rng, order)}
         except DegenerateSampleError:
             continue
+        new = found - orders.keys()
         for key in found:
-            first_order.setdefault(key, order)
-        if found and found == before:
-            return sorted((Mode(dict(key), first_order[key]) for key in found), key=lambda m: -len(m.dependence))
-        before = found
-    raise EchelonError("random points keep contradicting each other; please report this model")
+            orders.setdefault(key, []).append(order)
+        if not new:
+            break
+        # the rank may grow with the number of coefficients, so the next attempt takes more
+        order = min(2 * order, _LARGEST_ORDER)
+    confirmed = [Mode(dict(key), min(seen)) for key, seen in orders.items() if len(seen) > 1]
+    if not confirmed:
+        raise EchelonError("random points keep contradicting each other; please report this model")
+    return sorted(confirmed, key=lambda mode: -len(mode.dependence))
 
 
 def _dependences(rows: Rows, field: PrimeField, rng: np.random.Generator, order: int) -> list[Dependence]:
@@ -147,7 +152,10 @@ class InMode:
         """Which poses are in the mode."""
         sampler = self.rows.forms.sampler(self.mode.order)
         assert isinstance(sampler, CurveSampler)
-        own = {s: geometry[s] for s in sampler.symbols} | {_ANY: np.zeros(len(pose.turns), dtype=np.int64)}
+        count = len(pose.turns)
+        # symbols that the asking forms do not depend on have any value
+        own = {s: geometry[s] if s in geometry else field.draw(rng, (count,)) for s in sampler.symbols}
+        own[_ANY] = np.zeros(count, dtype=np.int64)
         tables = _tables(self.rows, sampler, field, rng, own, pose)
         wanted = self.mode.dependence
         return np.array([dependence(table, self.rows.auxiliary, field).keys() == wanted.keys() for table in tables])
