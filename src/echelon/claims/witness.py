@@ -20,6 +20,7 @@ from echelon.claims.compare import Geometry, Row
 from echelon.claims.findings import Witness
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.joint import MotionKind
+from echelon.regressor.assembly import Assembly
 
 Floats = npt.NDArray[np.float64]
 
@@ -96,7 +97,7 @@ class Laboratory:
     @cached_property
     def states(self) -> tuple[Floats, Floats, Floats]:
         """Example states q, qd, qdd, one per row."""
-        return random_states(self.model, np.random.default_rng(self.seed))
+        return random_states(self.model, np.random.default_rng(self.seed), self.assumed)
 
     @cached_property
     def regressor(self) -> Floats:
@@ -133,15 +134,21 @@ def _named(names: Sequence[str], values: Floats) -> Mapping[str, float]:
     return {name: float(v) for name, v in zip(names, values, strict=True) if v}
 
 
-def random_states(model: BaseModel, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
-    """Random states with two decimals; quaternions have unit length.
+def random_states(
+    model: BaseModel, rng: np.random.Generator, symbols: Mapping[str, float] | None = None
+) -> tuple[Floats, Floats, Floats]:
+    """Random states with two decimals; quaternions have unit length, and loops are closed.
 
     Parameters
     ----------
     model : BaseModel
     rng : numpy Generator
+    symbols : mapping of str to float, optional
+        Values of symbols, on which closed states depend.
     """
     mechanism = model.mechanism
+    if mechanism.closures:
+        return Assembly(mechanism, symbols).random_closed_states(rng, _STATES)
     q = rng.uniform(-2.0, 2.0, (_STATES, len(mechanism.positions))).round(2)
     for motion in mechanism.motions:
         if motion.kind is MotionKind.BALL:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +11,10 @@ from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
+from echelon.regressor.assembly import Assembly
 from echelon.regressor.linear import LinearForms
+
+Floats = npt.NDArray[np.float64]
 
 _BLOCK = 1024  # samples evaluated together, so that the table of intermediate values stays small
 
@@ -24,16 +27,18 @@ def evaluate_floats(
     qdd: npt.ArrayLike,
     symbols: Mapping[str, float] | None = None,
     inputs: Mapping[str, npt.ArrayLike] | None = None,
-) -> npt.NDArray[np.float64]:
+) -> Floats:
     """Evaluate forms at states of a mechanism.
 
     Parameters
     ----------
     forms : LinearForms
-        With inputs ``q[...]``, ``qd[...]``, ``qdd[...]`` and geometry symbols.
+        With inputs ``q[...]``, ``qd[...]``, ``qdd[...]`` and geometry symbols.  For a mechanism with loops those of
+        :func:`echelon.regressor.virtual_power.virtual_power_form`, which are evaluated once for each output.
     mechanism : Mechanism
     q : array of shape (N, positions)
     qd, qdd : arrays of shape (N, velocities)
+        With loops, each of the three may be that of the independent coordinates only.
     symbols : mapping of str to float, optional
         Values that replace or complete those of the mechanism.
     inputs : mapping of str to array of shape (N,), optional
@@ -46,38 +51,59 @@ def evaluate_floats(
     Raises
     ------
     InputError
-        If shapes do not fit, or a symbol or a measured input has no value.
+        If shapes do not fit, or a symbol or a measured input has no value.  With loops, also if a state does not keep
+        them closed, or an output is not determined by the motion.
     """
-    named = {
-        **{f"i[{name}]": np.atleast_1d(np.asarray(values, dtype=float)) for name, values in (inputs or {}).items()},
-        **_columns(q, "q", mechanism.positions),
-        **_columns(qd, "qd", mechanism.velocities),
-        **_columns(qdd, "qdd", mechanism.velocities),
-    }
-    counts = {len(np.atleast_2d(np.asarray(x))) for x in (q, qd, qdd)} | {len(v) for v in named.values()}
+    q, qd, qdd = (np.atleast_2d(np.asarray(values, dtype=float)) for values in (q, qd, qdd))
+    measured = {name: np.atleast_1d(np.asarray(values, dtype=float)) for name, values in (inputs or {}).items()}
+    counts = {len(values) for values in (q, qd, qdd, *measured.values())}
     if len(counts) != 1:
         raise InputError(f"q, qd, qdd and inputs have different numbers of samples: {sorted(counts)}")
-    samples = counts.pop()
     schedule = Schedule(forms.program, list(forms.entries.values()))
-    wanted = [forms.program.inputs[n].name for n in schedule.leaves if forms.program.inputs[n].role == "symbol"]
-    constants = symbol_values(mechanism, wanted, symbols)
+    used = [forms.program.inputs[n] for n in schedule.leaves]
+    constants = symbol_values(mechanism, [i.name for i in used if i.role == "symbol"], symbols)
+    named = {name: np.full(len(q), value) for name, value in constants.items()}
+    named |= {f"i[{name}]": values for name, values in measured.items()}
+    if forms.loops is None:
+        return _evaluated(forms, schedule, named | _columns(mechanism, q, qd, qdd), len(q))
+    assembly = Assembly(mechanism, symbols)
+    q, qd, qdd = assembly.completed(q, qd, qdd)
+    named |= _columns(mechanism, q, qd, qdd)
+    rows = [_evaluated(forms, schedule, named | speeds, len(q)) for speeds in _virtual_speeds(assembly, q)]
+    return np.concatenate(rows, axis=1)
+
+
+def _evaluated(forms: LinearForms, schedule: Schedule, named: Mapping[str, Floats], samples: int) -> Floats:
+    """The forms as they stand, from values of all inputs by name."""
+    names = {node: forms.program.inputs[node].name for node in schedule.leaves}
+    missing = next((name for name in names.values() if name not in named), None)
+    if missing is not None:
+        raise InputError(f"the measured input {missing} is needed; give it as inputs={{'{missing[2:-1]}': ...}}")
     result = np.zeros((samples, *forms.shape))
     for start in range(0, samples, _BLOCK):
         block = slice(start, min(start + _BLOCK, samples))
-        size = block.stop - block.start
-        leaves = {}
-        for node in schedule.leaves:
-            name = forms.program.inputs[node].name
-            if name not in constants and name not in named:
-                raise InputError(f"the measured input {name} is needed; give it as inputs={{'{name[2:-1]}': ...}}")
-            leaves[node] = np.full(size, constants[name]) if name in constants else named[name][block]
-        for (row, column), value in zip(forms.entries, schedule.run(FloatArithmetic(), leaves, size), strict=True):
+        leaves = {node: named[name][block] for node, name in names.items()}
+        values = schedule.run(FloatArithmetic(), leaves, block.stop - block.start)
+        for (row, column), value in zip(forms.entries, values, strict=True):
             result[block, row, column] = value
     return result
 
 
-def _columns(values: npt.ArrayLike, kind: str, names: tuple[str, ...]) -> dict[str, npt.NDArray[np.float64]]:
-    array = np.atleast_2d(np.asarray(values, dtype=float))
-    if array.ndim != 2 or array.shape[1] != len(names):
-        raise InputError(f"{kind} has shape {array.shape}; expected (samples, {len(names)}): {', '.join(names)}")
-    return {f"{kind}[{name}]": array[:, k] for k, name in enumerate(names)}
+def _virtual_speeds(assembly: Assembly, q: Floats) -> Iterator[dict[str, Floats]]:
+    """Values of the inputs ``u[...]`` and ``v[...]`` that make the virtual power each output."""
+    mechanism = assembly.mechanism
+    moved = assembly.virtual_velocities(q)
+    for k, output in enumerate(mechanism.outputs):
+        speeds = {f"v[{name}]": moved[:, column, k] for column, name in enumerate(mechanism.velocities)}
+        yield speeds | {f"u[{other.name}]": np.full(len(q), float(other is output)) for other in mechanism.outputs}
+
+
+def _columns(mechanism: Mechanism, q: Floats, qd: Floats, qdd: Floats) -> dict[str, Floats]:
+    """Values of the inputs of a state, by name."""
+    velocities = mechanism.velocities
+    found: dict[str, Floats] = {}
+    for kind, array, names in (("q", q, mechanism.positions), ("qd", qd, velocities), ("qdd", qdd, velocities)):
+        if array.ndim != 2 or array.shape[1] != len(names):
+            raise InputError(f"{kind} has shape {array.shape}; expected (samples, {len(names)}): {', '.join(names)}")
+        found |= {f"{kind}[{name}]": array[:, k] for k, name in enumerate(names)}
+    return found

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from echelon.errors import InputError
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Program, Scalar
@@ -35,7 +36,14 @@ def inverse_dynamics_regressor(mechanism: Mechanism) -> LinearForms:
     LinearForms
         Rows are ``mechanism.outputs`` (N·m or N), columns ``mechanism.parameters``.  Inputs are ``q[...]``,
         ``qd[...]``, ``qdd[...]``, the geometry symbols, and ``i[...]`` where effects use measured inputs.
+
+    Raises
+    ------
+    InputError
+        If the mechanism has loops, where the rows of X are not functions of the coordinates alone.
     """
+    if mechanism.closures:
+        raise InputError("X of a mechanism with loops is not recorded row by row; use virtual_power_form")
     program = Program()
     recorder = Recorder(mechanism, program)
     probes = Probes(mechanism, recorder)

@@ -1,0 +1,249 @@
+"""Closed configurations of a mechanism with loops, in double precision.
+
+From a guess, damped Gauss–Newton steps lead to a closed configuration near it.  A mechanism can often be assembled in
+several ways, so configurations that belong to given independent coordinates are followed from the assembly pose in
+steps that are small enough to stay on one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.mechanism.joint import MotionKind
+from echelon.regressor.closed_motion import RANK_TOLERANCE, ClosedMotion
+from echelon.regressor.closure_values import Floats, normalised, position_rates
+
+Bools = npt.NDArray[np.bool_]
+
+_RESIDUAL = 1e-12  # of the characteristic length
+_ITERATIONS = 100
+_LONGEST = 0.5  # of one Gauss–Newton step, rad or characteristic lengths
+_FLOOR = 1e-12  # of the damping: the steps stay finite where constraints are redundant
+_STRIDE, _SHORTEST = 0.1, 1e-4  # of a step on the way to given coordinates, rad or characteristic lengths
+_FEW = 8  # iterations for one such step; if these do not do, it is shortened
+_WALK = 20  # random strides from the assembly pose
+_RATE = 2.0  # largest random velocity and acceleration
+
+
+class Assembly(ClosedMotion):
+    """Closed configurations and motion there.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With closures.
+    symbols : mapping of str to float, optional
+        Values that replace or complete those of the mechanism.
+    """
+
+    # -- configurations --------------------------------------------------------------------------------------------
+
+    @cached_property
+    def pose(self) -> Floats:
+        """The closed configuration nearest to the mechanism's assembly pose, shape (positions,).
+
+        Raises
+        ------
+        InputError
+            If the loops do not close there; names the closure that stays open most.
+        """
+        mechanism = self.mechanism
+        upright = {m.positions[0]: 1.0 for m in mechanism.motions if m.kind is MotionKind.BALL}
+        guess = np.array([[mechanism.assembly.get(n, upright.get(n, 0.0)) for n in mechanism.positions]])
+        found, done = self.closed(guess)
+        if not done[0]:
+            raise InputError(
+                f"the loops do not close near the assembly pose: {self.opening(self.closures.at(found)[0][0])}; check the "
+                "lengths, or state an assembly pose near which the loops close"
+            )
+        pose: Floats = found[0]
+        return pose
+
+    def closed(self, q: Floats, held: Sequence[str] = (), iterations: int = _ITERATIONS) -> tuple[Floats, Bools]:
+        """Closed configurations near guesses.
+
+        Parameters
+        ----------
+        q : array of shape (N, positions)
+            Guesses.
+        held : sequence of str
+            Velocity coordinates that do not move.
+        iterations : int
+            The most that are done.
+
+        Returns
+        -------
+        configurations : array of shape (N, positions)
+            Where a sample does not close, as near to closing as it got.
+        done : array of bool, shape (N,)
+            Which samples close.
+        """
+        names = self.mechanism.velocities
+        free = [k for k, name in enumerate(names) if name not in held]
+        q, left = normalised(self.mechanism, q), np.arange(len(q))
+        for iteration in range(iterations + 1):
+            values, jacobian = self.closures.at(q[left])
+            far = _size(values) > _RESIDUAL
+            left = left[far]
+            if not len(left) or iteration == iterations:
+                break
+            change = np.zeros((len(left), len(names)))
+            change[:, free] = _damped_steps(values[far], jacobian[far][:, :, free])
+            q[left] = self._moved(q[left], change)
+        return q, ~np.isin(np.arange(len(q)), left)
+
+    def from_independent(self, q_independent: Floats, start: Floats | None = None) -> Floats:
+        """Configurations that belong to positions of the independent coordinates.
+
+        Parameters
+        ----------
+        q_independent : array of shape (N, independent positions)
+            In the order of :attr:`independent_positions`.
+        start : array of shape (positions,), optional
+            Closed configuration from which they are followed; :attr:`pose` if omitted.
+
+        Returns
+        -------
+        array of shape (N, positions)
+
+        Raises
+        ------
+        InputError
+            If the loops cannot be kept closed on the way; names the sample and the closure.
+        """
+        places = [self.mechanism.positions.index(name) for name in self.independent_positions]
+        q = np.repeat((self.pose if start is None else start)[None], len(q_independent), axis=0)
+        begin, way = q[:, places], q_independent - q[:, places]
+        extent = np.maximum(_size(way / self._position_units[places]), _STRIDE)
+        gone, stride = np.zeros(len(q)), _STRIDE / extent
+        while (gone < 1).any():
+            on = np.flatnonzero(gone < 1)
+            reached = np.minimum(gone[on] + stride[on], 1.0)
+            guess = q[on]
+            guess[:, places] = begin[on] + reached[:, None] * way[on]
+            found, done = self.closed(guess, self.mechanism.independent_velocities, _FEW)
+            q[on[done]], gone[on[done]] = found[done], reached[done]
+            stride[on] = np.where(done, np.minimum(1.5 * stride[on], _STRIDE / extent[on]), stride[on] / 2)
+            stuck = on[stride[on] * extent[on] < _SHORTEST]
+            if len(stuck):
+                self._refuse(int(stuck[0]), q[stuck[0]], q_independent[stuck[0]], places)
+        return q
+
+    @cached_property
+    def independent_positions(self) -> tuple[str, ...]:
+        """Names of the positions that belong to the independent coordinates.
+
+        Raises
+        ------
+        InputError
+            If only a part of a free rotation is independent, to which no positions belong.
+        """
+        found: list[str] = []
+        motions = {name: m for m in self.mechanism.motions for name in m.velocities}
+        for name in self.mechanism.independent_velocities:
+            motion = motions[name]
+            if not set(motion.velocities) <= set(self.mechanism.independent_velocities):
+                raise InputError(
+                    f"'{name}' is one velocity of a free rotation, to which no position belongs: give the positions of "
+                    f"all coordinates ({', '.join(self.mechanism.positions)})"
+                )
+            found += motion.positions
+        return tuple(dict.fromkeys(found))
+
+    # -- states ----------------------------------------------------------------------------------------------------
+
+    def completed(self, q: Floats, qd: Floats, qdd: Floats) -> tuple[Floats, Floats, Floats]:
+        """States of all coordinates.
+
+        Parameters
+        ----------
+        q, qd, qdd : arrays of shape (N, ...)
+            Each of all coordinates, or of the independent ones only.
+
+        Raises
+        ------
+        InputError
+            If shapes do not fit, or the loops are not or cannot be closed.
+        """
+        velocities, independent = self.mechanism.velocities, self.mechanism.independent_velocities
+        if q.shape[-1] != len(self.mechanism.positions):
+            _check_shape(q, "q", self.mechanism.positions, self.independent_positions)
+            q = self.from_independent(q)
+        if qd.shape[-1] != len(velocities):
+            _check_shape(qd, "qd", velocities, independent)
+            qd = self.velocities(q, qd)
+        if qdd.shape[-1] != len(velocities):
+            _check_shape(qdd, "qdd", velocities, independent)
+            qdd = self.accelerations(q, qd, qdd)
+        self.check_closed(q, qd, qdd)
+        return q, qd, qdd
+
+    def random_closed_states(self, rng: np.random.Generator, count: int) -> tuple[Floats, Floats, Floats]:
+        """Random q, qd and qdd of all coordinates in configurations that can be reached from the assembly pose.
+
+        Parameters
+        ----------
+        rng : numpy Generator
+        count : int
+        """
+        q = np.repeat(self.pose[None], count, axis=0)
+        for _ in range(_WALK):
+            trial, done = self.closed(self._moved(q, self._random_motion(rng, q, 2 * _STRIDE)), iterations=_FEW)
+            q[done] = trial[done]
+        units = self.closures.units[: len(self.mechanism.velocities)]
+        qd = self._random_motion(rng, q, _RATE) * units
+        return q, qd, self._random_motion(rng, q, _RATE, self.closures.bias(q, qd)) * units
+
+    def _random_motion(self, rng: np.random.Generator, q: Floats, size: float, bias: Floats | float = 0.0) -> Floats:
+        """Random x with J x + bias = 0."""
+        names = self.mechanism.velocities
+        jacobian = self.closures.at(q)[1][:, :, : len(names)]
+        any_ = rng.uniform(-size, size, (len(q), len(names)))
+        opening = (jacobian @ any_[:, :, None])[:, :, 0] + bias
+        back = np.linalg.pinv(jacobian, rcond=RANK_TOLERANCE) @ opening[:, :, None]
+        result: Floats = any_ - back[:, :, 0]
+        return result
+
+    def _moved(self, q: Floats, change: Floats) -> Floats:
+        units = self.closures.units[: change.shape[1]]
+        return normalised(self.mechanism, q + position_rates(self.mechanism, q, change * units))
+
+    @cached_property
+    def _position_units(self) -> Floats:
+        units = dict(zip(self.closures.freedoms, self.closures.units, strict=True))
+        return np.array([units.get(name, 1.0) for name in self.mechanism.positions])
+
+    def _refuse(self, sample: int, q: Floats, wanted: Floats, places: list[int]) -> None:
+        q[places] = wanted
+        nearest, done = self.closed(q[None], self.mechanism.independent_velocities)
+        problem = "the way there from the assembly pose passes a singular configuration"
+        if not done[0]:
+            problem = self.opening(self.closures.at(nearest)[0][0])
+        raise InputError(f"the loops cannot be closed at the independent positions of sample {sample}: {problem}")
+
+
+def _damped_steps(values: Floats, jacobian: Floats) -> Floats:
+    """Levenberg–Marquardt steps; the damping follows the square of the error, so the end is quadratic."""
+    transposed = jacobian.swapaxes(1, 2)
+    damping = (values**2).sum(axis=1) + _FLOOR
+    normal = transposed @ jacobian + damping[:, None, None] * np.eye(jacobian.shape[2])
+    steps: Floats = -np.linalg.solve(normal, transposed @ values[:, :, None])[:, :, 0]
+    return steps * np.minimum(1.0, _LONGEST / np.maximum(_size(steps), 1e-300))[:, None]
+
+
+def _size(values: Floats) -> Floats:
+    size: Floats = np.abs(values).max(axis=1, initial=0.0)
+    return size
+
+
+def _check_shape(values: Floats, kind: str, names: tuple[str, ...], independent: tuple[str, ...]) -> None:
+    if values.ndim != 2 or values.shape[1] != len(independent):
+        raise InputError(
+            f"{kind} has shape {values.shape}; expected (samples, {len(names)}) for all coordinates "
+            f"({', '.join(names)}) or (samples, {len(independent)}) for the independent ones ({', '.join(independent)})"
+        )
