@@ -36,7 +36,7 @@ def along(axis: Sequence[float], distance: float) -> Array:
 
 
 def quaternion_turn(w: float, x: float, y: float, z: float) -> Array:
-    return turned([x, y, z], 2 * np.arctan2(np.linalg.norm([x, y, z]), w))
+    return turned([x, y, z] if x or y or z else X, 2 * np.arctan2(np.linalg.norm([x, y, z]), w))
 
 
 def pose_of(mechanism: Mechanism, body: int, q: Mapping[str, float]) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -10,10 +10,17 @@ import numpy as np
 
 from echelon.errors import InputError
 from echelon.exact.polynomial import as_polynomial
-from echelon.formats.build_loops import build_closures
+from echelon.formats.build_loops import build_closure
 from echelon.formats.inertia import Inertial, move_inertial, numeric_placement
 from echelon.formats.intent import Intent
-from echelon.formats.literal import LiteralCoupling, LiteralLink, LiteralPlacement, LiteralStep, LiteralTree
+from echelon.formats.literal import (
+    LiteralClosure,
+    LiteralCoupling,
+    LiteralLink,
+    LiteralPlacement,
+    LiteralStep,
+    LiteralTree,
+)
 from echelon.formats.options import ReadingOptions, gravity_vector
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Coupling, Mechanism, setup_placements
@@ -64,7 +71,7 @@ class _Builder:
                 self._attach(index, link)
         self._attach_inertials()
         couplings = tuple(Coupling(c.dependent, ((c.leader, as_polynomial(c.ratio)),)) for c in self.couplings.values())
-        closures = tuple(build_closures(self.tree, self.intent, self._ride))
+        closures = tuple(build_closure(c, self.tree, self.intent, self._ride) for c in self._moving_closures())
         mechanism = Mechanism(
             self.tree.name,
             tuple(self.bodies),
@@ -80,6 +87,13 @@ class _Builder:
         reading = Reading(snaps, tuple(self.notes), partial(build_mechanism, self.tree, self.options))
         mechanism = replace(mechanism, symbols=symbols, reading=reading)
         return self._closed(mechanism) if closures else mechanism
+
+    def _moving_closures(self) -> Iterator[LiteralClosure]:
+        for closure in self.tree.closures:
+            if self._ride(closure.first)[0] != self._ride(closure.second)[0]:
+                yield closure
+            else:
+                self.notes.append(f"{closure.element} is ignored: it connects what does not move against each other")
 
     def _closed(self, mechanism: Mechanism) -> Mechanism:
         """A mechanism whose loops close."""

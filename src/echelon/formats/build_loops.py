@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import reduce
 from operator import matmul
 
@@ -17,11 +17,12 @@ Ride = Callable[[int], tuple[int, tuple[LiteralPlacement, ...]]]
 """The body that carries a link, and the placements from its frame to the link's."""
 
 
-def build_closures(tree: LiteralTree, intent: Intent, ride: Ride) -> Iterator[Closure]:
-    """The closures between bodies; those between links of one body hold nothing and are left out.
+def build_closure(closure: LiteralClosure, tree: LiteralTree, intent: Intent, ride: Ride) -> Closure:
+    """A closure between bodies.
 
     Parameters
     ----------
+    closure : LiteralClosure
     tree : LiteralTree
     intent : Intent
         That has read the bodies already.
@@ -31,26 +32,17 @@ def build_closures(tree: LiteralTree, intent: Intent, ride: Ride) -> Iterator[Cl
     Raises
     ------
     InputError
-        If a second frame cannot be derived from the first one.
+        If the second frame cannot be derived from the first one.
     """
-    for closure in tree.closures:
-        (first, offset), (second, other) = ride(closure.first), ride(closure.second)
-        if first == second:
-            continue
-        stem = _stem(closure.name)
-        frame = _placed(intent, closure.first_frame, stem)
-        if closure.second_frame is None:
-            related = _at_reference(tree, intent, closure, frame)
-        else:
-            related = _placed(intent, closure.second_frame, stem)
-        yield Closure(
-            closure.name,
-            closure.kind,
-            first,
-            second,
-            _placed(intent, offset, stem) @ frame,
-            _placed(intent, other, stem) @ related,
-        )
+    (first, offset), (second, other) = ride(closure.first), ride(closure.second)
+    stem = _stem(closure.name)
+    frame = _placed(intent, closure.first_frame, stem)
+    if closure.second_frame is None:
+        met = _at_reference(tree, intent, closure, frame)
+    else:
+        met = _placed(intent, closure.second_frame, stem)
+    frame, met = _placed(intent, offset, stem) @ frame, _placed(intent, other, stem) @ met
+    return Closure(closure.name, closure.kind, first, second, frame, met)
 
 
 def _at_reference(tree: LiteralTree, intent: Intent, closure: LiteralClosure, frame: Placement) -> Placement:

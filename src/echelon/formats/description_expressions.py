@@ -53,6 +53,11 @@ class Expressions:
         self.declared = frozenset(symbols)
         self.intent = Intent(LiteralTree(document.source, document.source, ()), options, literal, dict(symbols))
 
+    @property
+    def named(self) -> dict[str, Symbol]:
+        """Symbols that were given to angles without an exact sine."""
+        return {name: symbol for name, symbol in self.intent.symbols.items() if name not in self.declared}
+
     def error(self, path: str, problem: str) -> InputError:
         """An error about the element at a path."""
         return self.document.error(path, problem)

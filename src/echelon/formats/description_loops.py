@@ -70,7 +70,8 @@ def add_loops(mechanism: Mechanism, robot: RobotDescription, expressions: Expres
     # what a robot file chose already stays where it can
     prefer = (*loops.driven(), *mechanism.independent)
     assembly = {**mechanism.assembly, **loops.assembly()}
-    opened = replace(mechanism, closures=closures, independent=(), assembly=assembly)
+    symbols = {**mechanism.symbols, **expressions.named}
+    opened = replace(mechanism, closures=closures, independent=(), assembly=assembly, symbols=symbols)
     return close(opened, loops.independent(), prefer=prefer)
 
 

@@ -56,9 +56,9 @@ class _Setup:
             self._add_rotor(rotor, f"rotors[{index}]")
         effects = tuple(effect for found in self._effects() for effect in found)
         self.mechanism = replace(self.mechanism, effects=effects)
-        if self.robot.outputs is None:
-            return self.mechanism
-        return replace(self.mechanism, measured=tuple(o for found in self._outputs() for o in found))
+        if self.robot.outputs is not None:
+            self.mechanism = replace(self.mechanism, measured=tuple(o for found in self._outputs() for o in found))
+        return replace(self.mechanism, symbols={**self.mechanism.symbols, **self.expressions.named})
 
     # -- drives ----------------------------------------------------------------------------------------------------
 

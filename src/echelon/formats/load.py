@@ -38,7 +38,8 @@ def load(
         Angles this near (rad) to a multiple of 15° and axes this near to a coordinate direction are read as exact; 0
         switches this off.
     symbolic : bool
-        Give lengths of URDF and MJCF files symbols (``px4``: x offset of joint 4), or keep them as exact numbers.
+        Give lengths of URDF and MJCF files symbols (``px4``: x offset of joint 4), or keep them as exact numbers, as
+        with loops in any case.
     floating : bool
         Let the root link float.
     every_link : bool

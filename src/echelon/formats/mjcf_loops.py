@@ -6,7 +6,7 @@ it is at the reference pose, unless a weld states the relative pose.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 from echelon.formats.literal import LiteralClosure, LiteralPlacement
@@ -50,9 +50,10 @@ def read_closures(equalities: Sequence[Any], model: Any, spec: Any) -> Iterator[
         The same with the numbers as written.
     """
     sites = {site.name: site for site in spec.sites}
+    taken = {equality.name for equality in equalities}
     for number, equality in enumerate(equalities, 1):
         kind, label = _kind(equality), equality_label(equality)
-        name = str(equality.name) or f"loop{number}"
+        name = str(equality.name) or _unused(f"loop{number}", taken)
         if equality.objtype == import_mujoco().mjtObj.mjOBJ_SITE:
             (first, at), (second, on_second) = (
                 _site(model, sites[str(site)], label) for site in (equality.name1, equality.name2)
@@ -60,6 +61,12 @@ def read_closures(equalities: Sequence[Any], model: Any, spec: Any) -> Iterator[
             yield LiteralClosure(label, name, kind, first, second, at, on_second)
         else:
             yield _between_bodies(equality, model, label, name, kind)
+
+
+def _unused(name: str, taken: Collection[str]) -> str:
+    while name in taken:
+        name += "_"
+    return name
 
 
 def _kind(equality: Any) -> ClosureKind:
