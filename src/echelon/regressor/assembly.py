@@ -57,9 +57,10 @@ class Assembly(ClosedMotion):
         guess = np.array([[mechanism.assembly.get(n, upright.get(n, 0.0)) for n in mechanism.positions]])
         found, done = self.closed(guess)
         if not done[0]:
+            problem = self.opening(self.closures.at(found)[0][0])
             raise InputError(
-                f"the loops do not close near the assembly pose: {self.opening(self.closures.at(found)[0][0])}; check the "
-                "lengths, or state an assembly pose near which the loops close"
+                f"the loops do not close near the assembly pose: {problem}; check the lengths, or state an assembly "
+                "pose near which the loops close"
             )
         pose: Floats = found[0]
         return pose
@@ -118,14 +119,14 @@ class Assembly(ClosedMotion):
         """
         places = [self.mechanism.positions.index(name) for name in self.independent_positions]
         q = np.repeat((self.pose if start is None else start)[None], len(q_independent), axis=0)
-        begin, way = q[:, places], q_independent - q[:, places]
-        extent = np.maximum(_size(way / self._position_units[places]), _STRIDE)
+        begin, end = q[:, places], self._turned_towards(q[:, places], q_independent)
+        extent = np.maximum(_size((end - begin) / self._position_units[places]), _STRIDE)
         gone, stride = np.zeros(len(q)), _STRIDE / extent
         while (gone < 1).any():
             on = np.flatnonzero(gone < 1)
             reached = np.minimum(gone[on] + stride[on], 1.0)
             guess = q[on]
-            guess[:, places] = begin[on] + reached[:, None] * way[on]
+            guess[:, places] = (1 - reached[:, None]) * begin[on] + reached[:, None] * end[on]
             found, done = self.closed(guess, self.mechanism.independent_velocities, _FEW)
             q[on[done]], gone[on[done]] = found[done], reached[done]
             stride[on] = np.where(done, np.minimum(1.5 * stride[on], _STRIDE / extent[on]), stride[on] / 2)
@@ -217,6 +218,17 @@ class Assembly(ClosedMotion):
     def _position_units(self) -> Floats:
         units = dict(zip(self.closures.freedoms, self.closures.units, strict=True))
         return np.array([units.get(name, 1.0) for name in self.mechanism.positions])
+
+    def _turned_towards(self, begin: Floats, end: Floats) -> Floats:
+        """Independent positions whose quaternions are on the side of those where the way begins; −q turns as q does."""
+        result = end.copy()
+        for motion in self.mechanism.motions:
+            if motion.kind is MotionKind.BALL and motion.positions[0] in self.independent_positions:
+                first = self.independent_positions.index(motion.positions[0])
+                ball = slice(first, first + 4)
+                away = (begin[:, ball] * end[:, ball]).sum(axis=1) < 0
+                result[away, ball] *= -1
+        return result
 
     def _refuse(self, sample: int, q: Floats, wanted: Floats, places: list[int]) -> None:
         q[places] = wanted

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.output import Cut
 from echelon.mechanism.values import symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
@@ -177,14 +178,17 @@ class ClosedMotion:
     # -- checks ----------------------------------------------------------------------------------------------------
 
     def _check_determined(self, missed: Floats, driven: Floats) -> None:
-        off = np.abs(missed).max(axis=1) > _CONSISTENT * np.abs(driven).max(axis=1)
-        if off.any():
-            output = self.mechanism.outputs[int(np.argmax(off.any(axis=0)))].name
+        off = (np.abs(missed).max(axis=1) > _CONSISTENT * np.abs(driven).max(axis=1)).any(axis=0)
+        if not off.any():
+            return
+        output = self.mechanism.outputs[int(off.argmax())]
+        if any(isinstance(channel, Cut) for channel, _ in output.terms):
             raise InputError(
-                f"output '{output}' is not determined by the motion: the loops have redundant constraints, which share "
-                "the load in a way that rigid bodies do not tell; measure something else, or use joints that leave "
-                "more freedom"
+                f"output '{output.name}' is not determined by the motion: the loops have redundant constraints, which "
+                "share the load in a way that rigid bodies do not tell"
             )
+        names = ", ".join(self.mechanism.independent_velocities)
+        raise InputError(f"the coordinates {names} are not independent: the loops do not let them move one by one")
 
     def _check_small(self, values: Floats, scale: Floats, what: str) -> None:
         off = np.abs(values).max(axis=1) > CLOSED * np.maximum(scale, 1.0)

@@ -1,0 +1,189 @@
+"""Closed configurations and motions of mechanisms with loops in double precision."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import arms
+import echelon as ec
+import linkages
+import oracles
+from constrained import Constrained
+from echelon.mechanism.closure import ClosureKind
+from echelon.mechanism.joint import floating_motions
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.output import Cut, plain
+from echelon.mechanism.placement import Placement
+from echelon.regressor.assembly import Assembly
+from echelon.regressor.closure_values import ClosureValues, normalised, position_rates
+from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.newton_euler import inverse_dynamics_regressor
+from echelon.regressor.virtual_power import virtual_power_form
+from oracles import FloatArray
+
+ALL = [pytest.param(m, id=m.name) for m in linkages.everything()]
+
+
+def regressor(mechanism: Mechanism, *state: FloatArray, **options: object) -> FloatArray:
+    return evaluate_floats(virtual_power_form(mechanism), mechanism, *state, **options)
+
+
+def closed_states(mechanism: Mechanism, count: int = 6) -> tuple[FloatArray, FloatArray, FloatArray]:
+    return Assembly(mechanism).random_closed_states(np.random.default_rng(5), count)
+
+
+def independent_columns(mechanism: Mechanism) -> list[int]:
+    return [mechanism.velocities.index(name) for name in mechanism.independent_velocities]
+
+
+# -- closure equations -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mechanism", ALL)
+def test_the_jacobian_is_the_derivative_everywhere(mechanism: Mechanism) -> None:
+    closures = ClosureValues(mechanism)
+    q, qd, _ = oracles.random_states(mechanism, 4)
+    _, jacobian = closures.at(q)
+    moving = (jacobian @ (qd / closures.units)[:, :, None])[:, :, 0]
+
+    def moved(step: float) -> FloatArray:
+        return closures.at(normalised(mechanism, q + step * position_rates(mechanism, q, qd)))[0]
+
+    h = 1e-3
+    difference = (8 * (moved(h) - moved(-h)) - (moved(2 * h) - moved(-2 * h))) / (12 * h)
+    np.testing.assert_allclose(moving, difference, atol=1e-8 * np.abs(moving).max())
+
+
+@pytest.mark.parametrize("mechanism", ALL)
+def test_random_states_are_closed_in_pinocchio(mechanism: Mechanism) -> None:
+    model = Constrained(mechanism, np.ones(len(mechanism.parameters)))
+    states = closed_states(mechanism)
+    for q, qd, _ in zip(*states, strict=True):
+        model.closing(q)
+        for closure in mechanism.closures:
+            seen, _ = model.basis(closure)
+            assert all(abs(seen.translation[k]) < 1e-11 for k in closure.kind.positions)
+            assert all(abs(seen.rotation[i, j] - value) < 1e-11 for i, j, value in closure.kind.directions)
+        assert np.abs(model.closing(q) @ qd).max() < 1e-10
+    assert np.ptp(states[0], axis=0).max() > 0.3
+
+
+def test_accelerations_follow_from_motions_in_time() -> None:
+    assembly = Assembly(linkages.rssr())
+    q, qd, _ = assembly.random_closed_states(np.random.default_rng(1), 3)
+    h = 1e-3
+
+    def speed(time: float) -> FloatArray:
+        way = time * position_rates(assembly.mechanism, q, qd)
+        there, done = assembly.closed(normalised(assembly.mechanism, q + way), assembly.mechanism.independent)
+        assert done.all()
+        chosen = independent_columns(assembly.mechanism)
+        return assembly.velocities(there, qd[:, chosen])
+
+    found = assembly.accelerations(q, qd, np.zeros((3, 2)))
+    difference = (8 * (speed(h) - speed(-h)) - (speed(2 * h) - speed(-2 * h))) / (12 * h)
+    np.testing.assert_allclose(found, difference, atol=1e-6)
+
+
+def test_velocities_and_accelerations_come_back_from_independent_ones() -> None:
+    for mechanism in (linkages.four_bar(), linkages.rssr(), linkages.closed_chain(ClosureKind.PRISMATIC)):
+        assembly, chosen = Assembly(mechanism), independent_columns(mechanism)
+        q, qd, qdd = closed_states(mechanism)
+        np.testing.assert_allclose(assembly.velocities(q, qd[:, chosen]), qd, atol=1e-9)
+        np.testing.assert_allclose(assembly.accelerations(q, qd, qdd[:, chosen]), qdd, atol=1e-9)
+        assert (assembly.mobility(q) == len(chosen)).all()
+
+
+def test_the_crank_turns_all_the_way_without_changing_over() -> None:
+    assembly = Assembly(linkages.four_bar())
+    angles = np.linspace(-7, 7, 40)[:, None]
+    q = assembly.from_independent(angles)
+    assert np.abs(assembly.closures.at(q)[0]).max() < 1e-11
+    np.testing.assert_array_equal(q[:, :1], angles)
+    # the rocker swings within its range, and the coupler never folds over
+    assert np.ptp(q[:, 2]) < np.pi / 2
+    assert (np.sin(q[:, 1] + q[:, 0] - q[:, 2]) < 0).all()
+
+
+def test_a_linkage_that_floats() -> None:
+    bar, base = linkages.four_bar(), arms.body(4, 0, "floating", *floating_motions("base"))
+    carried = [replace(body, parent=body.parent + 1) for body in bar.bodies]
+    closures = tuple(replace(c, first=c.first + 1, second=c.second + 1) for c in bar.closures)
+    free = ("base.tx", "base.ty", "base.tz", "base.r.x", "base.r.y", "base.r.z", "crank")
+    mechanism = replace(bar, bodies=(base, *carried), closures=closures, independent=free)
+    assembly = Assembly(mechanism)
+    assert assembly.independent_positions == (*free[:3], *(f"base.r.{c}" for c in "wxyz"), "crank")
+    q, _, _ = oracles.random_states(mechanism, 20)
+    found = assembly.from_independent(q[:, :8])
+    alone = Assembly(bar).from_independent(q[:, 7:8])
+    np.testing.assert_allclose(found[:, 7:], alone, atol=1e-11)
+    np.testing.assert_allclose(np.abs((found[:, 3:7] * q[:, 3:7]).sum(axis=1)), 1)
+
+
+def test_far_guesses_close_somewhere() -> None:
+    mechanism = linkages.closed_chain(ClosureKind.REVOLUTE, branched=True)
+    assembly = Assembly(mechanism)
+    guesses, _, _ = oracles.random_states(mechanism, 50)
+    q, done = assembly.closed(guesses)
+    assert done.mean() > 0.5
+    assert np.abs(assembly.closures.at(q[done])[0]).max() < 1e-11
+    np.testing.assert_allclose(np.linalg.norm(q[:, 2:6], axis=1), 1, rtol=1e-12)
+
+
+# -- errors ------------------------------------------------------------------------------------------------------------
+
+
+def zeros(*widths: int) -> tuple[FloatArray, ...]:
+    return tuple(np.zeros((1, width)) for width in widths)
+
+
+def test_what_cannot_close_is_named() -> None:
+    rocker = linkages.four_bar("rocker")
+    with pytest.raises(ec.InputError, match=r"sample 1: closure 'pin' is off by 0\.\d+ m"):
+        regressor(rocker, np.array([[1.6], [0.3]]), np.zeros((2, 1)), np.zeros((2, 1)))
+    with pytest.raises(ec.InputError, match="do not close near the assembly pose: closure 'pin' is off by"):
+        regressor(linkages.four_bar(), *zeros(1, 1, 1), symbols={"l1": 2.0})
+    with pytest.raises(ec.InputError, match="the positions of sample 0 do not keep the loops closed: closure 'pin'"):
+        regressor(linkages.four_bar(), *zeros(3, 3, 3))
+    closed = Assembly(linkages.four_bar()).pose[None]
+    with pytest.raises(ec.InputError, match="the velocities of sample 0 do not keep"):
+        regressor(linkages.four_bar(), closed, np.ones((1, 3)), np.zeros((1, 3)))
+    with pytest.raises(ec.InputError, match="the accelerations of sample 0 do not keep"):
+        regressor(linkages.four_bar(), closed, np.zeros((1, 3)), np.ones((1, 3)))
+
+
+def test_what_does_not_fit_is_named() -> None:
+    with pytest.raises(ec.InputError, match=r"q has shape \(1, 2\); expected \(samples, 3\) for all coordinates"):
+        regressor(linkages.four_bar(), *zeros(2, 1, 1))
+    with pytest.raises(ec.InputError, match=r"qdd has shape \(1, 2\)"):
+        regressor(linkages.four_bar(), *zeros(1, 1, 2))
+    with pytest.raises(ec.InputError, match=r"'rod\.x' is one velocity of a free rotation"):
+        regressor(linkages.rssr(), *zeros(2, 2, 2))
+    with pytest.raises(ec.InputError, match="different numbers of samples"):
+        regressor(linkages.four_bar(), np.zeros((2, 1)), *zeros(1, 1))
+    with pytest.raises(ec.InputError, match="use virtual_power_form"):
+        inverse_dynamics_regressor(linkages.four_bar())
+
+
+def test_what_the_motion_does_not_determine_is_named() -> None:
+    mechanism = linkages.four_bar()
+    sideways = plain("mx", "N·m", Cut(2, Placement(), False, 0, True))
+    with pytest.raises(ec.InputError, match="output 'mx' is not determined by the motion: the loops have redundant"):
+        regressor(replace(mechanism, measured=(sideways,)), *zeros(1, 1, 1))
+    inward = plain("fx", "N", Cut(2, Placement(), False, 0, False))
+    assert np.isfinite(regressor(replace(mechanism, measured=(inward,)), *zeros(1, 1, 1))).all()
+    with pytest.raises(ec.InputError, match="crank, rocker are not independent"):
+        regressor(replace(mechanism, independent=("crank", "rocker")), *(Assembly(mechanism).pose[None], *zeros(3, 3)))
+
+
+def test_singular_configurations_are_named() -> None:
+    # the rocker stops where crank and coupler are in line
+    straight = Assembly(linkages.four_bar("rocker"))
+    crank = np.arccos((0.4**2 + 0.5**2 - 0.3**2) / (2 * 0.4 * 0.5))
+    q, done = straight.closed(np.array([[crank, 0.0, 2.0]]), ("crank", "coupler"))
+    assert done.all()
+    with pytest.raises(ec.InputError, match="sample 0 is a singular configuration: the independent coordinates"):
+        straight.velocities(q, np.ones((1, 1)))
