@@ -81,9 +81,11 @@ def _across_joints(mechanism: Mechanism, structure: Structure, rng: np.random.Ge
 def _across_robot(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> dict[int, Combination]:
     found: dict[int, Combination] = {c: {} for c, support in structure.by_robot.items() if not support}
     groups: dict[int | None, list[int]] = {}
+    # where finding a closed pose costs more than eliminating all columns at once, there is one group
+    together = bool(mechanism.closures) and not symbol_roles(mechanism).symbols
     for column, support in structure.by_robot.items():
         if support:
-            groups.setdefault(mechanism.columns[column].body, []).append(column)
+            groups.setdefault(None if together else mechanism.columns[column].body, []).append(column)
     rows = rows_of(mechanism) if groups else None
     if rows is not None:
         rows = Rows(in_mode(rows.forms, structure.accepted), rows.auxiliary)

@@ -13,13 +13,16 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.base.rows import Rows
-from echelon.errors import DegenerateSampleError, EchelonError
+from echelon.errors import DegenerateSampleError, EchelonError, InputError
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 from echelon.mechanism.mechanism import Mechanism
+from echelon.regressor.assembly import Assembly
 from echelon.regressor.curves import CurveSampler
+from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.moving import Pose
+from echelon.regressor.virtual_power import virtual_power_form
 
 Dependence = dict[int, tuple[int, ...]]
 """Dependent columns, with the columns that each depends on."""
@@ -30,6 +33,7 @@ _POSES = 6  # tried at each random geometry
 _ATTEMPTS = 8
 _FIRST_ORDER, _LARGEST_ORDER = 12, 96
 _SURPLUS_ROWS = 8
+_SEED, _STATES, _FITS = 2015, 200, 1e-6  # real states, and how well a mode's relations hold there
 _ANY = ""  # name of no symbol, to count geometries where there are no symbols
 
 
@@ -168,10 +172,33 @@ def in_mode(forms: LinearForms, accepted: InMode | None) -> LinearForms:
     return replace(forms, loops=replace(forms.loops, accepts=accepted))
 
 
-def own_mode(mechanism: Mechanism, rows: Rows, modes: Sequence[Mode]) -> Mode:
-    """The mode in which the mechanism's own assembly pose is.
+def own_mode(mechanism: Mechanism, columns: Sequence[int], modes: Sequence[Mode]) -> Mode | None:
+    """The mode that the mechanism's own assembly pose is in.
 
-    Where it cannot be told, because symbols have no values or the pose is where modes meet, it is the mode with the
-    lowest rank: equal lengths are there to make motions special.
+    Parameters
+    ----------
+    mechanism : Mechanism
+    columns : sequence of int
+        Those of the mechanism's parameters that the modes count.
+    modes : sequence of Mode
+        Those with the lowest rank first.
+
+    Returns
+    -------
+    Mode or None
+        None where it cannot be told, because symbols have no values or modes meet at the pose.
     """
-    return modes[0]
+    try:
+        states = Assembly(mechanism).random_closed_states(np.random.default_rng(_SEED), _STATES)
+        values = evaluate_floats(virtual_power_form(mechanism), mechanism, *states)
+    except InputError:
+        return None
+    table = values.reshape(-1, values.shape[2])[:, list(columns)]
+    table = table / np.maximum(np.abs(table).max(axis=0), np.finfo(float).tiny)
+    for mode in modes:
+        pivots = [k for k in range(len(columns)) if k not in mode.dependence]
+        others = list(mode.dependence)
+        solution = np.linalg.lstsq(table[:, pivots], table[:, others], rcond=None)[0]
+        if np.abs(table[:, others] - table[:, pivots] @ solution).max(initial=0.0) < _FITS:
+            return mode
+    return None

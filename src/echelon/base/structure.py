@@ -84,7 +84,8 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     modes: list[Mode] = []
     if mechanism.closures:
         modes = find_modes(rows, rng)
-        mode = own_mode(mechanism, rows, modes)
+        # where it cannot be told: equal lengths are there to make motions special, so the lowest rank
+        mode = (own_mode(mechanism, remaining, modes) if len(modes) > 1 else None) or modes[0]
         supports, accepted = mode.dependence, InMode(rows, mode) if len(modes) > 1 else None
     else:
         supports = _agreed(rows, rng)

@@ -20,12 +20,15 @@ class SymbolRoles:
         Symbols with the dimension of a length; empty if lengths are not all symbolic, because then coefficients are
         not homogeneous in them.
     angles : frozenset of str
+    symbols : frozenset of str
+        All symbols.
     irrational : (bool, bool)
         Whether √2 and √3 occur in the geometry.
     """
 
     lengths: frozenset[str]
     angles: frozenset[str]
+    symbols: frozenset[str]
     irrational: tuple[bool, bool]
 
 
@@ -41,7 +44,8 @@ def symbol_roles(mechanism: Mechanism) -> SymbolRoles:
     quadruples = [roots[k : k + 4] for k in range(0, len(roots), 4)]
     irrational = (any(q[1] or q[3] for q in quadruples), any(q[2] or q[3] for q in quadruples))
     usable = homogeneous and not lengths & foreign
-    return SymbolRoles(frozenset(lengths) if usable else frozenset(), frozenset(angles), irrational)
+    symbols = frozenset(s for e in everything for s in e.symbols())
+    return SymbolRoles(frozenset(lengths) if usable else frozenset(), frozenset(angles), symbols, irrational)
 
 
 def _expressions(mechanism: Mechanism) -> tuple[list[Polynomial], list[Polynomial]]:

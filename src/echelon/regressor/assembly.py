@@ -26,7 +26,7 @@ _LONGEST = 0.5  # of one Gauss–Newton step, rad or characteristic lengths
 _FLOOR = 1e-12  # of the damping: the steps stay finite where constraints are redundant
 _STRIDE, _SHORTEST = 0.1, 1e-4  # of a step on the way to given coordinates, rad or characteristic lengths
 _FEW = 8  # iterations for one such step; if these do not do, it is shortened
-_WALK = 20  # random strides from the assembly pose
+_WALK = 20  # strides of a random state from the assembly pose
 _RATE = 2.0  # largest random velocity and acceleration
 
 
@@ -185,17 +185,26 @@ class Assembly(ClosedMotion):
         return q, qd, qdd
 
     def random_closed_states(self, rng: np.random.Generator, count: int) -> tuple[Floats, Floats, Floats]:
-        """Random q, qd and qdd of all coordinates in configurations that can be reached from the assembly pose.
+        """Random q, qd and qdd of all coordinates.
+
+        The independent coordinates set out from the assembly pose in random directions, up to where the loops let them
+        go, and each sample is somewhere on its way.
 
         Parameters
         ----------
         rng : numpy Generator
         count : int
         """
-        q = np.repeat(self.pose[None], count, axis=0)
+        way = np.zeros((count, len(self.mechanism.velocities)))
+        way[:, self._independent] = rng.uniform(-_STRIDE, _STRIDE, (count, len(self._independent)))
+        passed, on, gone = [np.repeat(self.pose[None], count, axis=0)], np.ones(count, dtype=bool), np.zeros(count)
         for _ in range(_WALK):
-            trial, done = self.closed(self._moved(q, self._random_motion(rng, q, 2 * _STRIDE)), iterations=_FEW)
-            q[done] = trial[done]
+            found, done = self.closed(self._moved(passed[-1], way), self.mechanism.independent_velocities, _FEW)
+            on &= done
+            gone += on
+            passed.append(np.where(on[:, None], found, passed[-1]))
+        stops = np.ceil(gone * rng.uniform(size=count)).astype(int)
+        q: Floats = np.array(passed)[stops, np.arange(count)]
         units = self.closures.units[: len(self.mechanism.velocities)]
         qd = self._random_motion(rng, q, _RATE) * units
         return q, qd, self._random_motion(rng, q, _RATE, self.closures.bias(q, qd)) * units

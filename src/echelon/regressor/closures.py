@@ -9,7 +9,7 @@ entries are generalised forces, and sensors, which are freedoms that never move,
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -62,6 +62,8 @@ class Loops:
         are such inputs and every virtual motion that keeps the loops closed is wanted.
     preferred : tuple of str
         Coordinates that should rather be drawn than solved for where a closed pose is looked for.
+    assembly : mapping of str to float
+        Positions near which the loops close.
     accepts : callable, optional
         Which of some poses are in the wanted assembly mode, from (field, rng, geometry, poses); None for all.
     """
@@ -70,6 +72,7 @@ class Loops:
     motions: tuple[Motion, ...]
     speeds: Mapping[str, int] | None
     preferred: tuple[str, ...] = ()
+    assembly: Mapping[str, float] = field(default_factory=dict)
     accepts: Accepts | None = None
 
 
@@ -93,7 +96,7 @@ def loops_of(
     equations = record_closures(mechanism, recorder, probes)
     motions = tuple(m for m in mechanism.motions if m.name not in mechanism.dependent)
     nodes = None if speeds is None else {name: speed.node for name, speed in speeds.items()}
-    return Loops(equations, motions, nodes, mechanism.independent)
+    return Loops(equations, motions, nodes, mechanism.independent, mechanism.assembly)
 
 
 def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | None = None) -> ClosureEquations:

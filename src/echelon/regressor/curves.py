@@ -77,7 +77,7 @@ class CurveSampler(FieldSampler):
             turning,
             units,
         )
-        self._poses = PoseFinder([layout.names.index(name) for name in loops.preferred], loops.accepts)
+        self._poses = PoseFinder([layout.names.index(name) for name in loops.preferred], loops.assembly, loops.accepts)
 
     def evaluate(
         self, field: PrimeField, rng: np.random.Generator, states: int, geometry: Mapping[str, Residues]
@@ -94,7 +94,7 @@ class CurveSampler(FieldSampler):
             try:
                 return self.evaluate_at(field, rng, states, geometry, pose)
             except SingularPoseError:
-                if not self._poses.leave_zero():
+                if not self._poses.leave_stated():
                     raise
 
     def closed_pose(self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues]) -> Pose:
@@ -108,9 +108,9 @@ class CurveSampler(FieldSampler):
         while True:
             positions = self._positions(field, rng, geometry)
             pose = self._poses.find(positions, rng)
-            if not self._poses.takes_zero or self._is_regular(positions, pose, rng):
+            if not self._poses.takes_stated or self._is_regular(positions, pose, rng):
                 return pose
-            self._poses.leave_zero()
+            self._poses.leave_stated()
 
     def pose_variants(
         self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues], count: int

@@ -1,4 +1,4 @@
-"""Mechanisms with loops: how they can move, and which coordinates the others depend on."""
+"""Mechanisms with loops: whether they close, how they can move, and which coordinates the others depend on."""
 
 from __future__ import annotations
 
@@ -7,18 +7,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from echelon.errors import DegenerateSampleError, EchelonError, InputError
+from echelon.errors import DegenerateSampleError, InputError, SingularPoseError
 from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField, Residues
+from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.tape import Program
+from echelon.regressor.assembly import Assembly
 from echelon.regressor.closures import loops_of
 from echelon.regressor.curves import CurveSampler
 from echelon.regressor.lifting import choose
 from echelon.regressor.steps import Recorder
 
 _SEED = 2015
-_ATTEMPTS = 8
+_ATTEMPTS = 4
+_STATES = 4  # random configurations at which the mobility is counted numerically
 
 
 def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: Sequence[str] = ()) -> Mechanism:
@@ -47,14 +50,19 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
         if wanted:
             raise InputError("without loops all coordinates are independent; leave it out", element="independent")
         return mechanism
-    field, jacobian = _jacobian(mechanism)
     names = list(mechanism.velocities)
-    freedom = len(names) - rank(jacobian, field)
-    if freedom == 0:
-        raise InputError(_locked(mechanism))
     for name in wanted or ():
         if name not in names:
             raise InputError(f"there is no coordinate '{name}' (valid: {', '.join(names)})", element="independent")
+    mobility = _numeric_mobility(mechanism)
+    if mobility == 0:
+        raise InputError(f"the loops closed by {_closures(mechanism)} leave no motion")
+    field, jacobian = _jacobian(mechanism)
+    freedom = len(names) - rank(jacobian, field)
+    if mobility is not None and freedom < mobility:
+        raise InputError(_locked(mechanism, freedom, mobility))
+    if freedom == 0:
+        raise InputError(f"the loops closed by {_closures(mechanism)} leave no motion")
     first = list(wanted) if wanted is not None else [name for name in prefer if name in names]
     choice = choose(jacobian, field, [names.index(name) for name in first])
     chosen = tuple(names[k] for k in choice.independent)
@@ -62,6 +70,24 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
         _check_wanted(wanted, chosen)
         chosen = tuple(wanted)
     return replace(mechanism, independent=chosen)
+
+
+def _numeric_mobility(mechanism: Mechanism) -> int | None:
+    """Degrees of freedom in double precision near the assembly pose; None if symbols have no values.
+
+    Raises
+    ------
+    InputError
+        If the loops do not close there.
+    """
+    if any(symbol.value is None for symbol in mechanism.symbols.values()):
+        return None
+    try:
+        assembly = Assembly(mechanism)
+    except InputError:  # symbols that the mechanism does not even list
+        return None
+    q, _, _ = assembly.random_closed_states(np.random.default_rng(_SEED), _STATES)
+    return int(assembly.mobility(q).min())
 
 
 def _jacobian(mechanism: Mechanism) -> tuple[PrimeField, Residues]:
@@ -77,7 +103,17 @@ def _jacobian(mechanism: Mechanism) -> tuple[PrimeField, Residues]:
             return field, sampler.jacobian(field, rng)
         except DegenerateSampleError:
             continue
-    raise EchelonError("every random point is singular; please report this model")
+        except (SingularPoseError, UnsolvedSystemError) as error:
+            raise InputError(_unsolved(mechanism, str(error))) from None
+    raise InputError(_unsolved(mechanism, "the equations have no solution at random points"))
+
+
+def _unsolved(mechanism: Mechanism, reason: str) -> str:
+    return (
+        f"no exact closed pose was found for {_closures(mechanism)}: {reason}.  Give frames with which the loops are "
+        "closed where all coordinates are zero, or at an assembly pose of multiples of 15 degrees (leave out the "
+        "second frame and it is where the first one is)"
+    )
 
 
 def _check_wanted(wanted: Sequence[str], chosen: Sequence[str]) -> None:
@@ -96,6 +132,13 @@ def _check_wanted(wanted: Sequence[str], chosen: Sequence[str]) -> None:
         raise InputError(problem, element="independent")
 
 
-def _locked(mechanism: Mechanism) -> str:
-    names = ", ".join(f"'{closure.name}'" for closure in mechanism.closures)
-    return f"the loops closed by {names} leave no motion"
+def _locked(mechanism: Mechanism, freedom: int, mobility: int) -> str:
+    return (
+        f"rounding has locked the loops closed by {_closures(mechanism)}: to six digits the mechanism has {mobility} "
+        f"degrees of freedom, with the numbers as they are {freedom}.  Write what is meant exactly: directions and "
+        "angles as expressions such as pi/3 or sqrt(2)/2, equal lengths as equal numbers"
+    )
+
+
+def _closures(mechanism: Mechanism) -> str:
+    return ", ".join(f"'{closure.name}'" for closure in mechanism.closures)

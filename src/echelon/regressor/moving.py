@@ -7,16 +7,21 @@ one square root of a series that begins with 1.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import pi
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.exact import series
+from echelon.exact.angle import STEPS_PER_HALF_TURN
 from echelon.exact.field import PrimeField, Residues
+from echelon.exact.numbers import cosine_of_turn, parse_decimal, sine_of_turn
 from echelon.mechanism.joint import Motion, MotionKind
+
+_ROUNDING = 1e-9  # of a step of 15°
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,32 @@ class Layout:
         self.ball_places = np.array([[place[n] for n in m.velocities] for m in self.balls], dtype=np.intp).reshape(
             -1, 3
         )
+
+    def stated_pose(self, values: Mapping[str, float], units: Residues, field: PrimeField, samples: int) -> Pose | None:
+        """The pose of some numeric positions, zero where absent; None if it has no exact sines, cosines or quaternions.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Multiples of 15° for turning coordinates, decimal numbers otherwise.
+        units : array of int, shape (turning coordinates,)
+        field : PrimeField
+        samples : int
+        """
+        pose = self.zero_pose(samples)
+        for k, motion in enumerate(self.turning):
+            steps = values.get(motion.name, 0.0) * STEPS_PER_HALF_TURN / pi / int(units[k])
+            if abs(steps - round(steps)) > _ROUNDING:
+                return None
+            pose.turns[:, k] = [field.embed(f(round(steps))) for f in (cosine_of_turn, sine_of_turn)]
+        for k, motion in enumerate(self.sliding):
+            pose.slides[:, k] = field.embed(parse_decimal(repr(float(values.get(motion.name, 0.0)))))
+        for k, motion in enumerate(self.balls):
+            parts = [parse_decimal(repr(float(values.get(n, n == motion.positions[0])))) for n in motion.positions]
+            if sum(x * x for x in parts) != 1:
+                return None
+            pose.balls[:, k] = [field.embed(x) for x in parts]
+        return pose
 
     def zero_pose(self, samples: int) -> Pose:
         """All coordinates zero."""

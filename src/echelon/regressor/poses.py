@@ -1,4 +1,4 @@
-"""Closed poses modulo p: the zero pose where it is closed, otherwise solutions of the closure equations.
+"""Closed poses modulo p: the zero or the assembly pose where that is closed, else solutions of the closure equations.
 
 Loop after loop, as many coordinates as the closure has independent equations are unknown; the others are drawn.  A
 turning coordinate enters by the cosine and sine of its angle, in which the equations are linear, because it occurs once
@@ -7,7 +7,7 @@ in every chain.  Loops that cannot be closed one after the other are closed toge
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import prod
@@ -26,7 +26,7 @@ from echelon.regressor.positions import Positions
 
 _ROUNDS = 40
 _MOST_TRIES = 1024
-_MOST_UNKNOWNS = 4
+_MOST_UNKNOWNS = 6
 
 Indices = npt.NDArray[np.intp]
 
@@ -55,18 +55,21 @@ class PoseFinder:
     ----------
     preferred : sequence of int
         Coordinates that should be drawn rather than solved for.
+    assembly : mapping of str to float
+        Positions near which the loops close.
     accepts : callable, optional
         Which of some poses are in the wanted assembly mode; see :class:`echelon.regressor.closures.Loops`.
 
     Attributes
     ----------
-    takes_zero : bool
-        Whether the last poses found were zero poses.
+    takes_stated : bool
+        Whether the last poses found were zero or assembly poses.
     """
 
-    def __init__(self, preferred: Sequence[int], accepts: Accepts | None) -> None:
+    def __init__(self, preferred: Sequence[int], assembly: Mapping[str, float], accepts: Accepts | None) -> None:
         self._preferred, self._accepts = preferred, accepts
-        self._avoid_zero = self.takes_zero = False
+        self._stated: list[Mapping[str, float]] = [assembly, {}] if any(assembly.values()) else [{}]
+        self.takes_stated = False
         self._blocks: list[Block] | None = None
         self._manageable: set[int] = set()
 
@@ -80,11 +83,14 @@ class PoseFinder:
         DegenerateSampleError
             If a sample has none modulo this prime.
         """
-        samples = positions.samples
-        zero = positions.recorded.layout.zero_pose(samples)
-        self.takes_zero = not self._avoid_zero and not positions.equations(zero).any()
-        if self.takes_zero:
-            return zero
+        samples, recorded = positions.samples, positions.recorded
+        for values in self._stated:
+            pose = recorded.layout.stated_pose(values, recorded.units, positions.field, samples)
+            self.takes_stated = pose is not None and not positions.equations(pose).any()
+            if self.takes_stated and pose is not None:
+                self._stated = [values]
+                return pose
+        self._stated = []
         if self._blocks is None:
             self._blocks = self._planned(positions, rng)
         return self._solved(positions, rng, samples, self._blocks)
@@ -102,16 +108,16 @@ class PoseFinder:
             As many random choices are made between the solutions of every block.
         rng : numpy Generator
         """
-        if self.takes_zero or self._blocks is None:
+        if self.takes_stated or self._blocks is None:
             return pose
         same = np.zeros(count, dtype=np.intp)
         _, others = self._completed(positions, rng, same, pose.at(same), self._blocks)
         return Pose(*(np.concatenate(parts) for parts in zip(pose.parts, others.parts, strict=True)))
 
-    def leave_zero(self) -> bool:
-        """No longer take the zero pose, because it is singular; returns whether it was taken so far."""
-        before, self._avoid_zero = self._avoid_zero, True
-        return not before
+    def leave_stated(self) -> bool:
+        """No longer take the zero or assembly pose, because it is singular; returns whether it was taken so far."""
+        before, self._stated = self.takes_stated, []
+        return before
 
     # -- plan ------------------------------------------------------------------------------------------------------
 
@@ -281,7 +287,7 @@ def _system(positions: Positions, pose: Pose, block: Block) -> tuple[list[dict[t
             for offset, corner in zip(offsets, point, strict=True):
                 if corner:
                     exponents[offset + corner - 1] = 1
-            coefficient = values[:, *point, row]
+            coefficient = values[(slice(None), *point, row)]
             if coefficient.any():
                 terms[tuple(exponents)] = coefficient
         if terms:

@@ -60,6 +60,7 @@ class CertificateRecord(_Strict):
     identity_primes: list[str] = Field(description="127-bit primes as decimal text.")
     degree: int
     log10_error: float
+    order: int = 0
 
 
 class BaseModelRecord(_Strict):
