@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.normal_forms import multiply
-from echelon.exact.zero_dimensional import UnsolvedSystemError, solve
+from echelon.exact.zero_dimensional import Solver, UnsolvedSystemError, solve
 from strategies import SMALL_FIELD
 
 PRIMES = (SMALL_FIELD, PrimeField.random(np.random.default_rng(3)), PrimeField.of(1000151))
@@ -324,6 +324,56 @@ def test_samples_of_different_kinds():
         {(0, 1)},
         {(0, 1), (0, last)},
     ]
+
+
+@every_case
+def test_a_solver_repeats_itself_with_other_coefficients_and_primes(variables, build, monkeypatch):
+    solver = Solver(variables)
+    solver.solve(build(Ring(SMALL_FIELD, variables, 2))[0], SMALL_FIELD)
+    systems = [(build(Ring(field, variables, SAMPLES, 5))[0], field) for field in PRIMES]
+    expected = [solve(system, variables, field) for system, field in systems]
+    monkeypatch.setattr("echelon.exact.zero_dimensional._explore", None)
+    for (system, field), solutions in zip(systems, expected, strict=True):
+        assert list(map(as_set, solver.solve(system, field).points)) == list(map(as_set, solutions.points))
+
+
+def test_a_solver_explores_again_where_needed():
+    """What it remembers is that of most samples, also if it has met a special one first."""
+    system, _ = dyad(Ring(SMALL_FIELD, 4, SAMPLES))
+    changes = {(0, C1): 2, (1, S1): 2, (0, C2): 3, (1, S2): 3, (0, ONE): -5, (1, ONE): 0}
+    solver = Solver(4)
+    for sample in (0, 0, 4):
+        solutions = solver.solve(altered(system, sample, changes), SMALL_FIELD)
+        assert solutions.points[sample].tolist() == [[1, 0, 1, 0]]
+        assert np.delete(solutions.counts, sample).tolist() == [2] * (SAMPLES - 1)
+    contradiction = [*system, {ONE: np.ones(SAMPLES, dtype=np.int64)}]
+    assert solver.solve(contradiction, SMALL_FIELD).counts.tolist() == [0] * SAMPLES
+
+
+def conic_with_line(slope: Residues) -> System:
+    """Parabola and line through (0, 0), which meet a second time at x = slope."""
+    ones = np.ones(len(slope), dtype=np.int64)
+    return [{(2, 0): ones, (0, 1): -ones}, {(0, 1): ones, (1, 0): -slope}]
+
+
+def test_a_solver_does_not_take_special_samples_for_regular_ones():
+    solver = Solver(2)
+    solver.solve(conic_with_line(np.array([3, 5])), SMALL_FIELD)
+    solutions = solver.solve(conic_with_line(np.array([4, 0, 7, 0])), SMALL_FIELD)
+    assert list(map(as_set, solutions.points)) == [{(0, 0), (4, 16)}, {(0, 0)}, {(0, 0), (7, 49)}, {(0, 0)}]
+
+
+@pytest.mark.parametrize("roots", [[], [0], [3], [2, 2], [1, 5], [4, 4, 4], [1, 1, 2], [1, 2, 3, 3], [1, 2, 3, 4, 5]])
+@pytest.mark.parametrize("irreducible", [0, 1, 2])
+@every_field
+def test_roots_of_one_polynomial(roots, irreducible, field):
+    """Distinct ones are found, whatever their multiplicity; x² + k² has none."""
+    ring = Ring(field, 1, 2)
+    factors = [ring.add(ring.variable(0), ring.constant(-root)) for root in roots]
+    factors += [ring.add({(2,): np.ones(2, dtype=np.int64)}, ring.constant(k * k)) for k in range(1, irreducible + 1)]
+    if factors:
+        solutions = solve([ring.times(ring.constant(3), *factors)], 1, field)
+        assert [sorted(points[:, 0].tolist()) for points in solutions.points] == [sorted(set(roots))] * 2
 
 
 def test_large_batches_are_solved_in_parts(monkeypatch):

@@ -5,8 +5,8 @@ mechanism at random geometries.  The ideal is completed degree by degree: equati
 to compute a normal form, are eliminated until the multiplications by the variables are known on the free monomials and
 commute (Mourrain's criterion), which makes these a basis of the quotient ring.
 
-What to eliminate is found out on one sample and then repeated on all; the few that do not follow are treated by
-themselves.  Every point is checked against all equations.
+What to eliminate is found out on one sample and recorded as a program, which is then run on all; the few that do not
+follow are treated by themselves.  Every point is checked against all equations.
 """
 
 from __future__ import annotations
@@ -19,11 +19,13 @@ import numpy as np
 from echelon.errors import EchelonError
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.normal_forms import Equation, Exponents, Mask, Monomials, NormalForms, Product
+from echelon.exact.normal_forms import Equation, Exponents, Monomials, NormalForms, Product
 from echelon.exact.quotient_points import commute, quotient_points
+from echelon.exact.recorded_forms import RecordedForms
+from echelon.exact.straight_line import Indices, Program, Recorder
 
 _MONOMIALS = 1500  # default bound on the number of monomials
-_ENTRIES = 1 << 24  # in a table of normal forms; more samples are treated in parts
+_ENTRIES = 1 << 24  # in powers of multiplications; more samples are treated in parts
 
 
 class UnsolvedSystemError(EchelonError):
@@ -77,33 +79,83 @@ def solve(
     >>> [sorted(points.tolist()) for points in solve([line, circle], 2, PrimeField.of(47)).points]
     [[[1, 1], [46, 46]], [[2, 2], [45, 45]]]
     """
-    system = [Equation.of(terms, field) for terms in equations if terms]
-    samples = system[0].coefficients.shape[0] if system else 0
-    counts = np.full(samples, -1)
-    points = [np.zeros((0, variables), dtype=np.int64) for _ in range(samples)]
-    left = np.arange(samples)
-    while left.size:
-        try:
-            structure, forms = _explore(
-                [equation.at(left[:1]) for equation in system], variables, field, monomial_limit
-            )
-        except UnsolvedSystemError:
-            if left[0] == 0:
-                raise
-            left = left[1:]
-            continue
-        irregular = []
-        for part in np.array_split(left, len(left) * structure.entries // _ENTRIES + 1):
+    return Solver(variables, monomial_limit).solve(equations, field)
+
+
+class Solver:
+    """Solves systems like :func:`solve`, and remembers how for others that have the same monomials.
+
+    Parameters
+    ----------
+    variables : int
+    monomial_limit : int
+        See :func:`solve`.
+    """
+
+    def __init__(self, variables: int, monomial_limit: int = _MONOMIALS) -> None:
+        self._variables, self._limit = variables, monomial_limit
+        self._recordings: dict[tuple[tuple[Exponents, ...], ...], _Recording] = {}
+
+    def solve(self, equations: Sequence[Mapping[Exponents, Residues]], field: PrimeField) -> Solutions:
+        """Solve a system; for the arguments see :func:`solve`."""
+        system = [Equation.of(terms, field) for terms in equations if terms]
+        samples = system[0].coefficients.shape[0] if system else 0
+        points = [np.zeros((0, self._variables), dtype=np.int64) for _ in range(samples)]
+        solutions, left, most = Solutions(np.full(samples, -1), points), np.arange(samples), 0
+        key = tuple(tuple(equation.exponents) for equation in system)
+        recording = self._recordings.get(key)
+        while left.size:
+            if recording is None:
+                try:
+                    recording = self._explored([equation.at(left[:1]) for equation in system], field)
+                except UnsolvedSystemError:
+                    if left[0] == 0:
+                        raise
+                    left = left[1:]
+                    continue
+            rest = recording.solve(system, left, field, solutions)
+            if len(left) - len(rest) > most:
+                self._recordings[key], most = recording, len(left) - len(rest)
+            left, recording = rest, None
+        return solutions
+
+    def _explored(self, sample: list[Equation], field: PrimeField) -> _Recording:
+        """What solves one sample."""
+        steps, forms = _explore(sample, self._variables, field, self._limit)
+        return _recorded(steps, forms, sample)
+
+
+@dataclass(frozen=True)
+class _Recording:
+    """Program from the coefficients to the multiplications by the variables, in a ring of some dimension."""
+
+    program: Program
+    variables: int
+    dimension: int
+
+    def solve(self, system: list[Equation], samples: Indices, field: PrimeField, solutions: Solutions) -> Indices:
+        """Solve those of some samples that follow; returns the others."""
+        shape, others = (self.variables, self.dimension, self.dimension), []
+        entries = self.dimension**2 * (self.dimension + self.variables)
+        for part in np.array_split(samples, len(samples) * entries // _ENTRIES + 1):
             selected = [equation.at(part) for equation in system]
-            if len(left) > 1:
-                forms = _follow(structure, selected, field)
-            regular, found = _solutions(forms, selected)
-            counts[part[regular]] = [len(solutions) for solutions in found]
-            for sample, solutions in zip(part[regular].tolist(), found, strict=True):
-                points[sample] = solutions
-            irregular.append(part[~regular])
-        left = np.concatenate(irregular)
-    return Solutions(counts, points)
+            coefficients = np.concatenate([equation.coefficients.T for equation in selected])
+            follows, outputs = self.program.run(coefficients, field)
+            matrices = outputs.reshape(*shape, len(part))
+            follows &= commute(matrices, field)
+            others.append(part[~follows])
+            places = np.flatnonzero(follows)
+            owners, found = quotient_points(matrices[..., places], field)
+            owners = places[owners]
+            wrong = [equation.at(owners).value(found, field) != 0 for equation in selected]
+            valid = ~np.any(wrong, axis=0)
+            owners, found = owners[valid], found[valid]
+            solutions.counts[part[places]] = 0
+            present, starts, counts = np.unique(owners, return_index=True, return_counts=True)
+            solutions.counts[part[present]] = counts
+            for sample, start, count in zip(part[present].tolist(), starts.tolist(), counts.tolist(), strict=True):
+                solutions.points[sample] = found[start : start + count]
+        return np.concatenate(others)
 
 
 @dataclass(frozen=True)
@@ -127,36 +179,45 @@ class _Elimination:
 _Step = _Extension | _Elimination
 
 
-@dataclass(frozen=True)
-class _Structure:
-    """The steps that lead to the quotient ring, and the largest table of normal forms on the way."""
-
-    monomials: Monomials
-    steps: list[_Step]
-    entries: int
+def _recorded(steps: list[_Step], forms: NormalForms, sample: list[Equation]) -> _Recording:
+    """The steps, done once more at the sample where they were found."""
+    recorder = Recorder(forms.field, [c for equation in sample for c in equation.coefficients[0].tolist()])
+    inputs = iter(recorder.inputs)
+    polynomials = [dict(zip(equation.exponents, inputs, strict=False)) for equation in sample]
+    recorded = RecordedForms(forms.monomials, recorder)
+    for step in steps:
+        if isinstance(step, _Extension):
+            recorded.grow(step.free)
+            for product in step.definitions:
+                recorded.define(product)
+        else:
+            rows = [row for product in step.products for row in recorded.defects(product)]
+            rows += [recorded.reduce(polynomials[k]) for k in step.equations]
+            recorded.eliminate(rows, step.pivots)
+    program = recorder.program(recorded.multiplications(forms.free.tolist()))
+    return _Recording(program, forms.monomials.variables, len(forms.free))
 
 
 def _explore(
     system: list[Equation], variables: int, field: PrimeField, monomial_limit: int
-) -> tuple[_Structure, NormalForms]:
+) -> tuple[list[_Step], NormalForms]:
     """The steps for a single sample, and where they lead."""
-    forms = NormalForms(Monomials(variables), field, 1)
+    forms = NormalForms(Monomials(variables), field)
     steps: list[_Step] = []
-    degree, highest, entries = 0, max(equation.degree for equation in system), 1
+    degree, highest = 0, max(equation.degree for equation in system)
     while True:
         steps += _complete(forms, system, degree)
         if not forms.free.size or (degree >= highest and _is_finite(forms)):
-            return _Structure(forms.monomials, _needed_steps(steps, forms, system), entries), forms
+            return steps, forms
         degree += 1
         steps.append(_extend(forms, monomial_limit))
-        entries = max(entries, forms.table.size)
 
 
 def _is_finite(forms: NormalForms) -> bool:
     """Whether the free monomials are a basis of the quotient ring."""
     if forms.free[-1] >= forms.monomials.start[-2]:
         return False
-    return bool(commute(forms.multiplications(), forms.field).all())
+    return bool(commute(forms.multiplications()[..., None], forms.field).all())
 
 
 def _extend(forms: NormalForms, monomial_limit: int) -> _Extension:
@@ -168,7 +229,7 @@ def _extend(forms: NormalForms, monomial_limit: int) -> _Extension:
         raise UnsolvedSystemError(
             f"a system of polynomials has infinitely many solutions, or needs more than {monomial_limit} monomials"
         )
-    size = np.count_nonzero(forms.table[0], axis=1)
+    size = np.count_nonzero(forms.table, axis=1)
     size[forms.free] = low
     best: dict[int, tuple[int, int]] = {}
     for factor in sorted(set(range(monomials.start[-3], low)) - set(forms.free.tolist()), key=lambda m: int(size[m])):
@@ -178,7 +239,7 @@ def _extend(forms: NormalForms, monomial_limit: int) -> _Extension:
     forms.grow(step.count, step.free)
     for multiple in sorted(best):
         variable, factor = best[multiple]
-        step.definitions.append(Product(variable, [factor], forms.support([factor])))
+        step.definitions.append(Product(variable, [factor]))
         forms.define(step.definitions[-1])
     return step
 
@@ -190,78 +251,35 @@ def _complete(forms: NormalForms, system: list[Equation], degree: int) -> list[_
     fresh = [m for m in range(monomials.start[max(degree - 1, 0)], monomials.start[degree]) if m not in free]
     pending = [k for k, equation in enumerate(system) if equation.degree == degree]
     while fresh or pending:
-        step = _choose(forms, system, fresh, pending)
+        step, replacement = _choose(forms, system, fresh, pending)
         if not step.pivots:
             break
         steps.append(step)
-        forms.eliminate(_rows(forms, system, step), step.pivots)
+        forms.eliminate(step.pivots, replacement)
         fresh, pending = [m for m in step.pivots if m < monomials.start[degree]], []
     return steps
 
 
-def _choose(forms: NormalForms, system: list[Equation], fresh: list[int], pending: list[int]) -> _Elimination:
-    """Step that eliminates independent ones among the equations and the products of fresh monomials."""
+def _choose(
+    forms: NormalForms, system: list[Equation], fresh: list[int], pending: list[int]
+) -> tuple[_Elimination, Residues]:
+    """Step that eliminates independent ones among the equations and the products of fresh monomials.
+
+    It comes with the combinations of the other free monomials that the pivots are equal to.
+    """
     variables = range(forms.monomials.variables) if fresh else range(0)
-    every = _Elimination([Product(i, fresh, forms.support(fresh)) for i in variables], pending, [])
     labels = [(i, m) for i in variables for m in fresh] + [(-1, k) for k in pending]
-    rows = _rows(forms, system, every)[0]
+    rows = np.concatenate(
+        [forms.defect(Product(i, fresh)) for i in variables] + [forms.reduce(system[k]) for k in pending]
+    )
     terms = np.count_nonzero(rows, axis=1)
     order = np.argsort(terms, kind="stable")[np.count_nonzero(terms == 0) :]
     chosen = order[reduced_echelon(rows[order].T, forms.field)[1]]
-    pivots = reduced_echelon(rows[chosen][:, ::-1], forms.field)[1]
+    solved, leading = reduced_echelon(rows[chosen][:, ::-1], forms.field)
+    rest = np.delete(np.arange(len(forms.free)), leading)
+    table = np.array([int(x) for x in solved.entries()], dtype=np.int64).reshape(len(chosen), len(forms.free))
     factors = {i: sorted(labels[row][1] for row in chosen if labels[row][0] == i) for i in variables}
-    products = [Product(i, monomials, forms.support(monomials)) for i, monomials in factors.items() if monomials]
+    products = [Product(i, monomials) for i, monomials in factors.items() if monomials]
     equations = [labels[row][1] for row in chosen if labels[row][0] < 0]
-    return _Elimination(products, equations, sorted(int(forms.free[::-1][column]) for column in pivots))
-
-
-def _rows(forms: NormalForms, system: list[Equation], step: _Elimination) -> Residues:
-    """Elements of the ideal in terms of free monomials, of shape (samples, rows, free)."""
-    rows = [forms.defect(product) for product in step.products]
-    rows += [forms.reduce(system[k]) for k in step.equations]
-    return np.concatenate(rows, axis=1)
-
-
-def _needed_steps(steps: list[_Step], forms: NormalForms, system: list[Equation]) -> list[_Step]:
-    """The steps without the definitions that nothing depends on."""
-    times, number = forms.monomials.times, forms.monomials.number
-    needed = set(times[:, forms.free].ravel().tolist())
-    kept: list[_Step] = []
-    for step in reversed(steps):
-        if isinstance(step, _Elimination):
-            for product in step.products:
-                needed.update(product.uses(times), times[product.variable, product.factors].tolist())
-            needed.update(number[e] for k in step.equations for e in system[k].exponents)
-            kept.append(step)
-            continue
-        definitions = []
-        for product in reversed(step.definitions):
-            if int(times[product.variable, product.factors[0]]) in needed:
-                needed.update(product.uses(times))
-                definitions.append(product)
-        kept.append(_Extension(step.count, step.free, definitions[::-1]))
-    return kept[::-1]
-
-
-def _follow(structure: _Structure, system: list[Equation], field: PrimeField) -> NormalForms:
-    """The normal forms of all samples by the same steps."""
-    forms = NormalForms(structure.monomials, field, system[0].coefficients.shape[0])
-    for step in structure.steps:
-        if isinstance(step, _Elimination):
-            forms.eliminate(_rows(forms, system, step), step.pivots)
-            continue
-        forms.grow(step.count, step.free)
-        for product in step.definitions:
-            forms.define(product)
-    return forms
-
-
-def _solutions(forms: NormalForms, system: list[Equation]) -> tuple[Mask, list[Residues]]:
-    """Which samples follow the structure, and the solutions of those."""
-    matrices = forms.multiplications()
-    regular = forms.regular & commute(matrices, forms.field)
-    owners, found = quotient_points(matrices[:, regular], forms.field)
-    samples = np.flatnonzero(regular)
-    wrong = [equation.at(samples[owners]).value(found, forms.field) != 0 for equation in system]
-    valid = ~np.any(wrong, axis=0)
-    return regular, [found[valid & (owners == k)] for k in range(len(samples))]
+    pivots = forms.free[::-1][leading][::-1].tolist()
+    return _Elimination(products, equations, pivots), -table[::-1, rest[::-1]] % forms.field.p
