@@ -29,7 +29,7 @@ Dependence = dict[int, tuple[int, ...]]
 
 _Key = tuple[tuple[int, tuple[int, ...]], ...]
 
-_POSES = 6  # tried at each random geometry
+_POSES, _FEW_POSES = 6, 1  # variants tried at each random geometry
 _ATTEMPTS = 8
 _FIRST_ORDER, _LARGEST_ORDER = 12, 96
 _SURPLUS_ROWS = 8
@@ -70,10 +70,10 @@ def find_modes(rows: Rows, rng: np.random.Generator) -> list[Mode]:
         If random points keep contradicting each other, which has no natural cause.
     """
     orders: dict[_Key, list[int]] = {}
-    order = _FIRST_ORDER
+    order, poses = _FIRST_ORDER, _POSES
     for _ in range(_ATTEMPTS):
         try:
-            found = {tuple(sorted(d.items())) for d in _dependences(rows, PrimeField.random(rng), rng, order)}
+            found = {tuple(sorted(d.items())) for d in _dependences(rows, PrimeField.random(rng), rng, order, poses)}
         except DegenerateSampleError:
             continue
         new = found - orders.keys()
@@ -82,19 +82,19 @@ def find_modes(rows: Rows, rng: np.random.Generator) -> list[Mode]:
         if not new:
             break
         # the rank may grow with the number of coefficients, so the next attempt takes more
-        order = min(2 * order, _LARGEST_ORDER)
+        order, poses = min(2 * order, _LARGEST_ORDER), _POSES if len(orders) > 1 else _FEW_POSES
     confirmed = [Mode(dict(key), min(seen)) for key, seen in orders.items() if len(seen) > 1]
     if not confirmed:
         raise EchelonError("random points keep contradicting each other; please report this model")
     return sorted(confirmed, key=lambda mode: -len(mode.dependence))
 
 
-def _dependences(rows: Rows, field: PrimeField, rng: np.random.Generator, order: int) -> list[Dependence]:
+def _dependences(rows: Rows, field: PrimeField, rng: np.random.Generator, order: int, poses: int) -> list[Dependence]:
     """What depends on what at some random closed poses of a random geometry."""
     sampler = rows.forms.sampler(order)
     assert isinstance(sampler, CurveSampler)
     geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
-    pose = sampler.pose_variants(field, rng, geometry, _POSES)
+    pose = sampler.pose_variants(field, rng, geometry, poses)
     distinct = _distinct(pose)
     repeated = {s: np.repeat(value, len(distinct)) for s, value in geometry.items()}
     repeated[_ANY] = np.zeros(len(distinct), dtype=np.int64)

@@ -74,17 +74,25 @@ def matrix_product(a: Residues, b: Residues, field: PrimeField) -> Residues:
     a : array of shape (..., n, m, order)
     b : array of shape (..., m, k, order)
     field : PrimeField
+        With a prime below 2^31.
 
     Returns
     -------
     array of shape (..., n, k, order)
     """
-    p, order = field.p, a.shape[-1]
-    shape = (*np.broadcast_shapes(a.shape[:-3], b.shape[:-3]), a.shape[-3], b.shape[-2], order)
+    p, (rows, inner, order), columns = field.p, a.shape[-3:], b.shape[-2]
+    shape = (*np.broadcast_shapes(a.shape[:-3], b.shape[:-3]), rows, columns, order)
     result = np.zeros(shape, dtype=np.int64)
+    # halves of 16 bits, so that sums of products of them are exact in double precision and BLAS can do them
+    right = b.reshape(*b.shape[:-2], columns * order)
+    halves = np.concatenate([right >> 16, right & 0xFFFF], axis=-1).astype(np.float64)
     for j in range(order):
-        for m in range(a.shape[-2]):
-            result[..., j:] += a[..., :, m, None, j, None] * b[..., None, m, :, : order - j] % p
+        left = np.concatenate([a[..., j] >> 16, a[..., j] & 0xFFFF], axis=-2).astype(np.float64)
+        parts = (left @ halves).astype(np.int64).reshape(*shape[:-3], 2, rows, 2, columns, order) % p
+        high, low = parts[..., 0, :, 0, :, :], parts[..., 1, :, 1, :, :]
+        middle = parts[..., 0, :, 1, :, :] + parts[..., 1, :, 0, :, :]
+        total = ((high * 65536 + middle) % p * 65536 + low) % p
+        result[..., j:] += total[..., : order - j]
     return result % p
 
 

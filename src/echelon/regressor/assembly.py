@@ -26,7 +26,11 @@ _LONGEST = 0.5  # of one Gauss–Newton step, rad or characteristic lengths
 _FLOOR = 1e-12  # of the damping: the steps stay finite where constraints are redundant
 _STRIDE, _SHORTEST = 0.1, 1e-4  # of a step on the way to given coordinates, rad or characteristic lengths
 _FEW = 8  # iterations for one such step; if these do not do, it is shortened
-_WALK = 20  # strides of a random state from the assembly pose
+_GUESSES = 64  # random ones, where no assembly pose is stated
+_LARGEST_CORRECTION = 0.05  # of what its trend predicts; more may be a jump to another way of assembly
+_SEED, _TRIES = 2015, 32  # disturbances of a stated pose that does not close
+_WALK = 20  # random strides from the assembly pose
+_KEPT_AWAY = 0.25  # of the assembly pose's distance from singular configurations; more than a stride
 _RATE = 2.0  # largest random velocity and acceleration
 
 
@@ -45,7 +49,9 @@ class Assembly(ClosedMotion):
 
     @cached_property
     def pose(self) -> Floats:
-        """The closed configuration nearest to the mechanism's assembly pose, shape (positions,).
+        """A closed configuration near the mechanism's assembly pose, shape (positions,).
+
+        Where no assembly pose is stated and none is near zero, any.
 
         Raises
         ------
@@ -54,15 +60,18 @@ class Assembly(ClosedMotion):
         """
         mechanism = self.mechanism
         upright = {m.positions[0]: 1.0 for m in mechanism.motions if m.kind is MotionKind.BALL}
-        guess = np.array([[mechanism.assembly.get(n, upright.get(n, 0.0)) for n in mechanism.positions]])
-        found, done = self.closed(guess)
-        if not done[0]:
-            problem = self.opening(self.closures.at(found)[0][0])
+        stated = np.array([mechanism.assembly.get(n, upright.get(n, 0.0)) for n in mechanism.positions])
+        # a pose in which the links are in line leads nowhere, so growing disturbances of it are tried, too
+        disturbed = np.random.default_rng(_SEED).uniform(-1.0, 1.0, (_TRIES, len(mechanism.velocities)))
+        disturbed *= np.linspace(0.0, 1.0, _TRIES)[:, None]
+        q, done = self.closed(self._moved(np.repeat(stated[None], _TRIES, axis=0), disturbed))
+        if not done.any():
+            problem = self.opening(self.closures.at(q[:1])[0][0])
             raise InputError(
                 f"the loops do not close near the assembly pose: {problem}; check the lengths, or state an assembly "
                 "pose near which the loops close"
             )
-        pose: Floats = found[0]
+        pose: Floats = q[done.argmax()]
         return pose
 
     def closed(self, q: Floats, held: Sequence[str] = (), iterations: int = _ITERATIONS) -> tuple[Floats, Bools]:
@@ -121,14 +130,16 @@ class Assembly(ClosedMotion):
         q = np.repeat((self.pose if start is None else start)[None], len(q_independent), axis=0)
         begin, end = q[:, places], self._turned_towards(q[:, places], q_independent)
         extent = np.maximum(_size((end - begin) / self._position_units[places]), _STRIDE)
-        gone, stride = np.zeros(len(q)), _STRIDE / extent
+        gone, stride, trend = np.zeros(len(q)), _STRIDE / extent, np.zeros_like(q)
         while (gone < 1).any():
             on = np.flatnonzero(gone < 1)
-            reached = np.minimum(gone[on] + stride[on], 1.0)
-            guess = q[on]
-            guess[:, places] = (1 - reached[:, None]) * begin[on] + reached[:, None] * end[on]
+            reached = np.minimum(gone[on] + stride[on], 1.0)[:, None]
+            guess = q[on] + trend[on] * (reached - gone[on, None])
+            guess[:, places] = (1 - reached) * begin[on] + reached * end[on]
             found, done = self.closed(guess, self.mechanism.independent_velocities, _FEW)
-            q[on[done]], gone[on[done]] = found[done], reached[done]
+            done &= _size((found - guess) / self._position_units) < _LARGEST_CORRECTION
+            trend[on[done]] = (found - q[on])[done] / (reached[:, 0] - gone[on])[done, None]
+            q[on[done]], gone[on[done]] = found[done], reached[done, 0]
             stride[on] = np.where(done, np.minimum(1.5 * stride[on], _STRIDE / extent[on]), stride[on] / 2)
             stuck = on[stride[on] * extent[on] < _SHORTEST]
             if len(stuck):
@@ -187,24 +198,20 @@ class Assembly(ClosedMotion):
     def random_closed_states(self, rng: np.random.Generator, count: int) -> tuple[Floats, Floats, Floats]:
         """Random q, qd and qdd of all coordinates.
 
-        The independent coordinates set out from the assembly pose in random directions, up to where the loops let them
-        go, and each sample is somewhere on its way.
+        Configurations are those of random walks from the assembly pose, which keep away from singular ones, so that
+        they cannot change over to another way of assembly there.
 
         Parameters
         ----------
         rng : numpy Generator
         count : int
         """
-        way = np.zeros((count, len(self.mechanism.velocities)))
-        way[:, self._independent] = rng.uniform(-_STRIDE, _STRIDE, (count, len(self._independent)))
-        passed, on, gone = [np.repeat(self.pose[None], count, axis=0)], np.ones(count, dtype=bool), np.zeros(count)
+        q = np.repeat(self.pose[None], count, axis=0)
+        closeness = self._distance_to_singular(q[:1])
         for _ in range(_WALK):
-            found, done = self.closed(self._moved(passed[-1], way), self.mechanism.independent_velocities, _FEW)
-            on &= done
-            gone += on
-            passed.append(np.where(on[:, None], found, passed[-1]))
-        stops = np.ceil(gone * rng.uniform(size=count)).astype(int)
-        q: Floats = np.array(passed)[stops, np.arange(count)]
+            found, done = self.closed(self._moved(q, self._random_motion(rng, q, 2 * _STRIDE)), iterations=_FEW)
+            done &= self._distance_to_singular(found) > _KEPT_AWAY * closeness
+            q[done] = found[done]
         units = self.closures.units[: len(self.mechanism.velocities)]
         qd = self._random_motion(rng, q, _RATE) * units
         return q, qd, self._random_motion(rng, q, _RATE, self.closures.bias(q, qd)) * units
@@ -218,6 +225,13 @@ class Assembly(ClosedMotion):
         back = np.linalg.pinv(jacobian, rcond=RANK_TOLERANCE) @ opening[:, :, None]
         result: Floats = any_ - back[:, :, 0]
         return result
+
+    def _distance_to_singular(self, q: Floats) -> Floats:
+        """The smallest singular value of the Jacobian that does not vanish at the assembly pose."""
+        rank = len(self.mechanism.velocities) - int(self.mobility(self.pose[None])[0])
+        singular = np.linalg.svd(self.closures.at(q)[1][:, :, : len(self.mechanism.velocities)], compute_uv=False)
+        distance: Floats = singular[:, rank - 1] if rank else np.ones(len(q))
+        return distance
 
     def _moved(self, q: Floats, change: Floats) -> Floats:
         units = self.closures.units[: change.shape[1]]

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from echelon.errors import DegenerateSampleError, InputError, SingularPoseError
-from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.mechanism.mechanism import Mechanism
@@ -21,7 +20,7 @@ from echelon.regressor.steps import Recorder
 
 _SEED = 2015
 _ATTEMPTS = 4
-_STATES = 4  # random configurations at which the mobility is counted numerically
+_STATES = 8  # random configurations at which the mobility is counted numerically
 
 
 def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: Sequence[str] = ()) -> Mechanism:
@@ -54,40 +53,40 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
     for name in wanted or ():
         if name not in names:
             raise InputError(f"there is no coordinate '{name}' (valid: {', '.join(names)})", element="independent")
-    mobility = _numeric_mobility(mechanism)
-    if mobility == 0:
+    assembly = _assembly(mechanism)
+    if assembly is not None and assembly.mobility(assembly.pose[None])[0] == 0:
         raise InputError(f"the loops closed by {_closures(mechanism)} leave no motion")
     field, jacobian = _jacobian(mechanism)
-    freedom = len(names) - rank(jacobian, field)
-    if mobility is not None and freedom < mobility:
-        raise InputError(_locked(mechanism, freedom, mobility))
-    if freedom == 0:
-        raise InputError(f"the loops closed by {_closures(mechanism)} leave no motion")
     first = list(wanted) if wanted is not None else [name for name in prefer if name in names]
     choice = choose(jacobian, field, [names.index(name) for name in first])
     chosen = tuple(names[k] for k in choice.independent)
+    if assembly is not None:
+        _check_mobility(mechanism, chosen, assembly)
     if wanted is not None:
         _check_wanted(wanted, chosen)
         chosen = tuple(wanted)
     return replace(mechanism, independent=chosen)
 
 
-def _numeric_mobility(mechanism: Mechanism) -> int | None:
-    """Degrees of freedom in double precision near the assembly pose; None if symbols have no values.
-
-    Raises
-    ------
-    InputError
-        If the loops do not close there.
-    """
+def _assembly(mechanism: Mechanism) -> Assembly | None:
+    """Configurations in double precision; None if symbols have no values."""
     if any(symbol.value is None for symbol in mechanism.symbols.values()):
         return None
     try:
-        assembly = Assembly(mechanism)
+        return Assembly(mechanism)
     except InputError:  # symbols that the mechanism does not even list
         return None
-    q, _, _ = assembly.random_closed_states(np.random.default_rng(_SEED), _STATES)
-    return int(assembly.mobility(q).min())
+
+
+def _check_mobility(mechanism: Mechanism, chosen: tuple[str, ...], assembly: Assembly) -> None:
+    """Refuse loops that can move to six digits, but not with the numbers as they are."""
+    q = assembly.pose[None]
+    if chosen:
+        moving = Assembly(replace(mechanism, independent=chosen))
+        q, _, _ = moving.random_closed_states(np.random.default_rng(_SEED), _STATES)
+    mobility = int(assembly.mobility(q).min())
+    if len(chosen) < mobility:
+        raise InputError(_locked(mechanism, len(chosen), mobility))
 
 
 def _jacobian(mechanism: Mechanism) -> tuple[PrimeField, Residues]:
