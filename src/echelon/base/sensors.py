@@ -9,6 +9,8 @@ from itertools import combinations
 import numpy as np
 
 from echelon.base.derive import DEFAULT_SEED
+from echelon.base.modes import in_mode
+from echelon.base.structure import find_structure
 from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.elimination import rank, reduced_echelon
 from echelon.exact.field import PrimeField, Residues
@@ -110,7 +112,11 @@ class _Spaces:
     """Row spaces of the sensors modulo primes, at one random geometry each."""
 
     def __init__(self, mechanism: Mechanism, groups: Mapping[str, tuple[Output, ...]], rng: np.random.Generator):
-        self._forms = {name: virtual_power_form(replace(mechanism, measured=g)) for name, g in groups.items()}
+        accepted = find_structure(mechanism, rng).accepted if mechanism.closures else None
+        self._forms = {
+            name: in_mode(virtual_power_form(replace(mechanism, measured=group)), accepted)
+            for name, group in groups.items()
+        }
         self._known: dict[tuple[str, ...], int] = {}
         self._bases: list[tuple[PrimeField, dict[str, Residues]]] = []
         for _ in range(_ATTEMPTS):

@@ -1,4 +1,4 @@
-"""Truncated power series over GF(p): arrays of residues whose last axis holds the coefficients of 1, t, t², …"""
+"""Truncated power series over GF(p): arrays of residues whose last axis holds the coefficients of powers of t."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def matrix_product(a: Residues, b: Residues, field: PrimeField) -> Residues:
     -------
     array of shape (..., n, k, order)
     """
-    p, (rows, inner, order), columns = field.p, a.shape[-3:], b.shape[-2]
+    p, rows, columns, order = field.p, a.shape[-3], b.shape[-2], a.shape[-1]
     shape = (*np.broadcast_shapes(a.shape[:-3], b.shape[:-3]), rows, columns, order)
     result = np.zeros(shape, dtype=np.int64)
     # halves of 16 bits, so that sums of products of them are exact in double precision and BLAS can do them

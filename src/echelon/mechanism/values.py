@@ -22,7 +22,7 @@ def symbol_values(
     """
     given = dict(overrides or {})
     if given:
-        known = _symbols(mechanism)
+        known = all_symbols(mechanism)
         strange = next((name for name in given if name not in known), None)
         if strange is not None:
             valid = ", ".join(sorted(known)) or "none"
@@ -37,7 +37,7 @@ def symbol_values(
     return values
 
 
-def _symbols(mechanism: Mechanism) -> set[str]:
+def all_symbols(mechanism: Mechanism) -> set[str]:
     """All symbols that a mechanism lists or uses."""
     used = {name for body in mechanism.bodies for name in body.joint.symbols()}
     used |= {name for value in setup_expressions(mechanism) for name in value.symbols()}
@@ -45,9 +45,14 @@ def _symbols(mechanism: Mechanism) -> set[str]:
     return used | set(mechanism.symbols)
 
 
+def known_values(mechanism: Mechanism) -> dict[str, float]:
+    """Values of the symbols that have one."""
+    return {name: s.value for name, s in mechanism.symbols.items() if s.value is not None}
+
+
 def characteristic_length(mechanism: Mechanism) -> float:
     """The largest joint offset whose value is known, m; 1 if there is none."""
-    known = {name: s.value for name, s in mechanism.symbols.items() if s.value is not None}
+    known = known_values(mechanism)
     sizes = [1e-300]
     for body in mechanism.bodies:
         for step in body.joint.steps:

@@ -45,6 +45,7 @@ class ClosureEquations:
     owners: tuple[str, ...]
 
 
+RealInputs = Callable[[np.random.Generator, int], Mapping[str, npt.NDArray[np.float64]]]
 Accepts = Callable[[PrimeField, np.random.Generator, Mapping[str, Residues], Pose], npt.NDArray[np.bool_]]
 
 
@@ -66,6 +67,8 @@ class Loops:
         Positions near which the loops close.
     accepts : callable, optional
         Which of some poses are in the wanted assembly mode, from (field, rng, geometry, poses); None for all.
+    real : callable, optional
+        Random real inputs of the program on closed configurations, by name, from (rng, count); for signs.
     """
 
     equations: ClosureEquations
@@ -74,6 +77,7 @@ class Loops:
     preferred: tuple[str, ...] = ()
     assembly: Mapping[str, float] = field(default_factory=dict)
     accepts: Accepts | None = None
+    real: RealInputs | None = None
 
 
 def loops_of(

@@ -11,25 +11,26 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from echelon.errors import SingularPoseError, UnknownRelationsError
-from echelon.exact import series
 from echelon.exact.field import PrimeField, Residues
 from echelon.program.canonical import Turn
 from echelon.program.generator_values import GeneratorValues
 from echelon.program.operations import Op
 from echelon.program.sampling import FieldSampler, generators_of
-from echelon.program.schedule import Schedule, SeriesArithmetic
+from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
+from echelon.regressor.closed_curve import ClosedCurve
 from echelon.regressor.closures import Loops
-from echelon.regressor.lifting import Choice, choose, lift, tangent
-from echelon.regressor.moving import Layout, MovingCoordinates, Pose
+from echelon.regressor.moving import Layout, Pose
 from echelon.regressor.poses import PoseFinder
 from echelon.regressor.positions import Constants, Positions, Recorded
 
 DEFAULT_ORDER = 16
 _LOST = 2  # coefficients that are not known of accelerations
 _REGULAR_ORDER = 6  # coefficients after which a curve from a singular pose fails to be closed
+_SEED, _REAL_STATES, _MOST_REGIONS = 2015, 512, 24  # real states that show which signs occur together
 _SURPLUS = 3  # halves: that many more coefficients are taken than states, because some are not independent
 
 
@@ -125,8 +126,10 @@ class CurveSampler(FieldSampler):
         """Evaluate along random curves from given closed poses; see :meth:`evaluate`."""
         positions = self._positions(field, rng, geometry)
         geometries, curves = positions.samples, 1 + -(-_SURPLUS * states // (2 * self.order))
+        curves = max(curves, min(len(self._regions), _MOST_REGIONS))
         positions = positions.at(np.repeat(np.arange(geometries), curves))
-        curve = _Curve(positions, pose.repeated(curves), rng, self.order + _LOST, self.loops.speeds, self._speeds)
+        signs = self._signs(field, rng, geometries * curves)
+        curve = self._curve(positions, pose.repeated(curves), rng, self.order + _LOST, signs)
         values = self._main.run(curve.arithmetic, curve.leaves(self._main), geometries * curves)[..., : self.order]
         return _mixed(values.reshape(len(values), geometries, -1), states, field, rng)
 
@@ -144,14 +147,40 @@ class CurveSampler(FieldSampler):
         start: Residues = jacobian[0, :, :, 0]
         return start
 
+    def _curve(
+        self, positions: Positions, pose: Pose, rng: np.random.Generator, order: int, signs: Mapping[int, Residues]
+    ) -> ClosedCurve:
+        return ClosedCurve(positions, pose, rng, order, self.loops.speeds, self._speeds, signs)
+
     def _is_regular(self, positions: Positions, pose: Pose, rng: np.random.Generator) -> bool:
         """Whether curves of closed poses go on from a pose in all directions that the Jacobian allows."""
         first = np.zeros(1, dtype=np.intp)
         try:
-            _Curve(positions.at(first), pose.at(first), rng, _REGULAR_ORDER, None, self._speeds)
+            self._curve(positions.at(first), pose.at(first), rng, _REGULAR_ORDER, {})
         except SingularPoseError:
             return False
         return True
+
+    # -- signs -----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _regions(self) -> npt.NDArray[np.int64]:
+        """Signs that occur together on closed configurations, (regions, nodes that are signs)."""
+        if not self._sign_leaves:
+            return np.ones((1, 0), dtype=np.int64)
+        if self.loops.real is None:
+            raise UnknownRelationsError("signs of what moves in a mechanism with loops")
+        inputs = self.loops.real(np.random.default_rng(_SEED), _REAL_STATES)
+        arguments = Schedule(self.program, [self.program.lhs[node] for node in self._sign_leaves])
+        leaves = {node: inputs[self.program.inputs[node].name] for node in arguments.leaves}
+        signs = np.sign(arguments.run(FloatArithmetic(), leaves, _REAL_STATES)).astype(np.int64)
+        return np.unique(signs.T, axis=0)
+
+    def _signs(self, field: PrimeField, rng: np.random.Generator, samples: int) -> dict[int, Residues]:
+        """Values of the nodes that are signs: regions take turns, in random order."""
+        order = np.concatenate([rng.permutation(len(self._regions)) for _ in range(1 + samples // len(self._regions))])
+        chosen = self._regions[order[:samples]] % field.p
+        return {node: chosen[:, k] for k, node in enumerate(self._sign_leaves)}
 
     # -- leaves ----------------------------------------------------------------------------------------------------
 
@@ -188,108 +217,6 @@ class CurveSampler(FieldSampler):
         for node in forms.keys() - self._recorded.turns.keys():
             values[node] = self._combined(node, [((), everywhere)], generators, circles, field, samples)
         return Positions(self._recorded, field, Constants(values, circles, dict(geometry)), samples)
-
-
-class _Curve:
-    """One random curve of closed configurations for every sample, and a random motion along it."""
-
-    def __init__(
-        self,
-        positions: Positions,
-        pose: Pose,
-        rng: np.random.Generator,
-        order: int,
-        given: Mapping[str, int] | None,
-        speeds: Schedule,
-    ) -> None:
-        self.positions, self.pose, self.rng = positions, pose, rng
-        self.field, self.order = positions.field, order
-        self._given, self._speeds = given, speeds
-        self.arithmetic = SeriesArithmetic(self.field, order)
-        self._drawn: dict[str, Residues] = {}
-        self.moving = self._lifted()
-
-    def leaves(self, schedule: Schedule) -> dict[int, Residues]:
-        """Values of a schedule's leaves along the curves."""
-        return {node: self._leaf(node) for node in schedule.leaves}
-
-    def at_start(self) -> Residues:
-        """Jacobian of the closures where the curves begin, (samples, equations, velocities)."""
-        _, jacobian = self.positions.closure(self.positions.resting(self.pose))
-        start: Residues = jacobian[..., 0]
-        return start
-
-    def _lifted(self) -> MovingCoordinates:
-        choice = choose(self.at_start()[0], self.field)
-        free = self.field.draw(self.rng, (self.positions.samples, len(choice.independent), self.order))
-        free[..., 0] = 0
-
-        def equations(local: Residues) -> tuple[Residues, Residues]:
-            moving = self.positions.moving(self.pose, local)
-            values, jacobian = self.positions.closure(moving)
-            return values, moving.pulled_back(jacobian)
-
-        return self.positions.moving(self.pose, lift(equations, choice, free, self.field))
-
-    # -- values of leaves ------------------------------------------------------------------------------------------
-
-    def _leaf(self, node: int) -> Residues:
-        recorded = self.positions.recorded
-        entry = recorded.program.inputs.get(node)
-        if entry is None or entry.role == "symbol":
-            return self.positions.leaf(node, self.moving)
-        kind, _, rest = entry.name.partition("[")
-        coordinate, names = rest[:-1], recorded.layout.names
-        if kind == "qd":
-            return self._rates[:, names.index(coordinate)]
-        if kind == "qdd":
-            return self._accelerations[:, names.index(coordinate)]
-        if kind == "v":
-            return self._virtual[coordinate]
-        if kind == "q":
-            return self.positions.leaf(node, self.moving)
-        if entry.name not in self._drawn:  # virtual velocities of outputs, measured inputs
-            self._drawn[entry.name] = self.field.draw(self.rng, (self.positions.samples, self.order))
-        return self._drawn[entry.name]
-
-    @cached_property
-    def _rates(self) -> Residues:
-        return self.moving.rates()
-
-    @cached_property
-    def _accelerations(self) -> Residues:
-        return series.derivative(self._rates, self.field)
-
-    @cached_property
-    def _virtual(self) -> dict[str, Residues]:
-        """Virtual velocities that keep the loops closed, of freedoms that are not given."""
-        coordinates = self.positions.recorded.layout.names
-        names = [*coordinates, *(name for name in self._given or () if name not in coordinates)]
-        _, jacobian = self.positions.closure(self.moving, names)
-        if self._given is None:
-            choice = choose(jacobian[0, :, :, 0], self.field)
-            free = self.field.draw(self.rng, (self.positions.samples, len(choice.independent), self.order))
-        else:
-            choice = _choice_of(jacobian[0, :, :, 0], names, list(self._given), self.field)
-            values = self._speeds.run(self.arithmetic, self.leaves(self._speeds), self.positions.samples)
-            free = values.transpose(1, 0, 2)
-        speeds = tangent(jacobian, choice, free, self.field)
-        return {name: speeds[:, k] for k, name in enumerate(names)}
-
-
-def _choice_of(jacobian: Residues, names: Sequence[str], given: Sequence[str], field: PrimeField) -> Choice:
-    """The choice in which the freedoms whose velocities are given are the independent ones."""
-    independent = [names.index(name) for name in given]
-    choice = choose(jacobian, field, independent)
-    stuck = [names[k] for k in independent if k in choice.dependent]
-    if stuck:
-        raise SingularPoseError(
-            f"'{stuck[0]}' cannot move by itself while the loops stay closed, so what is measured there is undetermined"
-        )
-    loose = [names[k] for k in choice.independent if k not in independent]
-    if loose:
-        raise SingularPoseError(f"'{loose[0]}' does not follow from the independent coordinates")
-    return Choice(choice.rows, choice.dependent, tuple(independent))
 
 
 def _mixed(values: Residues, states: int, field: PrimeField, rng: np.random.Generator) -> Residues:

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import prod
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -287,7 +288,8 @@ def _system(positions: Positions, pose: Pose, block: Block) -> tuple[list[dict[t
             for offset, corner in zip(offsets, point, strict=True):
                 if corner:
                     exponents[offset + corner - 1] = 1
-            coefficient = values[(slice(None), *point, row)]
+            index: tuple[Any, ...] = (slice(None), *point, row)
+            coefficient = values[index]
             if coefficient.any():
                 terms[tuple(exponents)] = coefficient
         if terms:

@@ -8,10 +8,14 @@ is a row of X.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.accelerations import Accelerations, Wrench, forward_accelerations, unit_wrenches
+from echelon.regressor.assembly import real_inputs
 from echelon.regressor.closures import loops_of
 from echelon.regressor.effects import EffectRecorder
 from echelon.regressor.linear import LinearForms
@@ -54,6 +58,8 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
         if not power.is_zero:
             entries[0, column] = power.node
     loops = loops_of(mechanism, recorder, probes, known)
+    if loops is not None:
+        loops = replace(loops, real=partial(real_inputs, mechanism))
     return LinearForms(program, entries, (1, len(mechanism.parameters)), loops)
 
 

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import os
 
+import numpy as np
+
 from echelon.base.certificate import Certificate, certify
 from echelon.base.model import BaseModel
+from echelon.base.modes import in_mode
+from echelon.base.structure import find_structure
 from echelon.errors import CertificateError
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.results.saved import load_base
@@ -41,5 +45,8 @@ def verify(model: BaseModel | str | os.PathLike[str], seed: int | None = None) -
     if recorded.rank != model.rank:
         raise CertificateError(f"the certificate is for {recorded.rank} base parameters, the set has {model.rank}")
     forms = virtual_power_form(model.mechanism)
+    if forms.loops is not None:
+        structure = find_structure(model.mechanism, np.random.default_rng(recorded.seed))
+        forms = in_mode(forms, structure.accepted)
     certify(forms, model.matrix, recorded.seed)
     return certify(forms, model.matrix, recorded.seed + 1 if seed is None else seed)

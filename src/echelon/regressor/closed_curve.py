@@ -1,0 +1,144 @@
+"""Random motions of a mechanism with loops modulo a prime: for every sample a closed curve, and a motion along it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from echelon.errors import SingularPoseError
+from echelon.exact import series
+from echelon.exact.field import PrimeField, Residues
+from echelon.program.schedule import Schedule, SeriesArithmetic
+from echelon.regressor.lifting import Choice, choose, lift, tangent
+from echelon.regressor.moving import MovingCoordinates, Pose
+from echelon.regressor.positions import Positions
+
+
+class ClosedCurve:
+    """One random curve of closed configurations for every sample, and a random motion along it.
+
+    Parameters
+    ----------
+    positions : Positions
+        With the samples' constants.
+    pose : Pose
+        Where the curves begin.
+    rng : numpy Generator
+    order : int
+        Number of coefficients.
+    given : mapping of str to int, or None
+        Freedoms whose virtual velocities are given; see :class:`echelon.regressor.closures.Loops`.
+    speeds : Schedule
+        Of these velocities.
+    signs : mapping of int to array of shape (samples,)
+        Values of nodes that are signs, which are constant along a curve.
+
+    Raises
+    ------
+    SingularPoseError
+        If no curve of closed poses goes on from a pose in all directions that its Jacobian allows, or an output does
+        not follow from the motion.
+    """
+
+    def __init__(
+        self,
+        positions: Positions,
+        pose: Pose,
+        rng: np.random.Generator,
+        order: int,
+        given: Mapping[str, int] | None,
+        speeds: Schedule,
+        signs: Mapping[int, Residues],
+    ) -> None:
+        self.positions, self.pose, self.rng = positions, pose, rng
+        self.field, self.order = positions.field, order
+        self._given, self._speeds, self._signs = given, speeds, signs
+        self.arithmetic = SeriesArithmetic(self.field, order)
+        self._drawn: dict[str, Residues] = {}
+        self.moving = self._lifted()
+
+    def leaves(self, schedule: Schedule) -> dict[int, Residues]:
+        """Values of a schedule's leaves along the curves."""
+        return {node: self._leaf(node) for node in schedule.leaves}
+
+    def at_start(self) -> Residues:
+        """Jacobian of the closures where the curves begin, (samples, equations, velocities)."""
+        _, jacobian = self.positions.closure(self.positions.resting(self.pose))
+        start: Residues = jacobian[..., 0]
+        return start
+
+    def _lifted(self) -> MovingCoordinates:
+        choice = choose(self.at_start()[0], self.field)
+        free = self.field.draw(self.rng, (self.positions.samples, len(choice.independent), self.order))
+        free[..., 0] = 0
+
+        def equations(local: Residues) -> tuple[Residues, Residues]:
+            moving = self.positions.moving(self.pose, local)
+            values, jacobian = self.positions.closure(moving)
+            return values, moving.pulled_back(jacobian)
+
+        return self.positions.moving(self.pose, lift(equations, choice, free, self.field))
+
+    # -- values of leaves ------------------------------------------------------------------------------------------
+
+    def _leaf(self, node: int) -> Residues:
+        if node in self._signs:
+            return series.constant(self._signs[node], self.order)
+        recorded = self.positions.recorded
+        entry = recorded.program.inputs.get(node)
+        if entry is None or entry.role == "symbol":
+            return self.positions.leaf(node, self.moving)
+        kind, _, rest = entry.name.partition("[")
+        coordinate, names = rest[:-1], recorded.layout.names
+        if kind == "qd":
+            return self._rates[:, names.index(coordinate)]
+        if kind == "qdd":
+            return self._accelerations[:, names.index(coordinate)]
+        if kind == "v":
+            return self._virtual[coordinate]
+        if kind == "q":
+            return self.positions.leaf(node, self.moving)
+        if entry.name not in self._drawn:  # virtual velocities of outputs, measured inputs
+            self._drawn[entry.name] = self.field.draw(self.rng, (self.positions.samples, self.order))
+        return self._drawn[entry.name]
+
+    @cached_property
+    def _rates(self) -> Residues:
+        return self.moving.rates()
+
+    @cached_property
+    def _accelerations(self) -> Residues:
+        return series.derivative(self._rates, self.field)
+
+    @cached_property
+    def _virtual(self) -> dict[str, Residues]:
+        """Virtual velocities that keep the loops closed, of freedoms that are not given."""
+        coordinates = self.positions.recorded.layout.names
+        names = [*coordinates, *(name for name in self._given or () if name not in coordinates)]
+        _, jacobian = self.positions.closure(self.moving, names)
+        if self._given is None:
+            choice = choose(jacobian[0, :, :, 0], self.field)
+            free = self.field.draw(self.rng, (self.positions.samples, len(choice.independent), self.order))
+        else:
+            choice = _choice_of(jacobian[0, :, :, 0], names, list(self._given), self.field)
+            values = self._speeds.run(self.arithmetic, self.leaves(self._speeds), self.positions.samples)
+            free = values.transpose(1, 0, 2)
+        speeds = tangent(jacobian, choice, free, self.field)
+        return {name: speeds[:, k] for k, name in enumerate(names)}
+
+
+def _choice_of(jacobian: Residues, names: Sequence[str], given: Sequence[str], field: PrimeField) -> Choice:
+    """The choice in which the freedoms whose velocities are given are the independent ones."""
+    independent = [names.index(name) for name in given]
+    choice = choose(jacobian, field, independent)
+    stuck = [names[k] for k in independent if k in choice.dependent]
+    if stuck:
+        raise SingularPoseError(
+            f"'{stuck[0]}' cannot move by itself while the loops stay closed, so what is measured there is undetermined"
+        )
+    loose = [names[k] for k in choice.independent if k not in independent]
+    if loose:
+        raise SingularPoseError(f"'{loose[0]}' does not follow from the independent coordinates")
+    return Choice(choice.rows, choice.dependent, tuple(independent))
