@@ -205,7 +205,8 @@ class _Setup:
     def _joint(self, name: str, path: str) -> JointForce:
         valid = self.mechanism.independent_velocities
         if name not in valid:
-            problem = f"there is no independent joint coordinate '{name}'{nearest_of(name, valid)}"
+            kind = "independent joint coordinate" if self.mechanism.closures else "joint coordinate"
+            problem = f"there is no {kind} '{name}'{nearest_of(name, valid)}"
             raise self.expressions.error(path, problem)
         return JointForce(name)
 
