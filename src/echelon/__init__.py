@@ -13,6 +13,7 @@ from echelon.base.expression import Expression
 from echelon.base.linear_base import LinearBase
 from echelon.base.match import Match, match
 from echelon.base.model import BaseModel
+from echelon.base.modes import assembly_modes
 from echelon.base.sensors import SensorReport, sensor_report
 from echelon.base.special import SpecialGeometry, special_geometry
 from echelon.base.structure import Structure
@@ -56,6 +57,7 @@ __all__ = [
     "UnknownRelationsError",
     "Verdict",
     "__version__",
+    "assembly_modes",
     "audit",
     "base_parameters",
     "base_structure",

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from echelon.base.rows import Rows
-from echelon.errors import DegenerateSampleError, EchelonError, InputError
+from echelon.base.rows import Rows, rows_of
+from echelon.errors import DegenerateSampleError, EchelonError, InputError, SingularPoseError
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 from echelon.mechanism.mechanism import Mechanism
@@ -170,6 +170,42 @@ def in_mode(forms: LinearForms, accepted: InMode | None) -> LinearForms:
     if accepted is None or forms.loops is None:
         return forms
     return replace(forms, loops=replace(forms.loops, accepts=accepted))
+
+
+def assembly_modes(mechanism: Mechanism, *, seed: int = _SEED) -> tuple[int, ...]:
+    """Ranks of all ways to assemble a mechanism with loops that differ in what can be seen, the lowest first.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    seed : int
+
+    Returns
+    -------
+    tuple of int
+        One rank for each mode; :func:`echelon.base_structure` tells that of the mechanism's own one.
+
+    Raises
+    ------
+    InputError
+        If there are no loops, or no closed poses can be found but the stated one.
+
+    Examples
+    --------
+    >>> import echelon as ec
+    >>> ec.assembly_modes(ec.load("examples/loops/parallelogram.yaml"))
+    (3, 8)
+    """
+    if not mechanism.closures:
+        raise InputError("a mechanism without loops has no assembly modes")
+    rows = rows_of(mechanism)
+    assert rows.forms.loops is not None
+    anywhere = Rows(replace(rows.forms, loops=replace(rows.forms.loops, stated=False)), rows.auxiliary)
+    try:
+        modes = find_modes(anywhere, np.random.default_rng(seed))
+    except (DegenerateSampleError, SingularPoseError) as error:
+        raise InputError(f"no other closed poses were found: {error}") from None
+    return tuple(len(mechanism.parameters) - len(mode.dependence) for mode in modes)
 
 
 def own_mode(mechanism: Mechanism, columns: Sequence[int], modes: Sequence[Mode]) -> Mode | None:

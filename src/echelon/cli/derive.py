@@ -90,7 +90,7 @@ def _structure_text(robot: Mechanism, seed: int, *, as_json: bool) -> str:
     structure = base_structure(robot, seed=seed)
     names = [robot.parameters[p] for p in structure.pivots]
     if as_json:
-        record = {
+        record: dict[str, Any] = {
             "schema": "echelon.structure/1",
             "name": robot.name,
             "seed": seed,
@@ -98,6 +98,12 @@ def _structure_text(robot: Mechanism, seed: int, *, as_json: bool) -> str:
             "parameters": list(robot.parameters),
             "representatives": names,
         }
+        if structure.modes:
+            record["modes"] = list(structure.modes)
         return json.dumps(record, indent=1, ensure_ascii=False) + "\n"
     count = f"{robot.name}: {structure.rank} base parameters of {structure.parameters} standard parameters"
-    return f"{one_line(count)}\nrepresentatives: {one_line(' '.join(names))}\n"
+    lines = [one_line(count), f"representatives: {one_line(' '.join(names))}"]
+    if len(structure.modes) > 1:
+        ranks = ", ".join(map(str, structure.modes))
+        lines.append(f"assembly modes: base parameters {ranks}; this is the one with {structure.rank}")
+    return "\n".join(lines) + "\n"

@@ -28,9 +28,8 @@ _LONGEST = 0.5  # of one Gauss–Newton step, rad or characteristic lengths
 _FLOOR = 1e-12  # of the damping: the steps stay finite where constraints are redundant
 _STRIDE, _SHORTEST = 0.1, 1e-4  # of a step on the way to given coordinates, rad or characteristic lengths
 _FEW = 8  # iterations for one such step; if these do not do, it is shortened
-_GUESSES = 64  # random ones, where no assembly pose is stated
 _LARGEST_CORRECTION = 0.05  # of what its trend predicts; more may be a jump to another way of assembly
-_SEED, _TRIES = 2015, 32  # disturbances of a stated pose that does not close
+_SEED, _TRIES, _NEAR = 2015, 64, 1.0  # disturbances of a pose that does not close, rad or characteristic lengths
 _DRAWS = 8  # of values for symbols that have none
 _WALK = 20  # random strides from the assembly pose
 _KEPT_AWAY = 0.25  # of the assembly pose's distance from singular configurations; more than a stride
@@ -66,7 +65,7 @@ class Assembly(ClosedMotion):
         stated = np.array([mechanism.assembly.get(n, upright.get(n, 0.0)) for n in mechanism.positions])
         # a pose in which the links are in line leads nowhere, so growing disturbances of it are tried, too
         disturbed = np.random.default_rng(_SEED).uniform(-1.0, 1.0, (_TRIES, len(mechanism.velocities)))
-        disturbed *= np.linspace(0.0, 1.0, _TRIES)[:, None]
+        disturbed *= np.linspace(0.0, _NEAR if mechanism.assembly else np.pi, _TRIES)[:, None]
         q, done = self.closed(self._moved(np.repeat(stated[None], _TRIES, axis=0), disturbed))
         if not done.any():
             problem = self.opening(self.closures.at(q[:1])[0][0])
@@ -139,6 +138,7 @@ class Assembly(ClosedMotion):
             reached = np.minimum(gone[on] + stride[on], 1.0)[:, None]
             guess = q[on] + trend[on] * (reached - gone[on, None])
             guess[:, places] = (1 - reached) * begin[on] + reached * end[on]
+            guess = normalised(self.mechanism, guess)
             found, done = self.closed(guess, self.mechanism.independent_velocities, _FEW)
             done &= _size((found - guess) / self._position_units) < _LARGEST_CORRECTION
             trend[on[done]] = (found - q[on])[done] / (reached[:, 0] - gone[on])[done, None]

@@ -65,6 +65,8 @@ class Loops:
         Coordinates that should rather be drawn than solved for where a closed pose is looked for.
     assembly : mapping of str to float
         Positions near which the loops close.
+    stated : bool
+        Whether poses may be taken from there, or from zero, where the loops are closed exactly.
     accepts : callable, optional
         Which of some poses are in the wanted assembly mode, from (field, rng, geometry, poses); None for all.
     real : callable, optional
@@ -76,6 +78,7 @@ class Loops:
     speeds: Mapping[str, int] | None
     preferred: tuple[str, ...] = ()
     assembly: Mapping[str, float] = field(default_factory=dict)
+    stated: bool = True
     accepts: Accepts | None = None
     real: RealInputs | None = None
 

@@ -78,7 +78,8 @@ class CurveSampler(FieldSampler):
             turning,
             units,
         )
-        self._poses = PoseFinder([layout.names.index(name) for name in loops.preferred], loops.assembly, loops.accepts)
+        preferred = [layout.names.index(name) for name in loops.preferred]
+        self._poses = PoseFinder(preferred, [loops.assembly, {}] if loops.stated else [], loops.accepts)
 
     def evaluate(
         self, field: PrimeField, rng: np.random.Generator, states: int, geometry: Mapping[str, Residues]

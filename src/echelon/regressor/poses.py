@@ -56,8 +56,8 @@ class PoseFinder:
     ----------
     preferred : sequence of int
         Coordinates that should be drawn rather than solved for.
-    assembly : mapping of str to float
-        Positions near which the loops close.
+    stated : sequence of mapping of str to float
+        Positions at which the loops may be closed exactly.
     accepts : callable, optional
         Which of some poses are in the wanted assembly mode; see :class:`echelon.regressor.closures.Loops`.
 
@@ -67,9 +67,11 @@ class PoseFinder:
         Whether the last poses found were zero or assembly poses.
     """
 
-    def __init__(self, preferred: Sequence[int], assembly: Mapping[str, float], accepts: Accepts | None) -> None:
+    def __init__(
+        self, preferred: Sequence[int], stated: Sequence[Mapping[str, float]], accepts: Accepts | None
+    ) -> None:
         self._preferred, self._accepts = preferred, accepts
-        self._stated: list[Mapping[str, float]] = [assembly, {}] if any(assembly.values()) else [{}]
+        self._stated = list(stated)
         self.takes_stated = False
         self._blocks: list[Block] | None = None
         self._manageable: set[int] = set()
