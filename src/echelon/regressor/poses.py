@@ -213,7 +213,7 @@ class PoseFinder:
         while True:
             try:
                 if len(block.unknown) > _MOST_UNKNOWNS:
-                    raise UnsolvedSystemError("too many unknowns")
+                    raise SingularPoseError(f"{len(block.unknown)} coordinates would have to be solved for at once")
                 one = np.zeros(1, dtype=np.intp)
                 solve(*_system(positions.at(owners[one]), pose.at(one), block), positions.field)
                 self._manageable.add(number)
