@@ -1,17 +1,13 @@
 """Closed poses modulo p: the zero or the assembly pose where that is closed, else solutions of the closure equations.
 
-Loop after loop, as many coordinates as the closure has independent equations are unknown; the others are drawn.  A
-turning coordinate enters by the cosine and sine of its angle, in which the equations are linear, because it occurs once
-in every chain.  Loops that cannot be closed one after the other are closed together.
+Loop after loop, as many coordinates as the closure has independent equations are unknown; the others are drawn.  Loops
+that cannot be closed one after the other are closed together.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import product
 from math import prod
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,10 +15,11 @@ import numpy.typing as npt
 from echelon.errors import DegenerateSampleError, SingularPoseError
 from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.zero_dimensional import UnsolvedSystemError, solve
+from echelon.exact.zero_dimensional import UnsolvedSystemError
+from echelon.regressor.closure_block import ClosureBlock
 from echelon.regressor.closures import Accepts
 from echelon.regressor.lifting import choose
-from echelon.regressor.moving import Pose
+from echelon.regressor.moving import Layout, Pose
 from echelon.regressor.positions import Positions
 
 _ROUNDS = 40
@@ -30,23 +27,6 @@ _MOST_TRIES = 1024
 _MOST_UNKNOWNS = 6
 
 Indices = npt.NDArray[np.intp]
-
-
-@dataclass(frozen=True)
-class Block:
-    """Loops that are closed together.
-
-    Attributes
-    ----------
-    rows : tuple of int
-        Their equations.
-    drawn, unknown : tuple of int
-        Coordinates that no earlier block fixes: those to draw, and those to solve for.
-    """
-
-    rows: tuple[int, ...]
-    drawn: tuple[int, ...]
-    unknown: tuple[int, ...]
 
 
 class PoseFinder:
@@ -73,7 +53,7 @@ class PoseFinder:
         self._preferred, self._accepts = preferred, accepts
         self._stated = list(stated)
         self.takes_stated = False
-        self._blocks: list[Block] | None = None
+        self._blocks: list[ClosureBlock] | None = None
         self._manageable: set[int] = set()
 
     def find(self, positions: Positions, rng: np.random.Generator) -> Pose:
@@ -124,7 +104,7 @@ class PoseFinder:
 
     # -- plan ------------------------------------------------------------------------------------------------------
 
-    def _planned(self, positions: Positions, rng: np.random.Generator) -> list[Block]:
+    def _planned(self, positions: Positions, rng: np.random.Generator) -> list[ClosureBlock]:
         first = positions.at(np.zeros(1, dtype=np.intp))
         field, layout = positions.field, positions.recorded.layout
         _, series = first.closure(first.resting(_random_pose(positions, rng, 1)))
@@ -146,22 +126,23 @@ class PoseFinder:
                 earlier = [k for group, _ in groups for k in group]
                 needed = rank(jacobian[earlier + rows], field) - rank(jacobian[earlier], field)
             groups.append((rows, columns))
-        return [self._block(jacobian, rows, columns, layout.ball_places, field) for rows, columns in groups]
+        return [self._block(jacobian, rows, columns, layout, field) for rows, columns in groups]
 
     def _block(
-        self, jacobian: Residues, rows: list[int], columns: list[int], balls: Indices, field: PrimeField
-    ) -> Block:
+        self, jacobian: Residues, rows: list[int], columns: list[int], layout: Layout, field: PrimeField
+    ) -> ClosureBlock:
+        balls = layout.ball_places.ravel().tolist()
         # components of balls, then what is preferred, should rather be drawn
-        last = [columns.index(c) for c in (*balls.ravel().tolist(), *self._preferred) if c in columns]
+        last = [columns.index(c) for c in (*balls, *self._preferred) if c in columns]
         choice = choose(jacobian[np.ix_(rows, columns)], field, last)
         unknown = tuple(columns[k] for k in choice.dependent)
-        if set(unknown) & set(balls.ravel().tolist()):
+        if set(unknown) & set(balls):
             raise SingularPoseError("a ball joint would have to be solved for to close the loops")
-        return Block(tuple(rows), tuple(c for c in columns if c not in unknown), unknown)
+        return ClosureBlock(layout, tuple(rows), tuple(c for c in columns if c not in unknown), unknown)
 
     # -- solutions -------------------------------------------------------------------------------------------------
 
-    def _solved(self, positions: Positions, rng: np.random.Generator, samples: int, blocks: list[Block]) -> Pose:
+    def _solved(self, positions: Positions, rng: np.random.Generator, samples: int, blocks: list[ClosureBlock]) -> Pose:
         found = positions.recorded.layout.zero_pose(samples)
         # a loop closes at about half of the random points, one with more unknowns more rarely
         pending, tries = np.arange(samples), 2 * prod(max(1, len(b.unknown) - 1) * 2 for b in blocks)
@@ -179,7 +160,7 @@ class PoseFinder:
         raise DegenerateSampleError("the loops do not close at random points")
 
     def _tried(
-        self, positions: Positions, rng: np.random.Generator, owners: Indices, blocks: list[Block]
+        self, positions: Positions, rng: np.random.Generator, owners: Indices, blocks: list[ClosureBlock]
     ) -> tuple[Indices, Pose]:
         """Random poses, closed; those that do not close, or are in another mode, are dropped."""
         owners, pose = self._completed(positions, rng, owners, _random_pose(positions, rng, len(owners)), blocks)
@@ -192,7 +173,7 @@ class PoseFinder:
         return owners[good], pose.at(good)
 
     def _completed(
-        self, positions: Positions, rng: np.random.Generator, owners: Indices, pose: Pose, blocks: list[Block]
+        self, positions: Positions, rng: np.random.Generator, owners: Indices, pose: Pose, blocks: list[ClosureBlock]
     ) -> tuple[Indices, Pose]:
         """Poses closed block by block, with random choices between solutions; those that do not close are dropped."""
         for number, block in enumerate(blocks):
@@ -208,20 +189,22 @@ class PoseFinder:
             raise SingularPoseError("the closure equations are not linear in each coordinate")
         return owners, pose
 
-    def _made_manageable(self, positions: Positions, owners: Indices, pose: Pose, number: int, block: Block) -> Block:
+    def _made_manageable(
+        self, positions: Positions, owners: Indices, pose: Pose, number: int, block: ClosureBlock
+    ) -> ClosureBlock:
         """A block with fewer unknowns, where its equations leave more freedom than their number says."""
         while True:
             try:
                 if len(block.unknown) > _MOST_UNKNOWNS:
                     raise SingularPoseError(f"{len(block.unknown)} coordinates would have to be solved for at once")
                 one = np.zeros(1, dtype=np.intp)
-                solve(*_system(positions.at(owners[one]), pose.at(one), block), positions.field)
+                block.solve(positions.at(owners[one]), pose.at(one))
                 self._manageable.add(number)
                 return block
             except UnsolvedSystemError:
                 if not block.unknown:
                     raise SingularPoseError("no closed pose was found") from None
-                block = Block(block.rows, (*block.drawn, block.unknown[0]), block.unknown[1:])
+                block = block.fewer()
                 assert self._blocks is not None
                 self._blocks[number] = block
 
@@ -233,72 +216,15 @@ def _random_pose(positions: Positions, rng: np.random.Generator, samples: int) -
     return Pose(turns, field.draw(rng, (samples, len(layout.sliding))), balls)
 
 
-def _closed(positions: Positions, pose: Pose, block: Block, rng: np.random.Generator) -> tuple[Indices, Pose]:
+def _closed(positions: Positions, pose: Pose, block: ClosureBlock, rng: np.random.Generator) -> tuple[Indices, Pose]:
     """The samples for which a block closes, and their poses."""
     if not block.unknown:
         good = np.flatnonzero(~positions.equations(pose)[:, block.rows].any(axis=1))
         return good, pose.at(good)
-    solutions = solve(*_system(positions, pose, block), positions.field)
+    solutions = block.solve(positions, pose)
     good = np.flatnonzero(solutions.counts > 0)
     closed = pose.at(good)
     for target, sample in enumerate(good):
         points = solutions.points[sample]
-        _put(positions, closed, target, block, points[rng.integers(len(points))])
+        block.put(closed, target, points[rng.integers(len(points))])
     return good, closed
-
-
-def _put(positions: Positions, pose: Pose, sample: int, block: Block, point: Residues) -> None:
-    """Write a solution into a pose."""
-    layout, place = positions.recorded.layout, 0
-    for column in block.unknown:
-        if column in layout.turn_places:
-            pose.turns[sample, int(np.flatnonzero(layout.turn_places == column)[0])] = point[place : place + 2]
-            place += 2
-        else:
-            pose.slides[sample, int(np.flatnonzero(layout.slide_places == column)[0])] = point[place]
-            place += 1
-
-
-def _system(positions: Positions, pose: Pose, block: Block) -> tuple[list[dict[tuple[int, ...], Residues]], int]:
-    """A block's equations as polynomials in cosines, sines and lengths, and the number of these."""
-    p, layout = positions.field.p, positions.recorded.layout
-    samples, turning = len(pose.turns), [c in layout.turn_places for c in block.unknown]
-    axes = [3 if turns else 2 for turns in turning]  # 1, c, s or 1, d
-    grid = list(product(*(range(n) for n in axes)))
-    probes = pose.repeated(len(grid))
-    for number, point in enumerate(grid):
-        for column, corner in zip(block.unknown, point, strict=True):
-            if column in layout.turn_places:
-                place = int(np.flatnonzero(layout.turn_places == column)[0])
-                probes.turns[number :: len(grid), place] = (int(corner == 1), int(corner == 2))
-            else:
-                probes.slides[number :: len(grid), int(np.flatnonzero(layout.slide_places == column)[0])] = corner
-    repeated = positions.at(np.repeat(np.arange(samples), len(grid)))
-    values = repeated.equations(probes)[:, block.rows].reshape(samples, *axes, len(block.rows))
-    for axis, size in enumerate(axes, 1):  # values at the corners become coefficients
-        start = np.take(values, [0], axis=axis)
-        rest = np.take(values, range(1, size), axis=axis)
-        values = np.concatenate([start, (rest - start) % p], axis=axis)
-    widths = [2 if turns else 1 for turns in turning]
-    offsets = [sum(widths[:k]) for k in range(len(widths))]
-    variables = sum(widths)
-    equations: list[dict[tuple[int, ...], Residues]] = []
-    for row in range(len(block.rows)):
-        terms = {}
-        for point in grid:
-            exponents = [0] * variables
-            for offset, corner in zip(offsets, point, strict=True):
-                if corner:
-                    exponents[offset + corner - 1] = 1
-            index: tuple[Any, ...] = (slice(None), *point, row)
-            coefficient = values[index]
-            if coefficient.any():
-                terms[tuple(exponents)] = coefficient
-        if terms:
-            equations.append(terms)
-    one = np.ones(samples, dtype=np.int64)
-    for offset, turns in zip(offsets, turning, strict=True):
-        if turns:
-            squares = [tuple(2 * int(k == offset + part) for k in range(variables)) for part in (0, 1)]
-            equations.append({squares[0]: one, squares[1]: one, (0,) * variables: -one % p})
-    return equations, variables
