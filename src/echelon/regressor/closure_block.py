@@ -14,8 +14,8 @@ import numpy as np
 
 from echelon.exact.field import Residues
 from echelon.exact.zero_dimensional import Solutions, Solver
-from echelon.regressor.moving import Layout, Pose
-from echelon.regressor.positions import Positions
+from echelon.regressor.moving import Pose
+from echelon.regressor.positions import Positions, Recorded
 
 
 class ClosureBlock:
@@ -23,15 +23,18 @@ class ClosureBlock:
 
     Parameters
     ----------
-    layout : Layout
+    recorded : Recorded
     rows : sequence of int
         The equations.
     drawn, unknown : sequence of int
         Coordinates to draw, and to solve for.
     """
 
-    def __init__(self, layout: Layout, rows: tuple[int, ...], drawn: tuple[int, ...], unknown: tuple[int, ...]) -> None:
-        self.layout, self.rows, self.drawn, self.unknown = layout, rows, drawn, unknown
+    def __init__(
+        self, recorded: Recorded, rows: tuple[int, ...], drawn: tuple[int, ...], unknown: tuple[int, ...]
+    ) -> None:
+        self.recorded, self.rows, self.drawn, self.unknown = recorded, rows, drawn, unknown
+        layout = recorded.layout
         turn = {int(column): place for place, column in enumerate(layout.turn_places)}
         slide = {int(column): place for place, column in enumerate(layout.slide_places)}
         # for every unknown, whether it turns and its place among those that do or do not
@@ -40,10 +43,11 @@ class ClosureBlock:
         self._offsets = [sum(widths[:k]) for k in range(len(widths))]
         self._variables = sum(widths)
         self._solver = Solver(self._variables)
+        self._equations = recorded.some_equations(rows)
 
     def fewer(self) -> ClosureBlock:
         """The block with one of the unknown coordinates drawn."""
-        return ClosureBlock(self.layout, self.rows, (*self.drawn, self.unknown[0]), self.unknown[1:])
+        return ClosureBlock(self.recorded, self.rows, (*self.drawn, self.unknown[0]), self.unknown[1:])
 
     def solve(self, positions: Positions, pose: Pose) -> Solutions:
         """Values of the unknown coordinates at which the equations hold.
@@ -95,7 +99,7 @@ class ClosureBlock:
                     probes.slides[number :: len(corners), place] = part
         repeated = positions.at(np.repeat(np.arange(samples), len(corners)))
         sizes = [3 if turns else 2 for turns, _ in self._places]
-        values = repeated.equations(probes)[:, self.rows].reshape(samples, *sizes, len(self.rows))
+        values = repeated.equations(probes, self._equations).reshape(samples, *sizes, len(self.rows))
         for axis, size in enumerate(sizes, 1):
             start = np.take(values, [0], axis=axis)
             rest = np.take(values, range(1, size), axis=axis)

@@ -70,6 +70,7 @@ class CurveSampler(FieldSampler):
         self._recorded = Recorded(
             self.program,
             layout,
+            equations,
             Schedule(self.program, equations, functions),
             Schedule(self.program, self.outputs[first:last], functions),
             list(entries),

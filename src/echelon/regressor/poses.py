@@ -14,12 +14,12 @@ import numpy.typing as npt
 
 from echelon.errors import DegenerateSampleError, SingularPoseError
 from echelon.exact.elimination import rank
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import Residues
 from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.regressor.closure_block import ClosureBlock
 from echelon.regressor.closures import Accepts
 from echelon.regressor.lifting import choose
-from echelon.regressor.moving import Layout, Pose
+from echelon.regressor.moving import Pose
 from echelon.regressor.positions import Positions
 
 _ROUNDS = 40
@@ -106,7 +106,7 @@ class PoseFinder:
 
     def _planned(self, positions: Positions, rng: np.random.Generator) -> list[ClosureBlock]:
         first = positions.at(np.zeros(1, dtype=np.intp))
-        field, layout = positions.field, positions.recorded.layout
+        field = positions.field
         _, series = first.closure(first.resting(_random_pose(positions, rng, 1)))
         jacobian, owners = series[0, :, :, 0], positions.recorded.owners
         groups: list[tuple[list[int], list[int]]] = []  # equations, coordinates that they are the first to involve
@@ -126,19 +126,18 @@ class PoseFinder:
                 earlier = [k for group, _ in groups for k in group]
                 needed = rank(jacobian[earlier + rows], field) - rank(jacobian[earlier], field)
             groups.append((rows, columns))
-        return [self._block(jacobian, rows, columns, layout, field) for rows, columns in groups]
+        return [self._block(jacobian, rows, columns, positions) for rows, columns in groups]
 
-    def _block(
-        self, jacobian: Residues, rows: list[int], columns: list[int], layout: Layout, field: PrimeField
-    ) -> ClosureBlock:
-        balls = layout.ball_places.ravel().tolist()
+    def _block(self, jacobian: Residues, rows: list[int], columns: list[int], positions: Positions) -> ClosureBlock:
+        recorded, field = positions.recorded, positions.field
+        balls = recorded.layout.ball_places.ravel().tolist()
         # components of balls, then what is preferred, should rather be drawn
         last = [columns.index(c) for c in (*balls, *self._preferred) if c in columns]
         choice = choose(jacobian[np.ix_(rows, columns)], field, last)
         unknown = tuple(columns[k] for k in choice.dependent)
         if set(unknown) & set(balls):
             raise SingularPoseError("a ball joint would have to be solved for to close the loops")
-        return ClosureBlock(layout, tuple(rows), tuple(c for c in columns if c not in unknown), unknown)
+        return ClosureBlock(recorded, tuple(rows), tuple(c for c in columns if c not in unknown), unknown)
 
     # -- solutions -------------------------------------------------------------------------------------------------
 

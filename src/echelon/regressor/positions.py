@@ -27,8 +27,10 @@ class Recorded:
     ----------
     program : Program
     layout : Layout
+    nodes : sequence of int
+        The closure equations.
     equations : Schedule
-        Of the closure equations.
+        Of these.
     closing : Schedule
         Of the closure equations, then of the entries of the Jacobian.
     entries : sequence of (int, str)
@@ -45,6 +47,7 @@ class Recorded:
 
     program: Program
     layout: Layout
+    nodes: Sequence[int]
     equations: Schedule
     closing: Schedule
     entries: Sequence[tuple[int, str]]
@@ -52,6 +55,10 @@ class Recorded:
     turns: Mapping[int, Turn]
     turning: Mapping[str, int]
     units: Residues
+
+    def some_equations(self, rows: Sequence[int]) -> Schedule:
+        """Schedule of some of the closure equations."""
+        return Schedule(self.program, [self.nodes[row] for row in rows], self.equations.leaves)
 
 
 @dataclass(frozen=True)
@@ -108,9 +115,9 @@ class Positions:
         """Coordinates at a pose, as series of one coefficient."""
         return self.moving(pose, np.zeros((len(pose.turns), len(self.recorded.layout.names), 1), dtype=np.int64))
 
-    def equations(self, pose: Pose) -> Residues:
-        """Closure equations at poses, (samples, equations)."""
-        return self._run(self.recorded.equations, self.resting(pose))[..., 0].T
+    def equations(self, pose: Pose, schedule: Schedule | None = None) -> Residues:
+        """Closure equations at poses, all or those of a schedule, (samples, equations)."""
+        return self._run(schedule or self.recorded.equations, self.resting(pose))[..., 0].T
 
     def closure(self, moving: MovingCoordinates, names: Sequence[str] | None = None) -> tuple[Residues, Residues]:
         """Closure equations and their derivatives by velocities: of all coordinates, or of the named freedoms.
