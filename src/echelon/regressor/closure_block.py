@@ -1,8 +1,8 @@
 """Loops that are closed together: their equations as polynomials, and the coordinates that solve them.
 
 A turning coordinate enters by the cosine and sine of its angle.  The equations are linear in these and in sliding
-coordinates, because each coordinate occurs once in every chain.  So their values at the corners, where each coordinate's
-variables are all zero or one of them is one, give all coefficients.
+coordinates, because each coordinate occurs once in every chain.  So their values at corners, where the variables of each
+coordinate are zero but for at most one, which is one, give all coefficients.
 """
 
 from __future__ import annotations
