@@ -233,8 +233,7 @@ class Assembly(ClosedMotion):
         """The smallest singular value of the Jacobian that does not vanish at the assembly pose."""
         rank = len(self.mechanism.velocities) - int(self.mobility(self.pose[None])[0])
         singular = np.linalg.svd(self.closures.at(q)[1][:, :, : len(self.mechanism.velocities)], compute_uv=False)
-        distance: Floats = singular[:, max(rank - 1, 0)]
-        return distance
+        return singular[:, max(rank - 1, 0)].astype(np.float64)
 
     def _moved(self, q: Floats, change: Floats) -> Floats:
         units = self.closures.units[: change.shape[1]]
