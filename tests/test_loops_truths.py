@@ -76,6 +76,12 @@ def test_the_assembly_pose_tells_parallelogram_and_antiparallelogram(seed: int) 
     assert structure(antiparallelogram(), seed).rank == 8
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("pose", ["crank: 1, coupler: -1, rocker: 1", "crank: 1, coupler: -1.2, rocker: 1.1"])
+def test_a_rounded_assembly_pose_tells_it_as_well(pose: str, seed: int) -> None:
+    assert structure(PARALLELOGRAM.replace("crank: pi/3, coupler: -pi/3, rocker: pi/3", pose), seed).rank == 3
+
+
 def test_antiparallelogram_without_gravity() -> None:
     # as many as any four-bar linkage: its links turn at different rates
     assert structure(PARALLELOGRAM.replace(IN_PLANE, NONE)).rank == 1

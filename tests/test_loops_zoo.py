@@ -312,7 +312,7 @@ assembly: {crank: 1, ternary: 0.3, link3: -0.5, link4: -1, rocker: 1.6}
     ),
     "pantograph": Case(
         2,
-        11,
+        8,
         """
 symbols: {l: 0.4, p: 0.15, q: 0.25}
 gravity: [0, -9.81, 0]
