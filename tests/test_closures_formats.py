@@ -261,7 +261,7 @@ def test_loops_of_a_robot_file(tmp_path: Path) -> None:
     assert mechanism.independent == ("q3",)
     assert not mechanism.symbols  # any other lengths would not close
     assert np.abs(residual(mechanism, closed(mechanism))).max() < 1e-12
-    closed_at_base = ADDED.replace("[coupler, rocker]", "[base, coupler]").replace("[0.3, 0, 0]", "[0.2, 0, 0]")
+    closed_at_base = ADDED.replace("[coupler, rocker]", "[base, coupler]").replace("[0.3, 0, 0]", "[0.25, 0, 0]")
     ground = added(tmp_path, closed_at_base.split("assembly")[0])
     assert (ground.closures[0].first, ground.closures[0].second) == (GROUND, 1)
     with pytest.raises(ec.InputError, match=r"connects\[1\]: there is no moving body 'rokker'; did you mean 'rocker'"):

@@ -80,6 +80,7 @@ class CurveSampler(FieldSampler):
             units,
         )
         preferred = [layout.names.index(name) for name in loops.preferred]
+        self._regular = False  # whether curves go on from the poses that are found
         self._poses = PoseFinder(preferred, [loops.assembly, {}] if loops.stated else [], loops.accepts)
 
     def evaluate(
@@ -99,6 +100,7 @@ class CurveSampler(FieldSampler):
             except SingularPoseError:
                 if not self._poses.leave_stated():
                     raise
+                self._regular = False
 
     def closed_pose(self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues]) -> Pose:
         """A closed pose for every geometry.
@@ -111,9 +113,11 @@ class CurveSampler(FieldSampler):
         while True:
             positions = self._positions(field, rng, geometry)
             pose = self._poses.find(positions, rng)
-            if not self._poses.takes_stated or self._is_regular(positions, pose, rng):
+            self._regular = self._regular or self._is_regular(positions, pose, rng)
+            if self._regular:
                 return pose
-            self._poses.leave_stated()
+            if not self._poses.leave_stated():
+                raise SingularPoseError("at closed poses, velocities are possible from which no motion goes on")
 
     def pose_variants(
         self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues], count: int

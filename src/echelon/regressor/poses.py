@@ -99,7 +99,7 @@ class PoseFinder:
 
     def leave_stated(self) -> bool:
         """No longer take the zero or assembly pose, because it is singular; returns whether it was taken so far."""
-        before, self._stated = self.takes_stated, []
+        before, self._stated, self.takes_stated = self.takes_stated, [], False
         return before
 
     # -- plan ------------------------------------------------------------------------------------------------------
