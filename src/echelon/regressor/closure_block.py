@@ -1,7 +1,7 @@
 """Loops that are closed together: their equations as polynomials, and the coordinates that solve them.
 
 A turning coordinate enters by the cosine and sine of its angle.  The equations are linear in these and in sliding
-coordinates, because each coordinate occurs once in every chain.  So their values at corners, where the variables of each
+coordinates, because each coordinate occurs once in every chain.  So their values at corners, where the variables of a
 coordinate are zero but for at most one, which is one, give all coefficients.
 """
 
