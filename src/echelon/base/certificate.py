@@ -33,7 +33,7 @@ from echelon.program.schedule import degree_bound
 from echelon.regressor.linear import LinearForms
 
 _POINTS = 2
-_CURVES, _CURVE_ORDER = 5, 24
+_CURVES, _CURVE_ORDER, _SURPLUS_ORDER = 5, 24, 16
 _ATTEMPTS = 64
 _REGION_STATES = 64
 """States per point where signs make regions, of which a point sees one."""
@@ -127,10 +127,17 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int) -> Certificat
 def _certified_on_curves(
     regressor: LinearForms, matrix: BaseMatrix, seed: int, minor: tuple[int, int], rng: np.random.Generator
 ) -> Certificate:
-    sampler = regressor.sampler(_CURVE_ORDER)
+    order = _curve_order(regressor, matrix)
+    sampler = regressor.sampler(order)
     primes = tuple(_check_complete(regressor, matrix, sampler, rng, ARRAY_BITS) for _ in range(_CURVES))
-    error = sum(log10(_CURVE_ORDER) - log10(p) for p in primes)
-    return Certificate(matrix.rank, seed, *minor, primes, _CURVE_ORDER, error, _CURVE_ORDER)
+    error = sum(log10(order) - log10(p) for p in primes)
+    return Certificate(matrix.rank, seed, *minor, primes, order, error, order)
+
+
+def _curve_order(regressor: LinearForms, matrix: BaseMatrix) -> int:
+    """How many coefficients to take of curves: more if few freedoms have to show many parameters."""
+    freedoms = len(regressor.loops.preferred) if regressor.loops else 0
+    return max(_CURVE_ORDER, matrix.rank // max(1, freedoms) + _SURPLUS_ORDER)
 
 
 def _check_echelon(matrix: BaseMatrix) -> None:
@@ -159,7 +166,7 @@ def _check_echelon(matrix: BaseMatrix) -> None:
 def _check_minimal(regressor: LinearForms, matrix: BaseMatrix, rng: np.random.Generator) -> tuple[int, int]:
     """Find a non-zero minor; returns its prime and the number of states used."""
     forms = regressor.columns(matrix.pivots)
-    sampler = forms.sampler()
+    sampler = forms.sampler(_curve_order(regressor, matrix))
     states, best = 2 + matrix.rank // max(1, forms.shape[0]), -1
     while states <= _MOST_STATES:
         field = PrimeField.random(rng, ARRAY_BITS)

@@ -33,7 +33,8 @@ _POSES, _FEW_POSES = 6, 1  # variants tried at each random geometry
 _ATTEMPTS = 8
 _FIRST_ORDER, _LARGEST_ORDER = 12, 96
 _SURPLUS_ROWS = 8
-_SEED, _STATES, _FITS = 2015, 200, 1e-6  # real states, and how well a mode's relations hold there
+_SEED, _STATES, _NEAR = 2015, 20, 0.2  # real states
+_FITS, _NOISE = 1e-6, 1e-8  # how well a mode's relations hold there, and what counts as nothing
 _ANY = ""  # name of no symbol, to count geometries where there are no symbols
 
 
@@ -224,13 +225,16 @@ def own_mode(mechanism: Mechanism, columns: Sequence[int], modes: Sequence[Mode]
     Mode or None
         None where it cannot be told, because symbols have no values or modes meet at the pose.
     """
+    states = _STATES + 4 * len(columns) // max(1, len(mechanism.outputs))
     try:
-        states = Assembly(mechanism).random_closed_states(np.random.default_rng(_SEED), _STATES)
-        values = evaluate_floats(virtual_power_form(mechanism), mechanism, *states)
+        # near the pose: farther away the walk could pass to another mode
+        real = Assembly(mechanism).random_closed_states(np.random.default_rng(_SEED), states, _NEAR)
+        values = evaluate_floats(virtual_power_form(mechanism), mechanism, *real)
     except InputError:
         return None
     table = values.reshape(-1, values.shape[2])[:, list(columns)]
-    table = table / np.maximum(np.abs(table).max(axis=0), np.finfo(float).tiny)
+    # columns that vanish but for rounding stay small
+    table = table / np.maximum(np.abs(table).max(axis=0), _NOISE * np.abs(table).max())
     for mode in modes:
         pivots = [k for k in range(len(columns)) if k not in mode.dependence]
         others = list(mode.dependence)

@@ -198,7 +198,9 @@ class Assembly(ClosedMotion):
         self.check_closed(q, qd, qdd)
         return q, qd, qdd
 
-    def random_closed_states(self, rng: np.random.Generator, count: int) -> tuple[Floats, Floats, Floats]:
+    def random_closed_states(
+        self, rng: np.random.Generator, count: int, reach: float = 1.0
+    ) -> tuple[Floats, Floats, Floats]:
         """Random q, qd and qdd of all coordinates.
 
         Configurations are those of random walks from the assembly pose, which keep away from singular ones, so that
@@ -208,11 +210,13 @@ class Assembly(ClosedMotion):
         ----------
         rng : numpy Generator
         count : int
+        reach : float
+            Scales the strides of the walks.
         """
         q = np.repeat(self.pose[None], count, axis=0)
         closeness = self._distance_to_singular(q[:1])
         for _ in range(_WALK):
-            found, done = self.closed(self._moved(q, self._random_motion(rng, q, 2 * _STRIDE)), iterations=_FEW)
+            found, done = self.closed(self._moved(q, self._random_motion(rng, q, 2 * reach * _STRIDE)), iterations=_FEW)
             done &= self._distance_to_singular(found) > _KEPT_AWAY * closeness
             q[done] = found[done]
         units = self.closures.units[: len(self.mechanism.velocities)]

@@ -137,7 +137,7 @@ class CurveSampler(FieldSampler):
         signs = self._signs(field, rng, geometries * curves)
         curve = self._curve(positions, pose.repeated(curves), rng, self.order + _LOST, signs)
         values = self._main.run(curve.arithmetic, curve.leaves(self._main), geometries * curves)[..., : self.order]
-        return _mixed(values.reshape(len(values), geometries, -1), states, field, rng)
+        return _mixed(values.reshape(len(values), geometries, curves * self.order), states, field, rng)
 
     def jacobian(self, field: PrimeField, rng: np.random.Generator) -> Residues:
         """Jacobian of the closures by all coordinates at a closed pose of a random geometry.

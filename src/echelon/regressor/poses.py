@@ -88,13 +88,13 @@ class PoseFinder:
         pose : Pose
             As found for it.
         count : int
-            As many random choices are made between the solutions of every block.
+            At most so many combinations of solutions of the blocks are tried.
         rng : numpy Generator
         """
         if self.takes_stated or self._blocks is None:
             return pose
         same = np.zeros(count, dtype=np.intp)
-        _, others = self._completed(positions, rng, same, pose.at(same), self._blocks)
+        _, others = self._completed(positions, rng, same, pose.at(same), self._blocks, np.arange(count))
         return Pose(*(np.concatenate(parts) for parts in zip(pose.parts, others.parts, strict=True)))
 
     def leave_stated(self) -> bool:
@@ -172,14 +172,25 @@ class PoseFinder:
         return owners[good], pose.at(good)
 
     def _completed(
-        self, positions: Positions, rng: np.random.Generator, owners: Indices, pose: Pose, blocks: list[ClosureBlock]
+        self,
+        positions: Positions,
+        rng: np.random.Generator,
+        owners: Indices,
+        pose: Pose,
+        blocks: list[ClosureBlock],
+        numbers: Indices | None = None,
     ) -> tuple[Indices, Pose]:
-        """Poses closed block by block, with random choices between solutions; those that do not close are dropped."""
+        """Poses closed block by block; those that do not close are dropped.
+
+        Between the solutions of a block the choice is random, or by the number of the sample, whose digits they are.
+        """
+        if numbers is None:
+            numbers = rng.integers(1 << 62, size=len(owners))
         for number, block in enumerate(blocks):
             if number not in self._manageable:
                 block = self._made_manageable(positions, owners, pose, number, block)
-            chosen, solved = _closed(positions.at(owners), pose, block, rng)
-            owners, pose = owners[chosen], solved
+            chosen, pose, numbers = _closed(positions.at(owners), pose, block, numbers)
+            owners = owners[chosen]
             if not owners.size:
                 break
         if not owners.size:
@@ -215,15 +226,15 @@ def _random_pose(positions: Positions, rng: np.random.Generator, samples: int) -
     return Pose(turns, field.draw(rng, (samples, len(layout.sliding))), balls)
 
 
-def _closed(positions: Positions, pose: Pose, block: ClosureBlock, rng: np.random.Generator) -> tuple[Indices, Pose]:
-    """The samples for which a block closes, and their poses."""
+def _closed(positions: Positions, pose: Pose, block: ClosureBlock, numbers: Indices) -> tuple[Indices, Pose, Indices]:
+    """The samples for which a block closes, their poses, and what is left of their numbers."""
     if not block.unknown:
         good = np.flatnonzero(~positions.equations(pose)[:, block.rows].any(axis=1))
-        return good, pose.at(good)
+        return good, pose.at(good), numbers[good]
     solutions = block.solve(positions, pose)
     good = np.flatnonzero(solutions.counts > 0)
     closed = pose.at(good)
     for target, sample in enumerate(good):
         points = solutions.points[sample]
-        block.put(closed, target, points[rng.integers(len(points))])
-    return good, closed
+        block.put(closed, target, points[numbers[sample] % len(points)])
+    return good, closed, numbers[good] // np.maximum(solutions.counts[good], 1)
