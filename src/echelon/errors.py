@@ -44,6 +44,10 @@ class SingularPoseError(EchelonError):
     """A pose of a mechanism with loops from which no curve of closed poses goes on."""
 
 
+class ShakyPoseError(SingularPoseError):
+    """Poses at which velocities are possible that no motion goes on with."""
+
+
 class UnknownRelationsError(EchelonError):
     """The algebraic relations between some functions are not known, so a finite field cannot stand for them."""
 

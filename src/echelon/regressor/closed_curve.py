@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from echelon.errors import SingularPoseError
+from echelon.errors import InputError, SingularPoseError
 from echelon.exact import series
 from echelon.exact.field import PrimeField, Residues
 from echelon.program.schedule import Schedule, SeriesArithmetic
@@ -135,10 +135,9 @@ def _choice_of(jacobian: Residues, names: Sequence[str], given: Sequence[str], f
     choice = choose(jacobian, field, independent)
     stuck = [names[k] for k in independent if k in choice.dependent]
     if stuck:
-        raise SingularPoseError(
-            f"'{stuck[0]}' cannot move by itself while the loops stay closed, so what is measured there is undetermined"
-        )
+        problem = "the motion does not determine it: redundant constraints of the loops leave it open"
+        raise InputError(problem, element=stuck[0].partition(" #")[0])
     loose = [names[k] for k in choice.independent if k not in independent]
     if loose:
-        raise SingularPoseError(f"'{loose[0]}' does not follow from the independent coordinates")
+        raise SingularPoseError(f"'{loose[0]}' does not follow from the independent coordinates at the pose")
     return Choice(choice.rows, choice.dependent, tuple(independent))

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from echelon.errors import SingularPoseError, UnknownRelationsError
+from echelon.errors import ShakyPoseError, SingularPoseError, UnknownRelationsError
 from echelon.exact.field import PrimeField, Residues
 from echelon.program.canonical import Turn
 from echelon.program.generator_values import GeneratorValues
@@ -29,7 +29,7 @@ from echelon.regressor.positions import Constants, Positions, Recorded
 
 DEFAULT_ORDER = 16
 _LOST = 2  # coefficients that are not known of accelerations
-_REGULAR_ORDER = 6  # coefficients after which a curve from a singular pose fails to be closed
+_REGULAR_ORDER = 16  # half of these coefficients show whether a curve is closed
 _SEED, _REAL_STATES, _MOST_REGIONS = 2015, 512, 24  # real states that show which signs occur together
 _SURPLUS = 3  # halves: that many more coefficients are taken than states, because some are not independent
 
@@ -117,7 +117,7 @@ class CurveSampler(FieldSampler):
             if self._regular:
                 return pose
             if not self._poses.leave_stated():
-                raise SingularPoseError("at closed poses, velocities are possible from which no motion goes on")
+                raise ShakyPoseError("at closed poses, velocities are possible from which no motion goes on")
 
     def pose_variants(
         self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues], count: int

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from echelon.errors import DegenerateSampleError, InputError, SingularPoseError
+from echelon.errors import DegenerateSampleError, InputError, ShakyPoseError, SingularPoseError
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.mechanism.mechanism import Mechanism
@@ -19,7 +19,12 @@ from echelon.regressor.lifting import choose
 from echelon.regressor.steps import Recorder
 
 _SEED = 2015
-_ATTEMPTS = 4
+_ATTEMPTS = 2
+_STANDS_STILL = 1e-3  # rad or m
+_EXACTLY = (
+    "Write what is meant exactly: directions and angles as expressions such as pi/3 or sqrt(2)/2, equal lengths as "
+    "equal numbers"
+)
 _STATES = 8  # random configurations at which the mobility is counted numerically
 
 
@@ -84,6 +89,8 @@ def _check_mobility(mechanism: Mechanism, chosen: tuple[str, ...], assembly: Ass
     if chosen:
         moving = Assembly(replace(mechanism, independent=chosen))
         q, _, _ = moving.random_closed_states(np.random.default_rng(_SEED), _STATES)
+        if np.ptp(q, axis=0).max() < _STANDS_STILL:
+            raise InputError(_shaky(mechanism))
     mobility = int(assembly.mobility(q).min())
     if len(chosen) < mobility:
         raise InputError(_locked(mechanism, len(chosen), mobility))
@@ -102,9 +109,18 @@ def _jacobian(mechanism: Mechanism) -> tuple[PrimeField, Residues]:
             return field, sampler.jacobian(field, rng)
         except DegenerateSampleError:
             continue
+        except ShakyPoseError:
+            raise InputError(_shaky(mechanism)) from None
         except (SingularPoseError, UnsolvedSystemError) as error:
             raise InputError(_unsolved(mechanism, str(error))) from None
     raise InputError(_unsolved(mechanism, "the equations have no solution at random points"))
+
+
+def _shaky(mechanism: Mechanism) -> str:
+    return (
+        f"the loops closed by {_closures(mechanism)} can move infinitesimally, but not really.  If they are meant to "
+        f"move, rounding has locked them.  {_EXACTLY}"
+    )
 
 
 def _unsolved(mechanism: Mechanism, reason: str) -> str:
@@ -134,8 +150,7 @@ def _check_wanted(wanted: Sequence[str], chosen: Sequence[str]) -> None:
 def _locked(mechanism: Mechanism, freedom: int, mobility: int) -> str:
     return (
         f"rounding has locked the loops closed by {_closures(mechanism)}: to six digits the mechanism has {mobility} "
-        f"degrees of freedom, with the numbers as they are {freedom}.  Write what is meant exactly: directions and "
-        "angles as expressions such as pi/3 or sqrt(2)/2, equal lengths as equal numbers"
+        f"degrees of freedom, with the numbers as they are {freedom}.  {_EXACTLY}"
     )
 
 

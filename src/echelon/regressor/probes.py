@@ -12,11 +12,6 @@ from echelon.program.tape import Program, Scalar
 from echelon.regressor.steps import Freedom, Recorder, Step
 
 
-def cut_name(cut: Cut, number: int) -> str:
-    """Name of the freedom of a cut; no coordinate can have it."""
-    return f"cut#{number} of body {cut.body}"
-
-
 class Probes:
     """The cuts of a mechanism's outputs.
 
@@ -28,8 +23,12 @@ class Probes:
 
     def __init__(self, mechanism: Mechanism, recorder: Recorder) -> None:
         self._recorder = recorder
-        cuts = [c for output in mechanism.outputs for c, _ in output.terms if isinstance(c, Cut)]
-        self.names = {cut: cut_name(cut, number) for number, cut in enumerate(dict.fromkeys(cuts))}
+        self.names: dict[Cut, str] = {}
+        for output in mechanism.outputs:
+            for cut, _ in output.terms:
+                if isinstance(cut, Cut):
+                    # no coordinate can have this name
+                    self.names.setdefault(cut, f"output '{output.name}' #{len(self.names)}")
 
     def steps(self, body: int, on_parent: bool) -> list[Step]:
         """Steps of the cuts at a body: into the sensor's frame, the freedom, and back."""
