@@ -104,7 +104,7 @@ def _dependences(rows: Rows, field: PrimeField, rng: np.random.Generator, order:
 
 
 def _distinct(pose: Pose) -> npt.NDArray[np.intp]:
-    flat = np.concatenate([part.reshape(len(part), -1) for part in pose.parts], axis=1)
+    flat = np.concatenate([part.reshape(len(part), -1) for part in pose.parts[:3]], axis=1)
     _, first = np.unique(flat, axis=0, return_index=True)
     return np.sort(first)
 

@@ -35,16 +35,19 @@ class Pose:
     slides : array of shape (samples, sliding coordinates)
     balls : array of shape (samples, balls, 4)
         Unit quaternions (w, x, y, z).
+    angles : array of shape (samples, turning coordinates)
+        Angles as such, for springs and screws; nothing algebraic ties them to their cosines and sines.
     """
 
     turns: Residues
     slides: Residues
     balls: Residues
+    angles: Residues
 
     @property
-    def parts(self) -> tuple[Residues, Residues, Residues]:
+    def parts(self) -> tuple[Residues, Residues, Residues, Residues]:
         """All arrays."""
-        return self.turns, self.slides, self.balls
+        return self.turns, self.slides, self.balls, self.angles
 
     def at(self, samples: npt.NDArray[np.intp]) -> Pose:
         """A copy of some samples."""
@@ -88,13 +91,15 @@ class Layout:
         Parameters
         ----------
         values : mapping of str to float
-            Multiples of 15° for turning coordinates, decimal numbers otherwise.
+            Multiples of 15° for turning coordinates (zero for screws), decimal numbers otherwise.
         units : array of int, shape (turning coordinates,)
         field : PrimeField
         samples : int
         """
         pose = self.zero_pose(samples)
         for k, motion in enumerate(self.turning):
+            if motion.kind is MotionKind.SCREW and values.get(motion.name, 0.0):
+                return None
             steps = values.get(motion.name, 0.0) * STEPS_PER_HALF_TURN / pi / int(units[k])
             if abs(steps - round(steps)) > _ROUNDING:
                 return None
@@ -114,7 +119,8 @@ class Layout:
         turns[..., 0] = 1
         balls = np.zeros((samples, len(self.balls), 4), dtype=np.int64)
         balls[..., 0] = 1
-        return Pose(turns, np.zeros((samples, len(self.sliding)), dtype=np.int64), balls)
+        slides, angles = (np.zeros((samples, len(c)), dtype=np.int64) for c in (self.sliding, self.turning))
+        return Pose(turns, slides, balls, angles)
 
 
 class MovingCoordinates:
@@ -220,9 +226,14 @@ class MovingCoordinates:
             result[:, :, layout.ball_places] = series.product(turned, scale[:, None, :, None], field)
         return result
 
-    def angles(self, rates: Residues) -> Residues:
-        """Angles of the turning coordinates up to a constant, (samples, turning coordinates, order)."""
-        return series.integral(rates[:, self.layout.turn_places], self.field)
+    @cached_property
+    def angles(self) -> Residues:
+        """Angles of the turning coordinates as such, (samples, turning coordinates, order)."""
+        tau, scale = self._half_turns
+        rate = 2 * series.product(series.derivative(tau, self.field), scale, self.field) * self.units[:, None]
+        result = series.integral(rate % self.field.p, self.field)
+        result[..., 0] = self.pose.angles
+        return result
 
 
 def _cross(a: Residues, b: Residues, field: PrimeField) -> Residues:

@@ -223,7 +223,8 @@ def _random_pose(positions: Positions, rng: np.random.Generator, samples: int) -
     layout, field = positions.recorded.layout, positions.field
     turns = np.stack(field.circle(field.draw(rng, (samples, len(layout.turning)))), axis=-1)
     balls = np.moveaxis(field.sphere(field.draw(rng, (3, samples, len(layout.balls)))), 0, -1)
-    return Pose(turns, field.draw(rng, (samples, len(layout.sliding))), balls)
+    slides, angles = (field.draw(rng, (samples, len(c))) for c in (layout.sliding, layout.turning))
+    return Pose(turns, slides, balls, angles)
 
 
 def _closed(positions: Positions, pose: Pose, block: ClosureBlock, numbers: Indices) -> tuple[Indices, Pose, Indices]:

@@ -145,6 +145,9 @@ class Positions:
         if node in recorded.turns:
             return self._turned(node, moving)
         name = recorded.program.inputs[node].name
+        for k, motion in enumerate(recorded.layout.turning):
+            if name == f"q[{motion.name}]":
+                return moving.angles[:, k]
         for k, motion in enumerate(recorded.layout.sliding):
             if name == f"q[{motion.name}]":
                 return moving.slides[:, k]
@@ -152,7 +155,7 @@ class Positions:
             for part, position in enumerate(motion.positions):
                 if name == f"q[{position}]":
                     return moving.quaternions[:, k, part]
-        raise UnknownRelationsError(f"{name}, an angle that is not in a sine or cosine, in a mechanism with loops")
+        raise UnknownRelationsError(f"{name} in a mechanism with loops")
 
     def _run(self, schedule: Schedule, moving: MovingCoordinates) -> Residues:
         samples, order = moving.local.shape[0], moving.local.shape[-1]
