@@ -131,10 +131,12 @@ class PoseFinder:
     def _block(self, jacobian: Residues, rows: list[int], columns: list[int], positions: Positions) -> ClosureBlock:
         recorded, field = positions.recorded, positions.field
         balls = recorded.layout.ball_places.ravel().tolist()
-        # components of balls, then what is preferred, should rather be drawn
-        last = [columns.index(c) for c in (*balls, *self._preferred) if c in columns]
+        # components of balls, then screws, then what is preferred, should rather be drawn
+        last = [columns.index(c) for c in (*balls, *recorded.threaded, *self._preferred) if c in columns]
         choice = choose(jacobian[np.ix_(rows, columns)], field, last)
         unknown = tuple(columns[k] for k in choice.dependent)
+        if set(unknown) & set(recorded.threaded):
+            raise SingularPoseError("a screw would have to be solved for to close the loops")
         if set(unknown) & set(balls):
             raise SingularPoseError("a ball joint would have to be solved for to close the loops")
         return ClosureBlock(recorded, tuple(rows), tuple(c for c in columns if c not in unknown), unknown)

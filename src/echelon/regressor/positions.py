@@ -56,6 +56,14 @@ class Recorded:
     turning: Mapping[str, int]
     units: Residues
 
+    @property
+    def threaded(self) -> list[int]:
+        """Turning coordinates whose angle as such occurs in the closure equations."""
+        inputs = self.program.inputs
+        names = {inputs[node].name for node in self.equations.leaves if node in inputs}
+        places = zip(self.layout.turning, self.layout.turn_places.tolist(), strict=True)
+        return [place for motion, place in places if f"q[{motion.name}]" in names]
+
     def some_equations(self, rows: Sequence[int]) -> Schedule:
         """Schedule of some of the closure equations."""
         return Schedule(self.program, [self.nodes[row] for row in rows], self.equations.leaves)
