@@ -223,3 +223,14 @@ def test_a_set_up_survives_saving(tmp_path: Path) -> None:
     base = ec.base_parameters(robot)
     ec.save_base(base, tmp_path / "base.json")
     assert ec.verify(tmp_path / "base.json").rank == base.rank
+
+
+def test_positions_measured_at_motors_are_those_of_joints() -> None:
+    mechanism = ec.load(Path(__file__).parents[1] / "examples" / "coupled_arm.yaml")
+    q = np.random.default_rng(0).uniform(-1, 1, (5, 7))
+    theta = q.copy()
+    for j in (1, 3, 5):
+        theta[:, j], theta[:, j + 1] = q[:, j] + q[:, j + 1], q[:, j] - q[:, j + 1]
+    assert np.allclose(ec.joint_side(mechanism, theta), q)
+    with pytest.raises(ec.InputError, match="expected columns for j1, m2, m3"):
+        ec.joint_side(mechanism, theta[:, :3])

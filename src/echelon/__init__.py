@@ -32,6 +32,7 @@ from echelon.formats.linear import load_linear
 from echelon.formats.load import load
 from echelon.inertia.convert import convert, convert_columns
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.motor_side import joint_side
 from echelon.models.linear_model import LinearModel
 from echelon.results.saved import load_base, save_base
 from echelon.results.verify import verify
@@ -63,6 +64,7 @@ __all__ = [
     "base_structure",
     "convert",
     "convert_columns",
+    "joint_side",
     "load",
     "load_base",
     "load_linear",

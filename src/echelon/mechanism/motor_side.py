@@ -1,0 +1,81 @@
+"""Positions and velocities measured at motors, as those of joints: q = T⁻¹ θ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.exact.polynomial import float_generators
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.values import symbol_values
+
+
+def motor_names(mechanism: Mechanism, names: Sequence[str]) -> tuple[str, ...]:
+    """Coordinates with the driven ones replaced by their actuators, in the order in which these are stated.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    names : sequence of str
+        ``mechanism.positions``, ``mechanism.velocities`` or ``mechanism.independent_velocities``.
+    """
+    driven = _driven(mechanism)
+    actuators = iter(actuator.name for actuator in mechanism.actuators)
+    return tuple(next(actuators) if name in driven else name for name in names)
+
+
+def joint_side(
+    mechanism: Mechanism, values: npt.ArrayLike, symbols: Mapping[str, float] | None = None
+) -> npt.NDArray[np.float64]:
+    """Joint coordinates, velocities or accelerations from those at the motors.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With actuators θ = T q.
+    values : array of shape (N, positions) or (N, velocities), or (N, independent velocities) with loops
+        In the order of the mechanism's names, where the columns of driven coordinates hold the actuators in the order
+        in which these are stated (see :func:`motor_names`).
+    symbols : mapping of str to float, optional
+        Values of symbols in the transmission ratios that replace or complete those of the mechanism.
+
+    Returns
+    -------
+    array of the same shape
+
+    Raises
+    ------
+    InputError
+        If the shape fits none of these, or a symbol has no value.
+
+    Examples
+    --------
+    >>> import echelon as ec
+    >>> robot = ec.load("examples/coupled_arm.yaml")    # m2 = j2 + j3, m3 = j2 - j3, ...
+    >>> ec.joint_side(robot, [[0, 1.5, 0.5, 0, 0, 0, 0]]).tolist()
+    [[0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0]]
+    """
+    result = np.array(values, dtype=float, ndmin=2)
+    orders = (mechanism.velocities, mechanism.positions, mechanism.independent_velocities)
+    names = next((order for order in orders if result.ndim == 2 and len(order) == result.shape[1]), None)
+    if names is None:
+        raise InputError(f"expected columns for {', '.join(motor_names(mechanism, mechanism.velocities))}")
+    driven = [name for name in names if name in _driven(mechanism)]
+    if not driven:
+        return result
+    ratios = [ratio for actuator in mechanism.actuators for _, ratio in actuator.terms]
+    known = symbol_values(mechanism, sorted({s for ratio in ratios for s in ratio.symbols()}), symbols)
+    matrix = np.zeros((len(driven), len(driven)))
+    for row, actuator in enumerate(mechanism.actuators):
+        for name, ratio in actuator.terms:
+            matrix[row, driven.index(name)] = ratio.evaluate(float_generators(ratio.generators(), known), float)
+    columns = [names.index(name) for name in driven]
+    result[:, columns] = np.linalg.solve(matrix, result[:, columns].T).T
+    return result
+
+
+def _driven(mechanism: Mechanism) -> frozenset[str]:
+    return frozenset(name for actuator in mechanism.actuators for name, _ in actuator.terms)
