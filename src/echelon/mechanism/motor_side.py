@@ -73,7 +73,7 @@ def joint_side(
         for name, ratio in actuator.terms:
             matrix[row, driven.index(name)] = ratio.evaluate(float_generators(ratio.generators(), known), float)
     columns = [names.index(name) for name in driven]
-    result[:, columns] = np.linalg.solve(matrix, result[:, columns].T).T
+    result[:, columns] = np.linalg.solve(matrix, result[:, columns].T).T + 0.0  # no negative zeros
     return result
 
 
