@@ -24,7 +24,7 @@ from echelon.exact.polynomial import Polynomial, cosine, sine
 from echelon.inertia.spatial import frame_change
 from echelon.mechanism.alignment import Alignment, align
 from echelon.mechanism.axes import as_floats
-from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.mechanism import Mechanism, setup_expressions
 from echelon.mechanism.placement import Placement
 from echelon.mechanism.substitute import substituted
 
@@ -152,9 +152,9 @@ def _check_columns(mechanism: Mechanism) -> None:
 def _numbers(mechanism: Mechanism) -> dict[str, Number]:
     """Numbers for all generators: exact lengths, and rounded sines and cosines."""
     found: dict[str, Number] = {}
+    expressions = [*setup_expressions(mechanism), *(mechanism.gravity or ())]
     used = {s for body in mechanism.bodies for s in body.joint.symbols()}
-    used |= {s for part in mechanism.gravity or () for s in part.symbols()}
-    for name in sorted(used):
+    for name in sorted(used | {s for expression in expressions for s in expression.symbols()}):
         symbol = mechanism.symbols.get(name)
         if symbol is None or symbol.value is None:
             raise InputError(f"symbol '{name}' of {mechanism.name} has no value, so its geometry cannot be compared")
