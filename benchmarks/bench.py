@@ -1,4 +1,4 @@
-"""Benchmarks: start-up, robots beside a numeric tool, and the cost of growing chains.
+"""Benchmarks: start-up, robots and linkages beside numeric tools, and the cost of growing chains.
 
 python benchmarks/bench.py            measure, print, and write benchmarks/results
 python benchmarks/bench.py --json     print JSON instead of tables
@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import linkages
 import measure
 from report import environment, plot_chains, to_markdown
 from robots import Robot, panda, published
@@ -26,6 +27,11 @@ TARGETS = (
     ("talos_full_v2, floating, closed forms", "talos_full_v2", "closed_forms", 5.0),
     ("tiago_dual, floating, closed forms", "tiago_dual", "closed_forms", 15.0),
     ("tiago_dual, floating, structure only", "tiago_dual", "structure", 1.5),
+    ("four-bar linkage, closed forms", "four_bar", "closed_forms", 0.5),
+    ("SR400 (arm with a parallelogram), structure only", "sr400", "structure", 0.3),
+    ("SR400 (arm with a parallelogram), closed forms", "sr400", "closed_forms", 5.0),
+    ("Gough–Stewart platform, structure only", "gough_stewart", "structure", 1.0),
+    ("biped with rods, floating, closed forms", "biped", "closed_forms", 3.0),
 )
 START_UP_TARGETS = (("import echelon", 0.3), ("echelon --help", 0.5))
 CHAINS = (2, 5, 10, 20, 50, 100)
@@ -49,22 +55,26 @@ def run(quick: bool, repeats: int, report: Callable[[str], None]) -> dict[str, A
     """All measurements."""
     start_up = {name: t.as_dict() for name, t in measure.start_up(repeats, report).items()}
     rows = measure.robots(chosen_robots(quick), repeats, report)
+    looped = linkages.measured(linkages.chosen_linkages(quick), repeats, report)
     chains = measure.chains(CHAINS[:2] if quick else CHAINS, repeats, report)
     return {
         "environment": environment(repeats),
-        "targets": judged(start_up, rows),
+        "targets": judged(start_up, rows, looped),
         "start_up": start_up,
         "robots": rows,
+        "linkages": looped,
         "chains": chains,
         "chain_exponents": measure.exponents(chains),
     }
 
 
-def judged(start_up: dict[str, dict[str, float]], rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def judged(
+    start_up: dict[str, dict[str, float]], rows: list[dict[str, Any]], looped: list[dict[str, Any]]
+) -> list[dict[str, Any]]:
     """Targets that this run can judge, by median."""
-    by_robot = {row["robot"]: row["seconds"] for row in rows}
+    by_name = {row["robot"]: row["seconds"] for row in rows} | {row["linkage"]: row["seconds"] for row in looped}
     medians = [(f"{name}, fresh process", start_up[name]["median"], limit) for name, limit in START_UP_TARGETS]
-    medians += [(name, by_robot[r][part]["median"], limit) for name, r, part, limit in TARGETS if r in by_robot]
+    medians += [(text, by_name[n][part]["median"], limit) for text, n, part, limit in TARGETS if n in by_name]
     return [{"target": n, "median": m, "limit": limit, "passed": m <= limit} for n, m, limit in medians]
 
 
@@ -91,7 +101,7 @@ def progress() -> Iterator[Callable[[str], None]]:
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description="Benchmarks of Echelon beside a numeric tool.")
-    parser.add_argument("--quick", action="store_true", help="few repeats, small robots, short chains")
+    parser.add_argument("--quick", action="store_true", help="few repeats, small robots, one linkage, short chains")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
     parser.add_argument("--repeats", type=int, help="repeats of every measurement (default 7, with --quick 1)")
     parser.add_argument("--output", type=Path, help="folder of the results (default benchmarks/results)")

@@ -24,13 +24,18 @@ def observation_matrix(model: Any, seed: int = 1) -> Floats:
     data = model.createData()
     neutral = pin.neutral(model)
     columns = 10 * (model.njoints - 1)
-    states = max(_FEWEST_STATES, -(-_ROWS_PER_COLUMN * columns // model.nv))
+    states = states_of(columns, model.nv)
     stacked = np.empty((states, model.nv, columns))
     for block in stacked:
         q = pin.integrate(model, neutral, rng.uniform(-3, 3, model.nv))
         qd, qdd = rng.uniform(-3, 3, model.nv), rng.uniform(-10, 10, model.nv)
         block[:] = pin.computeJointTorqueRegressor(model, data, q, qd, qdd)
     return stacked.reshape(-1, columns)
+
+
+def states_of(columns: int, rows: int) -> int:
+    """How many states are stacked where each gives so many rows."""
+    return max(_FEWEST_STATES, -(-_ROWS_PER_COLUMN * columns // rows))
 
 
 def rank_by_svd(model: Any) -> int:
