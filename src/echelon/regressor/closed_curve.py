@@ -11,6 +11,7 @@ from echelon.errors import InputError, SingularPoseError
 from echelon.exact import series
 from echelon.exact.field import PrimeField, Residues
 from echelon.program.schedule import Schedule, SeriesArithmetic
+from echelon.regressor.exponentials import Exponentials
 from echelon.regressor.lifting import Choice, choose, lift, tangent
 from echelon.regressor.moving import MovingCoordinates, Pose
 from echelon.regressor.positions import Positions
@@ -34,6 +35,7 @@ class ClosedCurve:
         Of these velocities.
     signs : mapping of int to array of shape (samples,)
         Values of nodes that are signs, which are constant along a curve.
+    exponentials : Exponentials
 
     Raises
     ------
@@ -51,10 +53,11 @@ class ClosedCurve:
         given: Mapping[str, int] | None,
         speeds: Schedule,
         signs: Mapping[int, Residues],
+        exponentials: Exponentials,
     ) -> None:
         self.positions, self.pose, self.rng = positions, pose, rng
         self.field, self.order = positions.field, order
-        self._given, self._speeds, self._signs = given, speeds, signs
+        self._given, self._speeds, self._signs, self._exponentials = given, speeds, signs, exponentials
         self.arithmetic = SeriesArithmetic(self.field, order)
         self._drawn: dict[str, Residues] = {}
         self.moving = self._lifted()
@@ -86,6 +89,8 @@ class ClosedCurve:
     def _leaf(self, node: int) -> Residues:
         if node in self._signs:
             return series.constant(self._signs[node], self.order)
+        if node in self._exponentials.nodes:
+            return self._exponential[node]
         recorded = self.positions.recorded
         entry = recorded.program.inputs.get(node)
         if entry is None or entry.role == "symbol":
@@ -103,6 +108,13 @@ class ClosedCurve:
         if entry.name not in self._drawn:  # virtual velocities of outputs, measured inputs
             self._drawn[entry.name] = self.field.draw(self.rng, (self.positions.samples, self.order))
         return self._drawn[entry.name]
+
+    @cached_property
+    def _exponential(self) -> dict[int, Residues]:
+        schedule, samples = self._exponentials.arguments, self.positions.samples
+        arguments = schedule.run(self.arithmetic, self.leaves(schedule), samples)
+        starts = self._exponentials.starts(self._signs, self.field, self.rng, samples)
+        return self._exponentials.series(starts, arguments, self._signs, self.field)
 
     @cached_property
     def _rates(self) -> Residues:

@@ -23,6 +23,7 @@ from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
 from echelon.regressor.closed_curve import ClosedCurve
 from echelon.regressor.closures import Loops
+from echelon.regressor.exponentials import Exponentials
 from echelon.regressor.moving import Layout, Pose
 from echelon.regressor.poses import PoseFinder
 from echelon.regressor.positions import Constants, Positions, Recorded
@@ -64,6 +65,8 @@ class CurveSampler(FieldSampler):
         self._main = Schedule(self.program, self.outputs[:first], functions)
         self._speeds = Schedule(self.program, self.outputs[last:], functions)
         turns, turning = self._moving_turns(layout)
+        moving = [n for n in self._functions if self.program.ops[n] == Op.EXP and self._moves(n)]
+        self._exponentials = Exponentials(self.canonical, moving, self._sign_leaves, functions)
         units = np.ones(len(layout.turning), dtype=np.int64)
         for generator, place in turning.items():
             units[place] = self.canonical.unit(generator)
@@ -156,7 +159,7 @@ class CurveSampler(FieldSampler):
     def _curve(
         self, positions: Positions, pose: Pose, rng: np.random.Generator, order: int, signs: Mapping[int, Residues]
     ) -> ClosedCurve:
-        return ClosedCurve(positions, pose, rng, order, self.loops.speeds, self._speeds, signs)
+        return ClosedCurve(positions, pose, rng, order, self.loops.speeds, self._speeds, signs, self._exponentials)
 
     def _is_regular(self, positions: Positions, pose: Pose, rng: np.random.Generator) -> bool:
         """Whether curves of closed poses go on from a pose in all directions that the Jacobian allows."""
@@ -197,6 +200,8 @@ class CurveSampler(FieldSampler):
         turns: dict[int, Turn] = {}
         turning: dict[str, int] = {}
         for node in self._functions:
+            if self._moves(node) and self.program.ops[node] == Op.EXP:
+                continue
             form = self._form(node, ())
             moving = {g for g in generators_of(form) if not self.canonical.generators[g].constant}
             for name in moving:
@@ -209,11 +214,16 @@ class CurveSampler(FieldSampler):
                 turns[node] = form
         return turns, turning
 
+    def _moves(self, node: int) -> bool:
+        """Whether a function's argument depends on the motion."""
+        needed = self.program.needed([self.program.lhs[node]])
+        return any(n in self.program.inputs and self.program.inputs[n].role == "state" for n in needed)
+
     def _positions(self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues]) -> Positions:
         """The given geometries, with random values for what else is constant."""
         samples = len(next(iter(geometry.values()))) if geometry else 1
         inputs = [n for n in self._schedule.leaves if self._is_symbol(n)]
-        forms = {n: self._form(n, ()) for n in self._functions}
+        forms = {n: self._form(n, ()) for n in self._functions if n not in self._exponentials.nodes}
         wanted = {g for form in forms.values() for g in generators_of(form)} - self._recorded.turning.keys()
         drawn = GeneratorValues(self.canonical, field, rng, geometry, {}, samples, self._constants())
         generators = drawn.draw(wanted, inputs)
