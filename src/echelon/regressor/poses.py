@@ -24,7 +24,8 @@ from echelon.regressor.positions import Positions
 
 _ROUNDS = 40
 _MOST_TRIES = 1024
-_MOST_UNKNOWNS = 6
+_MOST_POINTS = 3**6  # at which the equations of a block are evaluated, for each sample
+_FAILURES = 64  # of the tries that close a loop with one unknown about once in two
 
 Indices = npt.NDArray[np.intp]
 
@@ -112,7 +113,7 @@ class PoseFinder:
         groups: list[tuple[list[int], list[int]]] = []  # equations, coordinates that they are the first to involve
         for owner in dict.fromkeys(owners):
             rows = [k for k, name in enumerate(owners) if name == owner]
-            involved = np.flatnonzero(jacobian[rows].any(axis=0)).tolist()
+            involved = _involved(jacobian[rows], positions)
             taken = {c for _, columns in groups for c in columns}
             columns = [c for c in involved if c not in taken]
             earlier = [k for group, _ in groups for k in group]
@@ -122,7 +123,7 @@ class PoseFinder:
                 last = next(k for k in reversed(range(len(groups))) if set(groups[k][1]) & set(involved))
                 more_rows, more = groups.pop(last)
                 rows, columns, involved = more_rows + rows, more + columns, sorted({*involved, *more})
-                involved = sorted({*involved, *np.flatnonzero(jacobian[rows].any(axis=0)).tolist()})
+                involved = sorted({*involved, *_involved(jacobian[rows], positions)})
                 earlier = [k for group, _ in groups for k in group]
                 needed = rank(jacobian[earlier + rows], field) - rank(jacobian[earlier], field)
             groups.append((rows, columns))
@@ -137,8 +138,6 @@ class PoseFinder:
         unknown = tuple(columns[k] for k in choice.dependent)
         if set(unknown) & set(recorded.threaded):
             raise SingularPoseError("a screw would have to be solved for to close the loops")
-        if set(unknown) & set(balls):
-            raise SingularPoseError("a ball joint would have to be solved for to close the loops")
         return ClosureBlock(recorded, tuple(rows), tuple(c for c in columns if c not in unknown), unknown)
 
     # -- solutions -------------------------------------------------------------------------------------------------
@@ -147,10 +146,15 @@ class PoseFinder:
         found = positions.recorded.layout.zero_pose(samples)
         # a loop closes at about half of the random points, one with more unknowns more rarely
         pending, tries = np.arange(samples), 2 * prod(max(1, len(b.unknown) - 1) * 2 for b in blocks)
+        ever, tried, enough = np.zeros(samples, dtype=bool), 0, _FAILURES * prod(2 ** len(b.unknown) for b in blocks)
         for _ in range(_ROUNDS):
             tries = max(2, min(tries, _MOST_TRIES // len(pending)))
             owners = np.repeat(pending, tries)
-            owners, pose = self._tried(positions, rng, owners, blocks)
+            owners, pose = self._completed(positions, rng, owners, _random_pose(positions, rng, len(owners)), blocks)
+            ever[owners], tried = True, tried + tries
+            if tried > enough and not ever[pending].all():
+                break
+            owners, pose = self._in_mode(positions, rng, owners, pose)
             _, first = np.unique(owners, return_index=True)
             for target, source in zip(found.parts, pose.parts, strict=True):
                 target[owners[first]] = source[first]
@@ -160,11 +164,10 @@ class PoseFinder:
             tries *= 2
         raise DegenerateSampleError("the loops do not close at random points")
 
-    def _tried(
-        self, positions: Positions, rng: np.random.Generator, owners: Indices, blocks: list[ClosureBlock]
+    def _in_mode(
+        self, positions: Positions, rng: np.random.Generator, owners: Indices, pose: Pose
     ) -> tuple[Indices, Pose]:
-        """Random poses, closed; those that do not close, or are in another mode, are dropped."""
-        owners, pose = self._completed(positions, rng, owners, _random_pose(positions, rng, len(owners)), blocks)
+        """One closed pose for each owner that has one; those that are in another mode are dropped."""
         if self._accepts is None or not owners.size:
             return owners, pose
         _, first = np.unique(owners, return_index=True)
@@ -207,7 +210,7 @@ class PoseFinder:
         """A block with fewer unknowns, where its equations leave more freedom than their number says."""
         while True:
             try:
-                if len(block.unknown) > _MOST_UNKNOWNS:
+                if block.points > _MOST_POINTS:
                     raise SingularPoseError(f"{len(block.unknown)} coordinates would have to be solved for at once")
                 one = np.zeros(1, dtype=np.intp)
                 block.solve(positions.at(owners[one]), pose.at(one))
@@ -219,6 +222,14 @@ class PoseFinder:
                 block = block.fewer()
                 assert self._blocks is not None
                 self._blocks[number] = block
+
+
+def _involved(jacobian: Residues, positions: Positions) -> list[int]:
+    """Coordinates that some equations involve, balls as a whole."""
+    involved = np.asarray(jacobian.any(axis=0))
+    for ball in positions.recorded.layout.ball_places:
+        involved[ball] = involved[ball].any()
+    return [int(column) for column in np.flatnonzero(involved)]
 
 
 def _random_pose(positions: Positions, rng: np.random.Generator, samples: int) -> Pose:
@@ -239,5 +250,5 @@ def _closed(positions: Positions, pose: Pose, block: ClosureBlock, numbers: Indi
     closed = pose.at(good)
     for target, sample in enumerate(good):
         points = solutions.points[sample]
-        block.put(closed, target, points[numbers[sample] % len(points)])
+        block.put(closed, target, points[numbers[sample] % len(points)], positions.field)
     return good, closed, numbers[good] // np.maximum(solutions.counts[good], 1)
