@@ -15,8 +15,6 @@ import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.values import all_symbols, known_values
 from echelon.regressor.closed_motion import RANK_TOLERANCE, ClosedMotion
 from echelon.regressor.closure_values import Floats, normalised, position_rates
 
@@ -30,7 +28,6 @@ _STRIDE, _SHORTEST = 0.1, 1e-4  # of a step on the way to given coordinates, rad
 _FEW = 8  # iterations for one such step; if these do not do, it is shortened
 _LARGEST_CORRECTION = 0.05  # of what its trend predicts; more may be a jump to another way of assembly
 _SEED, _TRIES, _NEAR = 2015, 64, 1.0  # disturbances of a pose that does not close, rad or characteristic lengths
-_DRAWS = 8  # of values for symbols that have none
 _WALK = 20  # random strides from the assembly pose
 _KEPT_AWAY = 0.25  # of the assembly pose's distance from singular configurations; more than a stride
 _RATE = 2.0  # largest random velocity and acceleration
@@ -266,49 +263,6 @@ class Assembly(ClosedMotion):
         if not done[0]:
             problem = self.opening(self.closures.at(nearest)[0][0])
         raise InputError(f"the loops cannot be closed at the independent positions of sample {sample}: {problem}")
-
-
-def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int) -> dict[str, Floats]:
-    """Random closed states and values of symbols, by the names of program inputs.
-
-    Symbols without a value get a random one.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    rng : numpy Generator
-    count : int
-
-    Returns
-    -------
-    dict of str to array of shape (count,)
-
-    Raises
-    ------
-    InputError
-        If the loops do not close.
-    """
-    unknown = [name for name in all_symbols(mechanism) if name not in known_values(mechanism)]
-    drawn: dict[str, float] = {}
-    for attempt in range(_DRAWS):
-        drawn = {name: float(rng.uniform(0.5, 1.5)) for name in unknown}
-        try:
-            q, qd, qdd = Assembly(mechanism, drawn).random_closed_states(rng, count)
-            break
-        except InputError:
-            if not unknown or attempt == _DRAWS - 1:
-                raise
-    inputs: dict[str, Floats] = {
-        name: np.full(count, value) for name, value in (known_values(mechanism) | drawn).items()
-    }
-    for kind, names, values in (
-        ("q", mechanism.positions, q),
-        ("qd", mechanism.velocities, qd),
-        ("qdd", mechanism.velocities, qdd),
-    ):
-        for k, name in enumerate(names):
-            inputs[f"{kind}[{name}]"] = values[:, k]
-    return inputs
 
 
 def _damped_steps(values: Floats, jacobian: Floats) -> Floats:

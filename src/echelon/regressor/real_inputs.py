@@ -1,0 +1,56 @@
+"""Random real inputs of a program on closed configurations, which show what signs occur together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from echelon.errors import InputError
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.values import all_symbols, known_values
+from echelon.regressor.assembly import Assembly
+from echelon.regressor.closure_values import Floats
+
+_DRAWS = 8  # of values for symbols that have none
+
+
+def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int) -> dict[str, Floats]:
+    """Random closed states and values of symbols, by the names of program inputs.
+
+    Symbols without a value get a random one.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    rng : numpy Generator
+    count : int
+
+    Returns
+    -------
+    dict of str to array of shape (count,)
+
+    Raises
+    ------
+    InputError
+        If the loops do not close.
+    """
+    unknown = [name for name in all_symbols(mechanism) if name not in known_values(mechanism)]
+    drawn: dict[str, float] = {}
+    for attempt in range(_DRAWS):
+        drawn = {name: float(rng.uniform(0.5, 1.5)) for name in unknown}
+        try:
+            q, qd, qdd = Assembly(mechanism, drawn).random_closed_states(rng, count)
+            break
+        except InputError:
+            if not unknown or attempt == _DRAWS - 1:
+                raise
+    inputs: dict[str, Floats] = {
+        name: np.full(count, value) for name, value in (known_values(mechanism) | drawn).items()
+    }
+    for kind, names, values in (
+        ("q", mechanism.positions, q),
+        ("qd", mechanism.velocities, qd),
+        ("qdd", mechanism.velocities, qdd),
+    ):
+        for k, name in enumerate(names):
+            inputs[f"{kind}[{name}]"] = values[:, k]
+    return inputs
