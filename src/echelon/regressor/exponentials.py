@@ -1,8 +1,8 @@
 """Exponentials of what moves in a mechanism with loops, such as those of Stribeck friction, as power series.
 
 exp a(t) = exp a(0) · exp(a(t) − a(0)).  Exponentials of arguments that are linearly independent over the rationals,
-up to constants, are algebraically independent on closed configurations, too (Ax 1971).  So generators have random values
-at t = 0, and the rest is a power series.  Where loops tie arguments to one another, as they do in a parallelogram,
+up to constants, are algebraically independent on closed configurations, too (Ax 1971).  So generators have random
+values at t = 0, and the rest is a power series.  Where loops tie arguments to one another, as in a parallelogram,
 this is noticed and refused.
 """
 
