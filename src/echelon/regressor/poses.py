@@ -25,7 +25,7 @@ from echelon.regressor.positions import Positions
 _ROUNDS = 40
 _MOST_TRIES = 1024
 _MOST_POINTS = 3**6  # at which the equations of a block are evaluated, for each sample
-_FAILURES = 64  # of the tries that close a loop with one unknown about once in two
+_FAILURES = 8  # of the tries that close a loop with one unknown about once in two
 
 Indices = npt.NDArray[np.intp]
 
