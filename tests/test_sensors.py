@@ -11,9 +11,14 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import echelon as ec
+from builders import mechanisms
+from constrained import Constrained
 from echelon.base.sensors import sensor_report
 from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.formats.description import read_description_data, write_description
@@ -24,6 +29,7 @@ from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.newton_euler import inverse_dynamics_regressor
 from echelon.regressor.virtual_power import virtual_power_form
+from oracles import random_states
 from robots import robot_file
 
 MJCF = """
@@ -234,3 +240,32 @@ def test_positions_measured_at_motors_are_those_of_joints() -> None:
     assert np.allclose(ec.joint_side(mechanism, theta), q)
     with pytest.raises(ec.InputError, match="expected columns for j1, m2, m3"):
         ec.joint_side(mechanism, theta[:, :3])
+
+
+@settings(max_examples=40, deadline=None)
+@given(mechanisms(), st.integers(0, 1000))
+def test_wrenches_of_random_mechanisms_are_pinocchios(mechanism: ec.Mechanism, seed: int) -> None:
+    """Six-axis sensors, anywhere on any body, against the wrench that the joint above transmits."""
+    rng = np.random.default_rng(seed)
+    frame = Placement(translation=tuple(as_polynomial(Fraction(int(n), 10)) for n in rng.integers(-5, 6, 3)))
+    cuts = [
+        plain(f"{body}.{'t' if angular else 'f'}{axis}", "", Cut(body, frame, False, axis, angular))
+        for body in range(len(mechanism.bodies))
+        for angular in (False, True)
+        for axis in range(3)
+    ]
+    measured = replace(mechanism, measured=tuple(cuts))
+    standard = np.zeros((len(mechanism.bodies), 10))
+    carried = [index for index, body in enumerate(mechanism.bodies) if body.carried]
+    standard[carried] = rng.uniform(-1, 1, (len(carried), 10)) + np.eye(10)[9] * 2
+    q, qd, qdd = random_states(mechanism, 1, seed)
+    y = evaluate_floats(inverse_dynamics_regressor(measured), measured, q, qd, qdd)[0] @ standard[carried].ravel()
+    standard[:, 9] += 1e-30  # Pinocchio divides by masses
+    truth = Constrained(mechanism, standard.ravel())
+    rates = truth.couplings
+    pin.rnea(truth.model, truth.data, truth.joint_positions(q[0]), rates @ qd[0], rates @ qdd[0])
+    shift = pin.SE3(np.eye(3), np.array([float(e.number) for e in frame.translation]))
+    for index, output in enumerate(y.reshape(-1, 6)):
+        joint, place = truth.places[index]
+        wrench = (place * shift).actInv(truth.data.f[joint])
+        np.testing.assert_allclose(output, [*wrench.linear, *wrench.angular], rtol=1e-8, atol=1e-8)
