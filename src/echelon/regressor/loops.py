@@ -134,17 +134,21 @@ def _unsolved(mechanism: Mechanism, reason: str) -> str:
 def _check_wanted(wanted: Sequence[str], chosen: Sequence[str]) -> None:
     if len(wanted) < len(chosen):
         more = ", ".join(name for name in chosen if name not in wanted)
-        problem = f"{len(chosen)} coordinates are independent, not {len(wanted)}; add for example {more}"
+        problem = f"{_independent(len(chosen))}, not {len(wanted)}; add for example {more}"
         raise InputError(problem, element="independent")
     bound = [name for name in wanted if name not in chosen]
     if bound:
         problem = (
-            f"{len(chosen)} coordinates are independent, not {len(wanted)}; '{bound[0]}' follows from the others"
+            f"{_independent(len(chosen))}, not {len(wanted)}; '{bound[0]}' follows from the others"
             if len(wanted) > len(chosen)
             else f"'{bound[0]}' follows from the others while the loops are closed; take for example "
             + ", ".join(name for name in chosen if name not in wanted)
         )
         raise InputError(problem, element="independent")
+
+
+def _independent(count: int) -> str:
+    return "1 coordinate is independent" if count == 1 else f"{count} coordinates are independent"
 
 
 def _locked(mechanism: Mechanism, freedom: int, mobility: int) -> str:
