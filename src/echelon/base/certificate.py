@@ -76,12 +76,15 @@ class Certificate:
 
     def __str__(self) -> str:
         count = len(self.identity_primes)
-        how = f"modulo {count} primes of {CERTIFICATE_BITS} bits"
+        how = f"modulo {count} primes of {CERTIFICATE_BITS} bits, error probability below 1e{int(self.log10_error)}"
         if self.order:
-            how = f"along {count} closed curves to order {self.order}, each modulo its own prime of {ARRAY_BITS} bits"
+            how = (
+                f"along {count} closed curves, each modulo its own prime of {ARRAY_BITS} bits: what shows up to order "
+                f"{self.order} is missed with probability below 1e{int(self.log10_error)}"
+            )
         return (
             f"rank {self.rank} proved from below by a non-zero minor mod {self.minor_prime}; "
-            f"completeness X·N = 0 checked {how}, error probability below 1e{int(self.log10_error)}"
+            f"completeness X·N = 0 checked {how}"
         )
 
 
