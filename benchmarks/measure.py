@@ -13,9 +13,10 @@ import numpy as np
 import echelon as ec
 import numeric
 from echelon.base.certificate import certify
-from echelon.base.derive import DEFAULT_SEED, classical_matrix
+from echelon.base.derive import classical_matrix
 from echelon.base.structure import find_structure
 from echelon.regressor.virtual_power import virtual_power_form
+from echelon.seeds import DEFAULT_SEED
 from robots import Robot, chain, serial_model
 from timing import Times, interleaved
 

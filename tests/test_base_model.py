@@ -142,3 +142,8 @@ def test_an_empty_answer() -> None:
     assert still.values([]).shape == (0,)
     assert still.lift([]).shape == (0,)
     assert still.B.shape == (0, 0)
+
+
+def test_negative_seeds_are_refused() -> None:
+    with pytest.raises(ec.InputError, match="the seed -1 is negative"):
+        ec.base_parameters(ec.load("examples/double_pendulum.yaml"), seed=-1)

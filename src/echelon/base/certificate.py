@@ -31,6 +31,7 @@ from echelon.exact.rational import RationalFunction
 from echelon.program.sampling import FieldSampler
 from echelon.program.schedule import degree_bound
 from echelon.regressor.linear import LinearForms
+from echelon.seeds import generator
 
 _POINTS = 2
 _CURVES, _CURVE_ORDER, _SURPLUS_ORDER = 5, 24, 16
@@ -114,7 +115,7 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int) -> Certificat
         raise CertificateError(
             f"the set has {len(matrix.parameters)} standard parameters, the model {regressor.shape[1]}"
         )
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     minor_prime, states = _check_minimal(regressor, matrix, rng)
     if regressor.loops is not None:
         return _certified_on_curves(regressor, matrix, seed, (minor_prime, states), rng)

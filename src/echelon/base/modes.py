@@ -23,6 +23,7 @@ from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.moving import Pose
 from echelon.regressor.virtual_power import virtual_power_form
+from echelon.seeds import generator
 
 Dependence = dict[int, tuple[int, ...]]
 """Dependent columns, with the columns that each depends on."""
@@ -203,7 +204,7 @@ def assembly_modes(mechanism: Mechanism, *, seed: int = _SEED) -> tuple[int, ...
     assert rows.forms.loops is not None
     anywhere = Rows(replace(rows.forms, loops=replace(rows.forms.loops, stated=False)), rows.auxiliary)
     try:
-        modes = find_modes(anywhere, np.random.default_rng(seed))
+        modes = find_modes(anywhere, generator(seed))
     except (DegenerateSampleError, SingularPoseError) as error:
         raise InputError(f"no other closed poses were found: {error}") from None
     return tuple(len(mechanism.parameters) - len(mode.dependence) for mode in modes)

@@ -8,7 +8,6 @@ from itertools import combinations
 
 import numpy as np
 
-from echelon.base.derive import DEFAULT_SEED
 from echelon.base.modes import in_mode
 from echelon.base.structure import find_structure
 from echelon.errors import DegenerateSampleError, EchelonError
@@ -19,6 +18,7 @@ from echelon.mechanism.output import Cut, Output, plain
 from echelon.mechanism.placement import Placement
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.virtual_power import virtual_power_form
+from echelon.seeds import DEFAULT_SEED, generator
 
 _SURPLUS = 8
 _FIELDS = 2
@@ -83,7 +83,7 @@ def sensor_report(mechanism: Mechanism, size: int = 1, *, seed: int = DEFAULT_SE
     (48, 48, ('base',))
     """
     groups = _candidates(mechanism)
-    spaces = _Spaces(mechanism, groups, np.random.default_rng(seed))
+    spaces = _Spaces(mechanism, groups, generator(seed))
     names = tuple(groups)
     total = spaces.rank(names)
     ranks = {s: spaces.rank(s) for k in range(1, min(size, len(names)) + 1) for s in combinations(names, k)}

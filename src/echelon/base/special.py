@@ -6,14 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
-import numpy as np
-
-from echelon.base.derive import DEFAULT_SEED
 from echelon.base.structure import find_structure
 from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
 from echelon.mechanism.mechanism import Mechanism, setup_expressions
 from echelon.mechanism.placement import Placement
 from echelon.mechanism.substitute import substituted
+from echelon.seeds import DEFAULT_SEED, generator
 
 _ZERO, _ONE = Polynomial({}), Polynomial.constant(1)
 _TURNS = (("0", _ONE, _ZERO), ("90°", _ZERO, _ONE), ("180°", -_ONE, _ZERO), ("-90°", _ZERO, -_ONE))
@@ -82,7 +80,7 @@ def special_geometry(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> Speci
     gravity along z: 4
     no gravity: 4
     """
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     rank = find_structure(mechanism, rng).rank
     tried: int = 0
     cases: list[SpecialCase] = []
@@ -123,6 +121,6 @@ def _symbols(mechanism: Mechanism) -> tuple[list[str], list[str]]:
             else:
                 expressions.append(step.pitch)
     for expression in expressions:
-        for generator in expression.generators():
-            found[symbol_of(generator)] = is_trigonometric(generator)
+        for name in expression.generators():
+            found[symbol_of(name)] = is_trigonometric(name)
     return sorted(s for s, angle in found.items() if not angle), sorted(s for s, angle in found.items() if angle)

@@ -12,7 +12,7 @@ from typing import Any
 
 import typer
 
-from echelon.base.derive import DEFAULT_SEED, base_parameters, base_structure
+from echelon.base.derive import base_parameters, base_structure
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.model import BaseModel
 from echelon.cli.progress import progress
@@ -22,6 +22,7 @@ from echelon.formats.linear import holds_linear_model
 from echelon.formats.load import load
 from echelon.mechanism.mechanism import Mechanism
 from echelon.results.saved import to_json
+from echelon.seeds import DEFAULT_SEED
 
 
 @dataclass(frozen=True)

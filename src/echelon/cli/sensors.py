@@ -10,11 +10,11 @@ from typing import Any
 
 import typer
 
-from echelon.base.derive import DEFAULT_SEED
 from echelon.base.sensors import SensorReport, sensor_report
 from echelon.cli.progress import progress
 from echelon.errors import one_line
 from echelon.formats.load import load
+from echelon.seeds import DEFAULT_SEED
 
 
 def run_sensors(robot: Path, size: int, reading: Mapping[str, Any], seed: int | None, *, as_json: bool) -> None:

@@ -10,12 +10,12 @@ from typing import Any
 
 import typer
 
-from echelon.base.derive import DEFAULT_SEED
 from echelon.base.special import special_geometry
 from echelon.cli.progress import progress
 from echelon.errors import one_line
 from echelon.files import write_atomically
 from echelon.formats.load import load
+from echelon.seeds import DEFAULT_SEED
 
 
 def run_special(
