@@ -9,7 +9,7 @@ from echelon.errors import InputError
 DEFAULT_SEED = 2015
 
 
-def generator(seed: int) -> np.random.Generator:
+def random_generator(seed: int) -> np.random.Generator:
     """A random generator.
 
     Raises

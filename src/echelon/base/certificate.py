@@ -31,7 +31,7 @@ from echelon.exact.rational import RationalFunction
 from echelon.program.sampling import FieldSampler
 from echelon.program.schedule import degree_bound
 from echelon.regressor.linear import LinearForms
-from echelon.seeds import generator
+from echelon.seeds import random_generator
 
 _POINTS = 2
 _CURVES, _CURVE_ORDER, _SURPLUS_ORDER = 5, 24, 16
@@ -115,7 +115,7 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int) -> Certificat
         raise CertificateError(
             f"the set has {len(matrix.parameters)} standard parameters, the model {regressor.shape[1]}"
         )
-    rng = generator(seed)
+    rng = random_generator(seed)
     minor_prime, states = _check_minimal(regressor, matrix, rng)
     if regressor.loops is not None:
         return _certified_on_curves(regressor, matrix, seed, (minor_prime, states), rng)
@@ -176,13 +176,10 @@ def _check_minimal(regressor: LinearForms, matrix: BaseMatrix, rng: np.random.Ge
         field = PrimeField.random(rng, ARRAY_BITS)
         try:
             geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
-            values = sampler.evaluate(field, rng, states, geometry)[:, 0, :]
+            rows = forms.stacked(sampler.evaluate(field, rng, states, geometry))[0]
         except DegenerateSampleError:
             continue
-        rows = np.zeros((states, *forms.shape), dtype=np.int64)
-        for (row, column), value in zip(forms.entries, values, strict=True):
-            rows[:, row, column] = value
-        found = rank(rows.reshape(states * forms.shape[0], forms.shape[1]), field)
+        found = rank(rows, field)
         if found == matrix.rank:
             return field.p, states
         # once twice the states add nothing and rows abound, more will not either

@@ -134,10 +134,7 @@ class _Relation:
         first = self.rows.auxiliary
         unknowns = first + len(self.sources)
         states = unknowns + 1  # one more equation than unknowns: a false relation contradicts itself
-        values = sampler.evaluate(field, rng, states, geometry)
-        matrix = np.zeros((values.shape[1], states, self.rows.forms.shape[1]), dtype=np.int64)
-        for (_, column), value in zip(self.rows.forms.entries, values, strict=True):
-            matrix[:, :, column] = value
+        matrix = self.rows.forms.stacked(sampler.evaluate(field, rng, states, geometry))
         solution = solve_batched(matrix[:, :, :unknowns], matrix[:, :, unknowns:], field)
         return solution[:, first:].reshape(len(solution), -1).T
 

@@ -21,7 +21,7 @@ from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
 from echelon.models.linear_model import LinearModel
 from echelon.regressor.virtual_power import virtual_power_form
-from echelon.seeds import DEFAULT_SEED, generator
+from echelon.seeds import DEFAULT_SEED, random_generator
 
 
 @overload
@@ -79,7 +79,7 @@ def base_parameters(
         if order != "base-to-tip":
             raise InputError("a linear model has no base and tip: choose representatives with prefer")
         return linear_base_parameters(mechanism, prefer, seed)
-    rng = generator(seed)
+    rng = random_generator(seed)
     columns = column_order(mechanism.columns, order, prefer)
     structure = find_structure(mechanism, rng)
     matrix = classical_matrix(mechanism, structure, rng)
@@ -102,7 +102,7 @@ def base_structure(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> Structu
     -------
     Structure
     """
-    return find_structure(mechanism, generator(seed))
+    return find_structure(mechanism, random_generator(seed))
 
 
 def classical_matrix(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> BaseMatrix:

@@ -17,7 +17,7 @@ from echelon.errors import InputError, UnknownRelationsError
 from echelon.models.evaluation import definition_values, evaluate_model
 from echelon.models.linear_model import LinearModel
 from echelon.program.sympy_bridge import to_sympy
-from echelon.seeds import generator
+from echelon.seeds import random_generator
 
 if TYPE_CHECKING:
     import sympy
@@ -202,7 +202,7 @@ def linear_base_parameters(model: LinearModel, prefer: Sequence[str], seed: int)
         raise InputError(f"'{strangers[0]}' is not a parameter (parameters: {', '.join(model.parameters)})")
     wanted = [model.parameters.index(p) for p in dict.fromkeys(prefer)]
     order = (*wanted, *(c for c in range(len(model.parameters)) if c not in wanted))
-    rng = generator(seed)
+    rng = random_generator(seed)
     try:
         structure = LinearStructure(model.regressor, model.parameters, order, rng)
         dependences = structure.dependences()

@@ -89,11 +89,7 @@ class LinearStructure:
 
     def _sample(self, field: PrimeField, geometry: Geometry, states: int) -> Residues:
         """X at random states: array of shape (geometries, states · outputs, parameters)."""
-        values = self.sampler.evaluate(field, self.rng, states, geometry)
-        table = np.zeros((values.shape[1], states, *self.forms.shape), dtype=np.int64)
-        for (row, column), value in zip(self.forms.entries, values, strict=True):
-            table[:, :, row, column] = value
-        return table.reshape(len(table), states * self.forms.shape[0], self.forms.shape[1])
+        return self.forms.stacked(self.sampler.evaluate(field, self.rng, states, geometry))
 
     def _supports(self, field: PrimeField, rows: int) -> Supports:
         states = -(-rows // self.forms.shape[0])

@@ -23,7 +23,7 @@ from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.moving import Pose
 from echelon.regressor.virtual_power import virtual_power_form
-from echelon.seeds import generator
+from echelon.seeds import DEFAULT_SEED, random_generator
 
 Dependence = dict[int, tuple[int, ...]]
 """Dependent columns, with the columns that each depends on."""
@@ -34,7 +34,7 @@ _POSES, _FEW_POSES = 6, 1  # variants tried at each random geometry
 _ATTEMPTS = 8
 _FIRST_ORDER, _LARGEST_ORDER = 12, 96
 _SURPLUS_ROWS = 8
-_SEED, _STATES, _NEAR = 2015, 20, 0.2  # real states
+_STATES, _NEAR = 20, 0.2  # real states
 _FITS, _NOISE = 1e-6, 1e-8  # how well a mode's relations hold there, and what counts as nothing
 _ANY = ""  # name of no symbol, to count geometries where there are no symbols
 
@@ -72,11 +72,12 @@ def find_modes(rows: Rows, rng: np.random.Generator) -> list[Mode]:
         If random points keep contradicting each other, which has no natural cause.
     """
     orders: dict[_Key, list[int]] = {}
-    order, poses = _FIRST_ORDER, _POSES
+    order, poses, failure = _FIRST_ORDER, _POSES, ""
     for _ in range(_ATTEMPTS):
         try:
             found = {tuple(sorted(d.items())) for d in _dependences(rows, PrimeField.random(rng), rng, order, poses)}
-        except DegenerateSampleError:
+        except DegenerateSampleError as error:
+            failure = str(error)
             continue
         new = found - orders.keys()
         for key in found:
@@ -85,6 +86,8 @@ def find_modes(rows: Rows, rng: np.random.Generator) -> list[Mode]:
             break
         # the rank may grow with the number of coefficients, so the next attempt takes more
         order, poses = min(2 * order, _LARGEST_ORDER), _POSES if len(orders) > 1 else _FEW_POSES
+    if not orders:
+        raise SingularPoseError(failure)
     confirmed = [Mode(dict(key), min(seen)) for key, seen in orders.items() if len(seen) > 1]
     if not confirmed:
         raise EchelonError("random points keep contradicting each other; please report this model")
@@ -119,12 +122,8 @@ def _tables(
     pose: Pose,
 ) -> Residues:
     """Rows at poses, (poses, states, columns)."""
-    columns = rows.forms.shape[1]
-    values = sampler.evaluate_at(field, rng, columns + _SURPLUS_ROWS, geometry, pose)
-    tables = np.zeros((values.shape[1], values.shape[2], columns), dtype=np.int64)
-    for (_, column), value in zip(rows.forms.entries, values, strict=True):
-        tables[:, :, column] = value
-    return tables
+    states = rows.forms.shape[1] + _SURPLUS_ROWS
+    return rows.forms.stacked(sampler.evaluate_at(field, rng, states, geometry, pose))
 
 
 def dependence(table: Residues, auxiliary: int, field: PrimeField) -> Dependence:
@@ -174,7 +173,7 @@ def in_mode(forms: LinearForms, accepted: InMode | None) -> LinearForms:
     return replace(forms, loops=replace(forms.loops, accepts=accepted))
 
 
-def assembly_modes(mechanism: Mechanism, *, seed: int = _SEED) -> tuple[int, ...]:
+def assembly_modes(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> tuple[int, ...]:
     """Ranks of all ways to assemble a mechanism with loops that differ in what can be seen, the lowest first.
 
     Parameters
@@ -204,8 +203,8 @@ def assembly_modes(mechanism: Mechanism, *, seed: int = _SEED) -> tuple[int, ...
     assert rows.forms.loops is not None
     anywhere = Rows(replace(rows.forms, loops=replace(rows.forms.loops, stated=False)), rows.auxiliary)
     try:
-        modes = find_modes(anywhere, generator(seed))
-    except (DegenerateSampleError, SingularPoseError) as error:
+        modes = find_modes(anywhere, random_generator(seed))
+    except SingularPoseError as error:
         raise InputError(f"no other closed poses were found: {error}") from None
     return tuple(len(mechanism.parameters) - len(mode.dependence) for mode in modes)
 
@@ -229,7 +228,7 @@ def own_mode(mechanism: Mechanism, columns: Sequence[int], modes: Sequence[Mode]
     states = _STATES + 4 * len(columns) // max(1, len(mechanism.outputs))
     try:
         # near the pose: farther away the walk could pass to another mode
-        real = Assembly(mechanism).random_closed_states(np.random.default_rng(_SEED), states, _NEAR)
+        real = Assembly(mechanism).random_closed_states(random_generator(DEFAULT_SEED), states, _NEAR)
         values = evaluate_floats(virtual_power_form(mechanism), mechanism, *real)
     except InputError:
         return None

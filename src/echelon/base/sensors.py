@@ -18,7 +18,7 @@ from echelon.mechanism.output import Cut, Output, plain
 from echelon.mechanism.placement import Placement
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.virtual_power import virtual_power_form
-from echelon.seeds import DEFAULT_SEED, generator
+from echelon.seeds import DEFAULT_SEED, random_generator
 
 _SURPLUS = 8
 _FIELDS = 2
@@ -83,7 +83,7 @@ def sensor_report(mechanism: Mechanism, size: int = 1, *, seed: int = DEFAULT_SE
     (48, 48, ('base',))
     """
     groups = _candidates(mechanism)
-    spaces = _Spaces(mechanism, groups, generator(seed))
+    spaces = _Spaces(mechanism, groups, random_generator(seed))
     names = tuple(groups)
     total = spaces.rank(names)
     ranks = {s: spaces.rank(s) for k in range(1, min(size, len(names)) + 1) for s in combinations(names, k)}
@@ -150,10 +150,7 @@ def _row_spaces(forms: Mapping[str, LinearForms], field: PrimeField, rng: np.ran
         columns = forms[name].shape[1]
         states = columns + _SURPLUS
         own = {s: geometry[s] for s in sampler.symbols}
-        values = sampler.evaluate(field, rng, states, own)[:, 0, :]
-        matrix = np.zeros((states, columns), dtype=np.int64)
-        for (_, column), value in zip(forms[name].entries, values, strict=True):
-            matrix[:, column] = value
+        matrix = forms[name].stacked(sampler.evaluate(field, rng, states, own))[0]
         reduced, pivots = reduced_echelon(matrix, field)
         rows = [[int(x) for x in row] for row in reduced.tolist()[: len(pivots)]]
         spaces[name] = np.array(rows, dtype=np.int64).reshape(len(pivots), columns)

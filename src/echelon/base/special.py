@@ -11,7 +11,7 @@ from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
 from echelon.mechanism.mechanism import Mechanism, setup_expressions
 from echelon.mechanism.placement import Placement
 from echelon.mechanism.substitute import substituted
-from echelon.seeds import DEFAULT_SEED, generator
+from echelon.seeds import DEFAULT_SEED, random_generator
 
 _ZERO, _ONE = Polynomial({}), Polynomial.constant(1)
 _TURNS = (("0", _ONE, _ZERO), ("90°", _ZERO, _ONE), ("180°", -_ONE, _ZERO), ("-90°", _ZERO, -_ONE))
@@ -80,7 +80,7 @@ def special_geometry(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> Speci
     gravity along z: 4
     no gravity: 4
     """
-    rng = generator(seed)
+    rng = random_generator(seed)
     rank = find_structure(mechanism, rng).rank
     tried: int = 0
     cases: list[SpecialCase] = []

@@ -183,8 +183,5 @@ def sample_matrix(forms: LinearForms, field: PrimeField, rng: np.random.Generato
     sampler = forms.sampler()
     states = -(-rows // max(1, forms.shape[0]))
     geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
-    values = sampler.evaluate(field, rng, states, geometry)[:, 0, :]
-    matrix = np.zeros((states, *forms.shape), dtype=np.int64)
-    for (row, column), value in zip(forms.entries, values, strict=True):
-        matrix[:, row, column] = value
-    return matrix.reshape(states * forms.shape[0], forms.shape[1])
+    matrix: Residues = forms.stacked(sampler.evaluate(field, rng, states, geometry))[0]
+    return matrix

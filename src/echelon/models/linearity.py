@@ -8,19 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.field import CERTIFICATE_BITS, PrimeField
 from echelon.program.operations import Op
 from echelon.program.sampling import FieldSampler
 from echelon.program.scalar import Scalar
 from echelon.program.tape import Program
+from echelon.seeds import DEFAULT_SEED, random_generator
 
 _Powers = tuple[int, ...]  # parameter nodes, sorted, with repetition
 _Parts = dict[_Powers, Scalar]
 _LARGEST_DEGREE = 8
-_ATTEMPTS, _SEED = 16, 2015
+_ATTEMPTS = 16
 
 
 def linear_rows(
@@ -105,7 +104,7 @@ def _vanishes(value: Scalar) -> bool:
     """Whether a value is zero everywhere, by its residue at a random point."""
     if value.number is not None:
         return value.is_zero
-    sampler, rng = FieldSampler(value.program, [value.node]), np.random.default_rng(_SEED)
+    sampler, rng = FieldSampler(value.program, [value.node]), random_generator(DEFAULT_SEED)
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng, CERTIFICATE_BITS)
         try:

@@ -170,7 +170,7 @@ class ModularArithmetic:
         self.field = field
         self.dtype: npt.DTypeLike = field.dtype
 
-    def constant(self, value: Number) -> int:
+    def constant(self, value: Number) -> int | Array:
         """The residue."""
         return self.field.embed(value)
 
@@ -201,14 +201,12 @@ class ModularArithmetic:
         return negative
 
 
-class SeriesArithmetic:
+class SeriesArithmetic(ModularArithmetic):
     """Power series over GF(p), truncated to some order; the last axis holds the coefficients."""
 
-    dtype: npt.DTypeLike = np.int64
-
     def __init__(self, field: PrimeField, order: int) -> None:
-        self.field = field
-        self.shape: tuple[int, ...] = (order,)
+        super().__init__(field)
+        self.shape = (order,)
 
     def constant(self, value: Number) -> Array:
         """The residue as a series."""
@@ -220,21 +218,7 @@ class SeriesArithmetic:
             return series.product(a, b, self.field)
         if op == Op.DIV:
             return series.product(a, series.inverse(b, self.field), self.field)
-        result: Array = (a + b if op == Op.ADD else a - b) % self.field.p
-        return result
-
-    def unary(self, op: int, a: Array) -> Array:
-        """Negation modulo p.
-
-        Raises
-        ------
-        EchelonError
-            For functions, whose series the caller must supply as leaves.
-        """
-        if op != Op.NEG:
-            raise EchelonError(f"{Op(op).name.lower()} of a series is not known")
-        negative: Array = -a % self.field.p
-        return negative
+        return super().binary(op, a, b)
 
 
 def degree_bound(program: Program, outputs: Sequence[int]) -> int:

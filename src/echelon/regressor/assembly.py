@@ -15,8 +15,9 @@ import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
-from echelon.regressor.closed_motion import RANK_TOLERANCE, ClosedMotion
+from echelon.regressor.closed_motion import RANK_TOLERANCE, ClosedMotion, largest
 from echelon.regressor.closure_values import Floats, normalised, position_rates
+from echelon.seeds import DEFAULT_SEED, random_generator
 
 Bools = npt.NDArray[np.bool_]
 
@@ -27,7 +28,7 @@ _FLOOR = 1e-12  # of the damping: the steps stay finite where constraints are re
 _STRIDE, _SHORTEST = 0.1, 1e-4  # of a step on the way to given coordinates, rad or characteristic lengths
 _FEW = 8  # iterations for one such step; if these do not do, it is shortened
 _LARGEST_CORRECTION = 0.05  # of what its trend predicts; more may be a jump to another way of assembly
-_SEED, _TRIES, _NEAR = 2015, 64, 1.0  # disturbances of a pose that does not close, rad or characteristic lengths
+_TRIES, _NEAR = 64, 1.0  # disturbances of a pose that does not close, rad or characteristic lengths
 _WALK = 20  # random strides from the assembly pose
 _KEPT_AWAY = 0.25  # of the assembly pose's distance from singular configurations; more than a stride
 _RATE = 2.0  # largest random velocity and acceleration
@@ -61,7 +62,7 @@ class Assembly(ClosedMotion):
         upright = {m.positions[0]: 1.0 for m in mechanism.motions if m.kind is MotionKind.BALL}
         stated = np.array([mechanism.assembly.get(n, upright.get(n, 0.0)) for n in mechanism.positions])
         # a pose in which the links are in line leads nowhere, so growing disturbances of it are tried, too
-        disturbed = np.random.default_rng(_SEED).uniform(-1.0, 1.0, (_TRIES, len(mechanism.velocities)))
+        disturbed = random_generator(DEFAULT_SEED).uniform(-1.0, 1.0, (_TRIES, len(mechanism.velocities)))
         disturbed *= np.linspace(0.0, _NEAR if mechanism.assembly else np.pi, _TRIES)[:, None]
         q, done = self.closed(self._moved(np.repeat(stated[None], _TRIES, axis=0), disturbed))
         if not done.any():
@@ -97,7 +98,7 @@ class Assembly(ClosedMotion):
         q, left = normalised(self.mechanism, q), np.arange(len(q))
         for iteration in range(iterations + 1):
             values, jacobian = self.closures.at(q[left])
-            far = _size(values) > _RESIDUAL
+            far = largest(values) > _RESIDUAL
             left = left[far]
             if not len(left) or iteration == iterations:
                 break
@@ -128,7 +129,7 @@ class Assembly(ClosedMotion):
         places = [self.mechanism.positions.index(name) for name in self.independent_positions]
         q = np.repeat((self.pose if start is None else start)[None], len(q_independent), axis=0)
         begin, end = q[:, places], self._turned_towards(q[:, places], q_independent)
-        extent = np.maximum(_size((end - begin) / self._position_units[places]), _STRIDE)
+        extent = np.maximum(largest((end - begin) / self._position_units[places]), _STRIDE)
         gone, stride, trend = np.zeros(len(q)), _STRIDE / extent, np.zeros_like(q)
         while (gone < 1).any():
             on = np.flatnonzero(gone < 1)
@@ -137,7 +138,7 @@ class Assembly(ClosedMotion):
             guess[:, places] = (1 - reached) * begin[on] + reached * end[on]
             guess = normalised(self.mechanism, guess)
             found, done = self.closed(guess, self.mechanism.independent_velocities, _FEW)
-            done &= _size((found - guess) / self._position_units) < _LARGEST_CORRECTION
+            done &= largest((found - guess) / self._position_units) < _LARGEST_CORRECTION
             trend[on[done]] = (found - q[on])[done] / (reached[:, 0] - gone[on])[done, None]
             q[on[done]], gone[on[done]] = found[done], reached[done, 0]
             stride[on] = np.where(done, np.minimum(1.5 * stride[on], _STRIDE / extent[on]), stride[on] / 2)
@@ -271,12 +272,7 @@ def _damped_steps(values: Floats, jacobian: Floats) -> Floats:
     damping = (values**2).sum(axis=1) + _FLOOR
     normal = transposed @ jacobian + damping[:, None, None] * np.eye(jacobian.shape[2])
     steps: Floats = -np.linalg.solve(normal, transposed @ values[:, :, None])[:, :, 0]
-    return steps * np.minimum(1.0, _LONGEST / np.maximum(_size(steps), 1e-300))[:, None]
-
-
-def _size(values: Floats) -> Floats:
-    size: Floats = np.abs(values).max(axis=1, initial=0.0)
-    return size
+    return steps * np.minimum(1.0, _LONGEST / np.maximum(largest(steps), 1e-300))[:, None]
 
 
 def _check_shape(values: Floats, kind: str, names: tuple[str, ...], independent: tuple[str, ...]) -> None:

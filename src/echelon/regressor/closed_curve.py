@@ -66,14 +66,8 @@ class ClosedCurve:
         """Values of a schedule's leaves along the curves."""
         return {node: self._leaf(node) for node in schedule.leaves}
 
-    def at_start(self) -> Residues:
-        """Jacobian of the closures where the curves begin, (samples, equations, velocities)."""
-        _, jacobian = self.positions.closure(self.positions.resting(self.pose))
-        start: Residues = jacobian[..., 0]
-        return start
-
     def _lifted(self) -> MovingCoordinates:
-        choice = choose(self.at_start()[0], self.field)
+        choice = choose(self.positions.jacobian(self.pose)[0], self.field)
         free = self.field.draw(self.rng, (self.positions.samples, len(choice.independent), self.order))
         free[..., 0] = 0
 

@@ -124,10 +124,10 @@ class ClosedMotion:
         jacobian = jacobian[:, :, : qd.shape[1]]
         self._check_small(values, np.ones(len(q)), "positions")
         rates = (jacobian @ (qd / units)[:, :, None])[:, :, 0]
-        self._check_small(rates, _size(qd / units), "velocities")
+        self._check_small(rates, largest(qd / units), "velocities")
         bias = self.closures.bias(q, qd)
         gained = (jacobian @ (qdd / units)[:, :, None])[:, :, 0] + bias
-        self._check_small(gained, _size(qdd / units) + _size(bias), "accelerations")
+        self._check_small(gained, largest(qdd / units) + largest(bias), "accelerations")
 
     # -- equations -------------------------------------------------------------------------------------------------
 
@@ -207,6 +207,7 @@ class ClosedMotion:
         return f"closure '{self.closures.owners[worst]}' is off by {size:.3g} {unit}"
 
 
-def _size(values: Floats) -> Floats:
+def largest(values: Floats) -> Floats:
+    """Largest absolute value of every sample."""
     size: Floats = np.abs(values).max(axis=1, initial=0.0)
     return size

@@ -27,11 +27,12 @@ from echelon.regressor.exponentials import Exponentials
 from echelon.regressor.moving import Layout, Pose
 from echelon.regressor.poses import PoseFinder
 from echelon.regressor.positions import Constants, Positions, Recorded
+from echelon.seeds import DEFAULT_SEED, random_generator
 
 DEFAULT_ORDER = 16
 _LOST = 2  # coefficients that are not known of accelerations
 _REGULAR_ORDER = 16  # half of these coefficients show whether a curve is closed
-_SEED, _REAL_STATES, _MOST_REGIONS = 2015, 512, 24  # real states that show which signs occur together
+_REAL_STATES, _MOST_REGIONS = 512, 24  # real states that show which signs occur together
 _SURPLUS = 3  # halves: that many more coefficients are taken than states, because some are not independent
 
 
@@ -151,10 +152,8 @@ class CurveSampler(FieldSampler):
         """
         geometry = {s: field.draw(rng, (1,)) for s in self.symbols}
         pose = self.closed_pose(field, rng, geometry)
-        positions = self._positions(field, rng, geometry)
-        _, jacobian = positions.closure(positions.resting(pose))
-        start: Residues = jacobian[0, :, :, 0]
-        return start
+        jacobian: Residues = self._positions(field, rng, geometry).jacobian(pose)[0]
+        return jacobian
 
     def _curve(
         self, positions: Positions, pose: Pose, rng: np.random.Generator, order: int, signs: Mapping[int, Residues]
@@ -179,7 +178,7 @@ class CurveSampler(FieldSampler):
             return np.ones((1, 0), dtype=np.int64)
         if self.loops.real is None:
             raise UnknownRelationsError("signs of what moves in a mechanism with loops")
-        inputs = self.loops.real(np.random.default_rng(_SEED), _REAL_STATES)
+        inputs = self.loops.real(random_generator(DEFAULT_SEED), _REAL_STATES)
         arguments = Schedule(self.program, [self.program.lhs[node] for node in self._sign_leaves])
         leaves = {node: inputs[self.program.inputs[node].name] for node in arguments.leaves}
         signs = np.sign(arguments.run(FloatArithmetic(), leaves, _REAL_STATES)).astype(np.int64)

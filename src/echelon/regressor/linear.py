@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
+from echelon.exact.field import Residues
 from echelon.program.sampling import FieldSampler
 from echelon.program.tape import Program
 from echelon.regressor.closures import Loops
@@ -49,6 +52,24 @@ class LinearForms:
         if self.loops is None:
             return FieldSampler(self.program, nodes)
         return CurveSampler(self.program, nodes, self.loops, order or DEFAULT_ORDER)
+
+    def stacked(self, values: Residues) -> Residues:
+        """Sampled entries as matrices, one for each geometry.
+
+        Parameters
+        ----------
+        values : array of shape (entries, geometries, states)
+            As :meth:`sampler` evaluates them, modulo a prime below 2^31.
+
+        Returns
+        -------
+        array of shape (geometries, states · rows, columns)
+        """
+        _, geometries, states = values.shape
+        matrix = np.zeros((geometries, states, *self.shape), dtype=np.int64)
+        for (row, column), value in zip(self.entries, values, strict=True):
+            matrix[:, :, row, column] = value
+        return matrix.reshape(geometries, states * self.shape[0], self.shape[1])
 
     def operations(self) -> dict[str, int]:
         """Operations needed to evaluate all entries, by kind."""

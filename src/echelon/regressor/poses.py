@@ -41,11 +41,6 @@ class PoseFinder:
         Positions at which the loops may be closed exactly.
     accepts : callable, optional
         Which of some poses are in the wanted assembly mode; see :class:`echelon.regressor.closures.Loops`.
-
-    Attributes
-    ----------
-    takes_stated : bool
-        Whether the last poses found were zero or assembly poses.
     """
 
     def __init__(
@@ -53,7 +48,7 @@ class PoseFinder:
     ) -> None:
         self._preferred, self._accepts = preferred, accepts
         self._stated = list(stated)
-        self.takes_stated = False
+        self._takes_stated = False
         self._blocks: list[ClosureBlock] | None = None
         self._manageable: set[int] = set()
 
@@ -70,8 +65,8 @@ class PoseFinder:
         samples, recorded = positions.samples, positions.recorded
         for values in self._stated:
             pose = recorded.layout.stated_pose(values, recorded.units, positions.field, samples)
-            self.takes_stated = pose is not None and not positions.equations(pose).any()
-            if self.takes_stated and pose is not None:
+            self._takes_stated = pose is not None and not positions.equations(pose).any()
+            if self._takes_stated and pose is not None:
                 self._stated = [values]
                 return pose
         self._stated = []
@@ -92,7 +87,7 @@ class PoseFinder:
             At most so many combinations of solutions of the blocks are tried.
         rng : numpy Generator
         """
-        if self.takes_stated or self._blocks is None:
+        if self._takes_stated or self._blocks is None:
             return pose
         same = np.zeros(count, dtype=np.intp)
         _, others = self._completed(positions, rng, same, pose.at(same), self._blocks, np.arange(count))
@@ -100,7 +95,7 @@ class PoseFinder:
 
     def leave_stated(self) -> bool:
         """No longer take the zero or assembly pose, because it is singular; returns whether it was taken so far."""
-        before, self._stated, self.takes_stated = self.takes_stated, [], False
+        before, self._stated, self._takes_stated = self._takes_stated, [], False
         return before
 
     # -- plan ------------------------------------------------------------------------------------------------------
@@ -108,8 +103,7 @@ class PoseFinder:
     def _planned(self, positions: Positions, rng: np.random.Generator) -> list[ClosureBlock]:
         first = positions.at(np.zeros(1, dtype=np.intp))
         field = positions.field
-        _, series = first.closure(first.resting(_random_pose(positions, rng, 1)))
-        jacobian, owners = series[0, :, :, 0], positions.recorded.owners
+        jacobian, owners = first.jacobian(_random_pose(positions, rng, 1))[0], positions.recorded.owners
         groups: list[tuple[list[int], list[int]]] = []  # equations, coordinates that they are the first to involve
         for owner in dict.fromkeys(owners):
             rows = [k for k, name in enumerate(owners) if name == owner]

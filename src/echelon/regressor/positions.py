@@ -145,6 +145,11 @@ class Positions:
                 jacobian[:, row, columns[name]] = value
         return values[:count].transpose(1, 0, 2), jacobian
 
+    def jacobian(self, pose: Pose) -> Residues:
+        """Derivatives of the closure equations by all velocities at poses, (samples, equations, velocities)."""
+        result: Residues = self.closure(self.resting(pose))[1][..., 0]
+        return result
+
     def leaf(self, node: int, moving: MovingCoordinates) -> Residues:
         """Value of a constant, of a function of positions, or of a position, (samples, order)."""
         recorded, order = self.recorded, moving.local.shape[-1]
