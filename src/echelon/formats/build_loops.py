@@ -7,7 +7,7 @@ from functools import reduce
 from operator import matmul
 
 from echelon.errors import InputError
-from echelon.formats.intent import Intent
+from echelon.formats.intent import Intent, symbol_stem
 from echelon.formats.literal import LiteralClosure, LiteralPlacement, LiteralTree
 from echelon.formats.second_frame import second_frame
 from echelon.mechanism.closure import Closure
@@ -35,7 +35,7 @@ def build_closure(closure: LiteralClosure, tree: LiteralTree, intent: Intent, ri
         If the second frame cannot be derived from the first one.
     """
     (first, offset), (second, other) = ride(closure.first), ride(closure.second)
-    stem = _stem(closure.name)
+    stem = symbol_stem(closure.name)
     frame = _placed(intent, closure.first_frame, stem)
     if closure.second_frame is None:
         met = _at_reference(tree, intent, closure, frame)
@@ -55,14 +55,10 @@ def _at_reference(tree: LiteralTree, intent: Intent, closure: LiteralClosure, fr
             closure.second,
             frame,
             lambda k: links[k].parent,
-            lambda k: _placed(intent, links[k].rest, _stem(links[k].name)),
+            lambda k: _placed(intent, links[k].rest, symbol_stem(links[k].name)),
         )
     except ValueError as error:
         raise InputError(str(error), source=tree.source, element=closure.element) from None
-
-
-def _stem(name: str) -> str:
-    return "_" + "".join(c if c.isalnum() else "_" for c in name)
 
 
 def _placed(intent: Intent, placements: tuple[LiteralPlacement, ...], stem: str) -> Placement:

@@ -20,7 +20,7 @@ from echelon.formats.description_symbols import check_use, declared_symbols, sta
 from echelon.formats.description_text import Document
 from echelon.formats.hints import nearest_of
 from echelon.formats.inertia import Inertial, move_inertial
-from echelon.formats.intent import numeric_value
+from echelon.formats.intent import numeric_value, symbol_stem
 from echelon.formats.options import ReadingOptions, gravity_vector
 from echelon.mechanism.joint import Joint, Motion, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
@@ -208,7 +208,7 @@ class _Tree:
     def _attach(self, part: Part) -> None:
         """A fixed part rides on its parent's body."""
         placed = self.offset[part.parent]
-        for step in part.steps("_" + "".join(c if c.isalnum() else "_" for c in part.name)):
+        for step in part.steps(symbol_stem(part.name)):
             assert isinstance(step, Placement)
             placed = placed @ step
         self.host[part.name], self.offset[part.name] = self.host[part.parent], placed

@@ -15,6 +15,7 @@ from echelon.exact.expressions import PI
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_joints import Joints
 from echelon.formats.hints import nearest_of
+from echelon.formats.intent import symbol_stem
 from echelon.formats.second_frame import second_frame
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import X, Y, Z
@@ -100,7 +101,7 @@ class _Loops:
         if first == second:
             shown = " and ".join(f"'{part}'" if part else "the world" for part in entry.connects)
             raise self.expressions.error(f"{path}.connects", f"{shown} do not move against each other")
-        stem = "_" + "".join(c if c.isalnum() else "_" for c in name)
+        stem = symbol_stem(name)
         aim = self._aim(entry, path, stem)
         kind = _ALIASES.get(entry.joint) or ClosureKind(entry.joint)
         frame = offset @ self._frame(entry.at, f"{path}.at", stem) @ aim

@@ -191,6 +191,11 @@ class Intent:
         return unique
 
 
+def symbol_stem(name: str) -> str:
+    """How the names of symbols end that belong to a part or a loop of this name."""
+    return "_" + "".join(c if c.isalnum() else "_" for c in name)
+
+
 def numeric_value(value: Polynomial, symbols: dict[str, float]) -> float:
     """A polynomial in floats, for given values of its symbols (rad for angles)."""
     return value.evaluate(float_generators(value.generators(), symbols), float)

@@ -31,15 +31,15 @@ Integers = npt.NDArray[np.int64]
 
 
 class ClosureBlock:
-    """Equations, and the coordinates that no earlier block fixes.
+    """Equations, and the coordinates to solve them for.
 
     Parameters
     ----------
     recorded : Recorded
     rows : sequence of int
         The equations.
-    drawn, unknown : sequence of int
-        Coordinates to draw, and to solve for.
+    unknown : sequence of int
+        Coordinates to solve for; all others have been drawn or solved for before.
 
     Attributes
     ----------
@@ -47,10 +47,8 @@ class ClosureBlock:
         Number of points that the equations are evaluated at for each sample.
     """
 
-    def __init__(
-        self, recorded: Recorded, rows: tuple[int, ...], drawn: tuple[int, ...], unknown: tuple[int, ...]
-    ) -> None:
-        self.recorded, self.rows, self.drawn, self.unknown = recorded, rows, drawn, unknown
+    def __init__(self, recorded: Recorded, rows: tuple[int, ...], unknown: tuple[int, ...]) -> None:
+        self.recorded, self.rows, self.unknown = recorded, rows, unknown
         self._parts = _parts(recorded, unknown)
         widths = [part.width for part in self._parts]
         self._offsets = [sum(widths[:k]) for k in range(len(widths))]
@@ -61,7 +59,7 @@ class ClosureBlock:
 
     def fewer(self) -> ClosureBlock:
         """The block with one of the unknown coordinates drawn."""
-        return ClosureBlock(self.recorded, self.rows, (*self.drawn, self.unknown[0]), self.unknown[1:])
+        return ClosureBlock(self.recorded, self.rows, self.unknown[1:])
 
     def solve(self, positions: Positions, pose: Pose) -> Solutions:
         """Values of the unknown coordinates at which the equations hold.

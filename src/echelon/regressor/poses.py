@@ -132,7 +132,7 @@ class PoseFinder:
         unknown = tuple(columns[k] for k in choice.dependent)
         if set(unknown) & set(recorded.threaded):
             raise SingularPoseError("a screw would have to be solved for to close the loops")
-        return ClosureBlock(recorded, tuple(rows), tuple(c for c in columns if c not in unknown), unknown)
+        return ClosureBlock(recorded, tuple(rows), unknown)
 
     # -- solutions -------------------------------------------------------------------------------------------------
 
