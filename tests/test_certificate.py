@@ -131,6 +131,39 @@ def test_the_bound_knows_multiples_of_angles() -> None:
 
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.*"))
+LOOPS = Path(__file__).parents[1] / "examples" / "loops"
+
+
+@pytest.fixture(scope="module")
+def linkage() -> ec.BaseModel:
+    return ec.base_parameters(ec.load(LOOPS / "four_bar.yaml"))
+
+
+def test_along_curves_changed_dropped_and_added_parameters_are_found(linkage: ec.BaseModel) -> None:
+    m = linkage.matrix
+    for i, row in enumerate(m.rows):
+        for column in row.keys() - {m.pivots[i]}:
+
+            def change(rows: Rows, i: int = i, column: int = column) -> None:
+                rows[i][column] = rows[i][column] * RationalFunction(1 + Fraction(1, 10**9))
+
+            assert m.parameters[column] in refuted(linkage, changed(m, change))
+        cut = replace(m, pivots=m.pivots[:i] + m.pivots[i + 1 :], rows=m.rows[:i] + m.rows[i + 1 :])
+        assert m.parameters[m.pivots[i]] in refuted(linkage, cut)
+    free = next(c for c in range(len(m.parameters)) if not any(c in row for row in m.rows))
+    rows = dict(zip((*m.pivots, free), (*m.rows, {free: RationalFunction(1)}), strict=True))
+    pivots = tuple(sorted(rows))
+    assert "too large" in refuted(linkage, replace(m, pivots=pivots, rows=tuple(rows[p] for p in pivots)))
+
+
+@pytest.mark.parametrize("name", ["parallelogram", "sr400", "bennett"])
+def test_error_bound_along_curves(name: str) -> None:
+    certificate = ec.base_parameters(ec.load(LOOPS / f"{name}.yaml")).certificate
+    assert certificate.order >= 24
+    assert len(set(certificate.identity_primes)) == 5
+    assert all(sympy.isprime(p) for p in certificate.identity_primes)
+    assert certificate.log10_error < -30
+    assert "shows up to order" in str(certificate)
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)

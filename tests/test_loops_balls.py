@@ -8,7 +8,8 @@ from time import perf_counter
 import pytest
 
 import echelon as ec
-from test_loops_zoo import check, mjcf, read
+from closed_states import check, read
+from zoo import mjcf
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import yaml
 
 import echelon as ec
-from echelon.formats.description import read_description_data
-from echelon.formats.options import ReadingOptions
-from echelon.regressor.assembly import Assembly
+from closed_states import read, states
 
 FRICTION = """
-echelon: 1
 name: four bar with friction
 symbols: {l1: 0.4, l2: 0.15, l3: 0.35, l4: 0.3}
 gravity: [0, -9.81, 0]
@@ -25,10 +21,6 @@ loops:
 assembly: {crank: 1.0, coupler: -0.4, rocker: 1.6}
 effects:
 """
-
-
-def read(text: str) -> ec.Mechanism:
-    return read_description_data(yaml.safe_load(text), "four_bar.yaml", ReadingOptions())
 
 
 @pytest.mark.parametrize(
@@ -47,8 +39,7 @@ def test_friction_and_springs_in_loops(effects: str, rank: int) -> None:
     base = ec.base_parameters(mechanism)
     assert base.rank == rank
     inputs = {"crank": np.random.default_rng(1).uniform(-1, 1, 200)} if "gain" in effects else None
-    states = Assembly(mechanism).random_closed_states(np.random.default_rng(5), 200)
-    table = base.standard_regressor(*states, inputs=inputs)[:, 0]
+    table = base.standard_regressor(*states(mechanism, 200), inputs=inputs)[:, 0]
     table = table / np.abs(table).max(axis=0).clip(1e-9)
     assert np.linalg.matrix_rank(table, tol=1e-9 * np.linalg.norm(table, 2)) == rank
 

@@ -19,7 +19,11 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.results.record import json_schema
 from echelon.results.saved import from_json, to_json
 
-EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.*"))
+FOLDER = Path(__file__).parents[1] / "examples"
+EXAMPLES = [
+    *sorted(FOLDER.glob("*.*")),
+    *(FOLDER / "loops" / f"{n}.yaml" for n in ("parallelogram", "sr400", "bennett")),
+]
 
 
 @pytest.fixture(scope="module")
