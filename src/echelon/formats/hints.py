@@ -23,6 +23,6 @@ def nearest(word: str, valid: Iterable[str]) -> str:
 
 def nearest_of(word: str, valid: Iterable[str]) -> str:
     """The same hint, followed by what is valid."""
-    words = list(valid)
+    words = list(dict.fromkeys(valid))
     listed = ", ".join(words[:_SHOWN]) + (", …" if len(words) > _SHOWN else "")
     return f"{nearest(word, words)} (valid: {listed or 'none'})"
