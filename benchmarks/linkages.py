@@ -13,8 +13,8 @@ import echelon as ec
 from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.assembly import Assembly
 from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.virtual_power import virtual_power_form
 from numeric import states_of
 from timing import interleaved

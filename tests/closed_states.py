@@ -9,8 +9,8 @@ from echelon.base.structure import find_structure
 from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.assembly import Assembly
 from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.virtual_power import virtual_power_form
 
 Array = npt.NDArray[np.float64]

@@ -18,9 +18,9 @@ from echelon.mechanism.joint import floating_motions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut, plain
 from echelon.mechanism.placement import Placement
-from echelon.regressor.assembly import Assembly
-from echelon.regressor.closure_values import ClosureValues, normalised, position_rates
 from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.loops.closure_values import ClosureValues, normalised, position_rates
 from echelon.regressor.newton_euler import inverse_dynamics_regressor
 from echelon.regressor.virtual_power import virtual_power_form
 from oracles import FloatArray

@@ -20,8 +20,8 @@ from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.output import Cut, plain
 from echelon.mechanism.placement import Placement
 from echelon.mechanism.transmission import Actuator
-from echelon.regressor.assembly import Assembly
 from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.virtual_power import virtual_power_form
 from oracles import FloatArray
 

@@ -17,11 +17,11 @@ from echelon.errors import DegenerateSampleError, EchelonError, InputError, Sing
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.assembly import Assembly
-from echelon.regressor.curves import CurveSampler
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear import LinearForms
-from echelon.regressor.moving import Pose
+from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.loops.curves import CurveSampler
+from echelon.regressor.loops.moving import Pose
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
 

@@ -20,7 +20,7 @@ from echelon.claims.compare import Geometry, Row
 from echelon.claims.findings import Witness
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.joint import MotionKind
-from echelon.regressor.assembly import Assembly
+from echelon.regressor.loops.assembly import Assembly
 
 Floats = npt.NDArray[np.float64]
 

@@ -26,7 +26,7 @@ from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_mo
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Coupling, Mechanism, setup_placements
 from echelon.mechanism.placement import Placement, shift, turn
 from echelon.mechanism.reading import Reading
-from echelon.regressor.loops import close
+from echelon.regressor.loops.closing import close
 
 
 def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collection[str] = ()) -> Mechanism:

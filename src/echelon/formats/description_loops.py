@@ -21,7 +21,7 @@ from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import X, Y, Z
 from echelon.mechanism.mechanism import Body, Mechanism
 from echelon.mechanism.placement import Placement, turn
-from echelon.regressor.loops import close
+from echelon.regressor.loops.closing import close
 
 if TYPE_CHECKING:
     from echelon.formats.schema import RobotDescription

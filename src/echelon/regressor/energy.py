@@ -14,8 +14,8 @@ from fractions import Fraction
 
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Program, Scalar
-from echelon.regressor.closures import loops_of
 from echelon.regressor.linear import LinearForms
+from echelon.regressor.loops.closures import loops_of
 from echelon.regressor.spatial import Vec, add, cross, dot, scale
 from echelon.regressor.steps import Recorder, Step, into_frame
 

@@ -11,8 +11,8 @@ from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.regressor.assembly import Assembly
 from echelon.regressor.linear import LinearForms
+from echelon.regressor.loops.assembly import Assembly
 
 Floats = npt.NDArray[np.float64]
 

@@ -10,8 +10,8 @@ import numpy as np
 from echelon.exact.field import Residues
 from echelon.program.sampling import FieldSampler
 from echelon.program.tape import Program
-from echelon.regressor.closures import Loops
-from echelon.regressor.curves import DEFAULT_ORDER, CurveSampler
+from echelon.regressor.loops.closures import Loops
+from echelon.regressor.loops.curves import DEFAULT_ORDER, CurveSampler
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,11 @@ from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.accelerations import Accelerations, Wrench, forward_accelerations, unit_wrenches
-from echelon.regressor.closures import loops_of
 from echelon.regressor.effects import EffectRecorder
 from echelon.regressor.linear import LinearForms
+from echelon.regressor.loops.closures import loops_of
+from echelon.regressor.loops.real_inputs import real_inputs
 from echelon.regressor.probes import Probes, VirtualMotion, any_motion, virtual_motion
-from echelon.regressor.real_inputs import real_inputs
 from echelon.regressor.spatial import Vec, add, cross, dot, scale
 from echelon.regressor.steps import Recorder, Step, into_frame
 

@@ -18,7 +18,7 @@ from echelon.mechanism.output import Cut
 from echelon.mechanism.values import symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
-from echelon.regressor.closure_values import ClosureValues
+from echelon.regressor.loops.closure_values import ClosureValues
 from echelon.regressor.probes import Probes, virtual_motion
 from echelon.regressor.steps import Recorder
 

@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
-from echelon.regressor.closed_motion import RANK_TOLERANCE, ClosedMotion, largest
-from echelon.regressor.closure_values import Floats, normalised, position_rates
+from echelon.regressor.loops.closed_motion import RANK_TOLERANCE, ClosedMotion, largest
+from echelon.regressor.loops.closure_values import Floats, normalised, position_rates
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 Bools = npt.NDArray[np.bool_]

@@ -16,7 +16,7 @@ from echelon.program.canonical import Turn
 from echelon.program.operations import Op
 from echelon.program.schedule import Schedule, SeriesArithmetic
 from echelon.program.tape import Program
-from echelon.regressor.moving import Layout, MovingCoordinates, Pose
+from echelon.regressor.loops.moving import Layout, MovingCoordinates, Pose
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,12 @@ from echelon.program.operations import Op
 from echelon.program.sampling import FieldSampler, generators_of
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
-from echelon.regressor.closed_curve import ClosedCurve
-from echelon.regressor.closures import Loops
-from echelon.regressor.exponentials import Exponentials
-from echelon.regressor.moving import Layout, Pose
-from echelon.regressor.poses import PoseFinder
-from echelon.regressor.positions import Constants, Positions, Recorded
+from echelon.regressor.loops.closed_curve import ClosedCurve
+from echelon.regressor.loops.closures import Loops
+from echelon.regressor.loops.exponentials import Exponentials
+from echelon.regressor.loops.moving import Layout, Pose
+from echelon.regressor.loops.poses import PoseFinder
+from echelon.regressor.loops.positions import Constants, Positions, Recorded
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 DEFAULT_ORDER = 16

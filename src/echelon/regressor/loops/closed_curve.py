@@ -11,10 +11,10 @@ from echelon.errors import InputError, SingularPoseError
 from echelon.exact import series
 from echelon.exact.field import PrimeField, Residues
 from echelon.program.schedule import Schedule, SeriesArithmetic
-from echelon.regressor.exponentials import Exponentials
-from echelon.regressor.lifting import Choice, choose, lift, tangent
-from echelon.regressor.moving import MovingCoordinates, Pose
-from echelon.regressor.positions import Positions
+from echelon.regressor.loops.exponentials import Exponentials
+from echelon.regressor.loops.lifting import Choice, choose, lift, tangent
+from echelon.regressor.loops.moving import MovingCoordinates, Pose
+from echelon.regressor.loops.positions import Positions
 
 
 class ClosedCurve:
@@ -30,7 +30,7 @@ class ClosedCurve:
     order : int
         Number of coefficients.
     given : mapping of str to int, or None
-        Freedoms whose virtual velocities are given; see :class:`echelon.regressor.closures.Loops`.
+        Freedoms whose virtual velocities are given; see :class:`echelon.regressor.loops.closures.Loops`.
     speeds : Schedule
         Of these velocities.
     signs : mapping of int to array of shape (samples,)

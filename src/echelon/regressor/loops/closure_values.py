@@ -16,7 +16,7 @@ from echelon.mechanism.mechanism import Mechanism, Symbol
 from echelon.mechanism.values import characteristic_length, symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
-from echelon.regressor.closures import record_closures
+from echelon.regressor.loops.closures import record_closures
 from echelon.regressor.probes import Probes
 from echelon.regressor.steps import Recorder
 

@@ -16,11 +16,11 @@ from echelon.errors import DegenerateSampleError, SingularPoseError
 from echelon.exact.elimination import rank
 from echelon.exact.field import Residues
 from echelon.exact.zero_dimensional import UnsolvedSystemError
-from echelon.regressor.closure_block import ClosureBlock
-from echelon.regressor.closures import Accepts
-from echelon.regressor.lifting import choose
-from echelon.regressor.moving import Pose
-from echelon.regressor.positions import Positions
+from echelon.regressor.loops.closure_block import ClosureBlock
+from echelon.regressor.loops.closures import Accepts
+from echelon.regressor.loops.lifting import choose
+from echelon.regressor.loops.moving import Pose
+from echelon.regressor.loops.positions import Positions
 
 _ROUNDS = 40
 _MOST_TRIES = 1024
@@ -40,7 +40,7 @@ class PoseFinder:
     stated : sequence of mapping of str to float
         Positions at which the loops may be closed exactly.
     accepts : callable, optional
-        Which of some poses are in the wanted assembly mode; see :class:`echelon.regressor.closures.Loops`.
+        Which of some poses are in the wanted assembly mode; see :class:`echelon.regressor.loops.closures.Loops`.
     """
 
     def __init__(

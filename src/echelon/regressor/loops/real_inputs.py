@@ -7,8 +7,8 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import all_symbols, known_values
-from echelon.regressor.assembly import Assembly
-from echelon.regressor.closure_values import Floats
+from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.loops.closure_values import Floats
 
 _DRAWS = 8  # of values for symbols that have none
 

@@ -1,0 +1,1 @@
+"""Closed loops: closure equations, closed poses, curves and motions, modulo primes and in double precision."""
