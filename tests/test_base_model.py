@@ -110,7 +110,7 @@ def test_reduced_regressor_is_the_pivot_columns(base: ec.BaseModel) -> None:
     assert full.shape == (3, 7, 70)
     np.testing.assert_array_equal(reduced, full[:, :, list(base.matrix.pivots)])
     np.testing.assert_allclose(reduced @ base.B_float(), full, atol=1e-12 * np.abs(full).max())
-    assert sum(base.reduced.operations().values()) < sum(base.inverse_dynamics.operations().values())
+    assert sum(base.reduced.operations().values()) < sum(base.standard_forms.operations().values())
 
 
 def test_blocks_of_samples_join(base: ec.BaseModel) -> None:

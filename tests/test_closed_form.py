@@ -166,7 +166,7 @@ COUNTS: dict[Callable[[], Mechanism], int] = {
 
 def random_symbols(model: BaseModel, seed: int = 5) -> dict[str, float]:
     rng = np.random.default_rng(seed)
-    inputs = model.inverse_dynamics.program.inputs.values()
+    inputs = model.standard_forms.program.inputs.values()
     names = sorted({*model.matrix.symbols, *(i.name for i in inputs if i.role == "symbol")})
     return {name: float(rng.uniform(0.4, 1.4)) for name in names}
 
@@ -246,7 +246,7 @@ def random_values(forms: LinearForms, rng: np.random.Generator) -> dict[str, Fra
 def test_rref_of_rational_samples(arm: Callable[[], Mechanism]) -> None:
     """Theorem 1 of the paper, literally: B is the reduced echelon form of W, here by sympy."""
     model = base_parameters(arm())
-    forms, rng = model.inverse_dynamics, np.random.default_rng(3)
+    forms, rng = model.standard_forms, np.random.default_rng(3)
     geometry = {name: x for name, x in random_values(forms, rng).items() if "[" not in name}
     observation: list[list[Fraction]] = []
     for _ in range(2 + model.rank):

@@ -195,7 +195,7 @@ class BaseModel(BaseSet):
     # -- regressors ---------------------------------------------------------------------------------------------
 
     @cached_property
-    def inverse_dynamics(self) -> LinearForms:
+    def standard_forms(self) -> LinearForms:
         """The standard regressor X as recorded forms; with loops, its one row uᵀX in virtual velocities."""
         if self.mechanism.closures:
             return virtual_power_form(self.mechanism)
@@ -204,7 +204,7 @@ class BaseModel(BaseSet):
     @cached_property
     def reduced(self) -> LinearForms:
         """X̄, the pivot columns of X, as recorded forms; evaluating it needs only the operations that it uses."""
-        return self.inverse_dynamics.columns(self.matrix.pivots)
+        return self.standard_forms.columns(self.matrix.pivots)
 
     def regressor(
         self,
@@ -261,7 +261,7 @@ class BaseModel(BaseSet):
         -------
         array of shape (N, outputs, standard parameters)
         """
-        return evaluate_floats(self.inverse_dynamics, self.mechanism, q, qd, qdd, symbols, inputs)
+        return evaluate_floats(self.standard_forms, self.mechanism, q, qd, qdd, symbols, inputs)
 
     # -- showing ------------------------------------------------------------------------------------------------
 

@@ -108,7 +108,7 @@ class Laboratory:
     def measured(self) -> dict[str, Floats]:
         """Example values of measured inputs, such as currents, by name."""
         rng = np.random.default_rng(self.seed + 1)
-        names = sorted(i.name[2:-1] for i in self.model.inverse_dynamics.program.inputs.values() if i.name[:2] == "i[")
+        names = sorted(i.name[2:-1] for i in self.model.standard_forms.program.inputs.values() if i.name[:2] == "i[")
         return {name: rng.uniform(-2.0, 2.0, _STATES).round(2) for name in names}
 
     def _witness(self, change: Floats) -> Witness:

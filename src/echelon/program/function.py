@@ -1,0 +1,139 @@
+"""A function: a program with named arguments and one result, ready for machine code or source text.
+
+Programs know nodes; functions know which input is which entry of which argument, so that every evaluator and every
+printer agrees on shapes and orders.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from echelon.errors import EchelonError
+from echelon.program.operations import Op
+from echelon.program.tape import Program
+
+
+@dataclass(frozen=True)
+class Argument:
+    """One vector argument.
+
+    Attributes
+    ----------
+    name : str
+        Identifier, ``"q"``.
+    nodes : tuple of int
+        Input nodes of the program, in the order of the vector's entries.
+    labels : tuple of str
+        What each entry is, ``"joint1"``.
+    units : tuple of str
+        SI unit of each entry.
+    meaning : str
+        For documentation.
+    uniform : bool
+        Whether it is the same for all samples of a batch (parameters, geometry) and not a column per sample.
+    """
+
+    name: str
+    nodes: tuple[int, ...]
+    labels: tuple[str, ...]
+    units: tuple[str, ...]
+    meaning: str = ""
+    uniform: bool = False
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+
+@dataclass(frozen=True)
+class Function:
+    """A straight-line function of some vectors.
+
+    Attributes
+    ----------
+    name : str
+        Identifier, ``"inverse_dynamics"``.
+    program : Program
+    arguments : tuple of Argument
+        Every input that the result depends on is in one of them.
+    entries : mapping of index to int
+        Node of every entry of the result that is not structurally zero.
+    axes : tuple of tuple of str
+        What the indices of the result count, one tuple of labels per axis: outputs, parameters, coordinates.
+    units : tuple of str
+        SI unit along the first axis of the result (empty where it does not apply).
+    meaning : str
+        For documentation.
+
+    Raises
+    ------
+    EchelonError
+        If the result depends on an input that is in no argument.
+
+    Examples
+    --------
+    >>> program = Program()
+    >>> x = program.input("x")
+    >>> argument = Argument("x", (x.node,), ("x",), ("m",))
+    >>> square = Function("square", program, (argument,), {(0,): (x * x).node}, (("x²",),), ("m²",))
+    >>> square.shape
+    (1,)
+    """
+
+    name: str
+    program: Program
+    arguments: tuple[Argument, ...]
+    entries: Mapping[tuple[int, ...], int]
+    axes: tuple[tuple[str, ...], ...]
+    units: tuple[str, ...] = ()
+    meaning: str = ""
+
+    def __post_init__(self) -> None:
+        known = {node for argument in self.arguments for node in argument.nodes}
+        missing = [n for n in self.needed if self.program.ops[n] == Op.INPUT and n not in known]
+        if missing:
+            names = ", ".join(self.program.inputs[n].name for n in missing)
+            raise EchelonError(f"function '{self.name}' has no argument that holds {names}")
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the result for one sample."""
+        return tuple(len(axis) for axis in self.axes)
+
+    @property
+    def outputs(self) -> tuple[int, ...]:
+        """Nodes of the entries, in their order."""
+        return tuple(self.entries.values())
+
+    @cached_property
+    def needed(self) -> list[int]:
+        """Nodes that the result depends on, in order."""
+        return self.program.needed(self.entries.values())
+
+    @cached_property
+    def varying(self) -> frozenset[int]:
+        """Needed nodes that change from sample to sample; the others depend on uniform arguments and constants only."""
+        program, found = self.program, set()
+        uniform = {node for argument in self.arguments if argument.uniform for node in argument.nodes}
+        for node in self.needed:
+            op = program.ops[node]
+            if op == Op.INPUT:
+                if node not in uniform:
+                    found.add(node)
+            elif op != Op.CONSTANT and (program.lhs[node] in found or program.rhs[node] in found):
+                found.add(node)
+        return frozenset(found)
+
+    def operations(self) -> dict[str, int]:
+        """Operations per sample, by kind: those that only uniform arguments enter are done once and not counted."""
+        counts: dict[str, int] = {}
+        for node in sorted(self.varying):
+            if self.program.ops[node] != Op.INPUT:
+                name = Op(self.program.ops[node]).name
+                counts[name] = counts.get(name, 0) + 1
+        return dict(sorted(counts.items()))
+
+    def __repr__(self) -> str:
+        inner = ", ".join(argument.name for argument in self.arguments)
+        return f"Function({self.name}({inner}) → {' × '.join(map(str, self.shape))}, {len(self.entries)} entries)"
