@@ -56,10 +56,18 @@ class Coordinates:
 
 
 class Recorder:
-    """Writes a mechanism's coordinates and steps onto a program."""
+    """Writes a mechanism's coordinates and steps onto a program.
 
-    def __init__(self, mechanism: Mechanism, program: Program) -> None:
-        self.mechanism, self.program = mechanism, program
+    Parameters
+    ----------
+    mechanism : Mechanism
+    program : Program
+    given : mapping of str to Scalar, optional
+        Values that stand in for inputs, by the input's name: ``{"qdd[j1]": program.zero}``.
+    """
+
+    def __init__(self, mechanism: Mechanism, program: Program, given: Mapping[str, Scalar] | None = None) -> None:
+        self.mechanism, self.program, self._given = mechanism, program, given or {}
         self.zeros: Vec = (program.zero, program.zero, program.zero)
         self.coordinates = self._record_coordinates()
 
@@ -96,14 +104,18 @@ class Recorder:
         return known
 
     def _inputs(self, motion: Motion) -> Coordinates:
-        position = tuple(self.program.input(f"q[{n}]") for n in motion.positions)
+        position = tuple(self._input(f"q[{n}]") for n in motion.positions)
         if motion.kind is MotionKind.BALL:
             self.program.unit_groups.append(tuple(x.node for x in position))
         return Coordinates(
             position,
-            tuple(self.program.input(f"qd[{n}]") for n in motion.velocities),
-            tuple(self.program.input(f"qdd[{n}]") for n in motion.velocities),
+            tuple(self._input(f"qd[{n}]") for n in motion.velocities),
+            tuple(self._input(f"qdd[{n}]") for n in motion.velocities),
         )
+
+    def _input(self, name: str) -> Scalar:
+        value = self._given.get(name)
+        return self.program.input(name) if value is None else value
 
     # -- steps ---------------------------------------------------------------------------------------------------
 

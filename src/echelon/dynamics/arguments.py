@@ -1,0 +1,126 @@
+"""Arguments of the functions of robots: names, order, labels and units, the same for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.mechanism import Mechanism
+from echelon.program.function import Argument
+from echelon.program.operations import Op
+from echelon.program.tape import Program
+
+STATE = ("q", "qd", "qdd")
+"""Positions, velocities and accelerations."""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Makes the arguments of one function.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+    program : Program
+    parameters : mapping of str to str
+        Names of the parameters and their units, in order.
+    """
+
+    mechanism: Mechanism
+    program: Program
+    parameters: Mapping[str, str]
+
+    def of(self, names: Sequence[str], outputs: Iterable[int]) -> tuple[Argument, ...]:
+        """Arguments of these names, without ``inputs`` and ``symbols`` where the outputs need none.
+
+        Parameters
+        ----------
+        names : sequence of str
+            In order; of ``q qd qdd u v inputs parameters symbols``.
+        outputs : iterable of int
+            Nodes of the result.
+        """
+        made = {
+            "q": self._positions,
+            "qd": self._velocities,
+            "qdd": self._accelerations,
+            "u": self._u,
+            "v": self._v,
+            "parameters": self._parameters,
+        }
+        used = [n for n in self.program.needed(outputs) if self.program.ops[n] == Op.INPUT]
+        found: list[Argument] = []
+        for name in names:
+            if name == "inputs":
+                found += self._inputs(used)
+            elif name == "symbols":
+                found += self._symbols(used)
+            else:
+                found.append(made[name]())
+        return tuple(found)
+
+    def _named(self, name: str, labels: Sequence[str], units: Sequence[str], meaning: str) -> Argument:
+        nodes = tuple(self.program.input(f"{name}[{label}]").node for label in labels)
+        return Argument(name, nodes, tuple(labels), tuple(units), meaning)
+
+    def _positions(self) -> Argument:
+        return self._named("q", self.mechanism.positions, coordinate_units(self.mechanism, "q"), "joint positions")
+
+    def _velocities(self) -> Argument:
+        return self._named("qd", self.mechanism.velocities, coordinate_units(self.mechanism, "qd"), "joint velocities")
+
+    def _accelerations(self) -> Argument:
+        units = coordinate_units(self.mechanism, "qdd")
+        return self._named("qdd", self.mechanism.velocities, units, "joint accelerations")
+
+    def _u(self) -> Argument:
+        labels = [output.name for output in self.mechanism.outputs]
+        return self._named("u", labels, ["1"] * len(labels), "weight of each output, 1 for the one that is wanted")
+
+    def _v(self) -> Argument:
+        units = coordinate_units(self.mechanism, "qd")
+        meaning = "virtual velocities that keep the loops closed and make the power the output that is wanted"
+        return self._named("v", self.mechanism.velocities, units, meaning)
+
+    def _parameters(self) -> Argument:
+        nodes = tuple(self.program.input(parameter_input(name), "symbol").node for name in self.parameters)
+        units = tuple(self.parameters.values())
+        return Argument("parameters", nodes, tuple(self.parameters), units, "dynamic parameters", uniform=True)
+
+    def _inputs(self, used: Sequence[int]) -> list[Argument]:
+        names = {self.program.inputs[n].name: n for n in used if self.program.inputs[n].name.startswith("i[")}
+        if not names:
+            return []
+        labels = tuple(name[2:-1] for name in names)
+        meaning = "measured inputs, such as the currents of drives"
+        return [Argument("inputs", tuple(names.values()), labels, ("SI",) * len(names), meaning)]
+
+    def _symbols(self, used: Sequence[int]) -> list[Argument]:
+        parameters = {parameter_input(name) for name in self.parameters}
+        inputs = {self.program.inputs[n].name: n for n in used if self.program.inputs[n].role == "symbol"}
+        known = list(self.mechanism.symbols)
+        names = sorted(inputs.keys() - parameters, key=lambda n: (known.index(n) if n in known else len(known), n))
+        if not names:
+            return []
+        nodes = tuple(inputs[name] for name in names)
+        return [Argument("symbols", nodes, tuple(names), ("SI",) * len(names), "geometry", uniform=True)]
+
+
+def parameter_input(name: str) -> str:
+    """Name of a parameter's input, which no geometry symbol can have."""
+    return f"p[{name}]"
+
+
+def coordinate_units(mechanism: Mechanism, kind: str) -> list[str]:
+    """SI units of all positions (``q``), velocities (``qd``) or accelerations (``qdd``)."""
+    suffix = {"q": "", "qd": "/s", "qdd": "/s²"}[kind]
+    units: list[str] = []
+    for motion in mechanism.motions:
+        if motion.name in mechanism.dependent:
+            continue
+        if motion.kind is MotionKind.BALL:
+            units += ["1"] * 4 if kind == "q" else [f"rad{suffix}"] * 3
+        else:
+            units.append(("m" if motion.kind is MotionKind.TRANSLATION else "rad") + suffix)
+    return units

@@ -1,0 +1,150 @@
+"""The functions of a robot, by name.
+
+All of them take the measured outputs y of a mechanism as functions of its state and of dynamic parameters, usually
+base parameters: since the base matrix is the identity in the pivot columns, base parameters in the place of the
+pivots, and zero in all other places, give the same outputs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from echelon.dynamics.arguments import Arguments
+from echelon.dynamics.outputs import RecordedOutputs
+from echelon.errors import InputError
+from echelon.mechanism.mechanism import Mechanism
+from echelon.program.function import Function
+from echelon.program.tape import Scalar
+from echelon.regressor.newton_euler import inverse_dynamics_regressor
+from echelon.regressor.virtual_power import virtual_power_form
+
+Index = tuple[int, ...]
+
+
+def inverse_dynamics(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
+    """Record y(q, q̇, q̈): inertial forces with gravity, and all effects."""
+    recorded = RecordedOutputs(mechanism, pivots)
+    forces = _total(recorded.inertial(True, {}), recorded.effects({}))
+    return _vector("inverse_dynamics", recorded, forces, "q qd qdd u v inputs", "outputs that a motion needs")
+
+
+def gravity(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
+    """Record the inertial forces at rest."""
+    recorded = RecordedOutputs(mechanism, pivots)
+    forces = recorded.inertial(True, recorded.still("qd", "qdd"))
+    return _vector("gravity", recorded, forces, "q u v", "outputs that hold the bodies' weight")
+
+
+def coriolis(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
+    """Record the inertial forces that depend on the velocities, C(q, q̇) q̇."""
+    recorded = RecordedOutputs(mechanism, pivots)
+    forces = recorded.inertial(False, recorded.still("qdd"))
+    return _vector("coriolis", recorded, forces, "q qd u v", "Coriolis and centrifugal outputs")
+
+
+def effects(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
+    """Record the forces of all effects while accelerations are zero."""
+    recorded = RecordedOutputs(mechanism, pivots)
+    forces = recorded.effects(recorded.still("qdd"))
+    return _vector("effects", recorded, forces, "q qd u v inputs", "outputs of friction, springs and other effects")
+
+
+def mass_matrix(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
+    """Record M = ∂y/∂q̈."""
+    recorded = RecordedOutputs(mechanism, pivots)
+    entries: dict[Index, Scalar] = {}
+    for column, name in enumerate(mechanism.velocities):
+        given = recorded.still("qd", "qdd") | {f"qdd[{name}]": recorded.program.one}
+        entries |= {(row, column): force for row, force in enumerate(recorded.inertial(False, given))}
+    axes = (recorded.names, mechanism.velocities)
+    return _function("mass_matrix", recorded, entries, axes, "q u v", "outputs per unit of each acceleration")
+
+
+def regressor(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
+    """Record X̄, the columns of the regressor that belong to the parameters."""
+    forms = virtual_power_form(mechanism) if mechanism.closures else inverse_dynamics_regressor(mechanism)
+    forms = forms.columns(pivots)
+    columns = [mechanism.columns[p] for p in pivots]
+    parameters = {column.name: column.unit for column in columns}
+    rows = ("power",) if mechanism.closures else tuple(output.name for output in mechanism.outputs)
+    names = _names("q qd qdd u v inputs", mechanism)
+    arguments = Arguments(mechanism, forms.program, parameters)
+    made = arguments.of([n for n in names if n != "parameters"], forms.entries.values())
+    meaning = "outputs per unit of each parameter"
+    entries: dict[Index, int] = {(row, column): node for (row, column), node in forms.entries.items()}
+    return Function("regressor", forms.program, made, entries, (rows, tuple(parameters)), meaning=meaning)
+
+
+FUNCTIONS: Mapping[str, Callable[[Mechanism, Sequence[int]], Function]] = {
+    "inverse_dynamics": inverse_dynamics,
+    "gravity": gravity,
+    "coriolis": coriolis,
+    "effects": effects,
+    "mass_matrix": mass_matrix,
+    "regressor": regressor,
+}
+"""Builders by the name of the function."""
+
+
+def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Function:
+    """Record one function of a mechanism.
+
+    Parameters
+    ----------
+    name : str
+        One of :data:`FUNCTIONS`.
+    mechanism : Mechanism
+    pivots : sequence of int
+        Columns of the regressor whose parameters are arguments: the pivots of the base matrix for base parameters, all
+        columns for standard parameters.
+
+    Returns
+    -------
+    Function
+        Its arguments, as far as it has them: ``q``, ``qd``, ``qdd``; with loops ``u`` and ``v``, the output that is
+        wanted and the virtual velocities that belong to it, as in
+        :func:`echelon.regressor.virtual_power.virtual_power_form`; ``inputs``, ``parameters``, ``symbols``.
+
+    Raises
+    ------
+    InputError
+        If there is no such function or no such column.
+    """
+    if name not in FUNCTIONS:
+        raise InputError(f"there is no function '{name}' (valid: {', '.join(FUNCTIONS)})")
+    return FUNCTIONS[name](mechanism, pivots)
+
+
+# -- putting together --------------------------------------------------------------------------------------------------
+
+
+def _total(first: Sequence[Scalar], second: Sequence[Scalar]) -> list[Scalar]:
+    return [a + b for a, b in zip(first, second, strict=True)]
+
+
+def _names(names: str, mechanism: Mechanism) -> list[str]:
+    """Argument names; virtual velocities only with loops, parameters and symbols always."""
+    found = [name for name in names.split() if mechanism.closures or name not in ("u", "v")]
+    return [*found, "parameters", "symbols"]
+
+
+def _vector(name: str, recorded: RecordedOutputs, forces: Sequence[Scalar], arguments: str, meaning: str) -> Function:
+    entries: dict[Index, Scalar] = {(row,): force for row, force in enumerate(forces)}
+    mechanism = recorded.mechanism
+    units = ("W",) if mechanism.closures else tuple(output.unit for output in mechanism.outputs)
+    return _function(name, recorded, entries, (recorded.names,), arguments, meaning, units)
+
+
+def _function(
+    name: str,
+    recorded: RecordedOutputs,
+    entries: Mapping[Index, Scalar],
+    axes: tuple[tuple[str, ...], ...],
+    arguments: str,
+    meaning: str,
+    units: tuple[str, ...] = (),
+) -> Function:
+    nodes = {index: value.node for index, value in entries.items() if not value.is_zero}
+    make = Arguments(recorded.mechanism, recorded.program, recorded.parameters)
+    made = make.of(_names(arguments, recorded.mechanism), nodes.values())
+    return Function(name, recorded.program, made, nodes, axes, units, meaning)

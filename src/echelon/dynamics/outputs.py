@@ -1,0 +1,117 @@
+"""Measured outputs of a mechanism in terms of parameters, and their parts: inertial forces and effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+from echelon.conventions import PER_BODY
+from echelon.dynamics.arguments import STATE, parameter_input
+from echelon.dynamics.recursion import efforts
+from echelon.errors import InputError
+from echelon.mechanism.effect import Side
+from echelon.mechanism.mechanism import Mechanism
+from echelon.program.tape import Program, Scalar
+from echelon.regressor.effects import EffectRecorder
+from echelon.regressor.probes import Probes, VirtualMotion, any_motion, virtual_motion
+from echelon.regressor.steps import Recorder
+
+
+class RecordedOutputs:
+    """Records outputs on a program of its own.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    pivots : sequence of int
+        Columns of the regressor that belong to parameters; all other columns' parameters are zero.
+
+    Attributes
+    ----------
+    program : Program
+    parameters : mapping of str to str
+        Names and units of the parameters.
+    names : tuple of str
+        Of the rows.  With loops one row, the power of all outputs in a virtual motion.
+    """
+
+    def __init__(self, mechanism: Mechanism, pivots: Sequence[int]) -> None:
+        columns = mechanism.columns
+        strange = next((p for p in pivots if not 0 <= p < len(columns)), None)
+        if strange is not None or len(set(pivots)) < len(pivots):
+            raise InputError(f"pivots are different column numbers from 0 to {len(columns) - 1}, got {list(pivots)}")
+        self.mechanism, self.program = mechanism, Program()
+        self.parameters = {columns[p].name: columns[p].unit for p in pivots}
+        self._values = {p: self.program.input(parameter_input(columns[p].name), "symbol") for p in pivots}
+        self.names = ("power",) if mechanism.closures else tuple(output.name for output in mechanism.outputs)
+
+    # -- parts -------------------------------------------------------------------------------------------------
+
+    def inertial(self, gravity: bool, given: Mapping[str, Scalar]) -> list[Scalar]:
+        """Forces of the bodies' inertia, with or without gravity.
+
+        Parameters
+        ----------
+        gravity : bool
+        given : mapping of str to Scalar
+            Values that stand in for inputs, see :meth:`still`.
+
+        Returns
+        -------
+        list of Scalar
+            One for each row.
+        """
+        recorder = Recorder(self.mechanism, self.program, given)
+        probes = Probes(self.mechanism, recorder)
+        field = recorder.gravity() if gravity else recorder.zeros
+        found = efforts(self.mechanism, recorder, probes, self._inertias, field)
+        return [self._sum(found[n] * speed for n, speed in motion.freedoms.items()) for motion in self._motions]
+
+    def effects(self, given: Mapping[str, Scalar]) -> list[Scalar]:
+        """Forces of the effects, one for each row."""
+        recorder = EffectRecorder(self.mechanism, Recorder(self.mechanism, self.program, given))
+        first = len(self.mechanism.parameters) - len(self.mechanism.effects)
+        totals = [self.program.zero for _ in self._motions]
+        for column, effect in enumerate(self.mechanism.effects, first):
+            if column not in self._values:
+                continue
+            for side, at, force in recorder.forces(effect):
+                for row, motion in enumerate(self._motions):
+                    speeds = motion.freedoms if side is Side.JOINT else motion.drives
+                    if at in speeds:
+                        totals[row] = totals[row] + self._values[column] * speeds[at] * force
+        return totals
+
+    def still(self, *kinds: str) -> dict[str, Scalar]:
+        """Zero for all velocities (``qd``) or accelerations (``qdd``)."""
+        assert set(kinds) <= set(STATE)
+        return {f"{kind}[{name}]": self.program.zero for kind in kinds for name in self.mechanism.velocities}
+
+    # -- what they share -----------------------------------------------------------------------------------------
+
+    @cached_property
+    def _inertias(self) -> dict[int, list[Scalar]]:
+        """Standard parameters of the bodies that have some."""
+        found: dict[int, list[Scalar]] = {}
+        for index, first in self.mechanism.first_column.items():
+            inertia = [self.program.zero] * PER_BODY
+            for offset, kind in enumerate(self.mechanism.bodies[index].carried):
+                inertia[kind] = self._values.get(first + offset, self.program.zero)
+            if not all(value.is_zero for value in inertia):
+                found[index] = inertia
+        return found
+
+    @cached_property
+    def _motions(self) -> list[VirtualMotion]:
+        """The virtual motion whose power is the row, for each row."""
+        mechanism, program = self.mechanism, self.program
+        probes = Probes(mechanism, Recorder(mechanism, program))
+        if not mechanism.closures:
+            return [virtual_motion(mechanism, program, probes, {o.name: program.one}) for o in mechanism.outputs]
+        if mechanism.measures_every_force:
+            return [any_motion(mechanism, program)]
+        weights = {output.name: program.input(f"u[{output.name}]") for output in mechanism.outputs}
+        return [virtual_motion(mechanism, program, probes, weights)]
+
+    def _sum(self, terms: object) -> Scalar:
+        return sum(terms, self.program.zero)  # type: ignore[call-overload, no-any-return]
