@@ -9,8 +9,8 @@ from pathlib import Path
 from echelon.errors import InputError
 
 
-def write_atomically(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text file under a temporary name, then rename it.
+def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> None:
+    """Write a file, text as UTF-8, under a temporary name, then rename it.
 
     Raises
     ------
@@ -23,8 +23,8 @@ def write_atomically(path: str | os.PathLike[str], text: str) -> None:
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror or error}", source=str(target)) from None
     try:
-        with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(content.encode() if isinstance(content, str) else content)
         os.chmod(temporary, _usual_mode())
         os.replace(temporary, target)
     except OSError as error:

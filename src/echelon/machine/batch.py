@@ -1,0 +1,140 @@
+"""Arrays that go into and come out of kernels, checked once where they enter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.program.function import Argument
+
+Floats = npt.NDArray[np.float64]
+
+_DOUBLE = 8
+_LINE = 64
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Arguments of many samples.
+
+    Attributes
+    ----------
+    samples : int
+    columns : tuple of array of shape (samples, size)
+        Arguments that vary, each row contiguous.
+    uniform : array of shape (uniform entries,)
+        The others, one after another.
+    """
+
+    samples: int
+    columns: tuple[Floats, ...]
+    uniform: Floats
+
+    @property
+    def addresses(self) -> npt.NDArray[np.uint64]:
+        """Where the first row of each array starts."""
+        return np.array([a.ctypes.data for a in self.columns], dtype=np.uint64)
+
+    @property
+    def strides(self) -> npt.NDArray[np.int64]:
+        """Bytes from row to row."""
+        return np.array([a.strides[0] for a in self.columns], dtype=np.int64)
+
+
+def batch(arguments: Sequence[Argument], values: Mapping[str, npt.ArrayLike]) -> Batch:
+    """Check and arrange the values of a function's arguments.
+
+    Parameters
+    ----------
+    arguments : sequence of Argument
+    values : mapping of str to array
+        By the argument's name: of shape (samples, size), or (size,) for one sample and for uniform ones.
+
+    Raises
+    ------
+    InputError
+        If an argument is missing, holds no real numbers, or has a wrong shape.
+    """
+    columns, uniform = [], [np.zeros(0)]
+    for argument in arguments:
+        if argument.name not in values:
+            raise InputError(f"{argument.name} is missing; it holds {_contents(argument)}")
+        array = real_array(argument.name, values[argument.name])
+        if argument.uniform:
+            uniform.append(_checked(argument, array, (len(argument),)))
+            continue
+        array = _checked(argument, np.atleast_2d(array), (-1, len(argument)))
+        whole = array.strides[1] == _DOUBLE or len(argument) < 2
+        columns.append(array if whole and array.flags.aligned else np.ascontiguousarray(array))
+    counts = {a.name: len(c) for a, c in zip((a for a in arguments if not a.uniform), columns, strict=True)}
+    if len(set(counts.values())) > 1:
+        shown = ", ".join(f"{name} {count}" for name, count in counts.items())
+        raise InputError(f"arguments have different numbers of samples: {shown}")
+    return Batch(next(iter(counts.values()), 1), tuple(columns), np.concatenate(uniform))
+
+
+def real_array(name: str, values: npt.ArrayLike) -> Floats:
+    """An array in double precision; one that already is stays where it is.
+
+    Raises
+    ------
+    InputError
+        If it does not hold real numbers.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise InputError(f"{name} is not an array of numbers: {error}") from None
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"{name} holds {array.dtype} values; expected real numbers")
+    return array.astype(np.float64, copy=False)
+
+
+def result_array(shape: tuple[int, ...], out: Floats | None, inputs: Sequence[Floats]) -> Floats:
+    """The array to write a result to: a new one, or the caller's after a check.
+
+    Raises
+    ------
+    InputError
+        If the caller's array has a wrong shape or type, cannot be written to, is not contiguous, or overlaps an input.
+    """
+    if out is None:
+        return aligned(shape)
+    if not isinstance(out, np.ndarray):
+        raise InputError(f"out is a {type(out).__name__}; expected a NumPy array")
+    if out.dtype != np.float64 or not out.dtype.isnative:
+        raise InputError(f"out holds {out.dtype} values; expected float64")
+    if out.shape != shape:
+        raise InputError(f"out has shape {out.shape}; expected {shape}")
+    if not out.flags.writeable:
+        raise InputError("out is read-only")
+    if not (out.flags.c_contiguous and out.flags.aligned):
+        raise InputError("out is not contiguous in C order; rows are written one after another")
+    if any(np.may_share_memory(out, array) for array in inputs):
+        raise InputError("out overlaps an input, which would change while it is read")
+    return out
+
+
+def aligned(shape: tuple[int, ...], *, zero: bool = False) -> Floats:
+    """A new array that starts on a cache line."""
+    count = int(np.prod(shape))
+    raw = (np.zeros if zero else np.empty)(count * _DOUBLE + _LINE, dtype=np.uint8)
+    start = -raw.ctypes.data % _LINE
+    result: Floats = raw[start : start + count * _DOUBLE].view(np.float64).reshape(shape)
+    return result
+
+
+def _checked(argument: Argument, array: Floats, shape: tuple[int, ...]) -> Floats:
+    if array.ndim != len(shape) or array.shape[-1] != shape[-1]:
+        expected = f"({len(argument)},)" if argument.uniform else f"(samples, {len(argument)})"
+        raise InputError(f"{argument.name} has shape {array.shape}; expected {expected}: {_contents(argument)}")
+    return array
+
+
+def _contents(argument: Argument) -> str:
+    shown = ", ".join(argument.labels[:12])
+    return shown + (", …" if len(argument) > 12 else "") if shown else "nothing"

@@ -1,0 +1,183 @@
+"""A function as machine code over batches of samples.
+
+>>> from echelon.program.tape import Program
+>>> from echelon.program.function import Argument, Function
+>>> program = Program()
+>>> x = program.input("x")
+>>> argument = Argument("x", (x.node,), ("x",), ("rad",))
+>>> wave = Kernel(Function("wave", program, (argument,), {(0,): (x.sin() * x).node}, (("y",),)))
+>>> wave({"x": [[0.0], [2.0]]}).round(3)
+array([[0.   ],
+       [1.819]])
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.machine.batch import Batch, Floats, aligned, batch, result_array
+from echelon.machine.cache import cached_object
+from echelon.machine.compiler import Library, object_code
+from echelon.machine.kernel_text import Block, kernel_text, prepare_text
+from echelon.machine.layout_text import Rows, rows_text
+from echelon.machine.lowering import lowered
+from echelon.machine.target import Target, host
+from echelon.machine.text import Vector, module_text
+from echelon.program.function import Function
+
+_POINTER, _INTEGER = ctypes.c_void_p, ctypes.c_int64
+_RUN = (_POINTER, _POINTER, _POINTER, _INTEGER, _INTEGER, _POINTER, _POINTER, ctypes.c_bool)
+_CACHED_BYTES = 1 << 22  # results beyond this size leave the caches before anyone reads them
+_FEWEST = 512  # samples worth a thread of their own
+_SHARES = 4  # pieces per thread, so that a thread that is held up does not hold up all
+
+
+class Kernel:
+    """Machine code of a function.
+
+    Compiled on construction, or taken from the cache on disk.
+
+    Parameters
+    ----------
+    function : Function
+    sparse : bool
+        Results hold the function's entries in their order, and no structural zeros.
+    target : Target, optional
+        The processor at hand if omitted.
+    """
+
+    def __init__(self, function: Function, *, sparse: bool = False, target: Target | None = None) -> None:
+        self.function, self.sparse = function, sparse
+        self.target = target or host()
+        vector = Vector(self.target.lanes)
+        self._lowered = lowered(function)
+        self._rows = Rows(Block(self._lowered, vector, vector.lanes), self._places())
+        text = module_text(prepare_text(self._lowered), kernel_text(self._rows.block), rows_text(self._rows))
+        library = loaded(text, self.target)
+        self._run = library.function("run", _RUN)
+        self._prepare = library.function("prepare", (_POINTER, _POINTER))
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the result for one sample."""
+        return (len(self.function.entries),) if self.sparse else self.function.shape
+
+    def __call__(
+        self, values: Mapping[str, npt.ArrayLike], out: Floats | None = None, threads: int | None = None
+    ) -> Floats:
+        """Evaluate the function.
+
+        Parameters
+        ----------
+        values : mapping of str to array
+            The arguments by name, of shape (samples, size), or (size,) for uniform ones.
+        out : array of shape (samples, *shape), optional
+            Where to write; C-contiguous float64.  Reusing an array is several times faster than a new one for results
+            beyond the caches, because the system clears new memory page by page.
+        threads : int, optional
+            At most so many; as many as there are processors if omitted.  Results do not depend on it.
+
+        Returns
+        -------
+        array of shape (samples, *shape)
+
+        Raises
+        ------
+        InputError
+            If arrays do not fit.
+        """
+        given = batch(self.function.arguments, values)
+        result = result_array((given.samples, *self.shape), out, given.columns)
+        big = result.nbytes > _CACHED_BYTES
+        self._run_all(given, self.prepared(given.uniform), result, big, _threads(threads, given.samples))
+        return result
+
+    def prepared(self, uniform: Floats) -> Floats:
+        """Values that are the same for all samples, from the uniform arguments."""
+        values = aligned((max(len(self._lowered.uniform), 1),))
+        self._prepare(uniform.ctypes.data, values.ctypes.data)
+        return values
+
+    def _run_all(self, given: Batch, prepared: Floats, result: Floats, big: bool, threads: int) -> None:
+        addresses, strides = given.addresses, given.strides
+
+        def run(first: int, end: int) -> None:
+            scratch = aligned((self._rows.doubles,), zero=True)
+            pointers = (addresses.ctypes.data, strides.ctypes.data, prepared.ctypes.data)
+            self._run(*pointers, first, end, scratch.ctypes.data, result.ctypes.data, big)
+
+        if threads == 1:
+            run(0, given.samples)
+            return
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(lambda piece: run(*piece), _pieces(given.samples, threads, self.target.lanes)))
+
+    def _places(self) -> tuple[int, ...]:
+        if self.sparse:
+            return tuple(range(len(self.function.entries)))
+        flat = np.full(int(np.prod(self.function.shape)), -1)
+        for entry, index in enumerate(self.function.entries):
+            flat[np.ravel_multi_index(index, self.function.shape)] = entry
+        return tuple(flat.tolist())
+
+    def __repr__(self) -> str:
+        return f"Kernel({self.function}, {self.target.cpu}, {self.target.lanes} lanes)"
+
+
+def loaded(text: str, target: Target, level: int = 1) -> Library:
+    """A module's machine code in this process, through the cache on disk.
+
+    Parameters
+    ----------
+    text : str
+        LLVM's textual representation.
+    target : Target
+    level : int
+        The code generator's effort.
+    """
+    libraries: list[Library] = []
+
+    def usable(code: bytes) -> bool:
+        try:
+            libraries.append(Library(code, target))
+        except RuntimeError:
+            return False
+        return True
+
+    code = cached_object(f"{target.identity} {level}", text, lambda: object_code(text, target, level), usable)
+    return libraries[-1] if libraries else Library(code, target)
+
+
+def _threads(wanted: int | None, samples: int) -> int:
+    """How many threads are worth starting.
+
+    Raises
+    ------
+    InputError
+        If fewer than one is wanted.
+    """
+    if wanted is not None and wanted < 1:
+        raise InputError(f"threads is {wanted}; expected at least 1")
+    return max(1, min(wanted or processors(), samples // _FEWEST))
+
+
+def processors() -> int:
+    """Processors that this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1
+
+
+def _pieces(samples: int, threads: int, lanes: int) -> Iterator[tuple[int, int]]:
+    """First and end of pieces of a batch, each a whole number of vectors but the last."""
+    size = -(-samples // (threads * _SHARES * lanes)) * lanes
+    for first in range(0, samples, size):
+        yield first, min(first + size, samples)

@@ -1,0 +1,97 @@
+"""Writing LLVM's textual intermediate representation: one instruction per line, fresh names.
+
+Text, because building it is several times faster than building instruction objects, and because it can be read.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Vector:
+    """The type of a vector of doubles, or of a plain double if it has one lane."""
+
+    lanes: int
+
+    @property
+    def type(self) -> str:
+        """Its name."""
+        return f"<{self.lanes} x double>" if self.lanes > 1 else "double"
+
+    @property
+    def suffix(self) -> str:
+        """Its name in those of intrinsic functions."""
+        return f"v{self.lanes}f64" if self.lanes > 1 else "f64"
+
+    @property
+    def integers(self) -> str:
+        """The type of as many 64-bit integers."""
+        return f"<{self.lanes} x i64>" if self.lanes > 1 else "i64"
+
+    @property
+    def bits(self) -> str:
+        """The type of as many truth values."""
+        return f"<{self.lanes} x i1>" if self.lanes > 1 else "i1"
+
+    def of(self, value: float) -> str:
+        """A constant with the same value in all lanes."""
+        return self._filled("double", number(value))
+
+    def of_integer(self, value: int) -> str:
+        """A constant with the same integer in all lanes."""
+        return self._filled("i64", str(value))
+
+    def _filled(self, kind: str, text: str) -> str:
+        return "<" + ", ".join([f"{kind} {text}"] * self.lanes) + ">" if self.lanes > 1 else text
+
+
+def number(value: float) -> str:
+    """A double, bit for bit.
+
+    Examples
+    --------
+    >>> number(1.0)
+    '0x3FF0000000000000'
+    """
+    return f"0x{struct.unpack('>Q', struct.pack('>d', value))[0]:016X}"
+
+
+@dataclass
+class Code:
+    """Instructions of one function body under construction."""
+
+    lines: list[str] = field(default_factory=list)
+    _count: int = 0
+
+    def let(self, instruction: str) -> str:
+        """Append an instruction that has a value; returns the value's name."""
+        self._count += 1
+        name = f"%t{self._count}"
+        self.lines.append(f"  {name} = {instruction}")
+        return name
+
+    def do(self, instruction: str) -> None:
+        """Append an instruction without a value."""
+        self.lines.append(f"  {instruction}")
+
+    def label(self, name: str) -> None:
+        """Begin a block."""
+        self.lines.append(f"{name}:")
+
+    def text(self) -> str:
+        """The body."""
+        return "\n".join(self.lines)
+
+
+def module_text(*texts: str) -> str:
+    """One module of several texts; what more than one of them declares is declared once."""
+    heads: dict[str, None] = {}
+    bodies: list[str] = []
+    for line in "\n".join(texts).splitlines():
+        if line.startswith(("declare ", "!")):
+            heads[line] = None
+        else:
+            bodies.append(line)
+    return "\n".join([*heads, *bodies]) + "\n"
