@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import arms
 import echelon as ec
+import linkages
 from builders import mechanisms
 from echelon.dynamics.functions import FUNCTIONS, robot_function
 from echelon.errors import InputError
+from echelon.mechanism.effect import Action, Effect, Side
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.output import Cut, plain
+from echelon.mechanism.placement import Placement
+from echelon.program.schedule import FloatArithmetic
+from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.virtual_power import virtual_power_form
 from oracles import FloatArray, random_states
 from recorded import evaluate
 
@@ -63,3 +73,151 @@ def test_an_unknown_name() -> None:
         robot_function("dynamics", arms.rx90(), [0])
     with pytest.raises(InputError, match="pivots are different column numbers from 0 to 59"):
         robot_function("gravity", arms.rx90(), [0, 60])
+
+
+# -- derivatives -------------------------------------------------------------------------------------------------------
+
+
+class ComplexArithmetic(FloatArithmetic):
+    """Complex numbers, for derivatives by an imaginary step."""
+
+    dtype = np.complex128
+
+
+@settings(max_examples=20)
+@given(mechanisms(most=3), st.integers(0, 2**32))
+def test_derivatives_by_an_imaginary_step(mechanism: Mechanism, seed: int) -> None:
+    columns = range(len(mechanism.parameters))
+    state = dict(zip(("q", "qd", "qdd"), random_states(mechanism, 2, seed), strict=True))
+    state["parameters"] = np.random.default_rng(seed).normal(size=len(columns))
+    function = robot_function("inverse_dynamics", mechanism, columns)
+    found = evaluate(robot_function("inverse_dynamics_derivatives", mechanism, columns), mechanism, state)
+    expected, tiny = [], 1e-100j
+    for name in ("q", "qd"):
+        for k in range(state[name].shape[1]):
+            step = np.zeros(state[name].shape[1], dtype=complex)
+            step[k] = tiny
+            moved = evaluate(function, mechanism, state | {name: state[name] + step}, ComplexArithmetic())
+            expected.append(moved.imag / tiny.imag)
+    np.testing.assert_allclose(found, np.stack(expected, axis=2), atol=1e-11 * (1 + np.abs(found).max(initial=0)))
+
+
+# -- effects, transmissions, sensors -----------------------------------------------------------------------------------
+
+EVERYTHING = """
+echelon: 1
+name: arm with everything
+symbols: {l: 0.4, n: 2}
+gravity: [1, 2, -9.81]
+modified_dh:
+  - {name: j1, joint: revolute}
+  - {name: j2, joint: revolute, alpha: pi/2, a: 0.2}
+  - {name: j3, joint: revolute, a: l, d: 0.1}
+  - {name: j4, joint: prismatic, alpha: pi/2}
+  - {name: j5, joint: revolute, alpha: pi/3}
+couplings: [{j5: n*j1 - j3}]
+actuators: {m2: 50*j2 + 10*j3, m3: -60*j3}
+rotors: [{name: rotor, on: j2, drives: 30*j3, axis: x}]
+effects:
+  - {type: rotor_inertia, at: all}
+  - {type: viscous, at: all}
+  - {type: coulomb, at: j1}
+  - {type: spring, at: j2}
+  - {type: drive_gain, at: j1}
+  - parameter: K
+    unit: N·m
+    acts: [{at: j1, term: "2*qdd[j2]*cos(q) + abs(qd)"}, {at: m2, term: "l*qdd[m3] + sin(q[j1])"}]
+"""
+SENSORS = """
+outputs:
+  - {joint: all}
+  - {actuator: m2}
+  - {actuator: j1, name: drive}
+  - {wrench: base}
+  - {wrench: j3, name: strain, fixed_to: parent, frame: {xyz: [0, l, 0.1], rpy: [pi/2, 0, 0]}}
+  - {name: both, sum: [{joint: j1}, {joint: j2, weight: -1/2}]}
+"""
+
+
+def described(folder: Path, text: str) -> Mechanism:
+    (folder / "robot.yaml").write_text(text, encoding="utf-8")
+    return ec.load(folder / "robot.yaml")
+
+
+@pytest.mark.parametrize("sensors", ["", SENSORS], ids=["drives", "sensors"])
+def test_effects_couplings_transmissions_and_sensors(tmp_path: Path, sensors: str) -> None:
+    mechanism = described(tmp_path, EVERYTHING + sensors)
+    current = np.random.default_rng(8).normal(size=(3, 1))
+    columns = range(len(mechanism.parameters))
+    found, zeta, qdd = results(mechanism, columns, inputs=current)
+    check_parts(found, zeta, qdd)
+    function = robot_function("inverse_dynamics", mechanism, columns)
+    names = ["q", "qd", "qdd", "inputs", "parameters", "symbols"]
+    assert [argument.name for argument in function.arguments] == names
+    assert [argument.labels for argument in function.arguments[3::2]] == [("j1",), ("l", "n")]
+    assert function.units == tuple(output.unit for output in mechanism.outputs)
+
+
+def test_the_effects_alone(tmp_path: Path) -> None:
+    mechanism = described(tmp_path, EVERYTHING)
+    pivots = [mechanism.parameters.index(name) for name in ("Fv1", "Ks2", "K", "Ia4")]
+    (q, qd, qdd), zeta = random_states(mechanism, 3), np.array([2.0, 3.0, 5.0, 7.0])
+    values = {"q": q, "qd": qd, "qdd": qdd, "parameters": zeta}
+    row = dict(zip((output.name for output in mechanism.outputs), range(4), strict=True))
+    expected = np.zeros((3, 4))
+    expected[:, row["j1"]] = 2 * qd[:, 0] + 5 * np.abs(qd[:, 0])
+    expected[:, row["m2"]] = 5 * np.sin(q[:, 0]) + 3 * q[:, 1] / 50
+    expected[:, row["m3"]] = 3 * q[:, 1] * 10 / 50 / 60  # j2 = m2 / 50 + m3 / 300
+    found = evaluate(robot_function("effects", mechanism, pivots), mechanism, values)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    mass = evaluate(robot_function("mass_matrix", mechanism, pivots), mechanism, values)
+    np.testing.assert_allclose(mass[:, row["j4"]], np.tile([0, 0, 0, 7.0], (3, 1)))
+    np.testing.assert_allclose(mass[:, row["j1"], 1], 10 * np.cos(q[:, 0]))
+    np.testing.assert_allclose(mass[:, row["m2"]], np.tile([0, 0, 5 * 0.4 * -60, 0], (3, 1)))
+
+
+@pytest.mark.parametrize("term", ["qdd**2", "sign(qdd)", "abs(qdd)*q"])
+def test_effects_that_are_not_linear_in_accelerations(tmp_path: Path, term: str) -> None:
+    own = f'  - {{parameter: P, unit: N·m, acts: [{{at: j1, term: "{term}"}}]}}'
+    mechanism = described(tmp_path, EVERYTHING + own)
+    with pytest.raises(InputError, match="effect 'P' is not linear in the accelerations"):
+        robot_function("mass_matrix", mechanism, range(len(mechanism.parameters)))
+    robot_function("mass_matrix", mechanism, range(60))
+    robot_function("inverse_dynamics_derivatives", mechanism, range(len(mechanism.parameters)))
+
+
+# -- loops -------------------------------------------------------------------------------------------------------------
+
+
+def closed(mechanism: Mechanism, name: str, columns: Sequence[int], values: dict[str, FloatArray]) -> FloatArray:
+    """A function of one row for every output, shape (samples, outputs, ...)."""
+    function, outputs = robot_function(name, mechanism, columns), len(mechanism.outputs)
+    moved = Assembly(mechanism).virtual_velocities(values["q"])
+    rows = [
+        evaluate(function, mechanism, values | {"u": np.tile(np.eye(outputs)[k], (len(moved), 1)), "v": moved[:, :, k]})
+        for k in range(outputs)
+    ]
+    return np.concatenate(rows, axis=1)
+
+
+def sensed(mechanism: Mechanism) -> Mechanism:
+    cuts = [Cut(1, Placement(), False, axis, angular) for axis in range(3) for angular in (False, True)]
+    return replace(mechanism, measured=tuple(plain(f"s{k}", "N", cut) for k, cut in enumerate(cuts)))
+
+
+@pytest.mark.parametrize(
+    "mechanism", [linkages.four_bar(), linkages.rssr(), sensed(linkages.rssr())], ids=["four-bar", "rssr", "sensors"]
+)
+def test_loops(mechanism: Mechanism) -> None:
+    passive = mechanism.velocities[-1]
+    mechanism = replace(mechanism, effects=(Effect("Fv", "N·m·s/rad", (Action(passive, Side.JOINT, "qd"),)),))
+    columns = range(len(mechanism.parameters))
+    q, qd, qdd = Assembly(mechanism).random_closed_states(np.random.default_rng(5), 4)
+    zeta = np.random.default_rng(6).normal(size=len(columns))
+    values = {"q": q, "qd": qd, "qdd": qdd, "parameters": zeta}
+    found = {name: closed(mechanism, name, columns, values) for name in NAMES}
+    check_parts(found, zeta, qdd)
+    x = evaluate_floats(virtual_power_form(mechanism), mechanism, q, qd, qdd)
+    np.testing.assert_allclose(found["inverse_dynamics"], x @ zeta, atol=1e-10 * np.abs(x).max())
+    arguments = robot_function("coriolis", mechanism, columns).arguments
+    assert [a.name for a in arguments] == ["q", "qd", "u", "v", "parameters", "symbols"]

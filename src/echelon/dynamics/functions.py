@@ -13,6 +13,7 @@ from echelon.dynamics.arguments import Arguments
 from echelon.dynamics.outputs import RecordedOutputs
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
+from echelon.program.derivatives import derivatives
 from echelon.program.function import Function
 from echelon.program.tape import Scalar
 from echelon.regressor.newton_euler import inverse_dynamics_regressor
@@ -56,8 +57,23 @@ def mass_matrix(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
     for column, name in enumerate(mechanism.velocities):
         given = recorded.still("qd", "qdd") | {f"qdd[{name}]": recorded.program.one}
         entries |= {(row, column): force for row, force in enumerate(recorded.inertial(False, given))}
+    for index, slope in recorded.effect_inertia().items():
+        entries[index] = entries[index] + slope
     axes = (recorded.names, mechanism.velocities)
     return _function("mass_matrix", recorded, entries, axes, "q u v", "outputs per unit of each acceleration")
+
+
+def inverse_dynamics_derivatives(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
+    """Record [∂y/∂q, ∂y/∂q̇]; the entries of a quaternion count as independent of each other."""
+    recorded = RecordedOutputs(mechanism, pivots)
+    program, forces = recorded.program, _total(recorded.inertial(True, {}), recorded.effects({}))
+    names = [f"q[{n}]" for n in mechanism.positions] + [f"qd[{n}]" for n in mechanism.velocities]
+    inputs = [program.input(name).node for name in names]
+    slopes = derivatives(program, [force.node for force in forces], inputs, reverse=True)
+    entries: dict[Index, Scalar] = {index: Scalar(program, node) for index, node in slopes.items()}
+    meaning = "derivatives of the inverse dynamics by positions and velocities"
+    axes = (recorded.names, tuple(names))
+    return _function("inverse_dynamics_derivatives", recorded, entries, axes, "q qd qdd u v inputs", meaning)
 
 
 def regressor(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
@@ -81,6 +97,7 @@ FUNCTIONS: Mapping[str, Callable[[Mechanism, Sequence[int]], Function]] = {
     "coriolis": coriolis,
     "effects": effects,
     "mass_matrix": mass_matrix,
+    "inverse_dynamics_derivatives": inverse_dynamics_derivatives,
     "regressor": regressor,
 }
 """Builders by the name of the function."""

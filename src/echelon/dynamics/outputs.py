@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 
 from echelon.conventions import PER_BODY
@@ -11,6 +11,8 @@ from echelon.dynamics.recursion import efforts
 from echelon.errors import InputError
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import Mechanism
+from echelon.program.derivatives import derivatives
+from echelon.program.operations import Op
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.effects import EffectRecorder
 from echelon.regressor.probes import Probes, VirtualMotion, any_motion, virtual_motion
@@ -65,13 +67,41 @@ class RecordedOutputs:
         probes = Probes(self.mechanism, recorder)
         field = recorder.gravity() if gravity else recorder.zeros
         found = efforts(self.mechanism, recorder, probes, self._inertias, field)
-        return [self._sum(found[n] * speed for n, speed in motion.freedoms.items()) for motion in self._motions]
+        zero = self.program.zero
+        return [sum((found[n] * speed for n, speed in m.freedoms.items()), zero) for m in self._motions]
 
     def effects(self, given: Mapping[str, Scalar]) -> list[Scalar]:
         """Forces of the effects, one for each row."""
+        totals = [self.program.zero for _ in self._motions]
+        for _, row, force in self._effect_terms(given):
+            totals[row] = totals[row] + force
+        return totals
+
+    def effect_inertia(self) -> dict[tuple[int, int], Scalar]:
+        """Derivatives of the effects' forces by the accelerations, by row and column.
+
+        Raises
+        ------
+        InputError
+            If an effect is not linear in the accelerations.
+        """
+        program, total = self.program, dict[tuple[int, int], Scalar]()
+        inputs = [program.input(f"qdd[{name}]").node for name in self.mechanism.velocities]
+        for name, row, force in self._effect_terms({}):
+            slopes = derivatives(program, [force.node], inputs)
+            if _uses(program, slopes.values(), inputs) or _uses(program, _signs(program, force.node), inputs):
+                raise InputError(
+                    f"effect '{name}' is not linear in the accelerations, so there is no mass matrix; leave its "
+                    "parameter out or use the inverse dynamics"
+                )
+            for (_, column), node in slopes.items():
+                total[row, column] = total.get((row, column), program.zero) + Scalar(program, node)
+        return total
+
+    def _effect_terms(self, given: Mapping[str, Scalar]) -> Iterator[tuple[str, int, Scalar]]:
+        """Effects by name, and what they add to rows."""
         recorder = EffectRecorder(self.mechanism, Recorder(self.mechanism, self.program, given))
         first = len(self.mechanism.parameters) - len(self.mechanism.effects)
-        totals = [self.program.zero for _ in self._motions]
         for column, effect in enumerate(self.mechanism.effects, first):
             if column not in self._values:
                 continue
@@ -79,8 +109,7 @@ class RecordedOutputs:
                 for row, motion in enumerate(self._motions):
                     speeds = motion.freedoms if side is Side.JOINT else motion.drives
                     if at in speeds:
-                        totals[row] = totals[row] + self._values[column] * speeds[at] * force
-        return totals
+                        yield effect.parameter, row, self._values[column] * speeds[at] * force
 
     def still(self, *kinds: str) -> dict[str, Scalar]:
         """Zero for all velocities (``qd``) or accelerations (``qdd``)."""
@@ -113,5 +142,10 @@ class RecordedOutputs:
         weights = {output.name: program.input(f"u[{output.name}]") for output in mechanism.outputs}
         return [virtual_motion(mechanism, program, probes, weights)]
 
-    def _sum(self, terms: object) -> Scalar:
-        return sum(terms, self.program.zero)  # type: ignore[call-overload, no-any-return]
+
+def _signs(program: Program, output: int) -> list[int]:
+    return [node for node in program.needed([output]) if program.ops[node] == Op.SIGN]
+
+
+def _uses(program: Program, outputs: Iterable[int], inputs: Sequence[int]) -> bool:
+    return not set(inputs).isdisjoint(program.needed(outputs))
