@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 from echelon.base.base_set import BaseSet
 from echelon.base.certificate import Certificate
+from echelon.base.evaluation import Evaluation
 from echelon.base.lift import Metric, lift, metric_matrix
 from echelon.base.matrix import BaseMatrix
 from echelon.base.reading_report import ReadingReport
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import characteristic_length, symbol_values
-from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.newton_euler import inverse_dynamics_regressor
 from echelon.regressor.virtual_power import virtual_power_form
@@ -30,7 +30,7 @@ Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)
-class BaseModel(BaseSet):
+class BaseModel(BaseSet, Evaluation):
     """Base parameters ζ̄ = B ζ of a mechanism, with their evidence.
 
     Made by :func:`echelon.base_parameters` or :func:`echelon.load_base`.
@@ -192,7 +192,7 @@ class BaseModel(BaseSet):
             metric_matrix(metric, [c.length_degree for c in self.mechanism.columns], scale),
         )
 
-    # -- regressors ---------------------------------------------------------------------------------------------
+    # -- recorded forms -----------------------------------------------------------------------------------------
 
     @cached_property
     def standard_forms(self) -> LinearForms:
@@ -205,63 +205,6 @@ class BaseModel(BaseSet):
     def reduced(self) -> LinearForms:
         """X̄, the pivot columns of X, as recorded forms; evaluating it needs only the operations that it uses."""
         return self.standard_forms.columns(self.matrix.pivots)
-
-    def regressor(
-        self,
-        q: npt.ArrayLike,
-        qd: npt.ArrayLike,
-        qdd: npt.ArrayLike,
-        symbols: Mapping[str, float] | None = None,
-        inputs: Mapping[str, npt.ArrayLike] | None = None,
-    ) -> Floats:
-        """The base regressor X̄ at given states.
-
-        Parameters
-        ----------
-        q : array of shape (N, positions)
-            In the order of ``mechanism.positions``, rad, m or unit quaternions (w, x, y, z).
-        qd, qdd : arrays of shape (N, velocities)
-            In the order of ``mechanism.velocities``.  With loops, each of q, qd and qdd may also be that of the
-            independent coordinates only, in the order of ``mechanism.independent_velocities``; the others then follow
-            from the pose in which the mechanism is assembled.
-        symbols : mapping of str to float, optional
-        inputs : mapping of str to array of shape (N,), optional
-            Measured inputs that effects use, such as currents, by coordinate or actuator.
-
-        Returns
-        -------
-        array of shape (N, outputs, base parameters)
-
-        Raises
-        ------
-        InputError
-            If shapes do not fit or values are missing.  With loops, also if they are not closed or cannot be closed, or
-            an output is not determined by the motion.
-        """
-        return evaluate_floats(self.reduced, self.mechanism, q, qd, qdd, symbols, inputs)
-
-    def standard_regressor(
-        self,
-        q: npt.ArrayLike,
-        qd: npt.ArrayLike,
-        qdd: npt.ArrayLike,
-        symbols: Mapping[str, float] | None = None,
-        inputs: Mapping[str, npt.ArrayLike] | None = None,
-    ) -> Floats:
-        """The regressor X of all standard parameters at given states.
-
-        Parameters
-        ----------
-        q, qd, qdd : arrays of shape (N, positions) and (N, velocities)
-            As for :meth:`regressor`.
-        symbols, inputs : mappings, optional
-            As for :meth:`regressor`.
-
-        Returns
-        -------
-        array of shape (N, outputs, standard parameters)
-        """
-        return evaluate_floats(self.standard_forms, self.mechanism, q, qd, qdd, symbols, inputs)
 
     # -- showing ------------------------------------------------------------------------------------------------
 

@@ -1,0 +1,228 @@
+"""Numbers from a base model: regressors, outputs and their parts, by machine code over batches of states."""
+
+from __future__ import annotations
+
+from abc import ABC
+from collections.abc import Mapping
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.base.matrix import BaseMatrix
+from echelon.dynamics.evaluator import Evaluator
+from echelon.dynamics.functions import robot_function
+from echelon.errors import InputError
+from echelon.machine.batch import Floats
+from echelon.mechanism.mechanism import Mechanism
+
+Symbols = Mapping[str, float] | None
+Inputs = Mapping[str, npt.ArrayLike] | None
+
+_NOT_WITH_LOOPS = ("coriolis", "mass_matrix", "inverse_dynamics_derivatives", "effects")
+
+
+class Evaluation(ABC):
+    """What a base model computes at states.
+
+    The arguments are the same everywhere:
+
+    q : array of shape (N, positions), or (positions,) for one state
+        In the order of ``mechanism.positions``, rad, m or unit quaternions (w, x, y, z).
+    qd, qdd : arrays of shape (N, velocities)
+        In the order of ``mechanism.velocities``, rad/s, m/s, rad/s², m/s².  With loops, each of q, qd and qdd may also
+        be that of the independent coordinates only, in the order of ``mechanism.independent_velocities``; the others
+        then follow from the pose in which the mechanism is assembled.
+    values : array of shape (r,)
+        Base parameters, SI units.
+    symbols : mapping of str to float, optional
+        Values of geometry symbols that replace or complete those of the file.
+    inputs : mapping of str to array of shape (N,), optional
+        Measured inputs that effects use, such as currents, by coordinate or actuator.
+    out : array, optional
+        Where to write; C-contiguous float64 of the result's shape.  Worth reusing for large results.
+    threads : int, optional
+        At most so many; all processors if omitted.  The result does not depend on it.
+
+    They raise InputError if shapes do not fit, values are missing, or ``out`` cannot be written to.  With loops, also
+    if states are not closed or cannot be closed, or an output is not determined by the motion.
+    """
+
+    mechanism: Mechanism
+    matrix: BaseMatrix
+
+    # -- regressors ----------------------------------------------------------------------------------------------
+
+    def regressor(
+        self,
+        q: npt.ArrayLike,
+        qd: npt.ArrayLike,
+        qdd: npt.ArrayLike,
+        symbols: Symbols = None,
+        inputs: Inputs = None,
+        *,
+        out: Floats | None = None,
+        threads: int | None = None,
+    ) -> Floats:
+        """The base regressor X̄, with y = X̄ ζ̄; see :class:`Evaluation` for the arguments.
+
+        Returns
+        -------
+        array of shape (N, outputs, base parameters)
+        """
+        return self._evaluator("regressor")({"q": q, "qd": qd, "qdd": qdd}, symbols, inputs, out, threads)
+
+    def regressor_entries(
+        self,
+        q: npt.ArrayLike,
+        qd: npt.ArrayLike,
+        qdd: npt.ArrayLike,
+        symbols: Symbols = None,
+        inputs: Inputs = None,
+        *,
+        out: Floats | None = None,
+        threads: int | None = None,
+    ) -> Floats:
+        """The entries of X̄ that are not structurally zero; :attr:`sparsity` says where they belong.
+
+        Returns
+        -------
+        array of shape (N, entries)
+
+        Raises
+        ------
+        InputError
+            With loops, where no entry is structurally zero.
+        """
+        if self.mechanism.closures:
+            raise InputError("with loops no entry of the regressor is structurally zero: use regressor()")
+        return self._evaluator("entries")({"q": q, "qd": qd, "qdd": qdd}, symbols, inputs, out, threads)
+
+    @property
+    def sparsity(self) -> npt.NDArray[np.intp]:
+        """Output and base parameter of every entry of :meth:`regressor_entries`, shape (2, entries)."""
+        return np.array(list(self._evaluator("entries").function.entries), dtype=np.intp).T
+
+    def standard_regressor(
+        self,
+        q: npt.ArrayLike,
+        qd: npt.ArrayLike,
+        qdd: npt.ArrayLike,
+        symbols: Symbols = None,
+        inputs: Inputs = None,
+        *,
+        out: Floats | None = None,
+        threads: int | None = None,
+    ) -> Floats:
+        """The regressor X of all standard parameters, with y = X ζ.
+
+        Returns
+        -------
+        array of shape (N, outputs, standard parameters)
+        """
+        return self._evaluator("standard_regressor")({"q": q, "qd": qd, "qdd": qdd}, symbols, inputs, out, threads)
+
+    # -- outputs -------------------------------------------------------------------------------------------------
+
+    def predict(
+        self,
+        q: npt.ArrayLike,
+        qd: npt.ArrayLike,
+        qdd: npt.ArrayLike,
+        values: npt.ArrayLike,
+        symbols: Symbols = None,
+        inputs: Inputs = None,
+        *,
+        out: Floats | None = None,
+        threads: int | None = None,
+    ) -> Floats:
+        """The outputs y = X̄ ζ̄, by a Newton–Euler recursion in the base parameters alone.
+
+        Returns
+        -------
+        array of shape (N, outputs)
+        """
+        state = {"q": q, "qd": qd, "qdd": qdd, "parameters": values}
+        return self._evaluator("inverse_dynamics")(state, symbols, inputs, out, threads)
+
+    def gravity(
+        self, q: npt.ArrayLike, values: npt.ArrayLike, symbols: Symbols = None, *, threads: int | None = None
+    ) -> Floats:
+        """The outputs that hold the bodies' weight at rest, shape (N, outputs)."""
+        return self._evaluator("gravity")({"q": q, "parameters": values}, symbols, None, None, threads)
+
+    def coriolis(
+        self,
+        q: npt.ArrayLike,
+        qd: npt.ArrayLike,
+        values: npt.ArrayLike,
+        symbols: Symbols = None,
+        *,
+        threads: int | None = None,
+    ) -> Floats:
+        """The Coriolis and centrifugal outputs C(q, q̇) q̇, shape (N, outputs); not with loops."""
+        return self._evaluator("coriolis")({"q": q, "qd": qd, "parameters": values}, symbols, None, None, threads)
+
+    def effects(
+        self,
+        q: npt.ArrayLike,
+        qd: npt.ArrayLike,
+        values: npt.ArrayLike,
+        symbols: Symbols = None,
+        inputs: Inputs = None,
+        *,
+        threads: int | None = None,
+    ) -> Floats:
+        """The outputs of friction, springs and other effects while accelerations are zero, shape (N, outputs)."""
+        return self._evaluator("effects")({"q": q, "qd": qd, "parameters": values}, symbols, inputs, None, threads)
+
+    def mass_matrix(
+        self, q: npt.ArrayLike, values: npt.ArrayLike, symbols: Symbols = None, *, threads: int | None = None
+    ) -> Floats:
+        """The mass matrix ∂y/∂q̈, shape (N, outputs, velocities); not with loops.
+
+        The outputs are ``mass_matrix · q̈ + coriolis + gravity + effects``.
+        """
+        return self._evaluator("mass_matrix")({"q": q, "parameters": values}, symbols, None, None, threads)
+
+    def inverse_dynamics_derivatives(
+        self,
+        q: npt.ArrayLike,
+        qd: npt.ArrayLike,
+        qdd: npt.ArrayLike,
+        values: npt.ArrayLike,
+        symbols: Symbols = None,
+        inputs: Inputs = None,
+        *,
+        threads: int | None = None,
+    ) -> tuple[Floats, Floats]:
+        """Derivatives of the outputs; not with loops.
+
+        Returns
+        -------
+        by_position : array of shape (N, outputs, positions)
+            The four entries of a quaternion count as independent.
+        by_velocity : array of shape (N, outputs, velocities)
+        """
+        state = {"q": q, "qd": qd, "qdd": qdd, "parameters": values}
+        both = self._evaluator("inverse_dynamics_derivatives")(state, symbols, inputs, None, threads)
+        positions = len(self.mechanism.positions)
+        return both[:, :, :positions], both[:, :, positions:]
+
+    # -- machine code --------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _evaluators(self) -> dict[str, Evaluator]:
+        return {}
+
+    def _evaluator(self, name: str) -> Evaluator:
+        """Machine code of a function, compiled when it is first asked for."""
+        if name not in self._evaluators:
+            if self.mechanism.closures and name in _NOT_WITH_LOOPS:
+                raise InputError(f"{name} is not available with loops, where accelerations depend on one another")
+            all_columns = range(len(self.mechanism.parameters))
+            pivots = all_columns if name == "standard_regressor" else self.matrix.pivots
+            recorded = "regressor" if name in ("standard_regressor", "entries") else name
+            function = robot_function(recorded, self.mechanism, pivots)
+            self._evaluators[name] = Evaluator(self.mechanism, function, sparse=name == "entries")
+        return self._evaluators[name]
