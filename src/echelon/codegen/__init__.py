@@ -1,1 +1,1 @@
-"""Source text: recorded functions printed in other languages, from one printer and templates per language."""
+"""Source code of a robot's functions: one plan of statements, one printer and some templates for each language."""

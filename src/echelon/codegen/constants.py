@@ -1,0 +1,106 @@
+"""Which inputs of a robot's functions are replaced by numbers: known geometry, and parameters on request."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from echelon.base.model import BaseModel
+from echelon.dynamics.arguments import parameter_input
+from echelon.errors import InputError, one_line
+from echelon.exact.expressions import parse
+from echelon.exact.numbers import Number
+from echelon.mechanism.mechanism import Mechanism, Symbol
+from echelon.mechanism.values import symbol_values
+from echelon.program.scalar import exact
+
+FROM_FILE = "file"
+"""The parameters that the robot's file states."""
+
+_SHOWN = 6
+
+
+@dataclass(frozen=True)
+class Constants:
+    """Numbers to put in.
+
+    Attributes
+    ----------
+    numbers : mapping of str to Number
+        By the name of the program's input.
+    texts : mapping of str to str
+        The same for people to read, where they did not give it themselves.
+    values : tuple of float, optional
+        Base parameters.
+    """
+
+    numbers: Mapping[str, Number] = field(default_factory=dict)
+    texts: Mapping[str, str] = field(default_factory=dict)
+    values: tuple[float, ...] | None = None
+
+
+def symbol_constants(mechanism: Mechanism, given: Mapping[str, float] | None) -> Constants:
+    """All symbols with a value, from the file or given.
+
+    Raises
+    ------
+    InputError
+        If a given name is not a symbol of the mechanism.
+    """
+    overrides = symbol_values(mechanism, given or {}, given)
+    stated = {name: symbol for name, symbol in mechanism.symbols.items() if symbol.value is not None}
+    numbers = {name: _number(symbol) for name, symbol in stated.items()}
+    numbers |= {name: exact(value) for name, value in overrides.items()}
+    texts = {name: symbol.exact or repr(symbol.value) for name, symbol in stated.items()}
+    return Constants(numbers, texts | {name: repr(value) for name, value in overrides.items()})
+
+
+def _number(symbol: Symbol) -> Number:
+    """The exact value, where it lies in the field of exact numbers, else the decimal."""
+    if symbol.exact is not None:
+        polynomial = parse(symbol.exact)
+        if not polynomial.generators():
+            return polynomial.terms.get((), 0)
+    return exact(symbol.value)
+
+
+def parameter_constants(
+    base: BaseModel, given: str | Mapping[str, float] | None, symbols: Mapping[str, float] | None
+) -> Constants:
+    """Values of the base parameters.
+
+    Raises
+    ------
+    InputError
+        If there are neither all base parameters nor all standard parameters, or a value is not finite.
+    """
+    if given is None:
+        return Constants()
+    if isinstance(given, str):
+        if given != FROM_FILE:
+            raise InputError(f"parameters are 'file' or values by name, not '{one_line(given)}'")
+        values = base.values(symbols=symbols)
+    elif len(given) == len(base.pivots) and set(given) == set(base.pivots):
+        values = [given[name] for name in base.pivots]
+    else:
+        _check_names(base, given)
+        values = base.values([given[name] for name in base.parameters], symbols)
+    numbers = {parameter_input(name): exact(float(v)) for name, v in zip(base.pivots, values, strict=True)}
+    return Constants(numbers, values=tuple(map(float, values)))
+
+
+def _check_names(base: BaseModel, given: Mapping[str, float]) -> None:
+    strange = [name for name in given if name not in base.parameters]
+    if strange:
+        raise InputError(f"there are no parameters {_listed(strange)}")
+    missing = [name for name in base.pivots if name not in given] or [n for n in base.parameters if n not in given]
+    if missing:
+        raise InputError(
+            f"values are missing for {_listed(missing)}: give all {len(base.pivots)} base parameters by the names of their "
+            f"representatives and nothing else, or all {len(base.parameters)} standard parameters"
+        )
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return ", ".join(f"'{one_line(name)}'" for name in names[:_SHOWN]) + more

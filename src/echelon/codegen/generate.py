@@ -1,0 +1,196 @@
+"""From base parameters to source files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from echelon.base.model import BaseModel
+from echelon.codegen.constants import parameter_constants, symbol_constants
+from echelon.codegen.documentation import Subject, documentation
+from echelon.codegen.language import Language
+from echelon.codegen.numbers import Precision
+from echelon.codegen.render import render
+from echelon.codegen.specialise import SHARED, specialised
+from echelon.codegen.targets import TARGETS
+from echelon.codegen.views import FunctionView, view
+from echelon.codegen.wording import checked_identifier, identifier
+from echelon.dynamics.functions import FUNCTIONS, robot_function
+from echelon.errors import InputError, one_line
+from echelon.program.function import Function
+from echelon.program.operations import Op
+from echelon.version import __version__
+
+DEFAULT_FUNCTIONS = ("regressor", "inverse_dynamics", "mass_matrix", "gravity")
+"""What is generated unless something else is asked for."""
+
+_LANES = 8
+
+
+@dataclass(frozen=True)
+class Source:
+    """Generated source.
+
+    Attributes
+    ----------
+    files : mapping of str to str
+        Text by file name.
+    functions : tuple of Function
+        With all constants put in.
+    """
+
+    files: Mapping[str, str]
+    functions: tuple[Function, ...]
+
+
+def generate(
+    base: BaseModel,
+    target: str = "c",
+    functions: Sequence[str] = DEFAULT_FUNCTIONS,
+    *,
+    name: str | None = None,
+    precision: str = "double",
+    parameters: str | Mapping[str, float] | None = None,
+    symbols: Mapping[str, float] | None = None,
+) -> dict[str, str]:
+    """Source code of functions of a robot.
+
+    Parameters
+    ----------
+    base : BaseModel
+        Made by :func:`echelon.base_parameters` or :func:`echelon.load_base`.
+    target : str
+        ``"c"``, ``"cpp"``, ``"cuda"``, ``"python"``, ``"jax"``, ``"casadi"``, ``"matlab"``, ``"julia"`` or ``"rust"``.
+    functions : sequence of str
+        Of ``"regressor"``, ``"inverse_dynamics"``, ``"mass_matrix"``, ``"gravity"``, ``"coriolis"``, ``"effects"``,
+        ``"inverse_dynamics_derivatives"``.
+    name : str, optional
+        Stands before the functions' names and names the files; made from the robot's name if omitted.
+    precision : str
+        ``"double"`` or ``"single"``.
+    parameters : mapping of str to float, or "file", optional
+        Values to put in for the parameters, which are an argument otherwise: those of all base parameters, by the names
+        of their representatives, or of all standard parameters; ``"file"`` for those that the robot's file states.
+    symbols : mapping of str to float, optional
+        Values of geometry symbols that replace or complete those of the file, SI units.  Symbols without a value become
+        an argument.
+
+    Returns
+    -------
+    dict of str to str
+        Text of the files by name.
+
+    Raises
+    ------
+    InputError
+        If a target, function, precision or name is not valid, or values are missing.
+
+    Examples
+    --------
+    >>> import echelon as ec
+    >>> base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
+    >>> from echelon.codegen.generate import generate
+    >>> list(generate(base, "c", ["inverse_dynamics"]))
+    ['double_pendulum.h', 'double_pendulum.c']
+    """
+    source = generate_source(
+        base, target, functions, name=name, precision=precision, parameters=parameters, symbols=symbols
+    )
+    return dict(source.files)
+
+
+def generate_source(
+    base: BaseModel,
+    target: str,
+    functions: Sequence[str],
+    *,
+    name: str | None = None,
+    precision: str = "double",
+    parameters: str | Mapping[str, float] | None = None,
+    symbols: Mapping[str, float] | None = None,
+) -> Source:
+    """As :func:`generate`, with the functions that were printed.
+
+    Parameters
+    ----------
+    base, target, functions, name, precision, parameters, symbols
+        See :func:`generate`.
+    """
+    language = TARGETS[_valid("target", target, list(TARGETS))]
+    chosen = [_valid("function", function, list(FUNCTIONS)) for function in dict.fromkeys(functions)]
+    if not chosen:
+        raise InputError(f"no function is asked for (valid: {', '.join(FUNCTIONS)})")
+    mode = Precision(_valid("precision", precision, [p.value for p in Precision]))
+    constants = symbol_constants(base.mechanism, symbols)
+    values = parameter_constants(base, parameters, symbols)
+    made = [robot_function(function, base.mechanism, base.matrix.pivots) for function in chosen]
+    known = {**constants.numbers, **values.numbers}
+    made = [specialised(function, known, _layout(made, known)) for function in made]
+    robot = identifier(base.mechanism.name) if name is None else checked_identifier(name)
+    subject = Subject(base.mechanism.name, base.expressions, constants.texts, values.values)
+    return Source(printed(made, language, mode, robot, subject), tuple(made))
+
+
+def printed(
+    functions: Sequence[Function], language: Language, precision: Precision, robot: str, subject: Subject
+) -> dict[str, str]:
+    """Text of the files by name.
+
+    Parameters
+    ----------
+    functions : sequence of Function
+        On any programs.
+    language : Language
+    precision : Precision
+    robot : str
+        An identifier.
+    subject : Subject
+        For the documentation.
+    """
+    views = [view(function, language, precision) for function in functions]
+    width = max((len(shown.angles) for shown in views), default=0)
+    context = {
+        "robot": robot,
+        "version": __version__,
+        "doc": documentation(subject, views, language),
+        "functions": views,
+        "real": language.real[precision],
+        "precision": precision.value,
+        "suffix": "f" if precision is Precision.SINGLE else "",
+        "zero": language.literal(0, precision),
+        "one": language.literal(1, precision),
+        "width": -(-width // _LANES) * _LANES if width > _LANES // 2 else width and _LANES // 2,
+        "operations": _operations(functions),
+    }
+    files: dict[str, str] = {}
+    for pattern, template in language.files.items():
+        if "{function}" not in pattern:
+            files[pattern.format(robot=robot)] = render(template, context)
+            continue
+        for shown in views:
+            own = {"function": shown, "doc": documentation(subject, [shown], language)}
+            files[pattern.format(robot=robot, function=shown.name)] = render(template, {**context, **own})
+    return files
+
+
+def _operations(functions: Sequence[Function]) -> set[str]:
+    """Names of all operations that occur."""
+    return {Op(f.program.ops[node]).name for f in functions for node in f.needed}
+
+
+def _layout(functions: Sequence[Function], known: Mapping[str, object]) -> dict[str, list[str]]:
+    """What any of the functions takes in the arguments that hold what is used."""
+    labels: dict[str, dict[str, None]] = {name: {} for name in SHARED}
+    for function in functions:
+        for argument in function.arguments:
+            if argument.name in labels:
+                inputs = (function.program.inputs[node].name for node in argument.nodes)
+                pairs = zip(argument.labels, inputs, strict=True)
+                labels[argument.name] |= {label: None for label, name in pairs if name not in known}
+    return {name: list(found) for name, found in labels.items()}
+
+
+def _valid(what: str, value: str, valid: Sequence[str]) -> str:
+    if value not in valid:
+        raise InputError(f"there is no {what} '{one_line(value)}' (valid: {', '.join(valid)})")
+    return value

@@ -1,0 +1,39 @@
+"""Exact numbers as decimals of a floating-point type: the fewest digits that read back as the nearest one."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from math import isfinite
+
+import numpy as np
+
+from echelon.errors import InputError
+from echelon.exact.numbers import Number
+
+
+class Precision(StrEnum):
+    """Floating-point types of generated code."""
+
+    DOUBLE = "double"
+    SINGLE = "single"
+
+
+def decimal(value: Number, precision: Precision) -> str:
+    """The shortest decimal of a number, always with a point or an exponent.
+
+    Raises
+    ------
+    InputError
+        If the number is too large for the type.
+
+    Examples
+    --------
+    >>> from fractions import Fraction
+    >>> decimal(Fraction(1, 3), Precision.DOUBLE), decimal(Fraction(1, 3), Precision.SINGLE), decimal(2, Precision.DOUBLE)
+    ('0.3333333333333333', '0.33333334', '2.0')
+    """
+    with np.errstate(over="ignore"):
+        rounded = float(value) if precision is Precision.DOUBLE else np.float32(float(value))
+    if not isfinite(rounded):
+        raise InputError(f"{float(value):.3g} is too large for {precision} precision")
+    return str(rounded)

@@ -1,0 +1,216 @@
+"""The order in which a function's operations are written, and which of them get a name.
+
+Operations stand in depth-first order from the results, so that few values are alive at a time.  What is used once
+becomes part of the expression that uses it, up to a length that a person can read; what is used more often gets a
+name.  Long functions are cut into parts that pass values on in an array, because compilers take more than linear time
+for one long function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from echelon.program.function import Function
+from echelon.program.operations import Op
+from echelon.program.tape import Program
+
+LONGEST_PART = 2000
+"""Statements of one part, at most."""
+
+_MOST_LEAVES = 8
+_MOST_LEAVES_OF_ANGLE = 12
+_ARITHMETIC = (Op.ADD, Op.SUB, Op.MUL, Op.NEG, Op.DIV)
+
+
+@dataclass(frozen=True)
+class Angle:
+    """An angle whose sine or cosine is needed.
+
+    Attributes
+    ----------
+    node : int
+        The argument of the sine and cosine.
+    label : str
+        Follows ``s`` and ``c`` in their names: the number of the coordinate, from 1, or ``a1`` … for other angles.
+    """
+
+    node: int
+    label: str
+
+
+@dataclass(frozen=True)
+class Statement:
+    """One assignment: to an entry of the result, or to a name where there is no entry."""
+
+    node: int
+    entry: tuple[int, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a function is written.
+
+    Attributes
+    ----------
+    function : Function
+    angles : tuple of Angle
+        Their sines and cosines come first, all at once.
+    parts : tuple of tuple of Statement
+    names : mapping of int to str
+        What named nodes are called: temporaries, sines and cosines.
+    slots : mapping of int to int
+        For temporaries that a later part uses, their place in the array that parts share.
+    """
+
+    function: Function
+    angles: tuple[Angle, ...]
+    parts: tuple[tuple[Statement, ...], ...]
+    names: Mapping[int, str]
+    slots: Mapping[int, int]
+
+
+def plan(function: Function, longest_part: int = LONGEST_PART) -> Plan:
+    """Order a function's operations.
+
+    Parameters
+    ----------
+    function : Function
+    longest_part : int
+        Number of statements after which a new part starts.
+    """
+    angles = _angles(function)
+    names = _sines_and_cosines(function, angles)
+    writer = _Writer(function, names)
+    for entry, node in function.entries.items():
+        writer.write(entry, node)
+    names |= {s.node: f"t{k}" for k, s in enumerate((s for s in writer.statements if s.entry is None), 1)}
+    statements = writer.statements
+    parts = tuple(tuple(statements[k : k + longest_part]) for k in range(0, len(statements), longest_part))
+    return Plan(function, angles, parts, names, _slots(function.program, parts, names))
+
+
+def operands(program: Program, node: int) -> tuple[int, ...]:
+    """The nodes that a node refers to."""
+    a, b = program.lhs[node], program.rhs[node]
+    return () if a < 0 else (a,) if b < 0 else (a, b)
+
+
+# -- angles --------------------------------------------------------------------------------------------------------------
+
+
+def _angles(function: Function) -> tuple[Angle, ...]:
+    """Arguments of sines and cosines that are coordinates or short expressions in inputs."""
+    program = function.program
+    found = dict.fromkeys(program.lhs[n] for n in function.needed if program.ops[n] in (Op.SIN, Op.COS))
+    simple = [n for n in found if 0 < _inlined_leaves(program, n, _MOST_LEAVES_OF_ANGLE)]
+    place = {node: k for a in function.arguments if a.name == "q" for k, node in enumerate(a.nodes, 1)}
+    coordinates = sorted((n for n in simple if n in place), key=place.__getitem__)
+    others = [n for n in simple if n not in place]
+    named = [Angle(n, str(place[n])) for n in coordinates]
+    return (*named, *(Angle(n, f"a{k}") for k, n in enumerate(others, 1)))
+
+
+def _inlined_leaves(program: Program, node: int, most: int) -> int:
+    """Leaves of a node as one arithmetic expression; 0 if there are too many, or functions among them."""
+    pending, leaves = [node], 0
+    while pending:
+        n = pending.pop()
+        if program.ops[n] in _ARITHMETIC:
+            pending += operands(program, n)
+        elif program.ops[n] >= Op.SIN:
+            return 0
+        else:
+            leaves += 1
+        if leaves + len(pending) > most:
+            return 0
+    return leaves
+
+
+def _sines_and_cosines(function: Function, angles: Sequence[Angle]) -> dict[int, str]:
+    program, label = function.program, {angle.node: angle.label for angle in angles}
+    stems = {Op.SIN: "s", Op.COS: "c"}
+    nodes = [n for n in function.needed if program.ops[n] in stems and program.lhs[n] in label]
+    return {n: stems[Op(program.ops[n])] + label[program.lhs[n]] for n in nodes}
+
+
+# -- statements ----------------------------------------------------------------------------------------------------------
+
+
+class _Writer:
+    """Writes statements in depth-first order and decides what is inlined."""
+
+    def __init__(self, function: Function, given: Mapping[int, str]) -> None:
+        self._program = function.program
+        self._given = given
+        self._uses = self._count_uses(function)
+        self._leaves: dict[int, int] = {}
+        self.statements: list[Statement] = []
+
+    def write(self, entry: tuple[int, ...], root: int) -> None:
+        """Write what an entry of the result needs, and the entry."""
+        pending = [(root, False)]
+        while pending:
+            node, ready = pending.pop()
+            if node in self._leaves:
+                continue
+            inner = self._operands(node)
+            if ready or not inner:
+                self._finish(node, inner)
+            else:
+                pending.append((node, True))
+                pending += [(n, False) for n in reversed(inner)]
+        self.statements.append(Statement(root, entry))
+
+    def _operands(self, node: int) -> tuple[int, ...]:
+        return () if node in self._given else operands(self._program, node)
+
+    def _count_uses(self, function: Function) -> dict[int, int]:
+        uses: dict[int, int] = {}
+        pending = list(function.entries.values())
+        while pending:
+            node = pending.pop()
+            uses[node] = uses.get(node, 0) + 1
+            if uses[node] == 1:
+                pending += self._operands(node)
+        return uses
+
+    def _finish(self, node: int, inner: tuple[int, ...]) -> None:
+        """Name a node that is used more than once, and operands that would make its expression too long."""
+        for child in sorted(inner, key=self._leaves.__getitem__, reverse=True):
+            if sum(self._leaves[n] for n in inner) > _MOST_LEAVES and self._leaves[child] > 1:
+                self._name(child)
+        self._leaves[node] = sum(self._leaves[n] for n in inner) or 1
+        if inner and self._uses[node] > 1 and self._program.ops[node] != Op.NEG:
+            self._name(node)
+
+    def _name(self, node: int) -> None:
+        self.statements.append(Statement(node))
+        self._leaves[node] = 1
+
+
+def _slots(program: Program, parts: Sequence[Sequence[Statement]], names: Mapping[int, str]) -> dict[int, int]:
+    """Temporaries that are used in a later part than they are written in."""
+    home = {s.node: k for k, part in enumerate(parts) for s in part if s.entry is None}
+    crossing: dict[int, None] = {}
+    for k, part in enumerate(parts if len(parts) > 1 else ()):
+        for node in used_names(program, part, names):
+            if home.get(node, k) != k:
+                crossing[node] = None
+    return {node: slot for slot, node in enumerate(crossing)}
+
+
+def used_names(program: Program, statements: Sequence[Statement], names: Mapping[int, str]) -> list[int]:
+    """Named nodes and inputs that the expressions of some statements refer to, each once."""
+    found: dict[int, None] = {}
+    for statement in statements:
+        root = statement.node
+        whole = statement.entry is None or root not in names
+        pending = list(operands(program, root)) if whole and program.lhs[root] >= 0 else [root]
+        while pending:
+            node = pending.pop()
+            if node in names or program.ops[node] == Op.INPUT:
+                found[node] = None
+            else:
+                pending += operands(program, node)
+    return list(found)

@@ -1,0 +1,26 @@
+"""MATLAB and Octave: one function file for each function."""
+
+from __future__ import annotations
+
+from echelon.codegen.language import Language
+from echelon.codegen.numbers import Precision
+from echelon.codegen.targets.c import FUNCTIONS
+from echelon.program.operations import Op
+
+MATLAB = Language(
+    name="matlab",
+    files={"{robot}_{function}.m": "matlab.m.j2"},
+    comment="% ",
+    functions={
+        **{op: pattern.format(f="", x="{x}") for op, pattern in FUNCTIONS.items()},
+        Op.ABS: "abs({x})",
+        Op.SIGN: "sign({x})",
+    },
+    real={Precision.DOUBLE: "double", Precision.SINGLE: "single"},
+    element="{name}({index})",
+    entry="result({index})",
+    separator=", ",
+    define="{name} = {value};",
+    assign="{name} = {value};",
+    first=1,
+)

@@ -1,0 +1,214 @@
+"""What templates see: a planned function as lines of text in one language."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from math import prod
+
+from echelon.codegen.expressions import Expressions
+from echelon.codegen.language import Language
+from echelon.codegen.numbers import Precision
+from echelon.codegen.plan import LONGEST_PART, Plan, Statement, plan, used_names
+from echelon.program.function import Argument, Function
+from echelon.program.operations import Op
+
+WORK = "w"
+"""The array in which parts of a function pass values on."""
+
+_MOST_ZEROS = 24
+
+
+@dataclass(frozen=True)
+class Trig:
+    """A sine or cosine that a part uses.
+
+    Attributes
+    ----------
+    name : str
+        ``"s2"``.
+    kind : str
+        ``"sine"`` or ``"cosine"``.
+    index : int
+        Number of the angle, from 0.
+    """
+
+    name: str
+    kind: str
+    index: int
+
+
+@dataclass(frozen=True)
+class PartView:
+    """Consecutive statements.
+
+    Attributes
+    ----------
+    arguments : tuple of Argument
+        Those that the statements use.
+    trig : tuple of Trig
+    lines : tuple of str
+    writes : bool
+        Whether entries of the result are among them.
+    shares : bool
+        Whether values are passed to or from other parts.
+    """
+
+    arguments: tuple[Argument, ...]
+    trig: tuple[Trig, ...]
+    lines: tuple[str, ...]
+    writes: bool
+    shares: bool
+
+    @property
+    def passed(self) -> list[str]:
+        """What a part is called with."""
+        names = [argument.name for argument in self.arguments]
+        names += ["sine", "cosine"] * bool(self.trig) + [WORK] * self.shares
+        return names + ["result"] * self.writes
+
+
+@dataclass(frozen=True)
+class FunctionView:
+    """A function in one language.
+
+    Attributes
+    ----------
+    function : Function
+    unused : tuple of Argument
+        Arguments without influence on the result.
+    angles : tuple of str
+        Expressions of the angles whose sines and cosines are needed.
+    parts : tuple of PartView
+    slots : int
+        Number of values that parts share.
+    fills : bool
+        Whether the result is filled with zeros first; otherwise zeros are assigned one by one.
+    """
+
+    function: Function
+    unused: tuple[Argument, ...]
+    angles: tuple[str, ...]
+    parts: tuple[PartView, ...]
+    slots: int
+    fills: bool
+
+    @property
+    def name(self) -> str:
+        """The function's name."""
+        return self.function.name
+
+    @property
+    def arguments(self) -> tuple[Argument, ...]:
+        """The function's arguments."""
+        return self.function.arguments
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the result."""
+        return self.function.shape
+
+    @property
+    def size(self) -> int:
+        """Number of entries of the result."""
+        return prod(self.function.shape)
+
+
+def view(function: Function, language: Language, precision: Precision, *, fills: bool = False) -> FunctionView:
+    """Print a function.
+
+    Parameters
+    ----------
+    function : Function
+    language : Language
+    precision : Precision
+    fills : bool
+        Whether the language's results start as zeros anyway.
+    """
+    planned = plan(function, LONGEST_PART if language.splits else max(len(function.needed), LONGEST_PART) * 2)
+    empty = [i for i in product(*map(range, function.shape)) if i not in function.entries]
+    fills = fills or len(empty) > _MOST_ZEROS
+    printer = _Printer(planned, language, precision)
+    parts = [printer.part(k) for k in range(len(planned.parts))]
+    if not fills and empty:
+        zero = language.literal(0, precision)
+        zeros = tuple(language.assign.format(name=language.result_at(i, function.shape), value=zero) for i in empty)
+        parts.insert(0, PartView((), (), zeros, writes=True, shares=False))
+    angles = tuple(printer.expressions({}).reference(angle.node) for angle in planned.angles)
+    used = {a.name for part in parts for a in part.arguments} | printer.arguments_of(a.node for a in planned.angles)
+    unused = tuple(a for a in function.arguments if a.name not in used)
+    return FunctionView(function, unused, angles, _joined(parts), len(planned.slots), fills)
+
+
+def _joined(parts: Sequence[PartView]) -> tuple[PartView, ...]:
+    """Without a first part that holds nothing but a few zeros."""
+    if len(parts) < 2 or parts[0].trig or parts[0].arguments or parts[0].shares:
+        return tuple(parts)
+    head, second, *rest = parts
+    both = PartView(second.arguments, second.trig, head.lines + second.lines, writes=True, shares=second.shares)
+    return (both, *rest)
+
+
+class _Printer:
+    def __init__(self, planned: Plan, language: Language, precision: Precision) -> None:
+        self._plan, self._language, self._precision = planned, language, precision
+        self._program = planned.function.program
+        self._owner: dict[int, Argument] = {}
+        self._inputs: dict[int, str] = {}
+        for argument in planned.function.arguments:
+            for k, node in enumerate(argument.nodes):
+                self._owner[node], self._inputs[node] = argument, language.at(argument.name, k)
+        self._home = {s.node: k for k, part in enumerate(planned.parts) for s in part if s.entry is None}
+
+    def expressions(self, names: Mapping[int, str]) -> Expressions:
+        language, precision = self._language, self._precision
+        return Expressions(
+            self._program,
+            {**self._inputs, **names},
+            lambda value: language.literal(value, precision),
+            lambda op, x: language.call(op, x, precision),
+        )
+
+    def arguments_of(self, nodes: Iterable[int]) -> set[str]:
+        needed = self._program.needed(nodes)
+        return {self._owner[n].name for n in needed if n in self._owner}
+
+    def part(self, number: int) -> PartView:
+        """One part as text."""
+        planned, language = self._plan, self._language
+        slots = {n: language.at(WORK, slot) for n, slot in planned.slots.items()}
+        names = {n: slots[n] if self._home.get(n, number) != number else name for n, name in planned.names.items()}
+        expressions = self.expressions(names)
+        statements = planned.parts[number]
+        lines = [line for s in statements for line in self._lines(s, expressions, slots)]
+        used = used_names(self._program, statements, planned.names)
+        owners = {self._owner[n].name for n in used if n in self._owner}
+        return PartView(
+            tuple(a for a in planned.function.arguments if a.name in owners),
+            self._trig(used),
+            tuple(lines),
+            writes=any(s.entry is not None for s in statements),
+            shares=any(n in slots for n in used) or any(s.node in slots for s in statements),
+        )
+
+    def _lines(self, statement: Statement, expressions: Expressions, slots: Mapping[int, str]) -> list[str]:
+        language, node = self._language, statement.node
+        if statement.entry is not None:
+            target = language.result_at(statement.entry, self._plan.function.shape)
+            return [language.assign.format(name=target, value=expressions.reference(node))]
+        real, name = language.real[self._precision], self._plan.names[node]
+        lines = [language.define.format(real=real, name=name, value=expressions.definition(node))]
+        if node in slots:
+            lines.append(language.assign.format(name=slots[node], value=name))
+        return lines
+
+    def _trig(self, used: Iterable[int]) -> tuple[Trig, ...]:
+        index = {angle.node: k for k, angle in enumerate(self._plan.angles)}
+        kinds = {Op.SIN: "sine", Op.COS: "cosine"}
+        found = []
+        for node in used:
+            op = self._program.ops[node]
+            if node in self._plan.names and op in kinds and self._program.lhs[node] in index and node not in self._home:
+                found.append(Trig(self._plan.names[node], kinds[Op(op)], index[self._program.lhs[node]]))
+        return tuple(sorted(found, key=lambda trig: (trig.index, trig.kind != "sine")))
