@@ -51,16 +51,23 @@ def sincos(v: Vector) -> str:
     second = code.let(f"select {v.bits} {swapped}, {v.type} {sine}, {v.type} {cosine}")
     next_quadrant = code.let(f"add {v.integers} {quadrant}, {v.of_integer(1)}")
     s, c = _signed(code, v, first, quadrant), _signed(code, v, second, next_quadrant)
+    zero = code.let(f"fcmp oeq {v.type} %x, {v.of(0.0)}")
+    s = code.let(f"select {v.bits} {zero}, {v.type} %x, {v.type} {s}")  # the sums above lose the sign of −0
     size = code.let(f"call {v.type} @llvm.fabs.{v.suffix}({v.type} %x)")
     beyond = code.let(f"fcmp uge {v.type} {size}, {v.of(LARGEST_ANGLE)}")
+    some = beyond
     if v.lanes > 1:
-        beyond = code.let(f"call i1 @llvm.vector.reduce.or.v{v.lanes}i1({v.bits} {beyond})")
-    code.do(f"br i1 {beyond}, label %library, label %done")
+        some = code.let(f"call i1 @llvm.vector.reduce.or.v{v.lanes}i1({v.bits} {beyond})")
+    code.do(f"br i1 {some}, label %library, label %done")
     code.label("library")
-    exact_s, exact_c = (_by_lane(code, v, name) for name in ("sin", "cos"))
+    far_s, far_c = (_by_lane(code, v, name) for name in ("sin", "cos"))
+    # the other lanes keep what they have: a sample's result must not depend on its neighbours
+    pairs = [
+        (near, code.let(f"select {v.bits} {beyond}, {v.type} {far}, {v.type} {near}"))
+        for near, far in ((s, far_s), (c, far_c))
+    ]
     code.do("br label %done")
     code.label("done")
-    pairs = ((s, exact_s), (c, exact_c))
     s, c = (code.let(f"phi {v.type} [ {near}, %entry ], [ {far}, %library ]") for near, far in pairs)
     pair = f"{{ {v.type}, {v.type} }}"
     half = code.let(f"insertvalue {pair} undef, {v.type} {s}, 0")
