@@ -1,0 +1,20 @@
+"""Settings for the whole test run, docstrings included."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import settings
+
+# The same examples on every run, and no time limit per example: the first one pays for imports and caches.
+settings.register_profile("echelon", deadline=None, derandomize=True)
+settings.load_profile("echelon")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def cache_of_the_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Machine code is kept in a folder of this run, also by processes that tests start; the user's own is not used."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ECHELON_CACHE", str(tmp_path_factory.mktemp("machine-code")))
+        yield

@@ -1,0 +1,78 @@
+"""Small functions to compile, their values by NumPy, and the processors to compile for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.machine.target import host
+from echelon.program.function import Argument, Function
+from echelon.program.schedule import FloatArithmetic, Schedule
+from echelon.program.tape import Program, Scalar
+
+FloatArray = npt.NDArray[np.float64]
+Outputs = Sequence[Scalar] | Mapping[tuple[int, ...], Scalar]
+
+
+def available(lanes: int) -> bool:
+    try:
+        host(lanes)
+    except InputError:
+        return False
+    return True
+
+
+LANES = [lanes for lanes in (2, 4, 8) if available(lanes)]
+"""Widths of vectors that this processor has."""
+
+
+def function(
+    record: Callable[..., Outputs],
+    varying: Mapping[str, int],
+    uniform: Mapping[str, int] | None = None,
+    shape: tuple[int, ...] | None = None,
+) -> Function:
+    """A function whose result is what ``record`` makes of lists of scalars, one list for each argument.
+
+    The result is a vector, or entries by index of an array of the given shape.
+    """
+    program = Program()
+    arguments, given = [], []
+    for name, size in {**varying, **(uniform or {})}.items():
+        shared = name in (uniform or {})
+        labels = tuple(f"{name}{k}" for k in range(size))
+        scalars = [program.input(label, "symbol" if shared else "state") for label in labels]
+        nodes = tuple(scalar.node for scalar in scalars)
+        arguments.append(Argument(name, nodes, labels, ("1",) * size, uniform=shared))
+        given.append(scalars)
+    made = record(*given)
+    entries = dict(made) if isinstance(made, Mapping) else {(k,): value for k, value in enumerate(made)}
+    axes = (len(entries),) if shape is None else shape
+    names = tuple(tuple(map(str, range(size))) for size in axes)
+    return Function("tested", program, tuple(arguments), {i: value.node for i, value in entries.items()}, names)
+
+
+def by_numpy(made: Function, values: Mapping[str, npt.ArrayLike]) -> FloatArray:
+    """The function's values, shape (samples, ...)."""
+    samples = max((len(np.atleast_2d(values[a.name])) for a in made.arguments if not a.uniform), default=1)
+    leaves: dict[int, FloatArray] = {}
+    for argument in made.arguments:
+        columns = np.broadcast_to(np.asarray(values[argument.name], dtype=float), (samples, len(argument)))
+        leaves |= dict(zip(argument.nodes, columns.T, strict=True))
+    schedule = Schedule(made.program, made.outputs)
+    found = schedule.run(FloatArithmetic(), {node: leaves[node] for node in schedule.leaves}, samples)
+    result = np.zeros((samples, *made.shape))
+    for index, value in zip(made.entries, found, strict=True):
+        result[(slice(None), *index)] = value
+    return result
+
+
+def same_bits(first: FloatArray, second: FloatArray) -> bool:
+    """Whether two arrays are equal bit by bit; NaN equals NaN."""
+    if first.shape != second.shape:
+        return False
+    bits = [np.where(np.isnan(a), np.nan, a).view(np.int64) for a in (first, second)]
+    return bool(np.array_equal(*bits))
