@@ -1,0 +1,178 @@
+"""Observation: what is kept of [W y], output by output, instead of the matrix.
+
+Each output has an R-factor of its own.  That is less work than one factor for all (half for a serial arm), and outputs
+can be weighted or left out afterwards: the factor of the stacked and weighted matrix is that of the stacked and
+weighted factors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.observe.layout import Layout, restricted
+from echelon.observe.triangle import Triangle, positive, upper_triangle
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, repr=False)
+class Observation:
+    """R-factors of the outputs' rows of [W y].
+
+    Attributes
+    ----------
+    layout : Layout
+    factors : tuple of array of shape (n_i + 1, n_i + 1)
+        For each output the triangle R_i of its own columns and y, with a diagonal that is not negative.
+    samples : int
+    """
+
+    layout: Layout
+    factors: tuple[Floats, ...]
+    samples: int
+
+    @property
+    def rows(self) -> int:
+        """Rows of W."""
+        return self.samples * len(self.layout.outputs)
+
+    @cached_property
+    def residuals(self) -> Floats:
+        """Norm of each output's residual when its own rows alone are fitted, shape (m,)."""
+        return np.array([abs(R[-1, -1]) for R in self.factors])
+
+    # -- combining ---------------------------------------------------------------------------------------------
+
+    def merged(self, other: Observation) -> Observation:
+        """The observation of both sets of samples.
+
+        Raises
+        ------
+        InputError
+            If they are not of the same outputs and parameters.
+        """
+        if self.layout != other.layout:
+            raise InputError("observations of different outputs or parameters cannot be merged")
+        pairs = zip(self.factors, other.factors, strict=True)
+        factors = tuple(upper_triangle(np.vstack(pair)) for pair in pairs)
+        return Observation(self.layout, factors, self.samples + other.samples)
+
+    def __add__(self, other: Observation) -> Observation:
+        """The observation of both sets of samples; see :meth:`merged`."""
+        return self.merged(other)
+
+    def combined(self, weights: Sequence[float] | Floats | None = None) -> Triangle:
+        """The R-factor of all outputs' rows together.
+
+        Parameters
+        ----------
+        weights : array of shape (m,), optional
+            Factor of each output's rows, such as 1/σ of its noise; 0 leaves an output out.  All 1 if omitted.
+
+        Returns
+        -------
+        Triangle
+
+        Raises
+        ------
+        InputError
+            If weights have a wrong shape or are negative or not finite.
+        """
+        w = checked_weights(self.layout, weights)
+        n = len(self.layout.parameters)
+        rows = []
+        for output, (R, weight) in enumerate(zip(self.factors, w, strict=True)):
+            full = np.zeros((len(R), n + 1))
+            full[:, self.layout.places(output)] = weight * R
+            rows.append(full)
+        whole = upper_triangle(np.vstack([np.zeros((0, n + 1)), *rows]))
+        used = self.samples * int(np.count_nonzero(w))
+        return Triangle(
+            self.layout.parameters, whole[:n, :n], whole[:n, n], float(abs(whole[n, n])), self.samples, used
+        )
+
+    def select(self, parameters: Sequence[int]) -> Observation:
+        """The observation of some parameters only, the others taken to be zero.
+
+        Parameters
+        ----------
+        parameters : sequence of int
+            Numbers of the parameters to keep, in the order they shall have.
+
+        Raises
+        ------
+        InputError
+            If a parameter does not exist or is given twice.
+        """
+        layout, places = restricted(self.layout, parameters)
+        factors = tuple(upper_triangle(R[:, columns]) for R, columns in zip(self.factors, places, strict=True))
+        return Observation(layout, factors, self.samples)
+
+    # -- keeping -----------------------------------------------------------------------------------------------
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Everything as plain arrays, for ``numpy.savez``."""
+        found: dict[str, npt.NDArray[Any]] = {
+            "samples": np.array(self.samples),
+            "outputs": np.array(self.layout.outputs, dtype=np.str_),
+            "parameters": np.array(self.layout.parameters, dtype=np.str_),
+        }
+        for i, (columns, R) in enumerate(zip(self.layout.columns, self.factors, strict=True)):
+            found[f"columns{i}"], found[f"factor{i}"] = np.array(columns, dtype=np.int64), R
+        return found
+
+    @staticmethod
+    def from_arrays(arrays: Mapping[str, npt.NDArray[Any]]) -> Observation:
+        """The observation that :meth:`arrays` describes.
+
+        Raises
+        ------
+        InputError
+            If arrays are missing or do not fit together.
+        """
+        try:
+            outputs, parameters = (tuple(map(str, arrays[name])) for name in ("outputs", "parameters"))
+            columns = tuple(tuple(map(int, arrays[f"columns{i}"])) for i in range(len(outputs)))
+            factors = tuple(np.array(arrays[f"factor{i}"], dtype=float) for i in range(len(outputs)))
+            samples = int(arrays["samples"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"these arrays do not hold an observation: {error}") from None
+        layout = Layout(outputs, parameters, columns)
+        for label, some, size, R in zip(outputs, columns, layout.sizes, factors, strict=True):
+            ascending = list(some) == sorted(set(some)) and all(0 <= c < len(parameters) for c in some)
+            if not ascending or R.shape != (size, size) or not np.isfinite(R).all() or np.tril(R, -1).any():
+                raise InputError(f"the factor of output '{label}' does not fit its columns or is not a triangle")
+        return Observation(layout, factors, samples)
+
+    @staticmethod
+    def of(layout: Layout, factors: Sequence[Floats], samples: int) -> Observation:
+        """The observation with given triangles, whose diagonals may have any signs."""
+        return Observation(layout, tuple(positive(R) for R in factors), samples)
+
+    def __repr__(self) -> str:
+        m, n = len(self.layout.outputs), len(self.layout.parameters)
+        return f"Observation({self.samples} samples × {m} outputs × {n} parameters)"
+
+
+def checked_weights(layout: Layout, weights: Sequence[float] | Floats | None) -> Floats:
+    """Weights of the outputs, shape (m,).
+
+    Raises
+    ------
+    InputError
+        If they have a wrong shape or are negative or not finite.
+    """
+    m = len(layout.outputs)
+    w = np.ones(m) if weights is None else np.asarray(weights, dtype=float)
+    if w.shape != (m,):
+        raise InputError(f"weights have shape {w.shape}; expected ({m},), one for each of {', '.join(layout.outputs)}")
+    if not np.isfinite(w).all() or (w < 0).any():
+        raise InputError("weights must be finite numbers that are not negative")
+    return w

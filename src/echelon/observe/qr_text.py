@@ -1,0 +1,122 @@
+"""The kernel that turns blocks of samples into R-factors, as LLVM text.
+
+One kernel serves every robot: which columns an output has is data.  A block's columns are brought up to date with the
+reflectors of all earlier columns eight at a time (left-looking), which reads every stored reflector once for eight
+columns and writes every column once.
+"""
+
+from __future__ import annotations
+
+from echelon.observe.reflectors import apply_text, declarations, factor_text, scaled_norm_text
+from echelon.observe.routine import Routine
+from echelon.observe.tiles import GROUP, Tiling
+
+_PANEL = 2 * GROUP
+
+
+def qr_text(tiling: Tiling) -> str:
+    """``@update`` and ``@merge``."""
+    widths = [*range(1, GROUP + 1), _PANEL]
+    parts = [declarations(tiling), scaled_norm_text(tiling)]
+    parts += [apply_text(tiling, width) for width in widths]
+    parts += [factor_text(tiling, width) for width in range(1, GROUP + 1)]
+    parts += [_panel_text(tiling, width) for width in widths]
+    return "\n".join([*parts, _update_text(), _merge_text(tiling)])
+
+
+def _panel_text(tiling: Tiling, width: int) -> str:
+    """``@panel{width}``: columns j … j+width−1 copied, brought up to date and cleared."""
+    routine = Routine()
+    rows = tiling.rows
+    first = routine.at("%v", routine.let(f"mul i64 %j, {rows}"))
+    _copy(routine, tiling, first, width)
+    groups = routine.let(f"lshr i64 %j, {GROUP.bit_length() - 1}")
+
+    def apply(group: str) -> None:
+        v = routine.at("%v", routine.let(f"mul i64 {group}, {GROUP * rows}"))
+        t = routine.at("%t", routine.let(f"mul i64 {group}, {GROUP * GROUP}"))
+        line = routine.let(f"mul i64 {routine.let(f'mul i64 {group}, {GROUP}')}, %size")
+        top = routine.at("%r", routine.let(f"add i64 {line}, %j"))
+        routine.do(f"call void @apply{width}(ptr {v}, ptr {t}, ptr {top}, i64 %size, ptr {first})")
+
+    routine.while_below((0, groups, 1), apply)
+    t = routine.at("%t", routine.let(f"mul i64 {groups}, {GROUP * GROUP}"))
+    diagonal = routine.at("%r", routine.let(f"mul i64 %j, {routine.let('add i64 %size, 1')}"))
+    routine.do(f"call void @factor{min(width, GROUP)}(ptr {first}, ptr {t}, ptr {diagonal}, i64 %size)")
+    if width > GROUP:
+        second, right = routine.at(first, GROUP * rows), routine.at(diagonal, GROUP)
+        routine.do(f"call void @apply{GROUP}(ptr {first}, ptr {t}, ptr {right}, i64 %size, ptr {second})")
+        t, below = routine.at(t, GROUP * GROUP), routine.at(right, routine.let(f"mul i64 %size, {GROUP}"))
+        routine.do(f"call void @factor{GROUP}(ptr {second}, ptr {t}, ptr {below}, i64 %size)")
+    head = f"@panel{width}(ptr %buffer, ptr %columns, i64 %size, ptr %r, ptr %v, ptr %t, i64 %j)"
+    return routine.function(f"define internal void {head} noinline nounwind")
+
+
+def _copy(routine: Routine, tiling: Tiling, first: str, width: int) -> None:
+    """Copy columns from the buffer."""
+    for c in range(width):
+        place = routine.let(f"getelementptr i64, ptr %columns, i64 {routine.let(f'add i64 %j, {c}')}")
+        entry = routine.let(f"load i64, ptr {place}")
+        source = routine.at("%buffer", routine.let(f"mul i64 {entry}, {tiling.rows}"))
+        target = routine.at(first, c * tiling.rows)
+
+        def turn(row: str, _: list[str], source: str = source, target: str = target) -> list[str]:
+            tiling.store(routine, tiling.load(routine, source, row), target, row)
+            return []
+
+        routine.loop((0, tiling.rows, tiling.vector.lanes), [], turn)
+
+
+def _update_text() -> str:
+    """``@update``: R of an output, brought up to date with a block.
+
+    Its arguments are the block, the numbers of the output's columns in it, how many there are, R (row-major), and room
+    for V and T.
+    """
+    routine = Routine()
+    arguments = "ptr %buffer, ptr %columns, i64 %size, ptr %r, ptr %v, ptr %t"
+
+    def panel(width: int, j: str) -> None:
+        routine.do(f"call void @panel{width}({arguments}, i64 {j})")
+
+    whole = routine.let(f"and i64 %size, -{_PANEL}")
+    routine.while_below((0, whole, _PANEL), lambda j: panel(_PANEL, j))
+    half = routine.let(f"and i64 %size, {GROUP}")
+    routine.when(routine.let(f"icmp ne i64 {half}, 0"), lambda: panel(GROUP, whole))
+    start = routine.let(f"add i64 {whole}, {half}")
+    rest = routine.let(f"sub i64 %size, {start}")
+    for width in range(1, GROUP):
+        routine.when(routine.let(f"icmp eq i64 {rest}, {width}"), lambda width=width: panel(width, start))
+    return routine.function(f"define void @update({arguments}) nounwind")
+
+
+def _merge_text(tiling: Tiling) -> str:
+    """``@merge``: R of an output, brought up to date with another one.
+
+    Its arguments are R, the other one, their size, a block, the numbers 0, 1, … of its columns, and room for V and T.
+    """
+    routine = Routine()
+    rows = tiling.rows
+
+    def band(first: str) -> None:
+        cells = routine.let(f"mul i64 %size, {rows}")
+        routine.while_below((0, cells, 1), lambda cell: routine.store("double", "0.0", routine.at("%buffer", cell)))
+        end = routine.let(f"call i64 @llvm.smin.i64(i64 {routine.let(f'add i64 {first}, {rows}')}, i64 %size)")
+        routine.while_below((first, end, 1), lambda row: _copy_row(routine, rows, first, row))
+        routine.do("call void @update(ptr %buffer, ptr %columns, i64 %size, ptr %r, ptr %v, ptr %t)")
+
+    routine.while_below((0, "%size", rows), band)
+    arguments = "ptr %r, ptr %other, i64 %size, ptr %buffer, ptr %columns, ptr %v, ptr %t"
+    return "declare i64 @llvm.smin.i64(i64, i64)\n" + routine.function(f"define void @merge({arguments}) nounwind")
+
+
+def _copy_row(routine: Routine, rows: int, first: str, row: str) -> None:
+    """A row of the other triangle, as a row of the block."""
+    line = routine.at("%other", routine.let(f"mul i64 {row}, %size"))
+    target = routine.at("%buffer", routine.let(f"sub i64 {row}, {first}"))
+
+    def copy(column: str) -> None:
+        value = routine.load("double", routine.at(line, column))
+        routine.store("double", value, routine.at(target, routine.let(f"mul i64 {column}, {rows}")))
+
+    routine.while_below((row, "%size", 1), copy)
