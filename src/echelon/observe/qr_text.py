@@ -7,7 +7,11 @@ columns and writes every column once.
 
 from __future__ import annotations
 
-from echelon.observe.reflectors import apply_text, declarations, factor_text, scaled_norm_text
+from functools import partial
+
+from echelon.observe.apply_text import apply_text
+from echelon.observe.norm_text import scaled_norm_text
+from echelon.observe.reflectors import declarations, factor_text
 from echelon.observe.routine import Routine
 from echelon.observe.tiles import GROUP, Tiling
 
@@ -86,7 +90,7 @@ def _update_text() -> str:
     start = routine.let(f"add i64 {whole}, {half}")
     rest = routine.let(f"sub i64 %size, {start}")
     for width in range(1, GROUP):
-        routine.when(routine.let(f"icmp eq i64 {rest}, {width}"), lambda width=width: panel(width, start))
+        routine.when(routine.let(f"icmp eq i64 {rest}, {width}"), partial(panel, width, start))
     return routine.function(f"define void @update({arguments}) nounwind")
 
 

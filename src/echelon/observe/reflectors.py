@@ -1,4 +1,4 @@
-"""Householder reflectors of a block below a triangle, as LLVM text.
+"""Householder reflectors that clear columns of a block below a triangle, as LLVM text.
 
 For a column with the entry α in the triangle R and x in the block below it,
 
@@ -7,16 +7,15 @@ For a column with the entry α in the triangle R and x in the block below it,
 and H = I − τ [1; v] [1; v]ᵀ makes it [β; 0] (Golub and Van Loan, Matrix Computations, 4th ed., 5.1).  The rows of R
 above and below α are not touched, so the heads of different reflectors never meet and only the tails v are stored.
 
-Four reflectors are applied at once as I − V T Vᵀ with a 4 × 4 triangle T (Schreiber and Van Loan, SIAM J. Sci. Stat.
-Comput. 10, 1989).  The inner products that T needs are taken together with those that the next column needs, in one pass
-over the columns for each reflector.
+Reflectors are made in groups of four, with the triangle T of their product.  The inner products that T needs are taken
+together with those that the next column needs, in one pass over the columns for each reflector.
 """
 
 from __future__ import annotations
 
 from echelon.machine.text import number
 from echelon.observe.routine import Routine
-from echelon.observe.tiles import GROUP, Tiling, broadcast, sum_rows, sums
+from echelon.observe.tiles import GROUP, Tiling, broadcast, row_at, sums
 
 _SMALLEST, _LARGEST = 1e-280, 1e280  # squares outside lose digits or overflow: then the norm is taken of scaled values
 
@@ -28,102 +27,6 @@ def declarations(tiling: Tiling) -> str:
         f"declare double @llvm.sqrt.f64(double)\ndeclare double @llvm.copysign.f64(double, double)\n"
         f"declare double @llvm.fabs.f64(double)\ndeclare {v.type} @llvm.fabs.{v.suffix}({v.type})\n"
     )
-
-
-# -- applying four reflectors to later columns --------------------------------------------------------------------------
-
-
-def apply_text(tiling: Tiling, width: int) -> str:
-    """``@apply{width}``: four reflectors applied to some columns and to the rows of R above them.
-
-    Its arguments are V (four columns), T, the first of the four rows of R at the first of the columns, the row length
-    of R, and the columns.
-    """
-    routine = Routine()
-    waiting = None
-    # the sums of one tile are added up while the products of the next are formed
-    for tile in tiling.tiles(width):
-        weights = _weights(routine, tiling, tile)
-        if waiting is not None:
-            _subtract(routine, tiling, *waiting)
-        waiting = (tile, weights)
-    if waiting is not None:
-        _subtract(routine, tiling, *waiting)
-    return routine.function(
-        f"define internal void @apply{width}(ptr %v, ptr %t, ptr %top, i64 %size, ptr %a) noinline nounwind"
-    )
-
-
-def _columns(routine: Routine, tiling: Tiling, base: str, places: range) -> list[str]:
-    return [routine.at(base, place * tiling.rows) for place in places]
-
-
-def _weights(routine: Routine, tiling: Tiling, tile: range) -> list[str]:
-    """Tᵀ (R + Vᵀ A) for a tile, subtracted from R: four vectors with a lane for each column."""
-    v, a = _columns(routine, tiling, "%v", range(GROUP)), _columns(routine, tiling, "%a", tile)
-    kind = tiling.vector.type
-
-    def turn(row: str, totals: list[str]) -> list[str]:
-        left = [tiling.load(routine, column, row) for column in v]
-        right = [tiling.load(routine, column, row) for column in a]
-        pairs = [(x, y) for x in left for y in right]
-        return [tiling.add_product(routine, x, y, total) for (x, y), total in zip(pairs, totals, strict=True)]
-
-    start = [(kind, "zeroinitializer")] * (GROUP * len(tile))
-    totals = routine.loop((0, tiling.rows, tiling.vector.lanes), start, turn)
-    row = f"<{len(tile)} x double>"
-    places = [routine.at(_row(routine, i), tile[0]) for i in range(GROUP)]
-    tops = [routine.load(row, place) for place in places]
-    products = sum_rows(routine, tiling.vector, totals, len(tile))
-    inner = [routine.let(f"fadd {row} {top}, {product}") for top, product in zip(tops, products, strict=True)]
-    weights = [_combined(routine, row, inner, j) for j in range(GROUP)]
-    for place, top, weight in zip(places, tops, weights, strict=True):
-        routine.store(row, routine.let(f"fsub {row} {top}, {weight}"), place)
-    return weights
-
-
-def _row(routine: Routine, i: int) -> str:
-    return routine.at("%top", routine.let(f"mul i64 %size, {i}"))
-
-
-def _combined(routine: Routine, row: str, inner: list[str], j: int) -> str:
-    """Row j of Tᵀ times the inner products."""
-    total = ""
-    for i in range(j + 1):
-        entry = routine.load("double", routine.at("%t", i * GROUP + j))
-        lanes = row[1:].split()[0]
-        first = routine.let(f"insertelement {row} poison, double {entry}, i64 0")
-        factor = routine.let(f"shufflevector {row} {first}, {row} poison, <{lanes} x i32> zeroinitializer")
-        product = routine.let(f"fmul contract {row} {factor}, {inner[i]}")
-        total = routine.let(f"fadd contract {row} {total}, {product}") if total else product
-    return total
-
-
-def _subtract(routine: Routine, tiling: Tiling, tile: range, weights: list[str]) -> None:
-    """A − V w for a tile."""
-    v, a = _columns(routine, tiling, "%v", range(GROUP)), _columns(routine, tiling, "%a", tile)
-    row = f"<{len(tile)} x double>"
-    spread = [
-        [
-            broadcast(routine, tiling.vector, routine.let(f"extractelement {row} {weight}, i64 {c}"))
-            for c in range(len(tile))
-        ]
-        for weight in weights
-    ]
-
-    def turn(index: str, _: list[str]) -> list[str]:
-        left = [tiling.load(routine, column, index) for column in v]
-        for c, column in enumerate(a):
-            value = tiling.load(routine, column, index)
-            for reflector, factors in zip(left, spread, strict=True):
-                value = tiling.subtract_product(routine, reflector, factors[c], value)
-            tiling.store(routine, value, column, index)
-        return []
-
-    routine.loop((0, tiling.rows, tiling.vector.lanes), [], turn)
-
-
-# -- making the reflectors of up to four columns ------------------------------------------------------------------------
 
 
 def factor_text(tiling: Tiling, width: int) -> str:
@@ -150,7 +53,7 @@ class _Panel:
         self.tiling, self.width = tiling, width
         self.full = width == GROUP  # fewer are the last ones: no column follows to which they would be applied
         self.routine = Routine()
-        self.columns = _columns(self.routine, tiling, "%a", range(width))
+        self.columns = tiling.columns_at(self.routine, "%a", range(width))
         self.inverse: list[str] = []  # 1/u of each reflector
         self.tau: list[str] = []
         self.factors: dict[int, str] = {}  # of the last reflector, by later column, in all lanes
@@ -164,9 +67,8 @@ class _Panel:
         scale = broadcast(routine, tiling.vector, self.inverse[-1]) if j else ""
 
         def turn(row: str, totals: list[str]) -> list[str]:
-            value = {
-                k: tiling.load(routine, self.columns[k], row) for k in {*earlier, *later, *range(max(j - 1, 0), j)}
-            }
+            read = sorted({*earlier, *later, *range(max(j - 1, 0), j)})
+            value = {k: tiling.load(routine, self.columns[k], row) for k in read}
             if j:
                 self._apply_previous(j, row, value, scale)
             pairs = [(j, k) for k in later] + [(i, j) for i in earlier]
@@ -192,7 +94,7 @@ class _Panel:
     def reflect(self, j: int, products: list[str]) -> None:
         """Reflector j from its inner products; its row of R."""
         routine, tiling = self.routine, self.tiling
-        place = routine.at(_row(routine, j), j)
+        place = routine.at(row_at(routine, j), j)
         alpha = routine.load("double", place)
         norm, zero = self._norm(j, alpha, products[0])
         signed = routine.let(f"call double @llvm.copysign.f64(double {norm}, double {alpha})")
@@ -267,51 +169,3 @@ class _Panel:
                 t[i, j] = routine.let(f"fneg double {routine.let(f'fmul double {total}, {self.tau[j]}')}")
         for (i, j), value in t.items():
             routine.store("double", value, routine.at("%t", i * GROUP + j))
-
-
-def scaled_norm_text(tiling: Tiling) -> str:
-    """``@scaled_norm``: √(α² + xᵀx) where the squares would overflow or vanish, and whether x is zero."""
-    v, routine = tiling.vector, Routine()
-
-    def largest(row: str, carried: list[str]) -> list[str]:
-        size = routine.let(f"call {v.type} @llvm.fabs.{v.suffix}({v.type} {tiling.load(routine, '%x', row)})")
-        more = routine.let(f"fcmp ogt {v.type} {size}, {carried[0]}")
-        return [routine.let(f"select {v.bits} {more}, {v.type} {size}, {v.type} {carried[0]}")]
-
-    lanes = routine.loop((0, tiling.rows, v.lanes), [(v.type, "zeroinitializer")], largest)[0]
-    tail = _largest_lane(routine, tiling, lanes)
-    head = routine.let("call double @llvm.fabs.f64(double %alpha)")
-    scale = _maximum(routine, head, tail)
-    nothing = routine.let(f"fcmp oeq double {scale}, 0.0")
-    divisor = routine.let(f"select i1 {nothing}, double {number(1.0)}, double {scale}")
-    divisors = broadcast(routine, v, divisor)
-
-    def squares(row: str, totals: list[str]) -> list[str]:
-        value = routine.let(f"fdiv {v.type} {tiling.load(routine, '%x', row)}, {divisors}")
-        return [tiling.add_product(routine, value, value, totals[0])]
-
-    total = sums(routine, v, routine.loop((0, tiling.rows, v.lanes), [(v.type, "zeroinitializer")], squares))[0]
-    alpha = routine.let(f"fdiv double %alpha, {divisor}")
-    whole = routine.let(f"fadd double {total}, {routine.let(f'fmul double {alpha}, {alpha}')}")
-    norm = routine.let(f"fmul double {divisor}, {routine.let(f'call double @llvm.sqrt.f64(double {whole})')}")
-    # not-a-number must show in R: comparisons with it are false, so it could pass for a zero column
-    number_ = routine.let(f"fcmp ord double {norm}, {norm}")
-    zero = routine.let(f"and i1 {number_}, {routine.let(f'fcmp oeq double {tail}, 0.0')}")
-    pair = routine.let(f"insertvalue {{ double, i1 }} poison, double {norm}, 0")
-    result = routine.let(f"insertvalue {{ double, i1 }} {pair}, i1 {zero}, 1")
-    head_text = "define internal { double, i1 } @scaled_norm(ptr %x, double %alpha) noinline nounwind cold"
-    return f"{head_text} {{\nentry:\n{routine.text()}\n  ret {{ double, i1 }} {result}\n}}\n"
-
-
-def _maximum(routine: Routine, a: str, b: str) -> str:
-    more = routine.let(f"fcmp ogt double {a}, {b}")
-    return routine.let(f"select i1 {more}, double {a}, double {b}")
-
-
-def _largest_lane(routine: Routine, tiling: Tiling, vector: str) -> str:
-    kind = tiling.vector.type
-    lanes = [routine.let(f"extractelement {kind} {vector}, i64 {i}") for i in range(tiling.vector.lanes)]
-    found = lanes[0]
-    for lane in lanes[1:]:
-        found = _maximum(routine, found, lane)
-    return found

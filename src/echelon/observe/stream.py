@@ -1,8 +1,8 @@
 """Samples in, factors out: in blocks, on several threads, in constant memory.
 
-Samples are cut into blocks of a fixed length counted from the first sample of all.  Every block gives factors of its own,
-and these are merged in the order of the blocks; so neither the number of threads nor the way in which the samples arrive
-changes a bit of the result.
+Samples are cut into blocks of a fixed length counted from the first sample of all.  Every block gives factors of its
+own, and these are merged in the order of the blocks; so neither the number of threads nor the way in which the samples
+arrive changes a bit of the result.
 """
 
 from __future__ import annotations

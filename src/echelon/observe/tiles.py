@@ -47,6 +47,10 @@ class Tiling:
         """Columns 0 … width−1, cut into tiles."""
         return [range(start, min(start + self.columns, width)) for start in range(0, width, self.columns)]
 
+    def columns_at(self, routine: Routine, base: str, numbers: range) -> list[str]:
+        """Addresses of some of the columns that lie one after another."""
+        return [routine.at(base, number * self.rows) for number in numbers]
+
     def load(self, routine: Routine, column: str, row: str) -> str:
         """A vector of rows of a column."""
         return routine.let(f"load {self.vector.type}, ptr {routine.at(column, row)}, align {self.alignment}")
@@ -76,6 +80,11 @@ def tiling(target: Target, rows: int = 120) -> Tiling:
         K, a multiple of the vector's lanes.
     """
     return Tiling(Vector(target.lanes), 4 if target.registers == _MANY else 2, rows)
+
+
+def row_at(routine: Routine, i: int) -> str:
+    """The address of row i of the part of R at ``%top``."""
+    return routine.at("%top", routine.let(f"mul i64 %size, {i}"))
 
 
 def broadcast(routine: Routine, vector: Vector, scalar: str) -> str:

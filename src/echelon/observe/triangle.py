@@ -53,14 +53,12 @@ class Triangle:
     @cached_property
     def singular_values(self) -> Floats:
         """Singular values of W, descending, shape (n,)."""
-        values: Floats = np.linalg.svd(self.R, compute_uv=False)
-        return values
+        return np.asarray(np.linalg.svd(self.R, compute_uv=False), dtype=np.float64)
 
     @cached_property
     def scaled_singular_values(self) -> Floats:
         """Singular values of W with columns scaled to norm 1 (zero columns stay), descending, shape (n,)."""
-        values: Floats = np.linalg.svd(self._scaled, compute_uv=False)
-        return values
+        return np.asarray(np.linalg.svd(self._scaled, compute_uv=False), dtype=np.float64)
 
     @property
     def condition(self) -> float:
@@ -150,13 +148,14 @@ def upper_triangle(matrix: Floats) -> Floats:
     if rows < n:
         matrix = np.vstack([matrix, np.zeros((n - rows, n))])
     R = np.linalg.qr(matrix, mode="r") if n else np.zeros((0, 0))
-    return positive(np.triu(R))
+    return positive(np.asarray(R, dtype=np.float64))
 
 
 def positive(R: Floats) -> Floats:
     """A triangle with its rows' signs chosen so that the diagonal is not negative."""
     signs = np.where(np.diagonal(R) < 0, -1.0, 1.0)
-    result: Floats = R * signs[:, None]
+    # zeros below the diagonal written anew, so that none of them is −0
+    result: Floats = np.triu(R * signs[:, None])
     return result
 
 
