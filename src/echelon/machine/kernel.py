@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import ctypes
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -26,14 +26,14 @@ from echelon.machine.batch import Batch, Floats, aligned, batch, result_array
 from echelon.machine.cache import cached_object
 from echelon.machine.compiler import Library, object_code
 from echelon.machine.kernel_text import Block, kernel_text, prepare_text
-from echelon.machine.layout_text import Rows, rows_text
+from echelon.machine.layout_text import Rows, Way, rows_text, streamed_lines, way
 from echelon.machine.lowering import lowered
 from echelon.machine.target import Target, host
 from echelon.machine.text import Vector, module_text
 from echelon.program.function import Function
 
 _POINTER, _INTEGER = ctypes.c_void_p, ctypes.c_int64
-_RUN = (_POINTER, _POINTER, _POINTER, _INTEGER, _INTEGER, _POINTER, _POINTER, ctypes.c_bool)
+_RUN = (_POINTER, _POINTER, _POINTER, _INTEGER, _INTEGER, _POINTER, _POINTER)
 _CACHED_BYTES = 1 << 22  # results beyond this size leave the caches before anyone reads them
 _FEWEST = 512  # samples worth a thread of their own
 _SHARES = 4  # pieces per thread, so that a thread that is held up does not hold up all
@@ -42,7 +42,7 @@ _SHARES = 4  # pieces per thread, so that a thread that is held up does not hold
 class Kernel:
     """Machine code of a function.
 
-    Compiled on construction, or taken from the cache on disk.
+    Compiled when it is first called, or taken from the cache on disk.
 
     Parameters
     ----------
@@ -56,13 +56,7 @@ class Kernel:
     def __init__(self, function: Function, *, sparse: bool = False, target: Target | None = None) -> None:
         self.function, self.sparse = function, sparse
         self.target = target or host()
-        vector = Vector(self.target.lanes)
-        self._lowered = lowered(function)
-        self._rows = Rows(Block(self._lowered, vector, vector.lanes), self._places())
-        text = module_text(prepare_text(self._lowered), kernel_text(self._rows.block), rows_text(self._rows))
-        library = loaded(text, self.target)
-        self._run = library.function("run", _RUN)
-        self._prepare = library.function("prepare", (_POINTER, _POINTER))
+        self._codes: dict[bool, _Code] = {}
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -95,29 +89,25 @@ class Kernel:
         """
         given = batch(self.function.arguments, values)
         result = result_array((given.samples, *self.shape), out, given.columns)
-        big = result.nbytes > _CACHED_BYTES
-        self._run_all(given, self.prepared(given.uniform), result, big, _threads(threads, given.samples))
+        code = self._code(big=result.nbytes > _CACHED_BYTES)
+        pieces = list(_pieces(given.samples, _threads(threads, given.samples), self.target.lanes))
+        run = code.runner(given, result)
+        if len(pieces) < 2:
+            run((0, given.samples))
+            return result
+        with ThreadPoolExecutor(_threads(threads, given.samples)) as pool:
+            list(pool.map(run, pieces))
         return result
 
-    def prepared(self, uniform: Floats) -> Floats:
-        """Values that are the same for all samples, from the uniform arguments."""
-        values = aligned((max(len(self._lowered.uniform), 1),))
-        self._prepare(uniform.ctypes.data, values.ctypes.data)
-        return values
-
-    def _run_all(self, given: Batch, prepared: Floats, result: Floats, big: bool, threads: int) -> None:
-        addresses, strides = given.addresses, given.strides
-
-        def run(first: int, end: int) -> None:
-            scratch = aligned((self._rows.doubles,), zero=True)
-            pointers = (addresses.ctypes.data, strides.ctypes.data, prepared.ctypes.data)
-            self._run(*pointers, first, end, scratch.ctypes.data, result.ctypes.data, big)
-
-        if threads == 1:
-            run(0, given.samples)
-            return
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(lambda piece: run(*piece), _pieces(given.samples, threads, self.target.lanes)))
+    def _code(self, *, big: bool) -> _Code:
+        """Code for results beyond the caches, or within."""
+        if big not in self._codes:
+            vector, places = Vector(self.target.lanes), self._places()
+            chosen = way(len(places), big=big)
+            lines = streamed_lines(vector, len(places)) if chosen is Way.IMAGED else 0
+            rows = Rows(Block(lowered(self.function), vector, vector.lanes, lines), places, chosen)
+            self._codes[big] = _Code(rows, self.target)
+        return self._codes[big]
 
     def _places(self) -> tuple[int, ...]:
         if self.sparse:
@@ -129,6 +119,30 @@ class Kernel:
 
     def __repr__(self) -> str:
         return f"Kernel({self.function}, {self.target.cpu}, {self.target.lanes} lanes)"
+
+
+class _Code:
+    """Compiled rows."""
+
+    def __init__(self, rows: Rows, target: Target) -> None:
+        self._rows = rows
+        text = module_text(prepare_text(rows.block.lowered), kernel_text(rows.block), rows_text(rows))
+        library = loaded(text, target)
+        self._run = library.function("run", _RUN)
+        self._prepare = library.function("prepare", (_POINTER, _POINTER))
+
+    def runner(self, given: Batch, result: Floats) -> Callable[[tuple[int, int]], None]:
+        """What computes a piece of a batch, from its first sample to its end."""
+        prepared = aligned((max(len(self._rows.block.lowered.uniform), 1),))
+        self._prepare(given.uniform.ctypes.data, prepared.ctypes.data)
+        arrays = (given.addresses, given.strides, prepared)
+
+        def run(piece: tuple[int, int]) -> None:
+            scratch = aligned((self._rows.doubles,), zero=True)
+            pointers = (array.ctypes.data for array in arrays)
+            self._run(*pointers, *piece, scratch.ctypes.data, result.ctypes.data)
+
+        return run
 
 
 def loaded(text: str, target: Target, level: int = 1) -> Library:

@@ -18,6 +18,8 @@ from echelon.program.operations import Op
 _BINARY = {Op.ADD: "fadd contract", Op.SUB: "fsub contract", Op.MUL: "fmul contract", Op.DIV: "fdiv"}
 _LIBRARY = {Op.EXP: "exp", Op.LOG: "log", Op.TANH: "tanh", Op.ATAN: "atan"}
 _DOUBLE = 8
+_LINE = "<8 x double>"
+_STREAM = ", ptr noalias %from, ptr noalias %to"
 _DECLARED = (
     "declare i64 @llvm.smin.i64(i64, i64)",
     "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)",
@@ -34,11 +36,15 @@ class Block:
     vector : Vector
     samples : int
         K, a multiple of the vector's lanes.
+    streamed : int
+        Cache lines that are copied from ``%from`` to ``%to``, past the caches, between the operations on each vector:
+        memory is slower than the processor, so it must never wait.
     """
 
     lowered: Lowered
     vector: Vector
     samples: int
+    streamed: int = 0
 
     @property
     def entries(self) -> int:
@@ -185,7 +191,9 @@ def _part(block: Block, number: int) -> str:
     _load_columns(writer, operands)
     for node in sorted(operands & lowered.waiting.keys() - set(nodes)):
         writer.names[node] = code.let(f"load {v.type}, ptr {_waiting(code, block, node)}")
-    for node in nodes:
+    before = sum(len(part) for part in lowered.parts[:number])
+    for done, node in enumerate(nodes, before):
+        _stream(code, block, done)
         writer.operation(node)
         for entry in lowered.places.get(node, ()):
             _store_entry(writer, block, entry, node)
@@ -193,8 +201,17 @@ def _part(block: Block, number: int) -> str:
             code.do(f"store {v.type} {writer.value(node)}, ptr {_waiting(code, block, node)}")
     return (
         f"define internal void @part{number}(ptr noalias %rows, ptr noalias %uniforms, ptr noalias %waiting, "
-        f"ptr noalias %out) noinline {{\nentry:\n{code.text()}\n  ret void\n}}\n"
+        f"ptr noalias %out{_STREAM if block.streamed else ''}) noinline {{\nentry:\n{code.text()}\n  ret void\n}}\n"
     )
+
+
+def _stream(code: Code, block: Block, done: int) -> None:
+    """The lines that are due before one of the operations on a vector."""
+    total = sum(len(part) for part in block.lowered.parts)
+    for line in range(done * block.streamed // total, (done + 1) * block.streamed // total):
+        source, target = (code.let(f"getelementptr {_LINE}, ptr %{end}, i64 {line}") for end in ("from", "to"))
+        value = code.let(f"load {_LINE}, ptr {source}, align 8")
+        code.do(f"store {_LINE} {value}, ptr {target}, align 64, !nontemporal !1")
 
 
 def _waiting(code: Code, block: Block, node: int) -> str:
@@ -270,15 +287,17 @@ def _compute(block: Block) -> str:
     code.label("ready")
     code.do("%out = getelementptr double, ptr %buffer, i64 %k")
     for number in range(len(block.lowered.parts)):
-        code.do(f"call void @part{number}(ptr %rows, ptr %uniforms, ptr {waiting}, ptr %out)")
+        stream = ", ptr %from, ptr %to" if block.streamed else ""
+        code.do(f"call void @part{number}(ptr %rows, ptr %uniforms, ptr {waiting}, ptr %out{stream})")
     _store_the_rest(block, code)
     code.do(f"%next = add i64 %k, {v.lanes}")
     code.do(f"br i1 {code.let('icmp slt i64 %next, %count')}, label %loop, label %done")
     code.label("done")
     code.do("ret void")
+    stream = _STREAM if block.streamed else ""
     return (
-        "define void @compute(ptr %inputs, ptr %strides, ptr %uniforms, i64 %first, i64 %count, ptr %buffer) {\n"
-        f"entry:\n{code.text()}\n}}\n!0 = !{{}}\n"
+        "define internal void @compute(ptr %inputs, ptr %strides, ptr %uniforms, i64 %first, i64 %count, "
+        f"ptr %buffer{stream}) {{\nentry:\n{code.text()}\n}}\n!0 = !{{}}\n!1 = !{{i32 1}}\n"
     )
 
 
