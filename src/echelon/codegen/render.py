@@ -35,13 +35,18 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"each": _each, "padded": _padded, "listed": _listed}
+    environment.filters |= {"each": _each, "padded": _padded, "listed": _listed, "renamed": _renamed}
     return environment
 
 
 def _each(arguments: Sequence[Argument], pattern: str) -> list[str]:
     """A pattern with ``{name}`` and ``{size}`` of every argument."""
     return [pattern.format(name=argument.name, size=len(argument)) for argument in arguments]
+
+
+def _renamed(names: Sequence[str], other: Mapping[str, str]) -> list[str]:
+    """Names, some of them replaced."""
+    return [other.get(name, name) for name in names]
 
 
 def _padded(items: Sequence[str], length: int, filler: str) -> list[str]:

@@ -17,6 +17,9 @@ from echelon.program.operations import Op
 WORK = "w"
 """The array in which parts of a function pass values on."""
 
+LANES = 4
+"""Angles whose sines and cosines are computed at once."""
+
 _MOST_ZEROS = 24
 
 
@@ -31,7 +34,7 @@ class Trig:
     kind : str
         ``"sine"`` or ``"cosine"``.
     index : int
-        Number of the angle, from 0.
+        Place of the angle, from 0: in the vector of angles, or in the window on q.
     """
 
     name: str
@@ -80,6 +83,9 @@ class FunctionView:
         Arguments without influence on the result.
     angles : tuple of str
         Expressions of the angles whose sines and cosines are needed.
+    window : range, optional
+        For languages that compute several sines at once, the consecutive entries of q that hold all angles, where there
+        are at least :data:`LANES`; code reads them in place, because gathering them first stalls processors.
     parts : tuple of PartView
     slots : int
         Number of values that parts share.
@@ -90,6 +96,7 @@ class FunctionView:
     function: Function
     unused: tuple[Argument, ...]
     angles: tuple[str, ...]
+    window: range | None
     parts: tuple[PartView, ...]
     slots: int
     fills: bool
@@ -105,9 +112,26 @@ class FunctionView:
         return self.function.arguments
 
     @property
+    def places(self) -> int:
+        """Length of the vectors of sines and cosines, at least :data:`LANES` unless there are none."""
+        if self.window is not None:
+            return len(self.window)
+        return -(-len(self.angles) // LANES) * LANES
+
+    @property
+    def blocks(self) -> list[int]:
+        """Where blocks of :data:`LANES` angles start; the last may overlap the one before."""
+        return [min(k, self.places - LANES) for k in range(0, self.places, LANES)]
+
+    @property
     def shape(self) -> tuple[int, ...]:
         """Shape of the result."""
         return self.function.shape
+
+    @property
+    def rank(self) -> int:
+        """Number of axes of the result."""
+        return len(self.function.shape)
 
     @property
     def size(self) -> int:
@@ -129,7 +153,8 @@ def view(function: Function, language: Language, precision: Precision, *, fills:
     planned = plan(function, LONGEST_PART if language.splits else max(len(function.needed), LONGEST_PART) * 2)
     empty = [i for i in product(*map(range, function.shape)) if i not in function.entries]
     fills = fills or len(empty) > _MOST_ZEROS
-    printer = _Printer(planned, language, precision)
+    window = _window(planned) if language.windows else None
+    printer = _Printer(planned, language, precision, window)
     parts = [printer.part(k) for k in range(len(planned.parts))]
     if not fills and empty:
         zero = language.literal(0, precision)
@@ -138,7 +163,19 @@ def view(function: Function, language: Language, precision: Precision, *, fills:
     angles = tuple(printer.expressions({}).reference(angle.node) for angle in planned.angles)
     used = {a.name for part in parts for a in part.arguments} | printer.arguments_of(a.node for a in planned.angles)
     unused = tuple(a for a in function.arguments if a.name not in used)
-    return FunctionView(function, unused, angles, _joined(parts), len(planned.slots), fills)
+    return FunctionView(function, unused, angles, window, _joined(parts), len(planned.slots), fills)
+
+
+def _window(planned: Plan) -> range | None:
+    """The consecutive entries of q that hold all angles."""
+    q = next((a.nodes for a in planned.function.arguments if a.name == "q"), ())
+    places = [q.index(angle.node) for angle in planned.angles if angle.node in q]
+    if len(places) < len(planned.angles) or not places:
+        return None
+    first, last = min(places), max(places)
+    first = max(0, min(first, last + 1 - LANES))
+    last = min(len(q) - 1, max(last, first + LANES - 1))
+    return range(first, last + 1) if last + 1 - first >= LANES else None
 
 
 def _joined(parts: Sequence[PartView]) -> tuple[PartView, ...]:
@@ -151,7 +188,8 @@ def _joined(parts: Sequence[PartView]) -> tuple[PartView, ...]:
 
 
 class _Printer:
-    def __init__(self, planned: Plan, language: Language, precision: Precision) -> None:
+    def __init__(self, planned: Plan, language: Language, precision: Precision, window: range | None) -> None:
+        self._window = window
         self._plan, self._language, self._precision = planned, language, precision
         self._program = planned.function.program
         self._owner: dict[int, Argument] = {}
@@ -205,6 +243,9 @@ class _Printer:
 
     def _trig(self, used: Iterable[int]) -> tuple[Trig, ...]:
         index = {angle.node: k for k, angle in enumerate(self._plan.angles)}
+        if self._window is not None:
+            nodes = next(a.nodes for a in self._plan.function.arguments if a.name == "q")
+            index = {node: k for k, node in enumerate(nodes[self._window.start : self._window.stop])}
         kinds = {Op.SIN: "sine", Op.COS: "cosine"}
         found = []
         for node in used:

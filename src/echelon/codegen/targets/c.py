@@ -29,5 +29,6 @@ C = Language(
     real={Precision.DOUBLE: "double", Precision.SINGLE: "float"},
     define="const {real} {name} = {value};",
     assign="{name} = {value};",
+    windows=True,
     splits=True,
 )

@@ -15,5 +15,6 @@ CPP = Language(
     number="T({x})",
     define="const T {name} = {value};",
     assign="{name} = {value};",
+    windows=True,
     splits=True,
 )
