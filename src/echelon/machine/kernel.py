@@ -104,8 +104,10 @@ class Kernel:
         if big not in self._codes:
             vector, places = Vector(self.target.lanes), self._places()
             chosen = way(len(places), big=big)
-            lines = streamed_lines(vector, len(places)) if chosen is Way.IMAGED else 0
-            rows = Rows(Block(lowered(self.function), vector, vector.lanes, lines), places, chosen)
+            ordered = lowered(self.function)
+            # lines are copied between operations, so there must be some
+            lines = streamed_lines(vector, len(places)) if chosen is Way.IMAGED and ordered.parts else 0
+            rows = Rows(Block(ordered, vector, vector.lanes, lines), places, chosen)
             self._codes[big] = _Code(rows, self.target)
         return self._codes[big]
 
@@ -192,6 +194,6 @@ def processors() -> int:
 
 def _pieces(samples: int, threads: int, lanes: int) -> Iterator[tuple[int, int]]:
     """First and end of pieces of a batch, each a whole number of vectors but the last."""
-    size = -(-samples // (threads * _SHARES * lanes)) * lanes
+    size = max(1, -(-samples // (threads * _SHARES * lanes))) * lanes
     for first in range(0, samples, size):
         yield first, min(first + size, samples)

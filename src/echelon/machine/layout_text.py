@@ -70,7 +70,7 @@ class Rows:
     @property
     def doubles(self) -> int:
         """Doubles that the buffer must hold; zero at first."""
-        return self.spare + (self._room if self.block.streamed else 0)
+        return self.spare + (self._room if self.way is Way.IMAGED else 0)
 
     @property
     def _room(self) -> int:
