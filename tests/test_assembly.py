@@ -21,8 +21,7 @@ from echelon.mechanism.placement import Placement
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closure_values import ClosureValues, normalised, position_rates
-from echelon.regressor.newton_euler import inverse_dynamics_regressor
-from echelon.regressor.virtual_power import virtual_power_form
+from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
 from oracles import FloatArray
 
 EXAMPLES = Path(__file__).parent.parent / "examples" / "loops"

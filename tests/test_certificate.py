@@ -18,8 +18,7 @@ from echelon.base.matrix import BaseMatrix
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.newton_euler import inverse_dynamics_regressor
-from echelon.regressor.virtual_power import virtual_power_form
+from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
 
 Rows = list[dict[int, RationalFunction]]
 

@@ -11,7 +11,7 @@ import echelon as ec
 from echelon.formats.description import read_description_data
 from echelon.formats.options import ReadingOptions
 from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.newton_euler import inverse_dynamics_regressor
+from echelon.regressor.virtual_power import inverse_dynamics_regressor
 
 ROW = {"joint": "revolute", "alpha": "pi/2", "a": "0.2"}
 

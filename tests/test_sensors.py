@@ -27,8 +27,7 @@ from echelon.mechanism.output import Cut, plain
 from echelon.mechanism.placement import Placement, as_matrix
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.regressor.evaluate import evaluate_floats
-from echelon.regressor.newton_euler import inverse_dynamics_regressor
-from echelon.regressor.virtual_power import virtual_power_form
+from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
 from oracles import random_states
 from robots import robot_file
 

@@ -20,8 +20,7 @@ from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import characteristic_length, symbol_values
 from echelon.regressor.linear import LinearForms
-from echelon.regressor.newton_euler import inverse_dynamics_regressor
-from echelon.regressor.virtual_power import virtual_power_form
+from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
 
 if TYPE_CHECKING:
     import sympy

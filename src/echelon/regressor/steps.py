@@ -136,7 +136,7 @@ class Recorder:
         if motion.kind is MotionKind.TRANSLATION:
             shift = _scaled(axis, position)
             return [Step(None, shift, (Freedom(motion.name, self.zeros, axis, rate, acceleration),))]
-        turned = self._turn(motion.axis, motion.sign, position)
+        turned = self.turn(motion.axis, motion.sign, position)
         if motion.kind is MotionKind.ROTATION:
             return [Step(turned, None, (Freedom(motion.name, axis, self.zeros, rate, acceleration),))]
         travel = _scaled(axis, self.program.polynomial(motion.pitch))
@@ -148,7 +148,8 @@ class Recorder:
         x, y, z = (unit if k == axis else self.program.zero for k in range(3))
         return (x, y, z)
 
-    def _turn(self, axis: int, sign: int, angle: Scalar) -> Mat:
+    def turn(self, axis: int, sign: int, angle: Scalar) -> Mat:
+        """Axes of a frame that is turned about a coordinate axis, or about its opposite."""
         c, s = self.program.cos(angle), self.program.sin(angle) * sign
         zero, one = self.program.zero, self.program.one
         i, j = (axis + 1) % 3, (axis + 2) % 3

@@ -1,9 +1,10 @@
-"""Virtual power: combinations of the rows of X at the cost of one inverse dynamics.
+"""The regressor y = X(q, q̇, q̈) ζ of the measured outputs, by virtual power.
 
 In a virtual motion u of the measured freedoms, uᵀ X ζ is the power of the bodies' inertial wrenches and of the effects
-(Jourdain's principle).  One row with arbitrary u holds every row of X, but costs O(bodies) operations instead of
-O(bodies · depth).  So X · N = 0 and the rank of X can be checked on X itself at little cost.  With u a unit vector it
-is a row of X.
+(Jourdain's principle).  With u a unit vector it is a row of X: the wrench that a unit of each parameter needs meets the
+twist that the freedom gives to the parameter's body.  (To carry every wrench back to every freedom takes half as many
+operations again.)  One row with arbitrary u holds every row of X, but costs O(bodies) operations instead of
+O(bodies · depth).  So X · N = 0 and the rank of X can be checked on X itself at little cost.
 """
 
 from __future__ import annotations
@@ -11,10 +12,11 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
+from echelon.errors import InputError
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Program, Scalar
-from echelon.regressor.accelerations import Accelerations, Wrench, forward_accelerations, unit_wrenches
+from echelon.regressor.accelerations import Wrench, forward_accelerations, unit_wrenches
 from echelon.regressor.effects import EffectRecorder
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.closures import loops_of
@@ -25,6 +27,41 @@ from echelon.regressor.steps import Recorder, Step, into_frame
 
 Twist = tuple[Vec, Vec]
 """Angular velocity and linear velocity of the frame's origin, in the frame's axes."""
+
+
+def inverse_dynamics_regressor(mechanism: Mechanism) -> LinearForms:
+    """Record X with y = X ζ.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+
+    Returns
+    -------
+    LinearForms
+        Rows are ``mechanism.outputs`` (N·m or N), columns ``mechanism.parameters``; entries go column by column, which
+        is the order in which intermediate values are soonest done with.  Inputs are ``q[...]``, ``qd[...]``,
+        ``qdd[...]``, the geometry symbols, and ``i[...]`` where effects use measured inputs.
+
+    Raises
+    ------
+    InputError
+        If the mechanism has loops, where the rows of X are not functions of the coordinates alone.
+    """
+    if mechanism.closures:
+        raise InputError("X of a mechanism with loops is not recorded row by row; use virtual_power_form")
+    recorded = _RecordedPowers(mechanism)
+    rows = []
+    for output in mechanism.outputs:
+        speeds = {output.name: recorded.program.one}
+        rows.append(recorded.powers(virtual_motion(mechanism, recorded.program, recorded.probes, speeds)))
+    entries = {
+        (row, column): powers[column].node
+        for column in range(len(mechanism.parameters))
+        for row, powers in enumerate(rows)
+        if not powers[column].is_zero
+    }
+    return LinearForms(recorded.program, entries, (len(rows), len(mechanism.parameters)))
 
 
 def virtual_power_form(mechanism: Mechanism) -> LinearForms:
@@ -38,29 +75,52 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
     -------
     LinearForms
         One row with columns ``mechanism.parameters``.  Inputs are ``u[...]`` for every output beside those of
-        :func:`echelon.regressor.newton_euler.inverse_dynamics_regressor`; with loops, also ``v[...]`` for the freedoms
-        that the outputs do not determine, or for all if every force is measured.
+        :func:`inverse_dynamics_regressor`; with loops, also ``v[...]`` for the freedoms that the outputs do not
+        determine, or for all if every force is measured.
     """
-    program = Program()
-    recorder = Recorder(mechanism, program)
-    probes = Probes(mechanism, recorder)
+    recorded = _RecordedPowers(mechanism)
+    program, recorder, probes = recorded.program, recorded.recorder, recorded.probes
     if mechanism.closures and mechanism.measures_every_force:
         motion, known = any_motion(mechanism, program), None
     else:
         speeds = {output.name: program.input(f"u[{output.name}]") for output in mechanism.outputs}
         motion = virtual_motion(mechanism, program, probes, speeds)
         known = motion.chosen
-    steps = {index: recorder.steps(index) for index in range(len(mechanism.bodies))}
-    accelerations = forward_accelerations(mechanism, recorder, steps)
-    twists = _twists(mechanism, recorder, steps, probes, motion)
-    entries: dict[tuple[int, int], int] = {}
-    for column, power in enumerate(_powers(mechanism, recorder, accelerations, twists, motion)):
-        if not power.is_zero:
-            entries[0, column] = power.node
+    powers = recorded.powers(motion)
+    entries = {(0, column): power.node for column, power in enumerate(powers) if not power.is_zero}
     loops = loops_of(mechanism, recorder, probes, known)
     if loops is not None:
         loops = replace(loops, real=partial(real_inputs, mechanism))
     return LinearForms(program, entries, (1, len(mechanism.parameters)), loops)
+
+
+class _RecordedPowers:
+    """A mechanism's motion on a program, and powers in virtual motions."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism, self.program = mechanism, Program()
+        self.recorder = Recorder(mechanism, self.program)
+        self.probes = Probes(mechanism, self.recorder)
+        self._steps = {index: self.recorder.steps(index) for index in range(len(mechanism.bodies))}
+        accelerations = forward_accelerations(mechanism, self.recorder, self._steps)
+        self._wrenches = {index: unit_wrenches(accelerations[index], self.program) for index in mechanism.first_column}
+        effects = EffectRecorder(mechanism, self.recorder)
+        self._effects = [effects.forces(effect) for effect in mechanism.effects]
+
+    def powers(self, motion: VirtualMotion) -> list[Scalar]:
+        """Power per unit of every standard parameter, in column order."""
+        twists = _twists(self.mechanism, self.recorder, self._steps, self.probes, motion)
+        found: list[Scalar] = []
+        for index, wrenches in self._wrenches.items():
+            found += [_power(twists[index], wrenches[kind]) for kind in self.mechanism.bodies[index].carried]
+        for forces in self._effects:
+            total = self.program.zero
+            for side, at, force in forces:
+                speeds = motion.freedoms if side is Side.JOINT else motion.drives
+                if at in speeds:
+                    total = total + force * speeds[at]
+            found.append(total)
+        return found
 
 
 def _twists(
@@ -76,29 +136,6 @@ def _twists(
             current = _advance(current, step, motion)
         twists[index] = current
     return twists
-
-
-def _powers(
-    mechanism: Mechanism,
-    recorder: Recorder,
-    accelerations: dict[int, Accelerations],
-    twists: dict[int, Twist],
-    motion: VirtualMotion,
-) -> list[Scalar]:
-    """Power per unit of every standard parameter, in column order."""
-    powers: list[Scalar] = []
-    for index in mechanism.first_column:
-        wrenches = unit_wrenches(accelerations[index], recorder.program)
-        powers += [_power(twists[index], wrenches[kind]) for kind in mechanism.bodies[index].carried]
-    effects = EffectRecorder(mechanism, recorder)
-    for effect in mechanism.effects:
-        total = recorder.program.zero
-        for side, at, force in effects.forces(effect):
-            speeds = motion.freedoms if side is Side.JOINT else motion.drives
-            if at in speeds:
-                total = total + force * speeds[at]
-        powers.append(total)
-    return powers
 
 
 def _advance(twist: Twist, step: Step, motion: VirtualMotion) -> Twist:
