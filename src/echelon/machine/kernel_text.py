@@ -296,7 +296,7 @@ def _compute(block: Block) -> str:
     code.do("ret void")
     stream = _STREAM if block.streamed else ""
     return (
-        "define internal void @compute(ptr %inputs, ptr %strides, ptr %uniforms, i64 %first, i64 %count, "
+        "define void @compute(ptr %inputs, ptr %strides, ptr %uniforms, i64 %first, i64 %count, "
         f"ptr %buffer{stream}) {{\nentry:\n{code.text()}\n}}\n!0 = !{{}}\n!1 = !{{i32 1}}\n"
     )
 
