@@ -6,6 +6,9 @@ An engine works on one array that holds the factors of all outputs, so that a bl
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -31,7 +34,16 @@ Integers = npt.NDArray[np.int64]
 _POINTER, _INTEGER = ctypes.c_void_p, ctypes.c_int64
 _COMPUTE = (_POINTER, _POINTER, _POINTER, _INTEGER, _INTEGER, _POINTER)
 _OBSERVE = (_POINTER, *_COMPUTE, _INTEGER, _INTEGER, *[_POINTER] * 5)
-_MERGE = (_POINTER, _POINTER, _INTEGER, *[_POINTER] * 4)
+_MERGE = (_POINTER, _POINTER, _INTEGER, *[_POINTER] * 5)
+
+
+@dataclass(frozen=True)
+class _Room:
+    """Memory that a kernel works in: a block, and the reflectors of one output with their triangles T."""
+
+    block: Floats
+    v: Floats
+    t: Floats
 
 
 class Engine(Protocol):
@@ -83,6 +95,7 @@ class _Machine:
         self._observe = self._kernel.function("observe", _OBSERVE)
         self._compute = _address(self._generator, "compute", _COMPUTE)
         self._sizes: Integers = np.array(self.layout.sizes, dtype=np.int64)
+        self._rooms: list[_Room] = []  # kept from call to call: fresh memory costs as much as a hundred samples
 
     @property
     def unit(self) -> int:
@@ -98,20 +111,29 @@ class _Machine:
         total = self.start()
         uniform = aligned((max(len(self._lowered.uniform), 1),))
         self._prepare(batch.uniform.ctypes.data, uniform.ctypes.data)
-        buffer = aligned((self._block.doubles,), zero=True)
-        v, t = self._room()
         addresses, strides = batch.addresses, batch.strides
-        self._observe(
-            *(self._compute, addresses.ctypes.data, strides.ctypes.data, uniform.ctypes.data, first, count),
-            *(buffer.ctypes.data, self._block.entries, len(self._sizes), self._sizes.ctypes.data),
-            *(self._columns.ctypes.data, total.ctypes.data, v.ctypes.data, t.ctypes.data),
-        )
+        with self._room() as room:
+            self._observe(
+                *(self._compute, addresses.ctypes.data, strides.ctypes.data, uniform.ctypes.data, first, count),
+                *(room.block.ctypes.data, self._block.entries, len(self._sizes), self._sizes.ctypes.data),
+                *(self._columns.ctypes.data, total.ctypes.data, room.v.ctypes.data, room.t.ctypes.data),
+            )
         return total
 
-    def _room(self) -> tuple[Floats, Floats]:
-        """Room for the reflectors of one output, and for their triangles T."""
-        groups = -(-int(self._sizes.max(initial=1)) // GROUP)
-        return aligned((groups * GROUP * self._tiling.rows,)), aligned((groups * GROUP * GROUP,))
+    @contextmanager
+    def _room(self) -> Iterator[_Room]:
+        """Memory that no other thread uses at the same time."""
+        try:
+            room = self._rooms.pop()
+        except IndexError:
+            groups = -(-int(self._sizes.max(initial=1)) // GROUP)
+            columns = groups * GROUP * self._tiling.rows
+            block = max(self._block.doubles, columns)
+            room = _Room(aligned((block,), zero=True), aligned((columns,)), aligned((groups * GROUP * GROUP,)))
+        try:
+            yield room
+        finally:
+            self._rooms.append(room)
 
 
 class QrEngine(_Machine):
@@ -136,15 +158,11 @@ class QrEngine(_Machine):
 
     def merge(self, total: Floats, part: Floats) -> None:
         """R of [total; part], in place of total."""
-        buffer = aligned((len(self._counting) * self._tiling.rows,))
-        v, t = self._room()
-        place = 0
-        for size in self.layout.sizes:
+        with self._room() as room:
             self._merge(
-                *(total.ctypes.data + 8 * place, part.ctypes.data + 8 * place, size, buffer.ctypes.data),
-                *(self._counting.ctypes.data, v.ctypes.data, t.ctypes.data),
+                *(total.ctypes.data, part.ctypes.data, len(self._sizes), self._sizes.ctypes.data),
+                *(room.block.ctypes.data, self._counting.ctypes.data, room.v.ctypes.data, room.t.ctypes.data),
             )
-            place += size * size
 
     def factors(self, total: Floats) -> tuple[Floats, ...]:
         """Each output's R."""

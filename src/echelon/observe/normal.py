@@ -17,6 +17,8 @@ from echelon.observe.observation import checked_weights
 
 Floats = npt.NDArray[np.float64]
 
+_FEWEST_DIGITS = 1e-14  # smaller squares of pivots, with columns of norm 1, are mostly rounding errors
+
 
 @dataclass(frozen=True, repr=False)
 class NormalEquations:
@@ -85,17 +87,20 @@ class NormalEquations:
         Raises
         ------
         InputError
-            If the matrix is not positive definite in double precision.
+            If the matrix cannot be told from a singular one.
         """
         gram, moment, _ = self.combined(weights)
         scales = np.sqrt(np.diagonal(gram))
         safe = np.where(scales == 0, 1.0, scales)
         try:
             L = np.linalg.cholesky(gram / safe[:, None] / safe)
+            singular = np.diagonal(L).min(initial=1.0) ** 2 < _FEWEST_DIGITS * len(L)
         except np.linalg.LinAlgError:
+            singular = True
+        if singular:
             raise InputError(
                 "the normal equations are singular to half the digits of a double; use the R-factors, which keep all"
-            ) from None
+            )
         solution: Floats = np.linalg.solve(L.T, np.linalg.solve(L, moment / safe)) / safe
         return solution
 

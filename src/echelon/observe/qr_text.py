@@ -95,32 +95,42 @@ def _update_text() -> str:
 
 
 def _merge_text(tiling: Tiling) -> str:
-    """``@merge``: R of an output, brought up to date with another one.
+    """``@merge``: the R of all outputs, brought up to date with others.
 
-    Its arguments are R, the other one, their size, a block, the numbers 0, 1, … of its columns, and room for V and T.
+    Its arguments are the R one after another, the others likewise, the number of outputs and the sizes of their R, a
+    block, the numbers 0, 1, … of its columns, and room for V and T.
     """
     routine = Routine()
-    rows = tiling.rows
 
-    def band(first: str) -> None:
-        cells = routine.let(f"mul i64 %size, {rows}")
-        routine.while_below((0, cells, 1), lambda cell: routine.store("double", "0.0", routine.at("%buffer", cell)))
-        end = routine.let(f"call i64 @llvm.smin.i64(i64 {routine.let(f'add i64 {first}, {rows}')}, i64 %size)")
-        routine.while_below((first, end, 1), lambda row: _copy_row(routine, rows, first, row))
-        routine.do("call void @update(ptr %buffer, ptr %columns, i64 %size, ptr %r, ptr %v, ptr %t)")
+    def output(number: str, carried: list[str]) -> list[str]:
+        factor, other = carried
+        size = routine.let(f"load i64, ptr {routine.let(f'getelementptr i64, ptr %sizes, i64 {number}')}")
+        routine.while_below((0, size, tiling.rows), lambda first: _merge_rows(routine, tiling, carried, size, first))
+        cells = routine.let(f"mul i64 {size}, {size}")
+        return [routine.at(factor, cells), routine.at(other, cells)]
 
-    routine.while_below((0, "%size", rows), band)
-    arguments = "ptr %r, ptr %other, i64 %size, ptr %buffer, ptr %columns, ptr %v, ptr %t"
-    return "declare i64 @llvm.smin.i64(i64, i64)\n" + routine.function(f"define void @merge({arguments}) nounwind")
+    routine.loop((0, "%outputs", 1), [("ptr", "%factors"), ("ptr", "%others")], output)
+    head = "@merge(ptr %factors, ptr %others, i64 %outputs, ptr %sizes, ptr %buffer, ptr %columns, ptr %v, ptr %t)"
+    return "declare i64 @llvm.smin.i64(i64, i64)\n" + routine.function(f"define void {head} nounwind")
 
 
-def _copy_row(routine: Routine, rows: int, first: str, row: str) -> None:
-    """A row of the other triangle, as a row of the block."""
-    line = routine.at("%other", routine.let(f"mul i64 {row}, %size"))
-    target = routine.at("%buffer", routine.let(f"sub i64 {row}, {first}"))
+def _merge_rows(routine: Routine, tiling: Tiling, pair: list[str], size: str, first: str) -> None:
+    """Bring an R up to date with some rows of another, which fill a block."""
+    factor, other = pair
+    rows, v = tiling.rows, tiling.vector
+    cells = routine.let(f"mul i64 {size}, {rows}")
+    routine.while_below((0, cells, v.lanes), lambda cell: tiling.store(routine, v.of(0.0), "%buffer", cell))
+    end = routine.let(f"call i64 @llvm.smin.i64(i64 {routine.let(f'add i64 {first}, {rows}')}, i64 {size})")
 
-    def copy(column: str) -> None:
-        value = routine.load("double", routine.at(line, column))
-        routine.store("double", value, routine.at(target, routine.let(f"mul i64 {column}, {rows}")))
+    def copy(row: str) -> None:
+        line = routine.at(other, routine.let(f"mul i64 {row}, {size}"))
+        target = routine.at("%buffer", routine.let(f"sub i64 {row}, {first}"))
 
-    routine.while_below((row, "%size", 1), copy)
+        def entry(column: str) -> None:
+            value = routine.load("double", routine.at(line, column))
+            routine.store("double", value, routine.at(target, routine.let(f"mul i64 {column}, {rows}")))
+
+        routine.while_below((row, size, 1), entry)
+
+    routine.while_below((first, end, 1), copy)
+    routine.do(f"call void @update(ptr %buffer, ptr %columns, i64 {size}, ptr {factor}, ptr %v, ptr %t)")

@@ -21,8 +21,8 @@ from echelon.observe.engine import Engine
 
 Floats = npt.NDArray[np.float64]
 
-BLOCK = 8160
-"""Samples in a block: long enough that merging costs 1 %, short enough to keep several threads busy."""
+BLOCK = 16_320
+"""Samples in a block: long enough that merging costs less than 1 %, short enough to keep several threads busy."""
 
 
 class Stream:
