@@ -216,7 +216,8 @@ class _Printer:
         """One part as text."""
         planned, language = self._plan, self._language
         slots = {n: language.at(WORK, slot) for n, slot in planned.slots.items()}
-        names = {n: slots[n] if self._home.get(n, number) != number else name for n, name in planned.names.items()}
+        passed = {n: slot for n, slot in slots.items() if self._home[n] != number}
+        names = {**planned.names, **passed}
         expressions = self.expressions(names)
         statements = planned.parts[number]
         lines = [line for s in statements for line in self._lines(s, expressions, slots)]

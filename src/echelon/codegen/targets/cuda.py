@@ -13,7 +13,7 @@ CUDA = Language(
     functions=FUNCTIONS,
     number="{x}{f}",
     real={Precision.DOUBLE: "double", Precision.SINGLE: "float"},
-    element="{name}[{index}]",
+    entry="result[{index}*stride]",
     define="const {real} {name} = {value};",
     assign="{name} = {value};",
     splits=True,

@@ -1,0 +1,133 @@
+"""Generated source does what NumPy does, in every language that runs here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import echelon as ec
+import generated
+from echelon.codegen import views
+from echelon.codegen.documentation import Subject
+from echelon.codegen.generate import generate_source, printed
+from echelon.codegen.numbers import Precision
+from echelon.codegen.targets import TARGETS
+from echelon.program.function import Argument, Function
+from echelon.program.operations import FUNCTIONS
+from echelon.program.tape import Program
+
+ROOT = Path(__file__).parents[1]
+Floats = npt.NDArray[Any]
+LARGE = (1e-300, 1e2, -3e3, 99_999.5, 1e5, -1e5 - 1, 1e7, -1e12, 1e22)
+
+
+def every_operation() -> Function:
+    """All operations, nested, with numbers of all kinds, zeros, signs, and angles that are expressions."""
+    program = Program()
+    q = [program.input(f"q[{k}]") for k in range(5)]
+    a, b = program.input("a", "symbol"), program.input("b", "symbol")
+    entries = {}
+    for k, op in enumerate(FUNCTIONS):
+        entries[k, 0] = program.function(op, q[k % 5] * q[k % 5] + 1).node
+        entries[k, 1] = (-program.function(op, abs(q[k % 5])) * a - 0.1).node if op.name != "LOG" else q[0].node
+        entries[k, 2] = (program.function(op, (q[1] * q[1] + 2).sin() + 2) / (-b)).node
+    last = len(FUNCTIONS)
+    # numbers as a file may state them: negative, long, large and small
+    entries[last, 0] = (q[0] * -0.1 + (1 - q[1]) * 1e-9 - (q[2] - (q[3] - q[4])) * 123456789.125 - (-q[0] - 3)).node
+    entries[last, 1] = ((q[0] - q[1]).sin() * (q[0] - q[1]).cos() + (2 * q[2]).sin() / (q[3] * q[3] + 1)).node
+    entries[last, 2] = (-q[0]).node
+    entries[last, 3] = program.constant(-2).node
+    rows, columns = tuple(f"row {k}" for k in range(last + 1)), ("x", "y", "z", "w")
+    arguments = (
+        Argument("q", tuple(s.node for s in q), tuple("abcde"), ("rad",) * 5, "positions"),
+        Argument("qd", (program.input("qd[0]").node,), ("a",), ("rad/s",), "never used"),
+        Argument("symbols", (a.node, b.node), ("a", "b"), ("m", "m"), "geometry", uniform=True),
+    )
+    return Function("everything", program, arguments, entries, (rows, columns), (), "all operations")
+
+
+def nothing() -> Function:
+    """A result without entries."""
+    program = Program()
+    nodes = tuple(program.input(f"q[{k}]").node for k in range(5))
+    q = Argument("q", nodes, tuple("abcde"), ("rad",) * 5, "positions")
+    return Function("nothing", program, (q,), {}, (("x", "y"),), (), "zeros")
+
+
+def states(functions: tuple[Function, ...], samples: int, *, large: bool) -> dict[str, Floats]:
+    rng = np.random.default_rng(0)
+    values: dict[str, Floats] = {}
+    for a in (a for f in functions for a in f.arguments):
+        if a.name not in values:
+            values[a.name] = rng.uniform(-3, 3, (len(a),) if a.uniform else (samples, len(a)))
+    values["q"][-1] = 0
+    if large:
+        for k, angle in enumerate(LARGE):
+            values["q"][k, k % values["q"].shape[1]] = angle
+    return values
+
+
+def check(
+    target: str, functions: tuple[Function, ...], files: Mapping[str, str], robot: str, folder: Path, **options: Any
+) -> None:
+    precision = options.get("precision", "double")
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+        assert max(map(len, text.splitlines())) <= options.get("width", 400)
+    call = generated.RUNNERS[target](generated.Build(folder, robot, functions, precision))
+    values = states(functions, 24, large=options.get("large", True))
+    if precision == "single":
+        values = {name: array.astype(np.float32).astype(float) for name, array in values.items()}
+    for function in functions:
+        wanted, found = generated.reference(function, values), call(function, values)
+        assert found.shape == wanted.shape
+        scale = np.maximum(1, np.abs(wanted).max(axis=0))
+        error = np.abs(found - wanted) / scale
+        assert error.max() < (1e-13 if precision == "double" else 2e-5), function.name
+
+
+@pytest.mark.parametrize("target", generated.RUNNERS)
+def test_every_operation(target: str, tmp_path: Path) -> None:
+    functions = (every_operation(), nothing())
+    files = printed(functions, TARGETS[target], Precision.DOUBLE, "robot_x", Subject("x", (), {}))
+    check(target, functions, files, "robot_x", tmp_path, large=False)
+
+
+def robot(name: str, **reading: Any) -> Callable[[], ec.BaseModel]:
+    return lambda: ec.base_parameters(ec.load(ROOT / f"examples/{name}.yaml", **reading))
+
+
+ROBOTS = {
+    "double_pendulum": robot("double_pendulum"),
+    "panda": robot("panda"),
+    "floating_tree": robot("floating_tree"),
+    "coupled_arm": robot("coupled_arm"),
+    "tx40": robot("tx40"),
+}
+ALL = ("regressor", "inverse_dynamics", "mass_matrix", "gravity", "coriolis", "effects")
+
+
+@pytest.mark.parametrize("target", generated.RUNNERS)
+@pytest.mark.parametrize("name", ROBOTS)
+def test_robots(target: str, name: str, tmp_path: Path) -> None:
+    source = generate_source(ROBOTS[name](), target, ALL, name="my_robot")
+    check(target, source.functions, source.files, "my_robot", tmp_path)
+
+
+@pytest.mark.parametrize("target", generated.RUNNERS)
+def test_single_precision(target: str, tmp_path: Path) -> None:
+    source = generate_source(ROBOTS["double_pendulum"](), target, ALL, precision="single")
+    check(target, source.functions, source.files, "double_pendulum", tmp_path, precision="single", large=False)
+
+
+@pytest.mark.parametrize("target", [t for t in generated.RUNNERS if TARGETS[t].splits])
+def test_long_functions_are_cut_into_parts(target: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(views, "LONGEST_PART", 60)
+    source = generate_source(ROBOTS["panda"](), target, ("regressor", "inverse_dynamics"))
+    assert any("part_3" in text for text in source.files.values())
+    check(target, source.functions, source.files, "panda", tmp_path)
