@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 
 import numpy as np
@@ -12,9 +12,14 @@ import numpy.typing as npt
 from echelon.base.matrix import BaseMatrix
 from echelon.dynamics.evaluator import Evaluator
 from echelon.dynamics.functions import robot_function
+from echelon.dynamics.observer import Log, RobotObserver
 from echelon.errors import InputError
 from echelon.machine.batch import Floats
 from echelon.mechanism.mechanism import Mechanism
+from echelon.observe.normal import NormalEquations
+from echelon.observe.observation import Observation
+from echelon.observe.stream import BLOCK
+from echelon.program.function import Function
 
 Symbols = Mapping[str, float] | None
 Inputs = Mapping[str, npt.ArrayLike] | None
@@ -209,6 +214,66 @@ class Evaluation(ABC):
         positions = len(self.mechanism.positions)
         return both[:, :, :positions], both[:, :, positions:]
 
+    # -- logs ----------------------------------------------------------------------------------------------------
+
+    def accumulate(
+        self,
+        log: Log | Iterable[Log],
+        symbols: Symbols = None,
+        *,
+        block: int = BLOCK,
+        threads: int | None = None,
+    ) -> Observation:
+        """R-factors of the observation matrix W and the measured outputs y, without building W.
+
+        The regressor is generated block by block inside a Householder QR factorisation, in constant memory.
+
+        Parameters
+        ----------
+        log : mapping of str to array, or iterable of such
+            ``q``, ``qd``, ``qdd`` as for :meth:`regressor`, ``y`` of shape (N, outputs), and ``inputs``, a mapping,
+            where effects use measured inputs.  Pieces of an iterable follow one another; how a log is cut into pieces
+            does not change the result.
+        symbols : mapping of str to float, optional
+        block : int
+            Samples that are factored together.
+        threads : int, optional
+            The result does not depend on it.
+
+        Returns
+        -------
+        Observation
+            One factor per output; they can be merged with those of other logs, weighted and solved.
+
+        Raises
+        ------
+        InputError
+            If arrays do not fit, or values are missing or not finite.
+        """
+        return self._observer.observation(log, symbols, block, threads)
+
+    def normal_equations(
+        self,
+        log: Log | Iterable[Log],
+        symbols: Symbols = None,
+        *,
+        block: int = BLOCK,
+        threads: int | None = None,
+    ) -> NormalEquations:
+        """WᵀW and Wᵀy, without building W: about twice as fast as :meth:`accumulate`, with half the digits.
+
+        Arguments are those of :meth:`accumulate`.
+
+        Returns
+        -------
+        NormalEquations
+        """
+        return self._observer.normal_equations(log, symbols, block, threads)
+
+    @cached_property
+    def _observer(self) -> RobotObserver:
+        return RobotObserver(self.mechanism, self._function("regressor"))
+
     # -- machine code --------------------------------------------------------------------------------------------
 
     @cached_property
@@ -220,9 +285,10 @@ class Evaluation(ABC):
         if name not in self._evaluators:
             if self.mechanism.closures and name in _NOT_WITH_LOOPS:
                 raise InputError(f"{name} is not available with loops, where accelerations depend on one another")
-            all_columns = range(len(self.mechanism.parameters))
-            pivots = all_columns if name == "standard_regressor" else self.matrix.pivots
-            recorded = "regressor" if name in ("standard_regressor", "entries") else name
-            function = robot_function(recorded, self.mechanism, pivots)
-            self._evaluators[name] = Evaluator(self.mechanism, function, sparse=name == "entries")
+            self._evaluators[name] = Evaluator(self.mechanism, self._function(name), sparse=name == "entries")
         return self._evaluators[name]
+
+    def _function(self, name: str) -> Function:
+        pivots = range(len(self.mechanism.parameters)) if name == "standard_regressor" else self.matrix.pivots
+        recorded = "regressor" if name in ("standard_regressor", "entries") else name
+        return robot_function(recorded, self.mechanism, pivots)
