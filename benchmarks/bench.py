@@ -1,8 +1,11 @@
-"""Benchmarks: start-up, robots and linkages beside numeric tools, and the cost of growing chains.
+"""Benchmarks: base parameters beside numeric tools, and machine code beside compiled ones.
 
-python benchmarks/bench.py            measure, print, and write benchmarks/results
-python benchmarks/bench.py --json     print JSON instead of tables
-python benchmarks/bench.py --quick    a smoke run that writes nothing unless --output is given
+python benchmarks/bench.py                 measure, print, and write benchmarks/results
+python benchmarks/bench.py --only machine  some parts; the others keep their results
+python benchmarks/bench.py --json          print JSON instead of tables
+python benchmarks/bench.py --quick         a smoke run that writes nothing unless --output is given
+
+Anchors in C++ are compiled on first use, and FIGAROH is fetched, into benchmarks/.build.
 """
 
 from __future__ import annotations
@@ -11,15 +14,19 @@ import argparse
 import importlib.util
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import linkages
 import measure
+from machine.facts import facts
+from machine.judged import judged as judged_machine
+from machine.parts import PARTS
 from report import environment, plot_chains, to_markdown
 from robots import Robot, panda, published
+from targets import Target
 
 RESULTS = Path(__file__).parent / "results"
 TARGETS = (
@@ -35,6 +42,8 @@ TARGETS = (
 )
 START_UP_TARGETS = (("import echelon", 0.3), ("echelon --help", 0.5))
 CHAINS = (2, 5, 10, 20, 50, 100)
+BASE, MACHINE = "base", "machine"
+_ONLY = f"parts to run: {BASE}, {MACHINE}, or of the latter {', '.join(PARTS)}"
 
 
 def chosen_robots(quick: bool) -> list[Robot]:
@@ -51,14 +60,27 @@ def chosen_robots(quick: bool) -> list[Robot]:
     ]
 
 
-def run(quick: bool, repeats: int, report: Callable[[str], None]) -> dict[str, Any]:
-    """All measurements."""
+def run(parts: Collection[str], quick: bool, repeats: int, report: Callable[[str], None]) -> dict[str, Any]:
+    """The measurements of some parts."""
+    found: dict[str, Any] = {"environment": environment(repeats)}
+    if BASE in parts:
+        found |= run_base(quick, repeats, report)
+    measured: dict[str, Any] = {}
+    for name, part in PARTS.items():
+        if name in parts:
+            measured |= part(quick, repeats, report)
+    if measured:
+        found["machine"] = measured | {"facts": facts(repeats)}
+    return judge_machine(found)
+
+
+def run_base(quick: bool, repeats: int, report: Callable[[str], None]) -> dict[str, Any]:
+    """Start-up, robots, linkages and chains."""
     start_up = {name: t.as_dict() for name, t in measure.start_up(repeats, report).items()}
     rows = measure.robots(chosen_robots(quick), repeats, report)
     looped = linkages.measured(linkages.chosen_linkages(quick), repeats, report)
     chains = measure.chains(CHAINS[:2] if quick else CHAINS, repeats, report)
     return {
-        "environment": environment(repeats),
         "targets": judged(start_up, rows, looped),
         "start_up": start_up,
         "robots": rows,
@@ -68,6 +90,27 @@ def run(quick: bool, repeats: int, report: Callable[[str], None]) -> dict[str, A
     }
 
 
+def judge_machine(found: dict[str, Any]) -> dict[str, Any]:
+    """Results with the targets of machine code judged."""
+    if "machine" not in found:
+        return found
+    return found | {"machine": found["machine"] | {"targets": judged_machine(found["machine"])}}
+
+
+def completed(found: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """New results, and those of an earlier run in a folder for the parts that were not run now."""
+    path = folder / "bench.json"
+    if not path.exists():
+        return found
+    earlier = json.loads(path.read_text(encoding="utf-8"))
+    merged = earlier | found
+    if "robots" in earlier and "robots" not in found:
+        merged["environment"] = earlier["environment"]
+    if "machine" in earlier and "machine" in found:
+        merged["machine"] = earlier["machine"] | found["machine"]
+    return judge_machine(merged)
+
+
 def judged(
     start_up: dict[str, dict[str, float]], rows: list[dict[str, Any]], looped: list[dict[str, Any]]
 ) -> list[dict[str, Any]]:
@@ -75,7 +118,7 @@ def judged(
     by_name = {row["robot"]: row["seconds"] for row in rows} | {row["linkage"]: row["seconds"] for row in looped}
     medians = [(f"{name}, fresh process", start_up[name]["median"], limit) for name, limit in START_UP_TARGETS]
     medians += [(text, by_name[n][part]["median"], limit) for text, n, part, limit in TARGETS if n in by_name]
-    return [{"target": n, "median": m, "limit": limit, "passed": m <= limit} for n, m, limit in medians]
+    return [Target(*median).as_dict() for median in medians]
 
 
 def write(results: dict[str, Any], folder: Path) -> None:
@@ -83,7 +126,8 @@ def write(results: dict[str, Any], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "bench.json").write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     (folder / "bench.md").write_text(to_markdown(results), encoding="utf-8")
-    plot_chains(results, folder / "chain.png")
+    if "chains" in results:
+        plot_chains(results, folder / "chain.png")
 
 
 @contextmanager
@@ -100,18 +144,22 @@ def progress() -> Iterator[Callable[[str], None]]:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description="Benchmarks of Echelon beside a numeric tool.")
+    parser = argparse.ArgumentParser(description="Benchmarks of Echelon beside other tools.")
     parser.add_argument("--quick", action="store_true", help="few repeats, small robots, one linkage, short chains")
+    parser.add_argument("--only", nargs="+", choices=(BASE, MACHINE, *PARTS), metavar="PART", help=_ONLY)
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
     parser.add_argument("--repeats", type=int, help="repeats of every measurement (default 7, with --quick 1)")
     parser.add_argument("--output", type=Path, help="folder of the results (default benchmarks/results)")
     options = parser.parse_args()
     if importlib.util.find_spec("pinocchio") is None:
         parser.error("Pinocchio is not installed: pip install 'echelon[bench]'")
+    chosen = set(options.only or (BASE, MACHINE))
+    parts = chosen | set(PARTS) if MACHINE in chosen else chosen
     with progress() as report:
-        results = run(options.quick, options.repeats or (1 if options.quick else 7), report)
+        results = run(parts, options.quick, options.repeats or (1 if options.quick else 7), report)
     folder = options.output or (None if options.quick else RESULTS)
     if folder is not None:
+        results = completed(results, folder) if options.only else results
         write(results, folder)
     show(results, as_json=options.json)
 

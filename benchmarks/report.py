@@ -9,9 +9,12 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from timing import Times, seconds_text
+from machine import tables
+from tabular import table
+from targets import from_dict
+from timing import Times
 
-_PACKAGES = ("numpy", "scipy", "python-flint", "sympy", "pin", "example-robot-data")
+_PACKAGES = ("numpy", "scipy", "python-flint", "sympy", "llvmlite", "pin", "example-robot-data")
 _PARTS = {
     "structure": "structure",
     "closed_forms": "closed forms",
@@ -71,15 +74,18 @@ def _processor() -> str:
 
 
 def to_markdown(results: dict[str, Any]) -> str:
-    """All tables."""
-    blocks = [_heading(results), _targets(results["targets"])]
-    blocks += [_start_up(results["start_up"]), _robots(results["robots"])]
-    blocks += [_linkages(results["linkages"]), _chains(results)]
+    """All tables of the sections that were run."""
+    machine = results.get("machine", {})
+    blocks = [_heading(results["environment"]), _targets(results.get("targets", []) + machine.get("targets", []))]
+    if "robots" in results:
+        blocks += [_start_up(results["start_up"]), _robots(results["robots"])]
+        blocks += [_linkages(results["linkages"]), _chains(results)]
+    if machine:
+        blocks.append(tables.to_markdown(machine))
     return "\n\n".join(blocks) + "\n"
 
 
-def _heading(results: dict[str, Any]) -> str:
-    facts = results["environment"]
+def _heading(facts: dict[str, Any]) -> str:
     versions = ", ".join(f"{name} {text}" for name, text in facts["versions"].items())
     machine = facts["machine"]
     return (
@@ -90,28 +96,18 @@ def _heading(results: dict[str, Any]) -> str:
     )
 
 
-def _table(head: list[str], rows: list[list[Any]]) -> str:
-    lines = [f"| {' | '.join(head)} |", f"|---|{'--:|' * (len(head) - 1)}"]
-    lines += [f"| {' | '.join('–' if cell is None else str(cell) for cell in row)} |" for row in rows]
-    return "\n".join(lines)
-
-
 def _targets(targets: list[dict[str, Any]]) -> str:
-    rows = [
-        [t["target"], seconds_text(t["median"]), f"≤ {seconds_text(t['limit'])}", "pass" if t["passed"] else "**FAIL**"]
-        for t in targets
-    ]
-    return "## Targets\n\n" + _table(["target", "median", "limit", ""], rows)
+    return "## Targets\n\n" + table(["target", "median", "limit", ""], [from_dict(t).cells() for t in targets])
 
 
 def _start_up(times: dict[str, dict[str, float]]) -> str:
-    return "## Start-up, a fresh process\n\n" + _table(["process", "time"], [[k, Times(**t)] for k, t in times.items()])
+    return "## Start-up, a fresh process\n\n" + table(["process", "time"], [[k, Times(**t)] for k, t in times.items()])
 
 
 def _robots(rows: list[dict[str, Any]]) -> str:
     head = ["robot", "bodies", "symbols", "closed forms and certificate", "structure only", "Pinocchio + QR"]
     head += ["Pinocchio + SVD", "closed forms : SVD", "structure : SVD"]
-    table = [
+    cells = [
         [
             f"{r['robot']}, {r['variant']}",
             r["bodies"],
@@ -141,16 +137,16 @@ def _robots(rows: list[dict[str, Any]]) -> str:
         "## Robots\n\nFrom a robot in memory: Echelon's base parameters in closed form with their certificate, or the "
         "structure alone;\nbeside it a rank by floating point: Pinocchio's joint torque regressor stacked at random "
         "states, then QR with column\npivoting (SciPy) or singular values (NumPy).\n\n"
-        + _table(head, table)
+        + table(head, cells)
         + "\n\nWhat they report. The literal reading takes the decimals of a file at their word, as a numeric tool "
-        "does.\n\n" + _table(names, ranks)
+        "does.\n\n" + table(names, ranks)
     )
 
 
 def _linkages(rows: list[dict[str, Any]]) -> str:
     head = ["linkage", "bodies", "standard parameters", "exact rank", "SVD rank", "closed forms and certificate"]
     head += ["structure only", "closed states + SVD", "closed forms : SVD", "structure : SVD"]
-    return f"## Linkages\n\n{_ABOUT_LINKAGES}\n\n{_table(head, [_linkage(row) for row in rows])}"
+    return f"## Linkages\n\n{_ABOUT_LINKAGES}\n\n{table(head, [_linkage(row) for row in rows])}"
 
 
 def _linkage(row: dict[str, Any]) -> list[Any]:
@@ -170,7 +166,7 @@ def _linkage(row: dict[str, Any]) -> list[Any]:
 
 def _chains(results: dict[str, Any]) -> str:
     head = ["joints", "symbols", "rank", "SVD rank", "entries of B", *_PARTS.values()]
-    table = [
+    cells = [
         [
             r["joints"],
             r["symbols"],
@@ -186,7 +182,7 @@ def _chains(results: dict[str, Any]) -> str:
     note = (
         f"\n\nExponents of the growth with the number of joints, fitted from 10 joints on: {powers}." if powers else ""
     )
-    return "## Serial chains with symbolic lengths\n\n" + _table(head, table) + note
+    return "## Serial chains with symbolic lengths\n\n" + table(head, cells) + note
 
 
 # -- plot --------------------------------------------------------------------------------------------------------------
