@@ -90,23 +90,23 @@ class Kernel:
         given = batch(self.function.arguments, values)
         result = result_array((given.samples, *self.shape), out, given.columns)
         code = self._code(big=result.nbytes > _CACHED_BYTES)
-        pieces = list(_pieces(given.samples, _threads(threads, given.samples), self.target.lanes))
-        run = code.runner(given, result)
-        if len(pieces) < 2:
+        run, workers = code.runner(given, result), _threads(threads, given.samples)
+        if workers == 1:
             run((0, given.samples))
             return result
-        with ThreadPoolExecutor(_threads(threads, given.samples)) as pool:
-            list(pool.map(run, pieces))
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(run, _pieces(given.samples, workers, self.target.lanes)))
         return result
 
     def _code(self, *, big: bool) -> _Code:
         """Code for results beyond the caches, or within."""
         if big not in self._codes:
             vector, places = Vector(self.target.lanes), self._places()
-            chosen = way(len(places), big=big)
-            ordered = lowered(self.function)
-            # lines are copied between operations, so there must be some
-            lines = streamed_lines(vector, len(places)) if chosen is Way.IMAGED and ordered.parts else 0
+            ordered, chosen = lowered(self.function), way(len(places), big=big)
+            lines = streamed_lines(vector, len(places)) if chosen is Way.IMAGED else 0
+            if chosen is Way.IMAGED and not (lines and ordered.parts):
+                # an image is copied in lines between operations: without either it is not worth having
+                chosen, lines = Way.CACHED, 0
             rows = Rows(Block(ordered, vector, vector.lanes, lines), places, chosen)
             self._codes[big] = _Code(rows, self.target)
         return self._codes[big]
@@ -194,6 +194,6 @@ def processors() -> int:
 
 def _pieces(samples: int, threads: int, lanes: int) -> Iterator[tuple[int, int]]:
     """First and end of pieces of a batch, each a whole number of vectors but the last."""
-    size = max(1, -(-samples // (threads * _SHARES * lanes))) * lanes
+    size = -(-samples // (threads * _SHARES * lanes)) * lanes
     for first in range(0, samples, size):
         yield first, min(first + size, samples)

@@ -1,0 +1,31 @@
+"""Fixtures of the tests of machine code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from echelon.machine import batch, kernel
+from echelon.machine.target import Target, host
+from kernels import LANES, Fences
+
+
+@pytest.fixture(params=LANES)
+def target(request: pytest.FixtureRequest) -> Target:
+    """The processor at hand with vectors of every width that it has."""
+    return host(request.param)
+
+
+@pytest.fixture(params=["cached", "big"])
+def any_size(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """Results are written as if they stayed in the caches, or as if they did not, whatever their size.
+
+    The memory that kernels use stands between fences, and nothing is written beyond them.
+    """
+    monkeypatch.setattr(kernel, "_CACHED_BYTES", 0 if request.param == "big" else 1 << 60)
+    fences = Fences()
+    for module in (kernel, batch):
+        monkeypatch.setattr(module, "aligned", fences.aligned)
+    yield request.param
+    fences.check()
