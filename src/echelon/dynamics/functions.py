@@ -16,8 +16,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Function
 from echelon.program.tape import Scalar
-from echelon.regressor.newton_euler import inverse_dynamics_regressor
-from echelon.regressor.virtual_power import virtual_power_form
+from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
 
 Index = tuple[int, ...]
 

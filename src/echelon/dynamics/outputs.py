@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 
-from echelon.conventions import PER_BODY
 from echelon.dynamics.arguments import STATE, parameter_input
-from echelon.dynamics.recursion import efforts
+from echelon.dynamics.grouping import grouped_inertias
+from echelon.dynamics.recursion import Recursion
 from echelon.errors import InputError
+from echelon.inertia.spatial import Array
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.derivatives import derivatives
@@ -49,7 +50,7 @@ class RecordedOutputs:
 
     # -- parts -------------------------------------------------------------------------------------------------
 
-    def inertial(self, gravity: bool, given: Mapping[str, Scalar]) -> list[Scalar]:
+    def inertial(self, gravity: bool, given: Mapping[str, Scalar], sums: bool = True) -> list[Scalar]:
         """Forces of the bodies' inertia, with or without gravity.
 
         Parameters
@@ -66,7 +67,7 @@ class RecordedOutputs:
         recorder = Recorder(self.mechanism, self.program, given)
         probes = Probes(self.mechanism, recorder)
         field = recorder.gravity() if gravity else recorder.zeros
-        found = efforts(self.mechanism, recorder, probes, self._inertias, field)
+        found = Recursion(self.mechanism, recorder, probes, sums).efforts(self._inertias, field)
         zero = self.program.zero
         return [sum((found[n] * speed for n, speed in m.freedoms.items()), zero) for m in self._motions]
 
@@ -119,16 +120,9 @@ class RecordedOutputs:
     # -- what they share -----------------------------------------------------------------------------------------
 
     @cached_property
-    def _inertias(self) -> dict[int, list[Scalar]]:
-        """Standard parameters of the bodies that have some."""
-        found: dict[int, list[Scalar]] = {}
-        for index, first in self.mechanism.first_column.items():
-            inertia = [self.program.zero] * PER_BODY
-            for offset, kind in enumerate(self.mechanism.bodies[index].carried):
-                inertia[kind] = self._values.get(first + offset, self.program.zero)
-            if not all(value.is_zero for value in inertia):
-                found[index] = inertia
-        return found
+    def _inertias(self) -> dict[int, Array]:
+        """Pseudo-inertias of the bodies that have some."""
+        return grouped_inertias(self.mechanism, Recorder(self.mechanism, self.program), self._values)
 
     @cached_property
     def _motions(self) -> list[VirtualMotion]:

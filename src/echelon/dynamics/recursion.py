@@ -1,53 +1,77 @@
 """Recursive Newton–Euler with parameters: the effort of every freedom, sensors included.
 
-Forward, every frame's angular velocity ω, angular acceleration ω̇ and acceleration a of its origin minus gravity.  The
-matrix U = ω̂̇ + ω̂², the acceleration of the points of a body against its origin, is shared by what a body does to the
-next one's origin (U·shift), to its own force (U·MS) and to its moment.  Backward, the bodies' wrenches are summed up
-towards the ground, and each freedom on the way reads its effort.
+Forward, every frame's angular velocity ω, angular acceleration ω̇ and acceleration a of its origin minus gravity.
+Backward, the bodies' wrenches are summed up towards the ground, and each freedom on the way reads its effort.
+Parameters that are structurally zero cost nothing, so with base parameters this is the customised Newton–Euler
+algorithm of Khalil and Kleinfinger (1987).
 
-Parameters that are structurally zero cost nothing.  So with base parameters in the place of the pivots and zero
-elsewhere this is the customised Newton–Euler algorithm of Khalil and Kleinfinger (1987).
+Rotations about parallel axes that follow each other turn by the sum of their angles: what does not lie along the axis
+goes between the frame before the first of them and the frame behind any of them in one turn.  That frame's vectors are
+often simple, as behind a vertical first axis.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 
+from echelon.dynamics.wrenches import Kinematics, Wrench, body_wrench
+from echelon.inertia.spatial import Array
+from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.joint import Step as Described
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Scalar
 from echelon.regressor.probes import Probes
-from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, scale
+from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, scale, transposed
 from echelon.regressor.steps import Freedom, Recorder, Step, into_frame
-
-Inertia = Sequence[Scalar]
-"""XX … M of a body."""
-
-Wrench = tuple[Vec, Vec]
-"""Moment about the frame's origin and force."""
 
 
 @dataclass(frozen=True)
-class Kinematics:
-    """Angular velocity, angular acceleration, and acceleration of the origin minus gravity, in a frame's own axes."""
+class Turn:
+    """Rotations about parallel axes.
 
-    angular: Vec
-    angular_rate: Vec
-    linear: Vec
+    Attributes
+    ----------
+    start : Kinematics
+        Before the first of them.
+    axis : int
+        Coordinate axis of that frame.
+    angle, rate : Scalar
+        Sums over the rotations.
+    fixed : 3 × 3 of Scalar
+        The frame's axes in the turned frame.
+    count : int
+        Number of rotations.
+    """
 
-    @cached_property
-    def field(self) -> Mat:
-        """U = ω̂̇ + ω̂²: the point at r accelerates by U r against the origin."""
-        (x, y, z), (dx, dy, dz) = self.angular, self.angular_rate
-        xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
-        return ((-(yy + zz), xy - dz, xz + dy), (xy + dz, -(xx + zz), yz - dx), (xz - dy, yz + dx, -(xx + yy)))
+    start: Kinematics
+    axis: int
+    angle: Scalar
+    rate: Scalar
+    fixed: Mat
+    count: int = 1
 
 
-def efforts(
-    mechanism: Mechanism, recorder: Recorder, probes: Probes, inertias: Mapping[int, Inertia], gravity: Vec
-) -> dict[str, Scalar]:
-    """Generalised force of every freedom: velocity coordinates of the tree and sensors.
+@dataclass(frozen=True)
+class Passage:
+    """A step that was taken, and the turn that it continued."""
+
+    step: Step
+    turn: Turn | None = None
+    rotation: Mat | None = None
+    axis: int = 0
+
+
+@dataclass(frozen=True)
+class Place:
+    """How a frame moves, and the turn that it has made last."""
+
+    motion: Kinematics
+    turn: Turn | None
+
+
+class Recursion:
+    """Newton–Euler on one mechanism.
 
     Parameters
     ----------
@@ -56,50 +80,91 @@ def efforts(
         Of the coordinates and their rates.
     probes : Probes
         The sensors.
-    inertias : mapping of int to 10 of Scalar
-        Standard parameters of the bodies that have some, about the bodies' frames.
-    gravity : 3 of Scalar
-        In the base frame, m/s².
+    sums : bool
+        Whether to use sums of angles.
     """
-    steps = {index: recorder.steps(index) for index in range(len(mechanism.bodies))}
-    motions = _forward(mechanism, recorder, steps, gravity)
-    zeros = recorder.zeros
-    wrenches: dict[int, Wrench] = dict.fromkeys((GROUND, *steps), (zeros, zeros))
-    for index, inertia in inertias.items():
-        wrenches[index] = body_wrench(motions[index], inertia)
-    found: dict[str, Scalar] = {}
-    for index in reversed(range(len(mechanism.bodies))):
-        chain = [*probes.steps(index, True), *steps[index], *probes.steps(index, False)]
-        moment, force = _carried(chain, wrenches[index], found)
-        parent = mechanism.bodies[index].parent
-        wrenches[parent] = (add(wrenches[parent][0], moment), add(wrenches[parent][1], force))
-    _carried(probes.steps(GROUND, on_parent=False), wrenches[GROUND], found)
-    return found
 
+    def __init__(self, mechanism: Mechanism, recorder: Recorder, probes: Probes, sums: bool) -> None:
+        self._mechanism, self._recorder, self._probes = mechanism, recorder, probes
+        self._sums = sums and not probes.names  # a sensor reads all of the moment on its way
+        self._passages: dict[int, list[Passage]] = {}
 
-def _forward(
-    mechanism: Mechanism, recorder: Recorder, steps: Mapping[int, Sequence[Step]], gravity: Vec
-) -> dict[int, Kinematics]:
-    gx, gy, gz = gravity
-    known = {GROUND: Kinematics(recorder.zeros, recorder.zeros, (-gx, -gy, -gz))}
-    for index, body in enumerate(mechanism.bodies):
-        current = known[body.parent]
-        for step in steps[index]:
-            current = _advanced(current, step)
-        known[index] = current
-    return known
+    def efforts(self, inertias: Mapping[int, Array], gravity: Vec) -> dict[str, Scalar]:
+        """Generalised force of every freedom: velocity coordinates of the tree and sensors.
 
+        Parameters
+        ----------
+        inertias : mapping of int to array of shape (4, 4) of Scalar
+            Pseudo-inertias of the bodies that have some.
+        gravity : 3 of Scalar
+            In the base frame, m/s².
+        """
+        zeros, bodies, probes = self._recorder.zeros, self._mechanism.bodies, self._probes
+        places = self._forward(gravity)
+        wrenches: dict[int, Wrench] = dict.fromkeys(range(GROUND, len(bodies)), (zeros, zeros))
+        for index, inertia in inertias.items():
+            wrenches[index] = body_wrench(places[index].motion, inertia)
+        down = Descent(zeros)
+        for index in reversed(range(len(bodies))):
+            before, behind = (map(Passage, probes.steps(index, on)) for on in (True, False))
+            moment, force = down.carry([*before, *self._passages[index], *behind], wrenches[index])
+            parent = bodies[index].parent
+            wrenches[parent] = (add(wrenches[parent][0], moment), add(wrenches[parent][1], force))
+        down.carry([Passage(step) for step in probes.steps(GROUND, on_parent=False)], wrenches[GROUND])
+        return down.efforts
 
-def _advanced(now: Kinematics, step: Step) -> Kinematics:
-    if step.shift is not None:
-        now = Kinematics(now.angular, now.angular_rate, add(now.linear, apply(now.field, step.shift)))
-    if step.rotation is not None:
-        turned = (into_frame(step, v) for v in (now.angular, now.angular_rate, now.linear))
-        now = Kinematics(*turned)
-    before = now.angular
-    for freedom in step.freedoms:
-        now = _moved(now, before, freedom)
-    return now
+    # -- forward ------------------------------------------------------------------------------------------------------
+
+    def _forward(self, gravity: Vec) -> dict[int, Place]:
+        gx, gy, gz = gravity
+        zeros = self._recorder.zeros
+        places = {GROUND: Place(Kinematics(zeros, zeros, (-gx, -gy, -gz)), None)}
+        for index, body in enumerate(self._mechanism.bodies):
+            place, passages = places[body.parent], []
+            for described, step in zip(body.joint.steps, self._recorder.steps(index), strict=True):
+                place, passage = self._advanced(place, described, step)
+                passages.append(passage)
+            places[index], self._passages[index] = place, passages
+        return places
+
+    def _advanced(self, place: Place, described: Described, step: Step) -> tuple[Place, Passage]:
+        now, turn = place.motion, place.turn
+        if step.shift is not None:
+            now = Kinematics(now.angular, now.angular_rate, add(now.linear, apply(now.field, step.shift)))
+        if isinstance(described, Motion) and described.kind is MotionKind.ROTATION:
+            return self._turned(now, turn, described, step)
+        if step.rotation is not None:
+            now = Kinematics(*(into_frame(step, v) for v in (now.angular, now.angular_rate, now.linear)))
+        before = now.angular
+        for freedom in step.freedoms:
+            now = _moved(now, before, freedom)
+        if turn is not None and step.rotation is not None:
+            turn = None if step.freedoms else replace(turn, fixed=_product(turn.fixed, step.rotation))
+        return Place(now, turn), Passage(step)
+
+    def _turned(self, now: Kinematics, turn: Turn | None, motion: Motion, step: Step) -> tuple[Place, Passage]:
+        """A rotation about a coordinate axis."""
+        (freedom,) = step.freedoms
+        axis, sign = motion.axis, motion.sign
+        angle = self._recorder.coordinates[motion.name].position[0]
+        way = 0 if turn is None or not self._sums else _along(turn, axis)
+        if turn is None or not way:
+            turn = Turn(now, axis, sign * angle, sign * freedom.rate, _identity(self._recorder))
+            way = 1
+        else:
+            total, rate = turn.angle + way * sign * angle, turn.rate + way * sign * freedom.rate
+            turn = replace(turn, angle=total, rate=rate, count=turn.count + 1)
+        rotation = _product(self._recorder.turn(turn.axis, 1, turn.angle), turn.fixed)
+        back, unit = transposed(rotation), tuple(sign * d for d in freedom.angular)
+        angular, angular_rate = apply(back, turn.start.angular), apply(back, turn.start.angular_rate)
+        spin = scale((unit[0], unit[1], unit[2]), way * turn.rate)
+        angular_rate = add(angular_rate, cross(angular, spin))
+        moved = Kinematics(
+            _with(angular, axis, now.angular[axis] + sign * freedom.rate),
+            _with(angular_rate, axis, now.angular_rate[axis] + sign * freedom.acceleration),
+            into_frame(step, now.linear),
+        )
+        return Place(moved, turn), Passage(step, turn, rotation, axis)
 
 
 def _moved(now: Kinematics, before: Vec, freedom: Freedom) -> Kinematics:
@@ -110,32 +175,67 @@ def _moved(now: Kinematics, before: Vec, freedom: Freedom) -> Kinematics:
     return Kinematics(add(now.angular, turning), rate, linear)
 
 
-def body_wrench(at: Kinematics, inertia: Inertia) -> Wrench:
-    """Wrench about the body's origin that its motion needs: J ω̇ + ω × J ω + MS × a, and M a + U MS."""
-    first, mass = (inertia[6], inertia[7], inertia[8]), inertia[9]
-    force = add(apply(at.field, first), scale(at.linear, mass))
-    return add(_moment_of_inertia(at, inertia), cross(first, at.linear)), force
+def _along(turn: Turn, axis: int) -> int:
+    """1 or −1 if a coordinate axis of the frame lies along the turn's axis or its opposite, else 0."""
+    column = [row[axis].number for row in turn.fixed]
+    value = column.pop(turn.axis)
+    return int(value) if value in (1, -1) and column == [0, 0] else 0  # type: ignore[arg-type]
 
 
-def _moment_of_inertia(at: Kinematics, inertia: Inertia) -> Vec:
-    """J ω̇ + ω × J ω with the products that U holds."""
-    xx, xy, xz, yy, yz, zz = inertia[:6]
-    (x, y, z), (dx, dy, dz), u = at.angular, at.angular_rate, at.field
-    return (
-        xx * dx + (zz - yy) * (y * z) + xz * u[1][0] - xy * u[2][0] + yz * (u[1][1] - u[2][2]),
-        yy * dy + (xx - zz) * (x * z) + xy * u[2][1] - yz * u[0][1] + xz * (u[2][2] - u[0][0]),
-        zz * dz + (yy - xx) * (x * y) + yz * u[0][2] - xz * u[1][2] + xy * (u[0][0] - u[1][1]),
-    )
+def _with(v: Vec, axis: int, value: Scalar) -> Vec:
+    x, y, z = (value if k == axis else v[k] for k in range(3))
+    return (x, y, z)
 
 
-def _carried(chain: Sequence[Step], wrench: Wrench, found: dict[str, Scalar]) -> Wrench:
-    """A wrench seen from the frame before a chain of steps; the freedoms on the way read their efforts."""
-    moment, force = wrench
-    for step in reversed(chain):
-        for freedom in step.freedoms:
-            found[freedom.name] = dot(freedom.angular, moment) + dot(freedom.linear, force)
-        if step.rotation is not None:
-            moment, force = apply(step.rotation, moment), apply(step.rotation, force)
-        if step.shift is not None:
-            moment = add(moment, cross(step.shift, force))
-    return moment, force
+def _product(a: Mat, b: Mat) -> Mat:
+    columns = transposed(b)
+    return transposed((apply(a, columns[0]), apply(a, columns[1]), apply(a, columns[2])))
+
+
+def _identity(recorder: Recorder) -> Mat:
+    zero, one = recorder.program.zero, recorder.program.one
+    return ((one, zero, zero), (zero, one, zero), (zero, zero, one))
+
+
+# -- backward ----------------------------------------------------------------------------------------------------------
+
+
+class Descent:
+    """Carries wrenches back, and reads efforts.
+
+    Attributes
+    ----------
+    efforts : dict of str to Scalar
+        Found on the way, by freedom.
+    """
+
+    def __init__(self, zeros: Vec) -> None:
+        self.efforts: dict[str, Scalar] = {}
+        self._zeros = zeros
+        self._waiting: dict[int, Vec] = {}
+        """Moments across the axis of a turn, in the frame before it."""
+
+    def carry(self, chain: Sequence[Passage], wrench: Wrench) -> Wrench:
+        """The wrench seen from the frame before a chain of steps."""
+        moment, force = wrench
+        for passage in reversed(chain):
+            step = passage.step
+            for freedom in step.freedoms:
+                self.efforts[freedom.name] = dot(freedom.angular, moment) + dot(freedom.linear, force)
+            if step.rotation is not None:
+                force = apply(step.rotation, force)
+                moment = self._turned(passage, step.rotation, moment)
+            if step.shift is not None:
+                moment = add(moment, cross(step.shift, force))
+        return moment, force
+
+    def _turned(self, passage: Passage, rotation: Mat, moment: Vec) -> Vec:
+        turn, zeros = passage.turn, self._zeros
+        if turn is None or passage.rotation is None:
+            return apply(rotation, moment)
+        key = id(turn.start)
+        if turn.count == 1:
+            return add(apply(rotation, moment), self._waiting.pop(key, zeros))
+        across = _with(moment, passage.axis, zeros[0])
+        self._waiting[key] = add(self._waiting.get(key, zeros), apply(passage.rotation, across))
+        return _with(zeros, passage.axis, moment[passage.axis])
