@@ -9,8 +9,15 @@ from pathlib import Path
 from echelon.errors import InputError
 
 
-def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> None:
+def write_atomically(path: str | os.PathLike[str], content: str | bytes, *, private: bool = False) -> None:
     """Write a file, text as UTF-8, under a temporary name, then rename it.
+
+    Parameters
+    ----------
+    path : path
+    content : str or bytes
+    private : bool
+        Nobody but the owner can read or write the file; otherwise its permissions are those of any new file.
 
     Raises
     ------
@@ -25,7 +32,8 @@ def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> None
     try:
         with os.fdopen(descriptor, "wb") as stream:
             stream.write(content.encode() if isinstance(content, str) else content)
-        os.chmod(temporary, _usual_mode())
+        if not private:
+            os.chmod(temporary, _usual_mode())
         os.replace(temporary, target)
     except OSError as error:
         os.unlink(temporary)

@@ -1,7 +1,7 @@
 """Object code kept on disk between processes.
 
 An entry holds the key it was made for and a digest of its contents.  A file that is damaged, that was made for another
-key, or that lies in a folder which others could write to is not used: the code is then made again.  The key covers the
+key, or that others could write to, itself or its folder, is not used: the code is then made again.  The key covers the
 source text and everything else the code depends on, so nothing is ever stale.
 """
 
@@ -69,7 +69,7 @@ def cache_folder() -> Path | None:
         folder = Path(chosen)
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        problem = _unsafe(folder)
+        problem = _unsafe(folder.stat())
     except OSError as error:
         problem = error.strerror or str(error)
     if problem is None:
@@ -79,11 +79,10 @@ def cache_folder() -> Path | None:
     return None
 
 
-def _unsafe(folder: Path) -> str | None:
-    """Why code from a folder must not be trusted, if there is a reason."""
+def _unsafe(found: os.stat_result) -> str | None:
+    """Why code from a folder or file must not be trusted, if there is a reason."""
     if os.name != "posix":
         return None  # the user's own folders are protected by the system's access lists
-    found = folder.stat()
     if found.st_uid != os.geteuid():
         return "it belongs to another user"
     if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
@@ -94,7 +93,10 @@ def _unsafe(folder: Path) -> str | None:
 def _stored(path: Path, key: str) -> bytes | None:
     """The code in an entry, if the entry is whole and was made for this key."""
     try:
-        content = path.read_bytes()
+        with path.open("rb") as stream:
+            if _unsafe(os.fstat(stream.fileno())) is not None:
+                return None
+            content = stream.read()
     except OSError:
         return None
     head = _MAGIC + key.encode() + b"\n"
@@ -106,7 +108,7 @@ def _stored(path: Path, key: str) -> bytes | None:
 def _store(path: Path, key: str, code: bytes) -> None:
     """Write an entry; without room or permission there is none, and the code is made again next time."""
     try:
-        write_atomically(path, _MAGIC + key.encode() + b"\n" + hashlib.sha256(code).digest() + code)
+        write_atomically(path, _MAGIC + key.encode() + b"\n" + hashlib.sha256(code).digest() + code, private=True)
         entries = sorted(path.parent.glob("*.bin"), key=lambda entry: entry.stat().st_mtime)
         for old in entries[:-_MOST_ENTRIES]:
             old.unlink(missing_ok=True)
