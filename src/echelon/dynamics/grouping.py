@@ -13,9 +13,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from echelon.conventions import PER_BODY
+from echelon.dynamics.frames import Reframed
 from echelon.inertia.spatial import Array, pseudo_inertia
 from echelon.mechanism.joint import Joint, MotionKind
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.mechanism import GROUND
 from echelon.mechanism.output import Cut
 from echelon.program.tape import Scalar
 from echelon.regressor.steps import Recorder, Step
@@ -24,28 +25,29 @@ MASS = 3
 """Row of the mass and of first moments in a pseudo-inertia."""
 
 
-def grouped_inertias(mechanism: Mechanism, recorder: Recorder, parameters: Mapping[int, Scalar]) -> dict[int, Array]:
+def grouped_inertias(reframed: Reframed, recorder: Recorder, parameters: Mapping[int, Scalar]) -> dict[int, Array]:
     """Pseudo-inertias of the bodies.
 
     Parameters
     ----------
-    mechanism : Mechanism
+    reframed : Reframed
     recorder : Recorder
+        Of the reframed mechanism.
     parameters : mapping of int to Scalar
-        Of some columns of the regressor; all other parameters are zero.
+        Of some columns of the regressor, about the original frames; all other parameters are zero.
 
     Returns
     -------
     dict of int to array of shape (4, 4)
-        [[Σ, h], [hᵀ, m]] of Scalar, about the body's frame, for the bodies that have parameters.
+        [[Σ, h], [hᵀ, m]] of Scalar, about the bodies' frames, for the bodies that have parameters.
     """
-    zero = recorder.program.zero
+    zero, mechanism = recorder.program.zero, reframed.mechanism
     found = {index: np.full((4, 4), zero, dtype=object) for index in range(GROUND, len(mechanism.bodies))}
     for index, first in mechanism.first_column.items():
         values = np.full((1, PER_BODY), zero, dtype=object)
         for offset, kind in enumerate(mechanism.bodies[index].carried):
             values[0, kind] = parameters.get(first + offset, zero)
-        found[index] = pseudo_inertia(values)[0]
+        found[index] = reframed.inertia(index, pseudo_inertia(values)[0], recorder.program)
     cuts = {channel.body for output in mechanism.outputs for channel, _ in output.terms if isinstance(channel, Cut)}
     for index in reversed(range(len(mechanism.bodies))):
         body = mechanism.bodies[index]

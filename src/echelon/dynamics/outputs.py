@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 
 from echelon.dynamics.arguments import STATE, parameter_input
+from echelon.dynamics.frames import slid
 from echelon.dynamics.grouping import grouped_inertias
 from echelon.dynamics.recursion import Recursion
 from echelon.errors import InputError
@@ -44,6 +45,7 @@ class RecordedOutputs:
         if strange is not None or len(set(pivots)) < len(pivots):
             raise InputError(f"pivots are different column numbers from 0 to {len(columns) - 1}, got {list(pivots)}")
         self.mechanism, self.program = mechanism, Program()
+        self._reframed = slid(mechanism)
         self.parameters = {columns[p].name: columns[p].unit for p in pivots}
         self._values = {p: self.program.input(parameter_input(columns[p].name), "symbol") for p in pivots}
         self.names = ("power",) if mechanism.closures else tuple(output.name for output in mechanism.outputs)
@@ -64,10 +66,11 @@ class RecordedOutputs:
         list of Scalar
             One for each row.
         """
-        recorder = Recorder(self.mechanism, self.program, given)
-        probes = Probes(self.mechanism, recorder)
+        mechanism = self._reframed.mechanism
+        recorder = Recorder(mechanism, self.program, given)
+        probes = Probes(mechanism, recorder)
         field = recorder.gravity() if gravity else recorder.zeros
-        found = Recursion(self.mechanism, recorder, probes, sums).efforts(self._inertias, field)
+        found = Recursion(mechanism, recorder, probes, sums).efforts(self._inertias, field)
         zero = self.program.zero
         return [sum((found[n] * speed for n, speed in m.freedoms.items()), zero) for m in self._motions]
 
@@ -122,7 +125,7 @@ class RecordedOutputs:
     @cached_property
     def _inertias(self) -> dict[int, Array]:
         """Pseudo-inertias of the bodies that have some."""
-        return grouped_inertias(self.mechanism, Recorder(self.mechanism, self.program), self._values)
+        return grouped_inertias(self._reframed, Recorder(self._reframed.mechanism, self.program), self._values)
 
     @cached_property
     def _motions(self) -> list[VirtualMotion]:
