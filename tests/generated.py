@@ -23,7 +23,7 @@ Floats = npt.NDArray[Any]
 Call = Callable[[Function, Mapping[str, Floats]], Floats]
 """Evaluates a function at samples: arguments (N, n), or (n,) where they are uniform."""
 
-WARNINGS = "-Wall -Wextra -Werror -pedantic -Wconversion -Wdouble-promotion -Wshadow".split()
+WARNINGS = ["-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow"]
 SHIM = """
 #include <cmath>
 #define __device__
@@ -170,7 +170,7 @@ def rust(build: Build) -> Call:
             shape = f"[{shape}; {size}]"
         given = ", ".join(f"{a.name}: *const [{real}; {len(a)}]" for a in f.arguments)
         passed = ", ".join(f"&*{a.name}" for a in f.arguments)
-        lines.append(f"#[no_mangle]\npub unsafe extern \"C\" fn run_{f.name}({given}, result: *mut {shape}) {{")
+        lines.append(f'#[no_mangle]\npub unsafe extern "C" fn run_{f.name}({given}, result: *mut {shape}) {{')
         lines.append(f"    {build.robot}::{f.name}({passed}, &mut *result);\n}}")
     source, library = build.folder / "lib.rs", build.folder / "rust.so"
     source.write_text("\n".join(lines) + "\n")
@@ -238,9 +238,8 @@ def matlab(build: Build) -> Call:
             given = ", ".join("[" + "; ".join(map(repr, map(float, row))) + "]" for row in rows)
             lines.append(f"r = double({build.robot}_{function.name}({given}))'; printf('%.17g\\n', r(:));")
         (build.folder / "call_generated.m").write_text("\n".join(lines) + "\n")
-        done = subprocess.run(
-            [octave, "--no-gui", "--norc", "call_generated.m"], capture_output=True, text=True, check=False, cwd=build.folder
-        )
+        command = [octave, "--no-gui", "--norc", "call_generated.m"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=build.folder)
         assert done.returncode == 0, done.stderr
         return np.array(done.stdout.split(), float).reshape(len(values["q"]), *function.shape)
 

@@ -15,6 +15,27 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from echelon.cli.options import (
+    AsJson,
+    EveryLink,
+    Floating,
+    Gravity,
+    Massless,
+    Mimic,
+    Mimicking,
+    Numeric,
+    Order,
+    Ordering,
+    Output,
+    Prefer,
+    Robot,
+    Seed,
+    Tolerance,
+    reading,
+)
+
+TARGETS = "c, cpp, cuda, python, jax, casadi, matlab, julia, rust"
+FUNCTIONS = "regressor, inverse_dynamics, mass_matrix, gravity, coriolis, effects, inverse_dynamics_derivatives"
 REFUTED, BAD_INPUT, INTERNAL, INTERRUPTED = 1, 2, 70, 130
 
 
@@ -50,20 +71,6 @@ class Format(StrEnum):
     MARKDOWN = "markdown"
 
 
-class Order(StrEnum):
-    """Column orders of ``derive``."""
-
-    BASE_TO_TIP = "base-to-tip"
-    TIP_TO_BASE = "tip-to-base"
-
-
-class Mimic(StrEnum):
-    """What to do with coupled joints."""
-
-    COUPLED = "coupled"
-    INDEPENDENT = "independent"
-
-
 class Schema(StrEnum):
     """Published schemas."""
 
@@ -90,49 +97,29 @@ def _root(
 
 @app.command(epilog="Example: echelon derive panda.urdf --format json -o panda.json")
 def derive(
-    robot: Annotated[Path, typer.Argument(help="URDF, MJCF or Echelon description (YAML, JSON).")],
+    robot: Robot,
     output_format: Annotated[Format, typer.Option("--format", "-f", help="What to write.")] = Format.TEXT,
     as_json: Annotated[bool, typer.Option("--json", help="Short for --format json.")] = False,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="File to write instead of the terminal.")
-    ] = None,
-    floating: Annotated[bool, typer.Option(help="Let the root link float.")] = False,
-    gravity: Annotated[
-        str, typer.Option(help="'file', 'none', 'generic', or three numbers or expressions: '0,0,-9.81'.")
-    ] = "file",
-    order: Annotated[Order, typer.Option(help="Which parameters become representatives.")] = Order.BASE_TO_TIP,
-    prefer: Annotated[
-        list[str] | None,
-        typer.Option(help="A parameter (M7) or kind (MX) wanted as representative; may be repeated."),
-    ] = None,
-    tolerance: Annotated[
-        float | None,
-        typer.Option(help="Read angles this near (rad) to multiples of 15° as exact; 0 switches off. [default: 0.002]"),
-    ] = None,
-    numeric: Annotated[bool, typer.Option("--numeric", help="Keep lengths as exact numbers.")] = False,
-    mimic: Annotated[Mimic, typer.Option(help="Respect mimic joints, or treat them as independent.")] = Mimic.COUPLED,
-    every_link: Annotated[bool, typer.Option("--every-link", help="Keep links fixed to others as bodies.")] = False,
-    massless: Annotated[
-        list[str] | None, typer.Option(help="A link that carries no parameters; may be repeated.")
-    ] = None,
+    output: Output = None,
+    floating: Floating = False,
+    gravity: Gravity = "file",
+    order: Ordering = Order.BASE_TO_TIP,
+    prefer: Prefer = None,
+    tolerance: Tolerance = None,
+    numeric: Numeric = False,
+    mimic: Mimicking = Mimic.COUPLED,
+    every_link: EveryLink = False,
+    massless: Massless = None,
     structure: Annotated[bool, typer.Option("--structure", help="Count and representatives only.")] = False,
     special: Annotated[
         bool, typer.Option("--special", help="Instead: special geometry and gravity where the number changes.")
     ] = False,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random points.")] = None,
+    seed: Seed = None,
 ) -> None:
     """Derive the base inertial parameters of a robot in closed form."""
     from echelon.cli.derive import DeriveRequest, run_derive
 
-    reading = {
-        "floating": floating,
-        "gravity": gravity,
-        "symbolic": not numeric,
-        "independent_mimics": mimic is Mimic.INDEPENDENT,
-        "every_link": every_link,
-        "massless": tuple(massless or ()),
-        **({} if tolerance is None else {"tolerance": tolerance}),
-    }
+    chosen_reading = reading(floating, gravity, tolerance, mimic, every_link, numeric, massless)
     chosen = Format.JSON if as_json else output_format
     if structure and (prefer or order is not Order.BASE_TO_TIP or chosen in (Format.LATEX, Format.MARKDOWN)):
         raise typer.BadParameter("--structure is in base-to-tip order, as text or JSON, and takes no --prefer")
@@ -141,15 +128,54 @@ def derive(
             raise typer.BadParameter("--special counts only: as text or JSON, without --structure, --order or --prefer")
         from echelon.cli.special import run_special
 
-        run_special(robot, reading, output, seed, as_json=chosen is Format.JSON)
+        run_special(robot, chosen_reading, output, seed, as_json=chosen is Format.JSON)
         return
-    run_derive(DeriveRequest(robot, chosen.value, output, reading, order.value, tuple(prefer or ()), structure, seed))
+    preferred = tuple(prefer or ())
+    run_derive(DeriveRequest(robot, chosen.value, output, chosen_reading, order.value, preferred, structure, seed))
+
+
+@app.command(epilog="Example: echelon generate panda.urdf --target c -o generated/")
+def generate(
+    robot: Annotated[Path, typer.Argument(help="URDF, MJCF, Echelon description, or base parameters saved as JSON.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Directory for the files, or one file.")],
+    target: Annotated[str, typer.Option("--target", "-t", help=f"One of {TARGETS}.")] = "c",
+    function: Annotated[
+        str, typer.Option("--function", help=f"One or more, with commas, of {FUNCTIONS}.")
+    ] = "regressor,inverse_dynamics,mass_matrix,gravity",
+    name: Annotated[str | None, typer.Option(help="Stands before the functions' names; made from the robot's.")] = None,
+    precision: Annotated[str, typer.Option(help="double or single.")] = "double",
+    parameters: Annotated[
+        str | None,
+        typer.Option(
+            help="Values to put in as constants: 'file' for those of the robot's file, or a JSON or CSV file."
+        ),
+    ] = None,
+    floating: Floating = False,
+    gravity: Gravity = "file",
+    order: Ordering = Order.BASE_TO_TIP,
+    prefer: Prefer = None,
+    tolerance: Tolerance = None,
+    numeric: Numeric = False,
+    mimic: Mimicking = Mimic.COUPLED,
+    every_link: EveryLink = False,
+    massless: Massless = None,
+    seed: Seed = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable summary.")] = False,
+) -> None:
+    """Write source code of the robot's functions in terms of its base parameters."""
+    from echelon.cli.generate import GenerateRequest, run_generate
+
+    chosen_reading = reading(floating, gravity, tolerance, mimic, every_link, numeric, massless)
+    functions = tuple(part.strip() for part in function.split(",") if part.strip())
+    derivation = {"order": order.value, "prefer": tuple(prefer or ()), **({} if seed is None else {"seed": seed})}
+    options = {"target": target, "functions": functions, "name": name, "precision": precision}
+    run_generate(GenerateRequest(robot, output, chosen_reading, derivation, options, parameters), as_json=as_json)
 
 
 @app.command(epilog="Example: echelon verify panda.json")
 def verify(
     file: Annotated[Path, typer.Argument(help="JSON file written by 'derive --format json'.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
+    as_json: AsJson = False,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the fresh points.")] = None,
 ) -> None:
     """Check a saved set of base parameters again, without trusting what it says about itself."""
@@ -160,12 +186,12 @@ def verify(
 
 @app.command(epilog="Example: echelon sensors arm.yaml --size 2")
 def sensors(
-    robot: Annotated[Path, typer.Argument(help="URDF, MJCF or Echelon description (YAML, JSON).")],
+    robot: Robot,
     size: Annotated[int, typer.Option(min=1, max=6, help="List all subsets up to this size.")] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
-    floating: Annotated[bool, typer.Option(help="Let the root link float.")] = False,
-    gravity: Annotated[str, typer.Option(help="As for 'derive'.")] = "file",
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random points.")] = None,
+    as_json: AsJson = False,
+    floating: Floating = False,
+    gravity: Gravity = "file",
+    seed: Seed = None,
 ) -> None:
     """Compare what the sensors of a robot see, alone and together.
 
@@ -179,7 +205,7 @@ def sensors(
 
 @app.command(epilog="Example: echelon audit tx40.urdf TX40_bp_5.csv --ignore 'fv*'")
 def audit(
-    robot: Annotated[Path, typer.Argument(help="URDF, MJCF or Echelon description (YAML, JSON).")],
+    robot: Robot,
     claimed: Annotated[Path, typer.Argument(help="Base parameters to check: CSV, JSON, or one expression per line.")],
     naming: Annotated[
         str, typer.Option(help="How the claims write parameters: 'auto', or echelon, symoro, sympybotics, pinocchio.")
@@ -190,29 +216,19 @@ def audit(
     ignore: Annotated[
         list[str] | None, typer.Option(help="Parameters that the robot file leaves out, 'fv*'; may be repeated.")
     ] = None,
-    floating: Annotated[bool, typer.Option(help="Let the root link float.")] = False,
-    gravity: Annotated[str, typer.Option(help="As for 'derive'.")] = "file",
-    tolerance: Annotated[
-        float | None, typer.Option(help="As for 'derive'; 0 takes rounded angles literally, as most programs do.")
-    ] = None,
-    mimic: Annotated[Mimic, typer.Option(help="Respect mimic joints, or treat them as independent.")] = Mimic.COUPLED,
-    every_link: Annotated[bool, typer.Option("--every-link", help="Keep links fixed to others as bodies.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="File to write instead of the terminal.")
-    ] = None,
+    floating: Floating = False,
+    gravity: Gravity = "file",
+    tolerance: Tolerance = None,
+    mimic: Mimicking = Mimic.COUPLED,
+    every_link: EveryLink = False,
+    as_json: AsJson = False,
+    output: Output = None,
 ) -> None:
     """Compare base parameters that someone else claims with the exact ones; exits with 1 where they differ."""
     from echelon.cli.audit import run_audit
 
-    reading = {
-        "floating": floating,
-        "gravity": gravity,
-        "independent_mimics": mimic is Mimic.INDEPENDENT,
-        "every_link": every_link,
-        **({} if tolerance is None else {"tolerance": tolerance}),
-    }
-    raise typer.Exit(run_audit(robot, claimed, reading, naming, define or (), ignore or (), as_json, output))
+    chosen_reading = reading(floating, gravity, tolerance, mimic, every_link)
+    raise typer.Exit(run_audit(robot, claimed, chosen_reading, naming, define or (), ignore or (), as_json, output))
 
 
 @app.command(epilog="Example: echelon schema description > robot.schema.json")

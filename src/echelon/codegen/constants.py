@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from echelon.base.model import BaseModel
 from echelon.dynamics.arguments import parameter_input
 from echelon.errors import InputError, one_line
@@ -81,7 +83,7 @@ def parameter_constants(
             raise InputError(f"parameters are 'file' or values by name, not '{one_line(given)}'")
         values = base.values(symbols=symbols)
     elif len(given) == len(base.pivots) and set(given) == set(base.pivots):
-        values = [given[name] for name in base.pivots]
+        values = np.array([given[name] for name in base.pivots], dtype=float)
     else:
         _check_names(base, given)
         values = base.values([given[name] for name in base.parameters], symbols)
@@ -96,8 +98,8 @@ def _check_names(base: BaseModel, given: Mapping[str, float]) -> None:
     missing = [name for name in base.pivots if name not in given] or [n for n in base.parameters if n not in given]
     if missing:
         raise InputError(
-            f"values are missing for {_listed(missing)}: give all {len(base.pivots)} base parameters by the names of their "
-            f"representatives and nothing else, or all {len(base.parameters)} standard parameters"
+            f"values are missing for {_listed(missing)}: give all {len(base.pivots)} base parameters by the names of "
+            f"their representatives and nothing else, or all {len(base.parameters)} standard parameters"
         )
 
 

@@ -102,7 +102,7 @@ def operands(program: Program, node: int) -> tuple[int, ...]:
     return () if a < 0 else (a,) if b < 0 else (a, b)
 
 
-# -- angles --------------------------------------------------------------------------------------------------------------
+# -- angles ------------------------------------------------------------------------------------------------------------
 
 
 def _angles(function: Function) -> tuple[Angle, ...]:
@@ -140,7 +140,7 @@ def _sines_and_cosines(function: Function, angles: Sequence[Angle]) -> dict[int,
     return {n: stems[Op(program.ops[n])] + label[program.lhs[n]] for n in nodes}
 
 
-# -- statements ----------------------------------------------------------------------------------------------------------
+# -- statements --------------------------------------------------------------------------------------------------------
 
 
 class _Writer:

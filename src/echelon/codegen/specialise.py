@@ -78,7 +78,9 @@ def _copied(known: Program, node: int, copy: Program, new: Mapping[int, int], va
     op = Op(known.ops[node])
     if op is Op.INPUT:
         given = known.inputs[node]
-        return copy.constant(values[given.name]).node if given.name in values else copy.input(given.name, given.role).node
+        return (
+            copy.constant(values[given.name]).node if given.name in values else copy.input(given.name, given.role).node
+        )
     if op is Op.CONSTANT:
         return copy.constant(known.constants[node]).node
     a = new[known.lhs[node]]

@@ -7,9 +7,17 @@ import re
 from echelon.errors import InputError, one_line
 
 # words that a language reserves, or that name a library which the generated code itself uses
-_TAKEN = frozenset(
-    ["abstract", "alignas", "alignof", "and", "and_eq", "as", "asm", "async", "auto", "await", "base", "baremodule", "become", "begin", "bitand", "bitor", "bool", "box", "break", "case", "casadi", "catch", "char", "class", "classdef", "compl", "complex", "concept", "const", "constexpr", "continue", "core", "crate", "cuda", "def", "default", "del", "delete", "do", "double", "dyn", "elif", "else", "elseif", "end", "enum", "error", "except", "explicit", "export", "extern", "false", "final", "finally", "float", "fn", "for", "foreach", "friend", "from", "function", "global", "goto", "if", "impl", "import", "in", "inline", "int", "is", "jax", "lambda", "let", "local", "long", "loop", "macro", "main", "match", "math", "mod", "module", "move", "mut", "mutable", "namespace", "new", "none", "nonlocal", "not", "numpy", "operator", "or", "otherwise", "override", "parfor", "pass", "persistent", "pi", "priv", "private", "protected", "pub", "public", "quote", "raise", "ref", "register", "return", "self", "short", "signed", "sizeof", "spmd", "static", "std", "string", "struct", "super", "switch", "template", "test", "this", "throw", "trait", "true", "try", "type", "typedef", "typeid", "typename", "typeof", "union", "unsafe", "unsigned", "unsized", "use", "using", "var", "virtual", "void", "volatile", "where", "while", "with", "xor", "yield"]
-)
+_WORDS = """
+abstract alignas alignof and and_eq as asm async auto await base baremodule become begin bitand bitor bool box
+break case casadi catch char class classdef compl complex concept const constexpr continue core crate cuda def
+default del delete do double dyn elif else elseif end enum error except explicit export extern false final finally
+float fn for foreach friend from function global goto if impl import in inline int is jax lambda let local long
+loop macro main match math mod module move mut mutable namespace new none nonlocal not numpy operator or otherwise
+override parfor pass persistent pi priv private protected pub public quote raise ref register return self short
+signed sizeof spmd static std string struct super switch template test this throw trait true try type typedef
+typeid typename typeof union unsafe unsigned unsized use using var virtual void volatile where while with xor yield
+"""
+_TAKEN = frozenset(_WORDS.split())
 _LONGEST = 48
 
 
