@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
 from echelon.observe.accumulate import Observer
 from echelon.program.function import Argument, Function
 from echelon.program.tape import Program
 
+Floats = npt.NDArray[np.float64]
+
 SERIAL = np.triu(np.ones((3, 9), dtype=bool)[:, ::-1])[:, ::-1] | (np.arange(9) >= 3 * np.arange(3)[:, None])
 """Which parameters the outputs of a serial arm with three joints see."""
 
 
-def table(pattern):
+def table(pattern: npt.ArrayLike) -> Function:
     """A regressor whose structurally non-zero entries are columns of its argument ``x``."""
     program = Program()
     places = [(int(i), int(j)) for i, j in np.argwhere(pattern)]
@@ -24,17 +29,19 @@ def table(pattern):
     return Function("table", program, (argument,), dict(zip(places, nodes, strict=True)), axes, ("N·m",) * m)
 
 
-def data_of(W, y, pattern):
+def data_of(W: Floats, y: Floats, pattern: npt.ArrayLike) -> dict[str, Floats]:
     """Arguments that give an observation matrix of shape (N, m, n)."""
     return {"x": np.ascontiguousarray(W[:, np.asarray(pattern)]), "y": y}
 
 
-def random_problem(rng, samples, pattern, noise=0.1):
+def random_problem(
+    rng: np.random.Generator, samples: int, pattern: npt.ArrayLike, noise: float = 0.1
+) -> tuple[Floats, Floats, Floats]:
     """W of shape (N, m, n) with structural zeros, parameters, and measured outputs."""
     W = rng.standard_normal((samples, *np.shape(pattern))) * pattern
     parameters = rng.standard_normal(np.shape(pattern)[1])
     return W, parameters, W @ parameters + noise * rng.standard_normal((samples, len(pattern)))
 
 
-def observer(pattern, **options):
+def observer(pattern: npt.ArrayLike, **options: Any) -> Observer:
     return Observer(table(pattern), **options)

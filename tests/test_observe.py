@@ -1,33 +1,40 @@
 """Accumulating samples: the same least squares as with the whole matrix, and the same bits however they arrive."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from echelon.errors import InputError
 from echelon.machine.target import host
-from echelon.observe.accumulate import Observer, accumulate
+from echelon.observe.accumulate import Method, Observer, accumulate
+from kernels import LANES
 from observations import SERIAL, data_of, observer, random_problem, table
 
-WIDTHS = [lanes for lanes in (2, 4, 8) if lanes <= host().lanes]
-METHODS = ["machine", "numpy"]
+Floats = npt.NDArray[np.float64]
+
+METHODS: tuple[Method, ...] = ("machine", "numpy")
 
 
 @pytest.fixture(scope="module")
-def serial():
+def serial() -> dict[str, Observer]:
     return {method: observer(SERIAL, method=method) for method in METHODS}
 
 
-def stacked(W, y):
+def stacked(W: Floats, y: Floats) -> tuple[Floats, Floats]:
     return W.reshape(-1, W.shape[2]), y.ravel()
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("samples", [9, 120, 121, 1000])
-def test_solution_of_lstsq(serial, method, samples):
+def test_solution_of_lstsq(serial: dict[str, Observer], method: Method, samples: int) -> None:
     W, _, y = random_problem(np.random.default_rng(samples), samples, SERIAL)
     found = serial[method](data_of(W, y, SERIAL)).combined()
     A, b = stacked(W, y)
@@ -40,8 +47,8 @@ def test_solution_of_lstsq(serial, method, samples):
     assert (found.samples, found.rows, found.rank) == (samples, 3 * samples, 9)
 
 
-@pytest.mark.parametrize("lanes", WIDTHS)
-def test_r_factor_of_lapack(lanes):
+@pytest.mark.parametrize("lanes", LANES)
+def test_r_factor_of_lapack(lanes: int) -> None:
     W, _, y = random_problem(np.random.default_rng(1), 700, SERIAL)
     found = observer(SERIAL, target=host(lanes))(data_of(W, y, SERIAL)).combined()
     A, b = stacked(W, y)
@@ -51,7 +58,7 @@ def test_r_factor_of_lapack(lanes):
     np.testing.assert_allclose(found.qty, signs * (Q.T @ b), atol=1e-12 * np.linalg.norm(b))
 
 
-def test_weights_are_those_of_rows(serial):
+def test_weights_are_those_of_rows(serial: dict[str, Observer]) -> None:
     W, _, y = random_problem(np.random.default_rng(2), 200, SERIAL)
     weights = np.array([1.0, 0.25, 3.0])
     found = serial["machine"](data_of(W, y, SERIAL)).combined(weights)
@@ -61,7 +68,7 @@ def test_weights_are_those_of_rows(serial):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_ill_conditioned_data_keep_their_digits(method):
+def test_ill_conditioned_data_keep_their_digits(method: Method) -> None:
     # Läuchli's matrix among other rows: the Gram matrix forgets ε, which the R-factor keeps
     ε, exact = 1e-9, np.array([1.0, -2.0, 3.0])
     rng = np.random.default_rng(3)
@@ -80,7 +87,7 @@ def test_ill_conditioned_data_keep_their_digits(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_threads_and_pieces_change_no_bit(serial, method):
+def test_threads_and_pieces_change_no_bit(serial: dict[str, Observer], method: Method) -> None:
     W, _, y = random_problem(np.random.default_rng(4), 2503, SERIAL)
     data = data_of(W, y, SERIAL)
     watch = serial[method]
@@ -96,12 +103,12 @@ def test_threads_and_pieces_change_no_bit(serial, method):
             np.testing.assert_array_equal(R, same)
 
 
-def test_pieces_may_be_overwritten_after_they_were_taken(serial):
+def test_pieces_may_be_overwritten_after_they_were_taken(serial: dict[str, Observer]) -> None:
     W, _, y = random_problem(np.random.default_rng(5), 600, SERIAL)
     data = data_of(W, y, SERIAL)
     room = {name: np.empty_like(a[:100]) for name, a in data.items()}
 
-    def pieces():
+    def pieces() -> Iterator[dict[str, Floats]]:
         for start in range(0, 600, 100):
             for name, a in data.items():
                 room[name][:] = a[start : start + 100]
@@ -112,7 +119,7 @@ def test_pieces_may_be_overwritten_after_they_were_taken(serial):
         np.testing.assert_array_equal(R, same)
 
 
-def test_strided_and_integer_arrays(serial):
+def test_strided_and_integer_arrays(serial: dict[str, Observer]) -> None:
     rng = np.random.default_rng(6)
     x = rng.integers(-5, 5, (300, 2 * SERIAL.sum()))
     y = rng.standard_normal((300, 3))
@@ -127,7 +134,7 @@ def test_strided_and_integer_arrays(serial):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_no_samples(serial, method):
+def test_no_samples(serial: dict[str, Observer], method: Method) -> None:
     found = serial[method]({"x": np.zeros((0, SERIAL.sum())), "y": np.zeros((0, 3))})
     assert found.samples == 0
     assert not any(R.any() for R in found.factors)
@@ -136,7 +143,7 @@ def test_no_samples(serial, method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_one_sample(serial, method):
+def test_one_sample(serial: dict[str, Observer], method: Method) -> None:
     W, _, y = random_problem(np.random.default_rng(7), 1, SERIAL)
     found = serial[method](data_of(W, y, SERIAL))
     whole = np.concatenate([W[0], y.T], axis=1)
@@ -151,7 +158,7 @@ def test_one_sample(serial, method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_normal_equations(serial, method):
+def test_normal_equations(serial: dict[str, Observer], method: Method) -> None:
     W, _, y = random_problem(np.random.default_rng(8), 1000, SERIAL)
     watch, data, weights = serial[method], data_of(W, y, SERIAL), [1.0, 2.0, 0.5]
     found = watch.normal_equations(data, block=240, threads=2)
@@ -173,7 +180,9 @@ def test_normal_equations(serial, method):
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize(("name", "column", "label"), [("x", 4, "0,4"), ("y", 1, "joint2")])
-def test_the_first_value_that_is_not_finite_is_named(serial, method, threads, name, column, label):
+def test_the_first_value_that_is_not_finite_is_named(
+    serial: dict[str, Observer], method: Method, threads: int, name: str, column: int, label: str
+) -> None:
     W, _, y = random_problem(np.random.default_rng(9), 1500, SERIAL)
     data = data_of(W, y, SERIAL)
     data[name][1234, column] = np.nan
@@ -185,7 +194,7 @@ def test_the_first_value_that_is_not_finite_is_named(serial, method, threads, na
         serial[method](pieces, block=240, threads=threads)
 
 
-def test_values_too_large(serial):
+def test_values_too_large(serial: dict[str, Observer]) -> None:
     W, _, y = random_problem(np.random.default_rng(10), 50, SERIAL)
     with pytest.raises(InputError, match=r"not finite, or too large.* from 0 to 49"):
         serial["machine"](data_of(W * 1e300, y, SERIAL))
@@ -200,24 +209,24 @@ def test_values_too_large(serial):
         ({"y": [["a"] * 3] * 10}, "real numbers"),
     ],
 )
-def test_arrays_that_do_not_fit(serial, change, message):
+def test_arrays_that_do_not_fit(serial: dict[str, Observer], change: Any, message: str) -> None:
     data = {"x": np.zeros((10, SERIAL.sum())), "y": np.zeros((10, 3))} | change
     with pytest.raises(InputError, match=message):
         serial["machine"](data)
 
 
-def test_missing_outputs_are_named(serial):
+def test_missing_outputs_are_named(serial: dict[str, Observer]) -> None:
     with pytest.raises(InputError, match="y is missing"):
         serial["machine"]({"x": np.zeros((10, SERIAL.sum()))})
 
 
 @pytest.mark.parametrize("options", [{"block": 0}, {"threads": 0}])
-def test_options_that_make_no_sense(serial, options):
+def test_options_that_make_no_sense(serial: dict[str, Observer], options: dict[str, int]) -> None:
     with pytest.raises(InputError, match="at least 1"):
         serial["machine"]([], **options)
 
 
-def test_method_and_names_are_checked():
+def test_method_and_names_are_checked() -> None:
     with pytest.raises(InputError, match="'machine' or 'numpy'"):
         Observer(table(SERIAL), method="gpu")
     with pytest.raises(InputError, match="already has an argument 'x'"):
@@ -228,7 +237,7 @@ def test_method_and_names_are_checked():
 
 
 @given(seed=st.integers(0, 10**6), samples=st.integers(9, 400), block=st.sampled_from([120, 240, 10**6]))
-def test_scaling_parameters_scales_columns(serial, seed, samples, block):
+def test_scaling_parameters_scales_columns(serial: dict[str, Observer], seed: int, samples: int, block: int) -> None:
     rng = np.random.default_rng(seed)
     W, _, y = random_problem(rng, samples, SERIAL)
     powers = 2.0 ** rng.integers(-60, 60, 9)
@@ -240,7 +249,7 @@ def test_scaling_parameters_scales_columns(serial, seed, samples, block):
 
 
 @given(seed=st.integers(0, 10**6), samples=st.integers(1, 300))
-def test_patterns_of_any_kind(seed, samples):
+def test_patterns_of_any_kind(seed: int, samples: int) -> None:
     rng = np.random.default_rng(seed)
     pattern = rng.random((rng.integers(1, 5), rng.integers(1, 12))) < 0.6
     W, _, y = random_problem(rng, samples, pattern)
@@ -250,7 +259,7 @@ def test_patterns_of_any_kind(seed, samples):
         np.testing.assert_allclose(R.T @ R, reference.T @ reference, atol=1e-10)
 
 
-def test_in_one_call():
+def test_in_one_call() -> None:
     W, parameters, y = random_problem(np.random.default_rng(11), 100, SERIAL, noise=0)
     found = accumulate(table(SERIAL), data_of(W, y, SERIAL), threads=1)
     np.testing.assert_allclose(found.combined().solve(), parameters, rtol=1e-12)

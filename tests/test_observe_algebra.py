@@ -1,6 +1,9 @@
 """What observations can do once they are made: merge, weigh, select, travel."""
 
+from __future__ import annotations
+
 import io
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,65 +11,68 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from echelon.errors import InputError
+from echelon.observe.accumulate import Observer
 from echelon.observe.observation import Observation
 from observations import SERIAL, data_of, observer, random_problem
 
 
 @pytest.fixture(scope="module")
-def watch():
+def watch() -> Observer:
     return observer(SERIAL)
 
 
-def observed(watch, seed, samples=50):
+def observed(watch: Observer, seed: int, samples: int = 50) -> Observation:
     W, _, y = random_problem(np.random.default_rng(seed), samples, SERIAL)
     return watch(data_of(W, y, SERIAL), threads=1)
 
 
-def assert_close(first, second):
+def assert_close(first: Observation, second: Observation) -> None:
     assert first.samples == second.samples
     for R, other in zip(first.factors, second.factors, strict=True):
         np.testing.assert_allclose(R, other, atol=1e-12 * np.abs(R).max())
 
 
 @given(seeds=st.tuples(*[st.integers(0, 1000)] * 3), samples=st.tuples(*[st.integers(10, 60)] * 3))
-def test_merging_is_associative_and_commutative(watch, seeds, samples):
+def test_merging_is_associative_and_commutative(
+    watch: Observer, seeds: tuple[int, int, int], samples: tuple[int, int, int]
+) -> None:
     a, b, c = (observed(watch, seed, count) for seed, count in zip(seeds, samples, strict=True))
     assert_close((a + b) + c, a + (b + c))
     assert_close(a + b, b.merged(a))
 
 
-def test_merging_is_observing_both(watch):
+def test_merging_is_observing_both(watch: Observer) -> None:
     W, _, y = random_problem(np.random.default_rng(1), 90, SERIAL)
     data = data_of(W, y, SERIAL)
     halves = [watch({name: a[part] for name, a in data.items()}) for part in (slice(31), slice(31, None))]
     assert_close(halves[0] + halves[1], watch(data))
 
 
-def test_nothing_is_neutral(watch):
+def test_nothing_is_neutral(watch: Observer) -> None:
     a = observed(watch, 2)
     assert_close(a + watch([]), a)
 
 
-def test_other_layouts_are_not_merged(watch):
+def test_other_layouts_are_not_merged(watch: Observer) -> None:
     with pytest.raises(InputError, match="different outputs or parameters"):
         observed(watch, 3).merged(observed(watch, 3).select([0, 1]))
 
 
-def test_triangles_are_canonical(watch):
+def test_triangles_are_canonical(watch: Observer) -> None:
     for R in observed(watch, 4).factors:
         assert (np.diagonal(R) >= 0).all()
         assert not np.tril(R, -1).any()
         assert not np.signbit(np.tril(R, -1)).any()
 
 
-def test_outputs_can_be_left_out(watch):
+def test_outputs_can_be_left_out(watch: Observer) -> None:
     W, _, y = random_problem(np.random.default_rng(5), 80, SERIAL)
     found = watch(data_of(W, y, SERIAL)).combined([1, 0, 0])
     np.testing.assert_allclose(found.solve(), np.linalg.lstsq(W[:, 0], y[:, 0], rcond=None)[0], rtol=1e-11)
     assert found.rows == 80
 
 
-def test_residuals_of_single_outputs(watch):
+def test_residuals_of_single_outputs(watch: Observer) -> None:
     W, _, y = random_problem(np.random.default_rng(6), 80, SERIAL)
     found = watch(data_of(W, y, SERIAL)).residuals
     for i, residual in enumerate(found):
@@ -75,12 +81,12 @@ def test_residuals_of_single_outputs(watch):
 
 
 @pytest.mark.parametrize("weights", [[1, 2], [1, -1, 1], [1, np.nan, 1], np.ones((3, 1))])
-def test_weights_that_make_no_sense(watch, weights):
+def test_weights_that_make_no_sense(watch: Observer, weights: Any) -> None:
     with pytest.raises(InputError, match="weights"):
         observed(watch, 7).combined(weights)
 
 
-def test_selection(watch):
+def test_selection(watch: Observer) -> None:
     W, _, y = random_problem(np.random.default_rng(8), 80, SERIAL)
     keep = [7, 0, 4, 3]
     found = watch(data_of(W, y, SERIAL)).select(keep)
@@ -90,12 +96,12 @@ def test_selection(watch):
 
 
 @pytest.mark.parametrize("keep", [[0, 0], [9], [-1]])
-def test_selections_that_make_no_sense(watch, keep):
+def test_selections_that_make_no_sense(watch: Observer, keep: list[int]) -> None:
     with pytest.raises(InputError, match="different numbers from 0 to 8"):
         observed(watch, 9).select(keep)
 
 
-def test_parameters_left_open_are_named(watch):
+def test_parameters_left_open_are_named(watch: Observer) -> None:
     W, _, y = random_problem(np.random.default_rng(10), 80, SERIAL)
     W[:, :, 6] = 2 * W[:, :, 5] * SERIAL[:, 6]
     W[2, :, 6] = 2 * W[2, :, 5]
@@ -106,7 +112,7 @@ def test_parameters_left_open_are_named(watch):
         found.solve()
 
 
-def test_arrays_round_trip(watch):
+def test_arrays_round_trip(watch: Observer) -> None:
     a = observed(watch, 11)
     file = io.BytesIO()
     np.savez(file, **a.arrays())
@@ -127,14 +133,14 @@ def test_arrays_round_trip(watch):
         lambda arrays: arrays.update(factor0=arrays["factor0"] * np.nan),
     ],
 )
-def test_arrays_that_hold_no_observation(watch, change):
+def test_arrays_that_hold_no_observation(watch: Observer, change: Any) -> None:
     arrays = observed(watch, 12).arrays()
     change(arrays)
     with pytest.raises(InputError):
         Observation.from_arrays(arrays)
 
 
-def test_representations(watch):
+def test_representations(watch: Observer) -> None:
     a = observed(watch, 13)
     assert repr(a) == "Observation(50 samples × 3 outputs × 9 parameters)"
     assert "150 × 9, 50 samples, condition" in repr(a.combined())

@@ -14,7 +14,7 @@ def apply_text(tiling: Tiling, width: int) -> str:
     """``@apply{width}``: four reflectors applied to some columns and to the rows of R above them.
 
     Its arguments are V (four columns), T, the first of the four rows of R at the first of the columns, the row length
-    of R, and the columns.
+    of R, where the columns go, and a list of where they come from.
     """
     routine = Routine()
     waiting = None
@@ -27,13 +27,17 @@ def apply_text(tiling: Tiling, width: int) -> str:
     if waiting is not None:
         _subtract(routine, tiling, *waiting)
     return routine.function(
-        f"define internal void @apply{width}(ptr %v, ptr %t, ptr %top, i64 %size, ptr %a) noinline nounwind"
+        f"define internal void @apply{width}(ptr %v, ptr %t, ptr %top, i64 %size, ptr %a, ptr %from) noinline nounwind"
     )
+
+
+def _sources(routine: Routine, tile: range) -> list[str]:
+    return [routine.let(f"load ptr, ptr {routine.let(f'getelementptr ptr, ptr %from, i64 {c}')}") for c in tile]
 
 
 def _weights(routine: Routine, tiling: Tiling, tile: range) -> list[str]:
     """Tᵀ (R + Vᵀ A) for a tile, subtracted from R: four vectors with a lane for each column."""
-    v, a = tiling.columns_at(routine, "%v", range(GROUP)), tiling.columns_at(routine, "%a", tile)
+    v, a = tiling.columns_at(routine, "%v", range(GROUP)), _sources(routine, tile)
     kind = tiling.vector.type
 
     def turn(row: str, totals: list[str]) -> list[str]:
@@ -70,7 +74,8 @@ def _combined(routine: Routine, row: str, inner: list[str], j: int) -> str:
 
 def _subtract(routine: Routine, tiling: Tiling, tile: range, weights: list[str]) -> None:
     """A − V w for a tile."""
-    v, a = tiling.columns_at(routine, "%v", range(GROUP)), tiling.columns_at(routine, "%a", tile)
+    v, sources = tiling.columns_at(routine, "%v", range(GROUP)), _sources(routine, tile)
+    targets = tiling.columns_at(routine, "%a", tile)
     row = f"<{len(tile)} x double>"
     spread = [
         [
@@ -82,11 +87,11 @@ def _subtract(routine: Routine, tiling: Tiling, tile: range, weights: list[str])
 
     def turn(index: str, _: list[str]) -> list[str]:
         left = [tiling.load(routine, column, index) for column in v]
-        for c, column in enumerate(a):
-            value = tiling.load(routine, column, index)
+        for c, (source, target) in enumerate(zip(sources, targets, strict=True)):
+            value = tiling.load(routine, source, index)
             for reflector, factors in zip(left, spread, strict=True):
                 value = tiling.subtract_product(routine, reflector, factors[c], value)
-            tiling.store(routine, value, column, index)
+            tiling.store(routine, value, target, index)
         return []
 
     routine.loop((0, tiling.rows, tiling.vector.lanes), [], turn)

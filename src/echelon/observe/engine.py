@@ -149,7 +149,7 @@ class QrEngine(_Machine):
         The processor at hand if omitted.
     """
 
-    def __init__(self, function: Function, rows: int = 120, target: Target | None = None) -> None:
+    def __init__(self, function: Function, rows: int = 152, target: Target | None = None) -> None:
         target = target or host()
         cut = tiling(target, rows)
         super().__init__(function, qr_text(cut), cut, target)
@@ -182,7 +182,7 @@ class GramEngine(_Machine):
         The processor at hand if omitted.
     """
 
-    def __init__(self, function: Function, rows: int = 120, target: Target | None = None) -> None:
+    def __init__(self, function: Function, rows: int = 152, target: Target | None = None) -> None:
         target = target or host()
         cut = tiling(target, rows)
         super().__init__(function, gram_update_text(cut), cut, target)

@@ -83,7 +83,8 @@ def measured(function: Function, name: str = "y") -> Function:
         raise InputError(f"{function} already has an argument '{name}': choose another name for the measured outputs")
     outputs, parameters = function.axes
     nodes = tuple(function.program.input(f"{name}[{label}]").node for label in outputs)
-    argument = Argument(name, nodes, outputs, function.units, "measured outputs")
+    units = function.units or ("",) * len(outputs)
+    argument = Argument(name, nodes, outputs, units, "measured outputs")
     entries = dict(function.entries) | {(i, len(parameters)): node for i, node in enumerate(nodes)}
     axes = (outputs, (*parameters, name))
     return replace(function, arguments=(*function.arguments, argument), entries=entries, axes=axes)

@@ -29,46 +29,67 @@ def qr_text(tiling: Tiling) -> str:
 
 
 def _panel_text(tiling: Tiling, width: int) -> str:
-    """``@panel{width}``: columns j … j+width−1 copied, brought up to date and cleared."""
+    """``@panel{width}``: columns j … j+width−1, brought up to date and cleared.
+
+    They are read where the generator left them and written behind the columns of V before them.
+    """
     routine = Routine()
     rows = tiling.rows
+    given, own = (routine.let(f"alloca [{width} x ptr], align 8") for _ in range(2))
     first = routine.at("%v", routine.let(f"mul i64 %j, {rows}"))
-    _copy(routine, tiling, first, width)
+    sources = [_source(routine, tiling, c) for c in range(width)]
+    targets = tiling.columns_at(routine, first, range(width))
+    for table, pointers in ((given, sources), (own, targets)):
+        for c, pointer in enumerate(pointers):
+            routine.do(f"store ptr {pointer}, ptr {routine.let(f'getelementptr ptr, ptr {table}, i64 {c}')}")
     groups = routine.let(f"lshr i64 %j, {GROUP.bit_length() - 1}")
+    routine.when(routine.let("icmp eq i64 %j, 0"), lambda: _copy(routine, tiling, sources, targets))
 
     def apply(group: str) -> None:
         v = routine.at("%v", routine.let(f"mul i64 {group}, {GROUP * rows}"))
         t = routine.at("%t", routine.let(f"mul i64 {group}, {GROUP * GROUP}"))
         line = routine.let(f"mul i64 {routine.let(f'mul i64 {group}, {GROUP}')}, %size")
         top = routine.at("%r", routine.let(f"add i64 {line}, %j"))
-        routine.do(f"call void @apply{width}(ptr {v}, ptr {t}, ptr {top}, i64 %size, ptr {first})")
+        new = routine.let(f"icmp eq i64 {group}, 0")
+        table = routine.let(f"select i1 {new}, ptr {given}, ptr {own}")
+        routine.do(f"call void @apply{width}(ptr {v}, ptr {t}, ptr {top}, i64 %size, ptr {first}, ptr {table})")
 
     routine.while_below((0, groups, 1), apply)
-    t = routine.at("%t", routine.let(f"mul i64 {groups}, {GROUP * GROUP}"))
-    diagonal = routine.at("%r", routine.let(f"mul i64 %j, {routine.let('add i64 %size, 1')}"))
-    routine.do(f"call void @factor{min(width, GROUP)}(ptr {first}, ptr {t}, ptr {diagonal}, i64 %size)")
-    if width > GROUP:
-        second, right = routine.at(first, GROUP * rows), routine.at(diagonal, GROUP)
-        routine.do(f"call void @apply{GROUP}(ptr {first}, ptr {t}, ptr {right}, i64 %size, ptr {second})")
-        t, below = routine.at(t, GROUP * GROUP), routine.at(right, routine.let(f"mul i64 %size, {GROUP}"))
-        routine.do(f"call void @factor{GROUP}(ptr {second}, ptr {t}, ptr {below}, i64 %size)")
+    _clear_columns(routine, tiling, width, first, own, groups)
     head = f"@panel{width}(ptr %buffer, ptr %columns, i64 %size, ptr %r, ptr %v, ptr %t, i64 %j)"
     return routine.function(f"define internal void {head} noinline nounwind")
 
 
-def _copy(routine: Routine, tiling: Tiling, first: str, width: int) -> None:
-    """Copy columns from the buffer."""
-    for c in range(width):
-        place = routine.let(f"getelementptr i64, ptr %columns, i64 {routine.let(f'add i64 %j, {c}')}")
-        entry = routine.let(f"load i64, ptr {place}")
-        source = routine.at("%buffer", routine.let(f"mul i64 {entry}, {tiling.rows}"))
-        target = routine.at(first, c * tiling.rows)
+def _clear_columns(routine: Routine, tiling: Tiling, width: int, first: str, own: str, groups: str) -> None:
+    """Reflectors of columns that are up to date, four at a time."""
+    t = routine.at("%t", routine.let(f"mul i64 {groups}, {GROUP * GROUP}"))
+    diagonal = routine.at("%r", routine.let(f"mul i64 %j, {routine.let('add i64 %size, 1')}"))
+    routine.do(f"call void @factor{min(width, GROUP)}(ptr {first}, ptr {t}, ptr {diagonal}, i64 %size)")
+    if width <= GROUP:
+        return
+    second, right = routine.at(first, GROUP * tiling.rows), routine.at(diagonal, GROUP)
+    table = routine.let(f"getelementptr ptr, ptr {own}, i64 {GROUP}")
+    routine.do(f"call void @apply{GROUP}(ptr {first}, ptr {t}, ptr {right}, i64 %size, ptr {second}, ptr {table})")
+    t, below = routine.at(t, GROUP * GROUP), routine.at(right, routine.let(f"mul i64 %size, {GROUP}"))
+    routine.do(f"call void @factor{GROUP}(ptr {second}, ptr {t}, ptr {below}, i64 %size)")
 
-        def turn(row: str, _: list[str], source: str = source, target: str = target) -> list[str]:
+
+def _source(routine: Routine, tiling: Tiling, c: int) -> str:
+    """Where the generator left a column."""
+    place = routine.let(f"getelementptr i64, ptr %columns, i64 {routine.let(f'add i64 %j, {c}')}")
+    entry = routine.let(f"load i64, ptr {place}")
+    return routine.at("%buffer", routine.let(f"mul i64 {entry}, {tiling.rows}"))
+
+
+def _copy(routine: Routine, tiling: Tiling, sources: list[str], targets: list[str]) -> None:
+    """Copy columns."""
+
+    def turn(row: str, _: list[str]) -> list[str]:
+        for source, target in zip(sources, targets, strict=True):
             tiling.store(routine, tiling.load(routine, source, row), target, row)
-            return []
+        return []
 
-        routine.loop((0, tiling.rows, tiling.vector.lanes), [], turn)
+    routine.loop((0, tiling.rows, tiling.vector.lanes), [], turn)
 
 
 def _update_text() -> str:

@@ -21,7 +21,7 @@ from echelon.observe.engine import Engine
 
 Floats = npt.NDArray[np.float64]
 
-BLOCK = 16_320
+BLOCK = 16_416
 """Samples in a block: long enough that merging costs less than 1 %, short enough to keep several threads busy."""
 
 

@@ -31,7 +31,7 @@ class Tiling:
         Columns of a tile, C: the widest for which a tile fits into the registers.
     rows : int
         Rows of a block, K, a multiple of the vector's lanes.  Where K·8 bytes divides 4096 the columns compete for the
-        same lines of the cache, so K is rather 120 than 128.
+        same lines of the cache, so K is rather 152 than 128 or 256.
     """
 
     vector: Vector
@@ -70,7 +70,7 @@ class Tiling:
         return routine.let(f"fsub contract {self.vector.type} {total}, {product}")
 
 
-def tiling(target: Target, rows: int = 120) -> Tiling:
+def tiling(target: Target, rows: int = 152) -> Tiling:
     """The tiling for a processor.
 
     Parameters
