@@ -95,12 +95,15 @@ class Build:
     robot : str
     functions : tuple of Function
     precision : str
+    flags : tuple of str
+        More options of compilers of C and C++.
     """
 
     folder: Path
     robot: str
     functions: tuple[Function, ...]
     precision: str
+    flags: tuple[str, ...] = ()
 
     @property
     def dtype(self) -> npt.DTypeLike:
@@ -113,7 +116,7 @@ class Build:
 
 def c(build: Build) -> Call:
     library, source = build.folder / "c.so", build.folder / f"{build.robot}.c"
-    flags = ["-std=c99", *WARNINGS, "-O2", "-shared", "-fPIC"]
+    flags = ["-std=c99", *WARNINGS, "-O2", "-shared", "-fPIC", *build.flags]
     return native(
         compiled([tool("gcc"), *flags, str(source), "-o", str(library), "-lm"], library), f"{build.robot}_", build.dtype
     )
@@ -131,7 +134,7 @@ def cpp(build: Build) -> Call:
         lines.append("  for (std::size_t k = 0; k < found.size(); k++) { result[k] = found[k]; }\n}")
     source, library = build.folder / "run.cpp", build.folder / "cpp.so"
     source.write_text("\n".join(lines) + "\n")
-    flags = ["-std=c++17", *WARNINGS, "-O1", "-shared", "-fPIC"]
+    flags = ["-std=c++17", *WARNINGS, "-O1", "-shared", "-fPIC", *build.flags]
     return native(compiled([tool("g++"), *flags, str(source), "-o", str(library)], library), "run_", build.dtype)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -66,9 +66,10 @@ def states(functions: tuple[Function, ...], samples: int, *, large: bool) -> dic
         if a.name not in values:
             values[a.name] = rng.uniform(-3, 3, (len(a),) if a.uniform else (samples, len(a)))
     values["q"][-1] = 0
+    angles = [k for k, unit in enumerate(functions[0].arguments[0].units) if unit == "rad"]
     if large:
         for k, angle in enumerate(LARGE):
-            values["q"][k, k % values["q"].shape[1]] = angle
+            values["q"][k, angles[k % len(angles)]] = angle
     return values
 
 
@@ -108,14 +109,25 @@ ROBOTS = {
     "floating_tree": robot("floating_tree"),
     "coupled_arm": robot("coupled_arm"),
     "tx40": robot("tx40"),
+    "four_bar": robot("loops/four_bar"),
 }
-ALL = ("regressor", "inverse_dynamics", "mass_matrix", "gravity", "coriolis", "effects")
+ALL = ("regressor", "inverse_dynamics", "mass_matrix", "gravity", "coriolis", "effects", "inverse_dynamics_derivatives")
+QUICK = ("double_pendulum", "four_bar")
 
 
-@pytest.mark.parametrize("target", generated.RUNNERS)
-@pytest.mark.parametrize("name", ROBOTS)
+def cases() -> Iterator[object]:
+    """All targets with all robots; compilers take their time."""
+    for target in generated.RUNNERS:
+        for name in ROBOTS:
+            slow = name not in QUICK and not (target in ("c", "python") and name in ("panda", "coupled_arm"))
+            yield pytest.param(target, name, marks=[pytest.mark.slow] * slow)
+
+
+@pytest.mark.parametrize(("target", "name"), cases())
 def test_robots(target: str, name: str, tmp_path: Path) -> None:
-    source = generate_source(ROBOTS[name](), target, ALL, name="my_robot")
+    # XLA needs a minute for long functions
+    wanted = ALL if target != "jax" or name in QUICK else ("inverse_dynamics", "gravity")
+    source = generate_source(ROBOTS[name](), target, wanted, name="my_robot")
     check(target, source.functions, source.files, "my_robot", tmp_path)
 
 
@@ -128,6 +140,6 @@ def test_single_precision(target: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("target", [t for t in generated.RUNNERS if TARGETS[t].splits])
 def test_long_functions_are_cut_into_parts(target: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(views, "LONGEST_PART", 60)
-    source = generate_source(ROBOTS["panda"](), target, ("regressor", "inverse_dynamics"))
+    source = generate_source(ROBOTS["panda"](), target, ("inverse_dynamics", "gravity"))
     assert any("part_3" in text for text in source.files.values())
     check(target, source.functions, source.files, "panda", tmp_path)
