@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from echelon.errors import InputError
 from echelon.machine.target import host
 from echelon.observe.accumulate import Method, Observer, accumulate
-from kernels import LANES
+from kernels import LANES, function
 from observations import SERIAL, data_of, observer, random_problem, table
 
 Floats = npt.NDArray[np.float64]
@@ -213,6 +213,17 @@ def test_arrays_that_do_not_fit(serial: dict[str, Observer], change: Any, messag
     data = {"x": np.zeros((10, SERIAL.sum())), "y": np.zeros((10, 3))} | change
     with pytest.raises(InputError, match=message):
         serial["machine"](data)
+
+
+def test_uniform_arguments() -> None:
+    watch = Observer(function(lambda x, p: {(0, 0): x[0] * p[0], (0, 1): p[0]}, {"x": 1}, {"p": 1}, (1, 2)))
+    x = np.linspace(-1, 1, 50)[:, None]
+    data = {"x": x, "y": 3 * x - 2, "p": [0.5]}
+    np.testing.assert_allclose(watch(data).combined().solve(), [6, -4], rtol=1e-13)
+    with pytest.raises(InputError, match="have changed between two pieces"):
+        watch([data, data | {"p": [0.25]}])
+    with pytest.raises(InputError, match="p of 'p0' is nan"):
+        watch(data | {"p": [np.nan]})
 
 
 def test_missing_outputs_are_named(serial: dict[str, Observer]) -> None:

@@ -80,6 +80,16 @@ def test_residuals_of_single_outputs(watch: Observer) -> None:
         assert residual == pytest.approx(np.sqrt(square), rel=1e-11)
 
 
+def test_misfits_of_given_parameters(watch: Observer) -> None:
+    W, parameters, y = random_problem(np.random.default_rng(14), 80, SERIAL)
+    found = watch(data_of(W, y, SERIAL))
+    np.testing.assert_allclose(found.misfits(parameters), np.linalg.norm(W @ parameters - y, axis=0), rtol=1e-12)
+    whole = found.combined()
+    assert np.linalg.norm(found.misfits(whole.solve())) == pytest.approx(whole.residual, rel=1e-12)
+    with pytest.raises(InputError, match="expected 9 parameters"):
+        found.misfits([1.0])
+
+
 @pytest.mark.parametrize("weights", [[1, 2], [1, -1, 1], [1, np.nan, 1], np.ones((3, 1))])
 def test_weights_that_make_no_sense(watch: Observer, weights: Any) -> None:
     with pytest.raises(InputError, match="weights"):

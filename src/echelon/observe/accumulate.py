@@ -107,8 +107,11 @@ class Observer:
         if kind not in self._engines:
             self._engines[kind] = self._engine(kind)
         stream = Stream(self._engines[kind], block, threads)
-        for piece in [data] if isinstance(data, Mapping) else data:
-            stream.add(piece)
+        if isinstance(data, Mapping):
+            stream.add(data, lasting=True)
+        else:
+            for piece in data:
+                stream.add(piece)
         return stream
 
     def _engine(self, kind: str) -> Engine:

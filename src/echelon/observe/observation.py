@@ -48,6 +48,29 @@ class Observation:
         """Norm of each output's residual when its own rows alone are fitted, shape (m,)."""
         return np.array([abs(R[-1, -1]) for R in self.factors])
 
+    def misfits(self, values: Sequence[float] | Floats) -> Floats:
+        """Norm of each output's rows of W ζ − y.
+
+        Parameters
+        ----------
+        values : array of shape (n,)
+            Parameters ζ.
+
+        Returns
+        -------
+        array of shape (m,)
+
+        Raises
+        ------
+        InputError
+            If the number of parameters is wrong.
+        """
+        zeta = np.asarray(values, dtype=float)
+        if zeta.shape != (len(self.layout.parameters),):
+            raise InputError(f"expected {len(self.layout.parameters)} parameters, got an array of shape {zeta.shape}")
+        full = np.append(zeta, -1.0)
+        return np.array([np.linalg.norm(R @ full[self.layout.places(i)]) for i, R in enumerate(self.factors)])
+
     # -- combining ---------------------------------------------------------------------------------------------
 
     def merged(self, other: Observation) -> Observation:

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -21,8 +23,18 @@ from echelon.observe.engine import Engine
 
 Floats = npt.NDArray[np.float64]
 
-BLOCK = 16_416
-"""Samples in a block: long enough that merging costs less than 1 %, short enough to keep several threads busy."""
+BLOCK = 8208
+"""Samples in a block: long enough that merging costs 2 %, short enough to keep several threads busy."""
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Samples first … first + count − 1 of a batch, whose sample 0 has a number among all."""
+
+    batch: Batch
+    first: int
+    count: int
+    number: int
 
 
 class Stream:
@@ -50,9 +62,11 @@ class Stream:
         self.threads = threads or processors()
         self.samples = 0
         self._total = engine.start()
-        self._waiting: list[Batch] = []  # fewer samples than a block, copied
+        self._waiting: list[Batch] = []  # samples that are too few to keep all threads busy
+        self._ready = 0  # how many
+        self._uniform: Floats | None = None
 
-    def add(self, values: Mapping[str, npt.ArrayLike]) -> None:
+    def add(self, values: Mapping[str, npt.ArrayLike], *, lasting: bool = False) -> None:
         """Take samples in.
 
         Parameters
@@ -60,6 +74,8 @@ class Stream:
         values : mapping of str to array
             The function's arguments by name, of shape (samples, size), or (size,) for uniform ones, which must be the
             same every time.
+        lasting : bool
+            The arrays will not be changed before the result is taken, so they need not be copied.
 
         Raises
         ------
@@ -68,51 +84,48 @@ class Stream:
         """
         given = batch(self.engine.function.arguments, values)
         _check_uniform(self.engine, given)
-        if self._waiting and not np.array_equal(self._waiting[0].uniform, given.uniform):
+        if self._uniform is None:
+            self._uniform = given.uniform
+        elif not np.array_equal(self._uniform, given.uniform):
             raise InputError("arguments that are the same for all samples have changed between two pieces")
-        start = self.samples
-        ready = sum(piece.samples for piece in self._waiting)
-        taken = 0
-        pieces: list[tuple[Batch, int, int, int]] = []  # batch, first, count, number of the first sample
-        if ready and ready + given.samples >= self.block:
-            taken = self.block - ready
-            whole = _joined([*self._waiting, _part(given, 0, taken)])
-            pieces.append((whole, 0, self.block, start - ready))
-            self._waiting = []
-            ready = 0
-        if not ready:
-            stop = taken + (given.samples - taken) // self.block * self.block
-            pieces += [(given, first, self.block, start + first) for first in range(taken, stop, self.block)]
-            taken = stop
-        if taken < given.samples:
-            self._waiting.append(_copied(_part(given, taken, given.samples)))
-        self._run(pieces)
-        self.samples += given.samples
+        start, self.samples = self.samples, self.samples + given.samples
+        rest = given
+        if self._ready + given.samples >= self.threads * self.block:
+            missing = -self._ready % self.block
+            whole = _joined([*self._waiting, _part(given, 0, missing)])
+            end = missing + (given.samples - missing) // self.block * self.block
+            pieces = [*self._blocks(whole, 0, start - self._ready), *self._blocks(_part(given, 0, end), missing, start)]
+            self._run(pieces, self._total)
+            rest, self._waiting, self._ready = _part(given, end, given.samples), [], 0
+        if rest.samples:
+            self._waiting.append(rest if lasting else _copied(rest))
+            self._ready += rest.samples
 
     def factors(self) -> tuple[Floats, ...]:
         """Each output's factor of all samples so far; more may be added afterwards."""
         total = self._total.copy()
         if self._waiting:
-            rest = _joined(self._waiting)
-            self._merge(total, self._observed(rest, 0, rest.samples, self.samples - rest.samples))
+            self._waiting = [_joined(self._waiting)]
+            self._run(self._blocks(self._waiting[0], 0, self.samples - self._ready), total)
         return tuple(R.copy() for R in self.engine.factors(total))
 
     # -- blocks ------------------------------------------------------------------------------------------------
 
-    def _run(self, pieces: list[tuple[Batch, int, int, int]]) -> None:
-        tasks = (lambda piece=piece: self._observed(*piece) for piece in pieces)
-        for part in _in_order(tasks, min(self.threads, len(pieces))):
-            self._merge(self._total, part)
+    def _blocks(self, given: Batch, first: int, number: int) -> list[_Piece]:
+        """Blocks of a batch from one of its samples on; `number` is that of its sample 0 among all."""
+        starts = range(first, given.samples, self.block)
+        return [_Piece(given, start, min(self.block, given.samples - start), number) for start in starts]
 
-    def _merge(self, total: Floats, part: Floats) -> None:
-        self.engine.merge(total, part)
+    def _run(self, pieces: list[_Piece], total: Floats) -> None:
+        for part in _in_order((partial(self._observed, piece) for piece in pieces), min(self.threads, len(pieces))):
+            self.engine.merge(total, part)
 
-    def _observed(self, given: Batch, first: int, count: int, number: int) -> Floats:
+    def _observed(self, piece: _Piece) -> Floats:
         """The factors of one block."""
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            part = self.engine.observe(given, first, count)
+            part = self.engine.observe(piece.batch, piece.first, piece.count)
         if not np.isfinite(part).all():
-            raise _not_finite(self.engine, given, first, count, number)
+            raise _not_finite(self.engine, piece)
         return part
 
 
@@ -163,21 +176,22 @@ def _check_uniform(engine: Engine, given: Batch) -> None:
             raise InputError(f"{name} of '{label}' is {value}; expected a finite number")
 
 
-def _not_finite(engine: Engine, given: Batch, first: int, count: int, number: int) -> InputError:
+def _not_finite(engine: Engine, piece: _Piece) -> InputError:
     """The error for a block whose factors are not finite."""
     varying = [a for a in engine.function.arguments if not a.uniform]
     found = []
-    for argument, column in zip(varying, given.columns, strict=True):
-        wrong = np.argwhere(~np.isfinite(column[first : first + count]))
+    for argument, column in zip(varying, piece.batch.columns, strict=True):
+        wrong = np.argwhere(~np.isfinite(column[piece.first : piece.first + piece.count]))
         if len(wrong):
-            row, k = (int(i) for i in wrong[0])
-            found.append((row, argument.name, argument.labels[k], float(column[first + row, k])))
+            row, k = piece.first + int(wrong[0, 0]), int(wrong[0, 1])
+            found.append((row, argument.name, argument.labels[k], float(column[row, k])))
     if found:
         row, name, label, value = min(found)
         return InputError(
-            f"{name} of '{label}' is {value} in sample {number + row}; leave out samples that are not complete"
+            f"{name} of '{label}' is {value} in sample {piece.number + row}; leave out samples that are not complete"
         )
+    first = piece.number + piece.first
     return InputError(
-        f"the regressor is not finite, or too large to be squared, in some sample from {number} to "
-        f"{number + count - 1}, though all its arguments are finite; check their units"
+        f"the regressor is not finite, or too large to be squared, in some sample from {first} to "
+        f"{first + piece.count - 1}, though all its arguments are finite; check their units"
     )
