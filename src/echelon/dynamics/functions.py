@@ -52,10 +52,7 @@ def effects(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
 def mass_matrix(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
     """Record M = ∂y/∂q̈."""
     recorded = RecordedOutputs(mechanism, pivots)
-    entries: dict[Index, Scalar] = {}
-    for column, name in enumerate(mechanism.velocities):
-        given = recorded.still("qd", "qdd") | {f"qdd[{name}]": recorded.program.one}
-        entries |= {(row, column): force for row, force in enumerate(recorded.inertial(False, given))}
+    entries: dict[Index, Scalar] = dict(recorded.inertial_mass().items())
     for index, slope in recorded.effect_inertia().items():
         entries[index] = entries[index] + slope
     axes = (recorded.names, mechanism.velocities)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 
 from echelon.dynamics.arguments import STATE, parameter_input
+from echelon.dynamics.composite import mass_matrix_of_freedoms
 from echelon.dynamics.frames import slid
 from echelon.dynamics.grouping import grouped_inertias
 from echelon.dynamics.recursion import Recursion
@@ -29,6 +30,8 @@ class RecordedOutputs:
     mechanism : Mechanism
     pivots : sequence of int
         Columns of the regressor that belong to parameters; all other columns' parameters are zero.
+    sums : bool
+        Whether to use sums of angles, see :mod:`echelon.dynamics.recursion`.
 
     Attributes
     ----------
@@ -39,12 +42,12 @@ class RecordedOutputs:
         Of the rows.  With loops one row, the power of all outputs in a virtual motion.
     """
 
-    def __init__(self, mechanism: Mechanism, pivots: Sequence[int]) -> None:
+    def __init__(self, mechanism: Mechanism, pivots: Sequence[int], sums: bool = True) -> None:
         columns = mechanism.columns
         strange = next((p for p in pivots if not 0 <= p < len(columns)), None)
         if strange is not None or len(set(pivots)) < len(pivots):
             raise InputError(f"pivots are different column numbers from 0 to {len(columns) - 1}, got {list(pivots)}")
-        self.mechanism, self.program = mechanism, Program()
+        self.mechanism, self.program, self._sums = mechanism, Program(), sums
         self._reframed = slid(mechanism)
         self.parameters = {columns[p].name: columns[p].unit for p in pivots}
         self._values = {p: self.program.input(parameter_input(columns[p].name), "symbol") for p in pivots}
@@ -52,7 +55,7 @@ class RecordedOutputs:
 
     # -- parts -------------------------------------------------------------------------------------------------
 
-    def inertial(self, gravity: bool, given: Mapping[str, Scalar], sums: bool = True) -> list[Scalar]:
+    def inertial(self, gravity: bool, given: Mapping[str, Scalar]) -> list[Scalar]:
         """Forces of the bodies' inertia, with or without gravity.
 
         Parameters
@@ -70,9 +73,31 @@ class RecordedOutputs:
         recorder = Recorder(mechanism, self.program, given)
         probes = Probes(mechanism, recorder)
         field = recorder.gravity() if gravity else recorder.zeros
-        found = Recursion(mechanism, recorder, probes, sums).efforts(self._inertias, field)
+        found = Recursion(mechanism, recorder, probes, self._sums).efforts(self._inertias, field)
         zero = self.program.zero
         return [sum((found[n] * speed for n, speed in m.freedoms.items()), zero) for m in self._motions]
+
+    def inertial_mass(self) -> dict[tuple[int, int], Scalar]:
+        """Derivatives of the inertial forces by the accelerations, by row and column."""
+        mechanism, program = self._reframed.mechanism, self.program
+        recorder = Recorder(mechanism, program, self.still("qd", "qdd"))
+        recursion = Recursion(mechanism, recorder, Probes(mechanism, recorder), self._sums)
+        matrix = mass_matrix_of_freedoms(mechanism, recorder, recursion, self._inertias)
+        moved = {name: {name: program.one} for name in mechanism.velocities}
+        for coupling in mechanism.couplings:
+            for name, ratio in coupling.terms:
+                moved[name][coupling.coordinate] = program.polynomial(ratio)
+        found: dict[tuple[int, int], Scalar] = {}
+        for row, motion in enumerate(self._motions):
+            for column, name in enumerate(mechanism.velocities):
+                terms = [
+                    matrix[effort, cause] * weight * ratio
+                    for effort, weight in motion.freedoms.items()
+                    for cause, ratio in moved[name].items()
+                    if (effort, cause) in matrix
+                ]
+                found[row, column] = sum(terms, program.zero)
+        return found
 
     def effects(self, given: Mapping[str, Scalar]) -> list[Scalar]:
         """Forces of the effects, one for each row."""

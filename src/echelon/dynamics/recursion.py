@@ -99,19 +99,23 @@ class Recursion:
         gravity : 3 of Scalar
             In the base frame, m/s².
         """
-        zeros, bodies, probes = self._recorder.zeros, self._mechanism.bodies, self._probes
+        zeros, bodies = self._recorder.zeros, self._mechanism.bodies
         places = self._forward(gravity)
         wrenches: dict[int, Wrench] = dict.fromkeys(range(GROUND, len(bodies)), (zeros, zeros))
         for index, inertia in inertias.items():
             wrenches[index] = body_wrench(places[index].motion, inertia)
         down = Descent(zeros)
-        for index in reversed(range(len(bodies))):
-            before, behind = (map(Passage, probes.steps(index, on)) for on in (True, False))
-            moment, force = down.carry([*before, *self._passages[index], *behind], wrenches[index])
-            parent = bodies[index].parent
-            wrenches[parent] = (add(wrenches[parent][0], moment), add(wrenches[parent][1], force))
-        down.carry([Passage(step) for step in probes.steps(GROUND, on_parent=False)], wrenches[GROUND])
+        for index in reversed(range(GROUND, len(bodies))):
+            moment, force = down.carry(self._passages[index], wrenches[index])
+            if index != GROUND:
+                parent = bodies[index].parent
+                wrenches[parent] = (add(wrenches[parent][0], moment), add(wrenches[parent][1], force))
         return down.efforts
+
+    def passages(self) -> dict[int, list[Passage]]:
+        """Steps from the parent's frame to every body's, those of sensors included; also of the ground."""
+        self._forward(self._recorder.zeros)
+        return self._passages
 
     # -- forward ------------------------------------------------------------------------------------------------------
 
@@ -124,7 +128,9 @@ class Recursion:
             for described, step in zip(body.joint.steps, self._recorder.steps(index), strict=True):
                 place, passage = self._advanced(place, described, step)
                 passages.append(passage)
-            places[index], self._passages[index] = place, passages
+            before, behind = (map(Passage, self._probes.steps(index, on)) for on in (True, False))
+            places[index], self._passages[index] = place, [*before, *passages, *behind]
+        self._passages[GROUND] = [Passage(step) for step in self._probes.steps(GROUND, on_parent=False)]
         return places
 
     def _advanced(self, place: Place, described: Described, step: Step) -> tuple[Place, Passage]:
