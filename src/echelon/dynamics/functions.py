@@ -15,54 +15,51 @@ from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Function
+from echelon.program.operations import Op
 from echelon.program.tape import Scalar
 from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
 
 Index = tuple[int, ...]
+Builder = Callable[[Mechanism, Sequence[int]], Function]
 
 
-def inverse_dynamics(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
+def inverse_dynamics(recorded: RecordedOutputs) -> Function:
     """Record y(q, q̇, q̈): inertial forces with gravity, and all effects."""
-    recorded = RecordedOutputs(mechanism, pivots)
     forces = _total(recorded.inertial(True, {}), recorded.effects({}))
     return _vector("inverse_dynamics", recorded, forces, "q qd qdd u v inputs", "outputs that a motion needs")
 
 
-def gravity(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
+def gravity(recorded: RecordedOutputs) -> Function:
     """Record the inertial forces at rest."""
-    recorded = RecordedOutputs(mechanism, pivots)
     forces = recorded.inertial(True, recorded.still("qd", "qdd"))
     return _vector("gravity", recorded, forces, "q u v", "outputs that hold the bodies' weight")
 
 
-def coriolis(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
+def coriolis(recorded: RecordedOutputs) -> Function:
     """Record the inertial forces that depend on the velocities, C(q, q̇) q̇."""
-    recorded = RecordedOutputs(mechanism, pivots)
     forces = recorded.inertial(False, recorded.still("qdd"))
     return _vector("coriolis", recorded, forces, "q qd u v", "Coriolis and centrifugal outputs")
 
 
-def effects(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
+def effects(recorded: RecordedOutputs) -> Function:
     """Record the forces of all effects while accelerations are zero."""
-    recorded = RecordedOutputs(mechanism, pivots)
     forces = recorded.effects(recorded.still("qdd"))
     return _vector("effects", recorded, forces, "q qd u v inputs", "outputs of friction, springs and other effects")
 
 
-def mass_matrix(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
+def mass_matrix(recorded: RecordedOutputs) -> Function:
     """Record M = ∂y/∂q̈."""
-    recorded = RecordedOutputs(mechanism, pivots)
     entries: dict[Index, Scalar] = dict(recorded.inertial_mass().items())
     for index, slope in recorded.effect_inertia().items():
         entries[index] = entries[index] + slope
-    axes = (recorded.names, mechanism.velocities)
+    axes = (recorded.names, recorded.mechanism.velocities)
     return _function("mass_matrix", recorded, entries, axes, "q u v", "outputs per unit of each acceleration")
 
 
-def inverse_dynamics_derivatives(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
+def inverse_dynamics_derivatives(recorded: RecordedOutputs) -> Function:
     """Record [∂y/∂q, ∂y/∂q̇]; the entries of a quaternion count as independent of each other."""
-    recorded = RecordedOutputs(mechanism, pivots)
-    program, forces = recorded.program, _total(recorded.inertial(True, {}), recorded.effects({}))
+    program, mechanism = recorded.program, recorded.mechanism
+    forces = _total(recorded.inertial(True, {}), recorded.effects({}))
     names = [f"q[{n}]" for n in mechanism.positions] + [f"qd[{n}]" for n in mechanism.velocities]
     inputs = [program.input(name).node for name in names]
     slopes = derivatives(program, [force.node for force in forces], inputs, reverse=True)
@@ -87,13 +84,31 @@ def regressor(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
     return Function("regressor", forms.program, made, entries, (rows, tuple(parameters)), meaning=meaning)
 
 
-FUNCTIONS: Mapping[str, Callable[[Mechanism, Sequence[int]], Function]] = {
-    "inverse_dynamics": inverse_dynamics,
-    "gravity": gravity,
-    "coriolis": coriolis,
-    "effects": effects,
-    "mass_matrix": mass_matrix,
-    "inverse_dynamics_derivatives": inverse_dynamics_derivatives,
+def _cheapest(build: Callable[[RecordedOutputs], Function]) -> Builder:
+    """Record with and without sums of angles, and keep what costs less."""
+
+    def builder(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
+        return min((build(RecordedOutputs(mechanism, pivots, sums)) for sums in (False, True)), key=_price)
+
+    return builder
+
+
+def _price(function: Function) -> int:
+    """Time per sample, roughly: sines, exponentials and the like cost several multiplications each."""
+    counts = function.operations()
+    return sum(n * (_FUNCTION_PRICE if Op[name] >= Op.SIN else 1) for name, n in counts.items() if name != "NEG")
+
+
+_FUNCTION_PRICE = 5
+"""Of a sine or cosine, which come in pairs; measured in vectorised machine code."""
+
+FUNCTIONS: Mapping[str, Builder] = {
+    "inverse_dynamics": _cheapest(inverse_dynamics),
+    "gravity": _cheapest(gravity),
+    "coriolis": _cheapest(coriolis),
+    "effects": _cheapest(effects),
+    "mass_matrix": _cheapest(mass_matrix),
+    "inverse_dynamics_derivatives": _cheapest(inverse_dynamics_derivatives),
     "regressor": regressor,
 }
 """Builders by the name of the function."""
