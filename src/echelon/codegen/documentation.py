@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 
 from echelon.base.expression import Expression, TextStyle, render
 from echelon.codegen.language import Language
@@ -14,6 +15,8 @@ from echelon.exact.polynomial import is_trigonometric, symbol_of
 from echelon.program.function import Argument, Function
 from echelon.program.operations import Op
 from echelon.version import __version__
+
+_WIDTH = 112
 
 
 class _AsciiStyle(TextStyle):
@@ -59,7 +62,13 @@ def documentation(subject: Subject, functions: Sequence[FunctionView], language:
     lines += [f"SI units, angles in radians. Indices count from {first}.{dense}", ""]
     lines += _functions(functions) + _arguments(functions, first) + _results(functions, first)
     lines += _base(subject, first) + _constants(subject)
-    return [comment_text(line) for line in lines[:-1]]
+    return [short for line in lines[:-1] for short in _wrapped(comment_text(line))]
+
+
+def _wrapped(line: str) -> list[str]:
+    """A line cut between words, its continuation indented."""
+    indent = " " * (len(line) - len(line.lstrip()) + 4)
+    return wrap(line, _WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False) or [""]
 
 
 def _functions(functions: Sequence[FunctionView]) -> list[str]:
@@ -71,7 +80,9 @@ def _functions(functions: Sequence[FunctionView]) -> list[str]:
 def operations_text(function: Function) -> str:
     """The number of operations of a function, in words."""
     counts = operation_counts(function)
-    return ", ".join(f"{count} {word}" for word, count in counts.items()) or "no operations"
+    return (
+        ", ".join(f"{n} {word[:-1] if n == 1 and word.endswith('s') else word}" for word, n in counts.items()) or "none"
+    )
 
 
 def operation_counts(function: Function) -> dict[str, int]:

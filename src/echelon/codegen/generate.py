@@ -119,12 +119,12 @@ def generate_source(
     if not chosen:
         raise InputError(f"no function is asked for (valid: {', '.join(FUNCTIONS)})")
     mode = Precision(_valid("precision", precision, [p.value for p in Precision]))
+    robot = identifier(base.mechanism.name) if name is None else checked_identifier(name)
     constants = symbol_constants(base.mechanism, symbols)
     values = parameter_constants(base, parameters, symbols)
     made = [robot_function(function, base.mechanism, base.matrix.pivots) for function in chosen]
     known = {**constants.numbers, **values.numbers}
     made = [specialised(function, known, _layout(made, known)) for function in made]
-    robot = identifier(base.mechanism.name) if name is None else checked_identifier(name)
     subject = Subject(base.mechanism.name, base.expressions, constants.texts, values.values)
     return Source(printed(made, language, mode, robot, subject), tuple(made))
 

@@ -43,6 +43,9 @@ class Language:
         Patterns of the statements that give ``{name}`` the value ``{value}``, for the first time or otherwise.
     first : int
         The first index.
+    zeroed : bool
+        Whether the templates make results that start as zeros; otherwise zeros are assigned, or filled in if there are
+        many.
     windows : bool
         Whether sines and cosines are computed several at once, from consecutive entries of q where possible.
     splits : bool
@@ -61,6 +64,7 @@ class Language:
     define: str = "{name} = {value}"
     assign: str = "{name} = {value}"
     first: int = 0
+    zeroed: bool = False
     windows: bool = False
     splits: bool = False
 

@@ -35,13 +35,18 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"each": _each, "padded": _padded, "listed": _listed, "renamed": _renamed}
+    environment.filters |= {"each": _each, "padded": _padded, "listed": _listed, "renamed": _renamed, "owned": _owned}
     return environment
 
 
 def _each(arguments: Sequence[Argument], pattern: str) -> list[str]:
     """A pattern with ``{name}`` and ``{size}`` of every argument."""
     return [pattern.format(name=argument.name, size=len(argument)) for argument in arguments]
+
+
+def _owned(arguments: Sequence[Argument]) -> list[str]:
+    """Names of arguments, those that vary from sample to sample as copies of one sample."""
+    return [argument.name if argument.uniform else f"own_{argument.name}" for argument in arguments]
 
 
 def _renamed(names: Sequence[str], other: Mapping[str, str]) -> list[str]:

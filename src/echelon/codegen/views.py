@@ -90,7 +90,7 @@ class FunctionView:
     slots : int
         Number of values that parts share.
     fills : bool
-        Whether the result is filled with zeros first; otherwise zeros are assigned one by one.
+        Whether the result is to be filled with zeros first.
     """
 
     function: Function
@@ -139,7 +139,7 @@ class FunctionView:
         return prod(self.function.shape)
 
 
-def view(function: Function, language: Language, precision: Precision, *, fills: bool = False) -> FunctionView:
+def view(function: Function, language: Language, precision: Precision) -> FunctionView:
     """Print a function.
 
     Parameters
@@ -147,16 +147,14 @@ def view(function: Function, language: Language, precision: Precision, *, fills:
     function : Function
     language : Language
     precision : Precision
-    fills : bool
-        Whether the language's results start as zeros anyway.
     """
     planned = plan(function, LONGEST_PART if language.splits else max(len(function.needed), LONGEST_PART) * 2)
     empty = [i for i in product(*map(range, function.shape)) if i not in function.entries]
-    fills = fills or len(empty) > _MOST_ZEROS
+    fills = not language.zeroed and len(empty) > _MOST_ZEROS
     window = _window(planned) if language.windows else None
     printer = _Printer(planned, language, precision, window)
     parts = [printer.part(k) for k in range(len(planned.parts))]
-    if not fills and empty:
+    if empty and not fills and not language.zeroed:
         zero = language.literal(0, precision)
         zeros = tuple(language.assign.format(name=language.result_at(i, function.shape), value=zero) for i in empty)
         parts.insert(0, PartView((), (), zeros, writes=True, shares=False))

@@ -16,4 +16,5 @@ CASADI = Language(
         Op.ATAN: "ca.atan({x})",
     },
     separator=", ",
+    zeroed=True,
 )

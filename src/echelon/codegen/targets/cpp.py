@@ -17,4 +17,5 @@ CPP = Language(
     assign="{name} = {value};",
     windows=True,
     splits=True,
+    zeroed=True,
 )

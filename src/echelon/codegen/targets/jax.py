@@ -11,4 +11,5 @@ JAX = Language(
     comment="# ",
     functions={op: pattern.replace("np.", "jnp.") for op, pattern in PYTHON.functions.items()},
     entry="result[{index}]",
+    zeroed=True,
 )

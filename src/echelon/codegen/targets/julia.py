@@ -21,4 +21,5 @@ JULIA = Language(
     separator=", ",
     first=1,
     splits=True,
+    zeroed=True,
 )

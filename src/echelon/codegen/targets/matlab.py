@@ -23,4 +23,5 @@ MATLAB = Language(
     define="{name} = {value};",
     assign="{name} = {value};",
     first=1,
+    zeroed=True,
 )

@@ -25,4 +25,5 @@ PYTHON = Language(
     real={Precision.DOUBLE: "np.float64", Precision.SINGLE: "np.float32"},
     entry="out[{index}]",
     separator=", ",
+    zeroed=True,
 )
