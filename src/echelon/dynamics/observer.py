@@ -29,11 +29,13 @@ class RobotObserver:
     mechanism : Mechanism
     function : Function
         Its regressor.
+    observer : Observer, optional
+        What takes samples of the regressor in; machine code if omitted.
     """
 
-    def __init__(self, mechanism: Mechanism, function: Function) -> None:
+    def __init__(self, mechanism: Mechanism, function: Function, observer: Observer | None = None) -> None:
         self.mechanism, self.function = mechanism, function
-        self._observer = Observer(function)
+        self._observer = observer or Observer(function)
 
     def observation(
         self, log: Log | Iterable[Log], symbols: Mapping[str, float] | None, block: int, threads: int | None

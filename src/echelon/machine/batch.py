@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -61,20 +62,57 @@ def batch(arguments: Sequence[Argument], values: Mapping[str, npt.ArrayLike]) ->
     """
     columns, uniform = [], [np.zeros(0)]
     for argument in arguments:
-        if argument.name not in values:
-            raise InputError(f"{argument.name} is missing; it holds {_contents(argument)}")
-        array = real_array(argument.name, values[argument.name])
+        array = real_array(argument.name, value_of(argument, values))
         if argument.uniform:
-            uniform.append(_checked(argument, array, (len(argument),)))
+            uniform.append(array)
+            check_shape(argument, array.shape)
             continue
-        array = _checked(argument, np.atleast_2d(array), (-1, len(argument)))
+        array = np.atleast_2d(array)
+        check_shape(argument, array.shape)
         whole = array.strides[1] == _DOUBLE or len(argument) < 2
         columns.append(array if whole and array.flags.aligned else np.ascontiguousarray(array))
-    counts = {a.name: len(c) for a, c in zip((a for a in arguments if not a.uniform), columns, strict=True)}
-    if len(set(counts.values())) > 1:
+    return Batch(sample_count(arguments, [len(c) for c in columns]), tuple(columns), np.concatenate(uniform))
+
+
+def value_of(argument: Argument, values: Mapping[str, Any]) -> Any:
+    """The value of an argument.
+
+    Raises
+    ------
+    InputError
+        If it is missing.
+    """
+    if argument.name not in values:
+        raise InputError(f"{argument.name} is missing; it holds {_contents(argument)}")
+    return values[argument.name]
+
+
+def check_shape(argument: Argument, shape: tuple[int, ...]) -> None:
+    """Check that an array fits an argument: (size,) for uniform ones, else (samples, size).
+
+    Raises
+    ------
+    InputError
+        If it does not.
+    """
+    if len(shape) != (1 if argument.uniform else 2) or shape[-1] != len(argument):
+        expected = f"({len(argument)},)" if argument.uniform else f"(samples, {len(argument)})"
+        raise InputError(f"{argument.name} has shape {shape}; expected {expected}: {_contents(argument)}")
+
+
+def sample_count(arguments: Sequence[Argument], lengths: Sequence[int]) -> int:
+    """The number of samples, given that of each argument that varies; 1 if none does.
+
+    Raises
+    ------
+    InputError
+        If they differ.
+    """
+    counts = dict(zip((a.name for a in arguments if not a.uniform), lengths, strict=True))
+    if len(set(lengths)) > 1:
         shown = ", ".join(f"{name} {count}" for name, count in counts.items())
         raise InputError(f"arguments have different numbers of samples: {shown}")
-    return Batch(next(iter(counts.values()), 1), tuple(columns), np.concatenate(uniform))
+    return lengths[0] if lengths else 1
 
 
 def real_array(name: str, values: npt.ArrayLike) -> Floats:
@@ -126,13 +164,6 @@ def aligned(shape: tuple[int, ...], *, zero: bool = False) -> Floats:
     start = -raw.ctypes.data % _LINE
     result: Floats = raw[start : start + count * _DOUBLE].view(np.float64).reshape(shape)
     return result
-
-
-def _checked(argument: Argument, array: Floats, shape: tuple[int, ...]) -> Floats:
-    if array.ndim != len(shape) or array.shape[-1] != shape[-1]:
-        expected = f"({len(argument)},)" if argument.uniform else f"(samples, {len(argument)})"
-        raise InputError(f"{argument.name} has shape {array.shape}; expected {expected}: {_contents(argument)}")
-    return array
 
 
 def _contents(argument: Argument) -> str:

@@ -82,7 +82,18 @@ class Stream:
         InputError
             If arrays do not fit, or values are not finite.  Then the stream must not be used any more.
         """
-        given = batch(self.engine.function.arguments, values)
+        self.take(batch(self.engine.function.arguments, values), lasting=lasting)
+
+    def take(self, given: Batch, *, lasting: bool = False) -> None:
+        """Take the samples of a batch in; errors as for :meth:`add`.
+
+        Parameters
+        ----------
+        given : Batch
+            Of the arguments of the engine's function.
+        lasting : bool
+            Its arrays will not be changed.
+        """
         _check_uniform(self.engine, given)
         if self._uniform is None:
             self._uniform = given.uniform
