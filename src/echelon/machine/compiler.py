@@ -55,8 +55,8 @@ class Library:
 
     def __init__(self, code: bytes, target: Target) -> None:
         _know_library_functions()
-        context = llvm.create_context()
-        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly("", context), target.machine(1))
+        # in the global context: one of our own could be collected before the engine, which would then crash
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), target.machine(1))
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         self._engine.finalize_object()
 
@@ -73,12 +73,22 @@ class Library:
         EchelonError
             If the library has no such function.
         """
-        address = self._engine.get_function_address(name)
-        if not address:
-            raise EchelonError(f"the object code has no function '{name}'")
-        call = ctypes.CFUNCTYPE(None, *arguments)(address)
+        call = ctypes.CFUNCTYPE(None, *arguments)(self.address(name))
         call.library = self  # type: ignore[attr-defined]  # the code lives as long as anyone can call it
         return call
+
+    def address(self, name: str) -> int:
+        """Where a function is, for other compiled code; it lives as long as the library.
+
+        Raises
+        ------
+        EchelonError
+            If the library has no such function.
+        """
+        address: int = self._engine.get_function_address(name)
+        if not address:
+            raise EchelonError(f"the object code has no function '{name}'")
+        return address
 
 
 @cache

@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.machine.batch import Batch, aligned
-from echelon.machine.compiler import Library
 from echelon.machine.kernel import loaded
 from echelon.machine.kernel_text import Block, kernel_text, prepare_text
 from echelon.machine.lowering import lowered
@@ -93,7 +92,7 @@ class _Machine:
         self._kernel = loaded(module_text(kernel, observe_text(cut)), target)
         self._prepare = self._generator.function("prepare", (_POINTER, _POINTER))
         self._observe = self._kernel.function("observe", _OBSERVE)
-        self._compute = _address(self._generator, "compute", _COMPUTE)
+        self._compute = self._generator.address("compute")
         self._sizes: Integers = np.array(self.layout.sizes, dtype=np.int64)
         self._rooms: list[_Room] = []  # kept from call to call: fresh memory costs as much as a hundred samples
 
@@ -204,8 +203,3 @@ class GramEngine(_Machine):
             found.append(upper + np.triu(upper, 1).T)
             place += padded * padded
         return tuple(found)
-
-
-def _address(library: Library, name: str, arguments: tuple[type, ...]) -> int:
-    # not ctypes.cast, which would tie the library into a cycle of references
-    return ctypes.c_void_p.from_buffer(library.function(name, arguments)).value or 0

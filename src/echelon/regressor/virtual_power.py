@@ -9,6 +9,7 @@ O(bodies · depth).  So X · N = 0 and the rank of X can be checked on X itself 
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -29,12 +30,14 @@ Twist = tuple[Vec, Vec]
 """Angular velocity and linear velocity of the frame's origin, in the frame's axes."""
 
 
-def inverse_dynamics_regressor(mechanism: Mechanism) -> LinearForms:
+def inverse_dynamics_regressor(mechanism: Mechanism, columns: Sequence[int] | None = None) -> LinearForms:
     """Record X with y = X ζ.
 
     Parameters
     ----------
     mechanism : Mechanism
+    columns : sequence of int, optional
+        Columns to record, in the order they shall have; all if omitted.
 
     Returns
     -------
@@ -51,17 +54,19 @@ def inverse_dynamics_regressor(mechanism: Mechanism) -> LinearForms:
     if mechanism.closures:
         raise InputError("X of a mechanism with loops is not recorded row by row; use virtual_power_form")
     recorded = _RecordedPowers(mechanism)
+    wanted = range(len(mechanism.parameters)) if columns is None else columns
     rows = []
     for output in mechanism.outputs:
         speeds = {output.name: recorded.program.one}
-        rows.append(recorded.powers(virtual_motion(mechanism, recorded.program, recorded.probes, speeds)))
+        motion = virtual_motion(mechanism, recorded.program, recorded.probes, speeds)
+        rows.append(recorded.powers(motion, set(wanted)))
     entries = {
-        (row, column): powers[column].node
-        for column in range(len(mechanism.parameters))
+        (row, place): powers[column].node
+        for place, column in enumerate(wanted)
         for row, powers in enumerate(rows)
         if not powers[column].is_zero
     }
-    return LinearForms(recorded.program, entries, (len(rows), len(mechanism.parameters)))
+    return LinearForms(recorded.program, entries, (len(rows), len(wanted)))
 
 
 def virtual_power_form(mechanism: Mechanism) -> LinearForms:
@@ -86,8 +91,8 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
         speeds = {output.name: program.input(f"u[{output.name}]") for output in mechanism.outputs}
         motion = virtual_motion(mechanism, program, probes, speeds)
         known = motion.chosen
-    powers = recorded.powers(motion)
-    entries = {(0, column): power.node for column, power in enumerate(powers) if not power.is_zero}
+    powers = recorded.powers(motion, range(len(mechanism.parameters)))
+    entries = {(0, column): power.node for column, power in powers.items() if not power.is_zero}
     loops = loops_of(mechanism, recorder, probes, known)
     if loops is not None:
         loops = replace(loops, real=partial(real_inputs, mechanism))
@@ -107,20 +112,28 @@ class _RecordedPowers:
         effects = EffectRecorder(mechanism, self.recorder)
         self._effects = [effects.forces(effect) for effect in mechanism.effects]
 
-    def powers(self, motion: VirtualMotion) -> list[Scalar]:
-        """Power per unit of every standard parameter, in column order."""
+    def powers(self, motion: VirtualMotion, wanted: Collection[int]) -> dict[int, Scalar]:
+        """Power per unit of the wanted standard parameters, by column."""
         twists = _twists(self.mechanism, self.recorder, self._steps, self.probes, motion)
-        found: list[Scalar] = []
+        found: dict[int, Scalar] = {}
         for index, wrenches in self._wrenches.items():
-            found += [_power(twists[index], wrenches[kind]) for kind in self.mechanism.bodies[index].carried]
-        for forces in self._effects:
-            total = self.program.zero
-            for side, at, force in forces:
-                speeds = motion.freedoms if side is Side.JOINT else motion.drives
-                if at in speeds:
-                    total = total + force * speeds[at]
-            found.append(total)
+            first = self.mechanism.first_column[index]
+            for column, kind in enumerate(self.mechanism.bodies[index].carried, first):
+                if column in wanted:
+                    found[column] = _power(twists[index], wrenches[kind])
+        first = len(self.mechanism.parameters) - len(self._effects)
+        for column, forces in enumerate(self._effects, first):
+            if column in wanted:
+                found[column] = self._effect_power(forces, motion)
         return found
+
+    def _effect_power(self, forces: Sequence[tuple[Side, str, Scalar]], motion: VirtualMotion) -> Scalar:
+        total = self.program.zero
+        for side, at, force in forces:
+            speeds = motion.freedoms if side is Side.JOINT else motion.drives
+            if at in speeds:
+                total = total + force * speeds[at]
+        return total
 
 
 def _twists(
