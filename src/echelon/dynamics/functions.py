@@ -71,8 +71,10 @@ def inverse_dynamics_derivatives(recorded: RecordedOutputs) -> Function:
 
 def regressor(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
     """Record X̄, the columns of the regressor that belong to the parameters."""
-    forms = virtual_power_form(mechanism) if mechanism.closures else inverse_dynamics_regressor(mechanism)
-    forms = forms.columns(pivots)
+    if mechanism.closures:
+        forms = virtual_power_form(mechanism).columns(pivots)
+    else:
+        forms = inverse_dynamics_regressor(mechanism, pivots)
     columns = [mechanism.columns[p] for p in pivots]
     parameters = {column.name: column.unit for column in columns}
     rows = ("power",) if mechanism.closures else tuple(output.name for output in mechanism.outputs)
