@@ -18,7 +18,7 @@ from echelon.program.function import Function
 from echelon.program.operations import Op
 from echelon.program.tape import Program
 
-LONGEST_PART = 2000
+LONGEST_PART = 1000
 """Statements of one part, at most."""
 
 _FEW_RESULTS = 8  # operations for each result
