@@ -101,7 +101,7 @@ def _price(function: Function) -> int:
     return sum(n * (_FUNCTION_PRICE if Op[name] >= Op.SIN else 1) for name, n in counts.items() if name != "NEG")
 
 
-_FUNCTION_PRICE = 5
+_FUNCTION_PRICE = 25
 """Of a sine or cosine, which come in pairs; measured in vectorised machine code."""
 
 FUNCTIONS: Mapping[str, Builder] = {

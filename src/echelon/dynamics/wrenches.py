@@ -20,11 +20,22 @@ Wrench = tuple[Vec, Vec]
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Angular velocity, angular acceleration, and acceleration of the origin minus gravity, in a frame's own axes."""
+    """How a frame moves, in its own axes.
+
+    Attributes
+    ----------
+    angular, angular_rate : 3 of Scalar
+        Angular velocity and acceleration.
+    linear : 3 of Scalar
+        Acceleration of the origin, minus gravity.
+    along : (int, 3 of Scalar), optional
+        An axis, and what the field has across it in the axis's column, where a simpler form than the sum is known.
+    """
 
     angular: Vec
     angular_rate: Vec
     linear: Vec
+    along: tuple[int, Vec] | None = None
 
     @cached_property
     def products(self) -> Mat:
@@ -37,7 +48,13 @@ class Kinematics:
         """U = ω̂̇ + ω̂²: the point at r accelerates by U r against the origin."""
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.products
         dx, dy, dz = self.angular_rate
-        return ((-(yy + zz), xy - dz, xz + dy), (xy + dz, -(xx + zz), yz - dx), (xz - dy, yz + dx, -(xx + yy)))
+        rows = [[-(yy + zz), xy - dz, xz + dy], [xy + dz, -(xx + zz), yz - dx], [xz - dy, yz + dx, -(xx + yy)]]
+        if self.along is not None:
+            axis, column = self.along
+            for k in range(3):
+                rows[k][axis] = rows[k][axis] if k == axis else column[k]
+        (a, b, c), (d, e, f), (g, h, i) = rows
+        return ((a, b, c), (d, e, f), (g, h, i))
 
 
 def body_wrench(at: Kinematics, inertia: Array) -> Wrench:

@@ -136,7 +136,7 @@ class Recorder:
         if motion.kind is MotionKind.TRANSLATION:
             shift = _scaled(axis, position)
             return [Step(None, shift, (Freedom(motion.name, self.zeros, axis, rate, acceleration),))]
-        turned = self.turn(motion.axis, motion.sign, position)
+        turned = self.turn(motion.axis, self.program.cos(position), self.program.sin(position) * motion.sign)
         if motion.kind is MotionKind.ROTATION:
             return [Step(turned, None, (Freedom(motion.name, axis, self.zeros, rate, acceleration),))]
         travel = _scaled(axis, self.program.polynomial(motion.pitch))
@@ -148,9 +148,8 @@ class Recorder:
         x, y, z = (unit if k == axis else self.program.zero for k in range(3))
         return (x, y, z)
 
-    def turn(self, axis: int, sign: int, angle: Scalar) -> Mat:
-        """Axes of a frame that is turned about a coordinate axis, or about its opposite."""
-        c, s = self.program.cos(angle), self.program.sin(angle) * sign
+    def turn(self, axis: int, c: Scalar, s: Scalar) -> Mat:
+        """Axes of a frame that is turned about a coordinate axis, by the angle's cosine and sine."""
         zero, one = self.program.zero, self.program.one
         i, j = (axis + 1) % 3, (axis + 2) % 3
         rows = [[one if a == b else zero for b in range(3)] for a in range(3)]
