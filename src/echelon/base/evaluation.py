@@ -24,7 +24,8 @@ from echelon.program.function import Function
 Symbols = Mapping[str, float] | None
 Inputs = Mapping[str, npt.ArrayLike] | None
 
-_NOT_WITH_LOOPS = ("coriolis", "mass_matrix", "inverse_dynamics_derivatives", "effects")
+NOT_WITH_LOOPS = ("coriolis", "mass_matrix", "inverse_dynamics_derivatives", "effects")
+"""Functions that mechanisms with loops do not have."""
 
 
 class Evaluation(ABC):
@@ -283,7 +284,7 @@ class Evaluation(ABC):
     def _evaluator(self, name: str) -> Evaluator:
         """Machine code of a function, compiled when it is first asked for."""
         if name not in self._evaluators:
-            if self.mechanism.closures and name in _NOT_WITH_LOOPS:
+            if self.mechanism.closures and name in NOT_WITH_LOOPS:
                 raise InputError(f"{name} is not available with loops, where accelerations depend on one another")
             self._evaluators[name] = Evaluator(self.mechanism, self._function(name), sparse=name == "entries")
         return self._evaluators[name]
