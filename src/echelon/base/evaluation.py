@@ -107,7 +107,8 @@ class Evaluation(ABC):
     @property
     def sparsity(self) -> npt.NDArray[np.intp]:
         """Output and base parameter of every entry of :meth:`regressor_entries`, shape (2, entries)."""
-        return np.array(list(self._evaluator("entries").function.entries), dtype=np.intp).T
+        entries = list(self._evaluator("entries").function.entries)
+        return np.array(entries, dtype=np.intp).reshape(-1, 2).T
 
     def standard_regressor(
         self,

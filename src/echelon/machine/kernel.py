@@ -119,6 +119,10 @@ class Kernel:
             flat[np.ravel_multi_index(index, self.function.shape)] = entry
         return tuple(flat.tolist())
 
+    def __getstate__(self) -> dict[str, object]:
+        """Copies compile their own code: it belongs to one process."""
+        return {**vars(self), "_codes": {}}
+
     def __repr__(self) -> str:
         return f"Kernel({self.function}, {self.target.cpu}, {self.target.lanes} lanes)"
 
