@@ -20,6 +20,7 @@ from echelon.base.structure import Structure
 from echelon.claims.audit import audit
 from echelon.claims.findings import Verdict
 from echelon.claims.result import Audit
+from echelon.codegen.generate import generate
 from echelon.errors import (
     CertificateError,
     ClosedFormError,
@@ -34,6 +35,8 @@ from echelon.inertia.convert import convert, convert_columns
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.motor_side import joint_side
 from echelon.models.linear_model import LinearModel
+from echelon.observe.normal import NormalEquations
+from echelon.observe.observation import Observation
 from echelon.results.saved import load_base, save_base
 from echelon.results.verify import verify
 from echelon.version import __version__
@@ -52,6 +55,8 @@ __all__ = [
     "Match",
     "Mechanism",
     "MissingExtraError",
+    "NormalEquations",
+    "Observation",
     "SensorReport",
     "SpecialGeometry",
     "Structure",
@@ -64,6 +69,7 @@ __all__ = [
     "base_structure",
     "convert",
     "convert_columns",
+    "generate",
     "joint_side",
     "load",
     "load_base",

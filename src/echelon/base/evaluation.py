@@ -5,21 +5,24 @@ from __future__ import annotations
 from abc import ABC
 from collections.abc import Iterable, Mapping
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.base.matrix import BaseMatrix
-from echelon.dynamics.evaluator import Evaluator
 from echelon.dynamics.functions import robot_function
-from echelon.dynamics.observer import Log, RobotObserver
 from echelon.errors import InputError
-from echelon.machine.batch import Floats
 from echelon.mechanism.mechanism import Mechanism
-from echelon.observe.normal import NormalEquations
-from echelon.observe.observation import Observation
-from echelon.observe.stream import BLOCK
 from echelon.program.function import Function
+
+if TYPE_CHECKING:  # importing LLVM takes longer than deriving base parameters: only who computes needs it
+    from echelon.dynamics.evaluator import Evaluator
+    from echelon.dynamics.observer import Log, RobotObserver
+    from echelon.observe.normal import NormalEquations
+    from echelon.observe.observation import Observation
+
+Floats = npt.NDArray[np.float64]
 
 Symbols = Mapping[str, float] | None
 Inputs = Mapping[str, npt.ArrayLike] | None
@@ -223,7 +226,7 @@ class Evaluation(ABC):
         log: Log | Iterable[Log],
         symbols: Symbols = None,
         *,
-        block: int = BLOCK,
+        block: int | None = None,
         threads: int | None = None,
     ) -> Observation:
         """R-factors of the observation matrix W and the measured outputs y, without building W.
@@ -237,7 +240,7 @@ class Evaluation(ABC):
             where effects use measured inputs.  Pieces of an iterable follow one another; how a log is cut into pieces
             does not change the result.
         symbols : mapping of str to float, optional
-        block : int
+        block : int, optional
             Samples that are factored together.
         threads : int, optional
             The result does not depend on it.
@@ -259,7 +262,7 @@ class Evaluation(ABC):
         log: Log | Iterable[Log],
         symbols: Symbols = None,
         *,
-        block: int = BLOCK,
+        block: int | None = None,
         threads: int | None = None,
     ) -> NormalEquations:
         """WᵀW and Wᵀy, without building W: about twice as fast as :meth:`accumulate`, with half the digits.
@@ -274,6 +277,8 @@ class Evaluation(ABC):
 
     @cached_property
     def _observer(self) -> RobotObserver:
+        from echelon.dynamics.observer import RobotObserver
+
         return RobotObserver(self.mechanism, self._function("regressor"))
 
     # -- machine code --------------------------------------------------------------------------------------------
@@ -287,6 +292,8 @@ class Evaluation(ABC):
         if name not in self._evaluators:
             if self.mechanism.closures and name in NOT_WITH_LOOPS:
                 raise InputError(f"{name} is not available with loops, where accelerations depend on one another")
+            from echelon.dynamics.evaluator import Evaluator
+
             self._evaluators[name] = Evaluator(self.mechanism, self._function(name), sparse=name == "entries")
         return self._evaluators[name]
 

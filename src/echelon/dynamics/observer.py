@@ -15,6 +15,7 @@ from echelon.observe.accumulate import Observer
 from echelon.observe.layout import Layout
 from echelon.observe.normal import NormalEquations
 from echelon.observe.observation import Observation
+from echelon.observe.stream import BLOCK
 from echelon.program.function import Function
 
 Log = Mapping[str, Any]
@@ -38,7 +39,7 @@ class RobotObserver:
         self._observer = observer or Observer(function)
 
     def observation(
-        self, log: Log | Iterable[Log], symbols: Mapping[str, float] | None, block: int, threads: int | None
+        self, log: Log | Iterable[Log], symbols: Mapping[str, float] | None, block: int | None, threads: int | None
     ) -> Observation:
         """R-factors of [W y].
 
@@ -47,7 +48,7 @@ class RobotObserver:
         log : mapping, or iterable of mappings
             Arrays of shape (N, …) by name; pieces follow one another.
         symbols : mapping of str to float, optional
-        block : int
+        block : int, optional
             Samples in a block.
         threads : int, optional
 
@@ -56,15 +57,17 @@ class RobotObserver:
         InputError
             If arrays do not fit, or values are missing or not finite.
         """
+        block = BLOCK if block is None else block
         if not self.mechanism.closures:
             return self._observer(self._values(log, symbols), block=block, threads=threads)
         parts = [self._observer(p, block=block, threads=threads) for p in self._by_output(log, symbols)]
         return Observation(self._layout(parts[0].layout), tuple(p.factors[0] for p in parts), parts[0].samples)
 
     def normal_equations(
-        self, log: Log | Iterable[Log], symbols: Mapping[str, float] | None, block: int, threads: int | None
+        self, log: Log | Iterable[Log], symbols: Mapping[str, float] | None, block: int | None, threads: int | None
     ) -> NormalEquations:
         """Gram matrices of [W y]; arguments as for :meth:`observation`."""
+        block = BLOCK if block is None else block
         if not self.mechanism.closures:
             return self._observer.normal_equations(self._values(log, symbols), block=block, threads=threads)
         data = self._by_output(log, symbols)
