@@ -103,13 +103,11 @@ class Evaluation(ABC):
         InputError
             With loops, where no entry is structurally zero.
         """
-        if self.mechanism.closures:
-            raise InputError("with loops no entry of the regressor is structurally zero: use regressor()")
         return self._evaluator("entries")({"q": q, "qd": qd, "qdd": qdd}, symbols, inputs, out, threads)
 
     @property
     def sparsity(self) -> npt.NDArray[np.intp]:
-        """Output and base parameter of every entry of :meth:`regressor_entries`, shape (2, entries)."""
+        """Output and base parameter of every entry of :meth:`regressor_entries`, shape (2, entries); not with loops."""
         entries = list(self._evaluator("entries").function.entries)
         return np.array(entries, dtype=np.intp).reshape(-1, 2).T
 
@@ -289,6 +287,8 @@ class Evaluation(ABC):
 
     def _evaluator(self, name: str) -> Evaluator:
         """Machine code of a function, compiled when it is first asked for."""
+        if self.mechanism.closures and name == "entries":
+            raise InputError("with loops no entry of the regressor is structurally zero: use regressor()")
         if name not in self._evaluators:
             if self.mechanism.closures and name in NOT_WITH_LOOPS:
                 raise InputError(f"{name} is not available with loops, where accelerations depend on one another")

@@ -79,6 +79,9 @@ def along_loops(
     """
     assembly = Assembly(mechanism, symbols)
     moving = {name: np.atleast_2d(real_array(name, values[name])) for name in STATE if name in values}
+    if len({array.shape[:-1] for array in moving.values()}) > 1 or moving["q"].ndim != 2:
+        shown = ", ".join(f"{name} {array.shape}" for name, array in moving.items())
+        raise InputError(f"expected states of shape (samples, size), as many of each kind; got {shown}")
     still = np.zeros((len(moving["q"]), len(mechanism.velocities)))
     closed = assembly.completed(moving["q"], moving.get("qd", still), moving.get("qdd", still))
     found = values | {name: array for name, array in zip(STATE, closed, strict=True) if name in moving}
