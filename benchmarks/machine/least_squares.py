@@ -61,8 +61,9 @@ def _bad_row(case: Case, amplitude: float) -> dict[str, Any]:
     y = W @ rng.uniform(0.5, 1.5, base.rank)
     scales = 2.0 ** np.round(np.log2(np.linalg.norm(W, axis=0)))  # powers of two scale without rounding
     truth, scaled = _exact_solution(W, y) * scales, W / scales
+    log = {"q": q, "qd": qd, "qdd": qdd, "y": y.reshape(-1, case.outputs)}
     methods = {
-        "fused QR": base.accumulate(q, qd, qdd, y.reshape(-1, case.outputs)).combined().solve() * scales,
+        "fused QR": base.accumulate(log).combined().solve() * scales,
         "lstsq": np.linalg.lstsq(scaled, y, rcond=None)[0],
         "normal equations": np.linalg.solve(scaled.T @ scaled, scaled.T @ y),
     }

@@ -22,7 +22,8 @@ _ABOUT_THROUGHPUT = """\
 Nanoseconds per sample.  States are random, the same for all, and so many that no cache holds W.  Arrays are written
 once before they are measured, except where a fresh one is meant.  Pinocchio and FIGAROH fill W in all standard
 columns, as they cannot do otherwise; "dense standard W" compares like with like.  FIGAROH is timed on one sample
-in 20.  What writing costs is measured by filling an array of the same size past the caches, in C++."""
+in 20.  What writing costs is measured by filling an array of the same size past the caches with a number, in C++;
+some processors write lines of zeros faster, and most of the humanoid's W is zero."""
 
 _ABOUT_DYNAMICS = """\
 Nanoseconds per call for one state after another, in C and in C++; the states fit into the cache.  Ours takes base
@@ -154,13 +155,14 @@ def _first_uses(rows: list[dict[str, Any]]) -> str:
 
 
 def _least_squares(rows: list[dict[str, Any]]) -> str:
-    head = ["threads", "samples", "size of W", "fused QR", "NumPy lstsq", "times as fast", "extra memory", "difference"]
+    head = ["threads", "samples", "size of W", "fused QR", "fused normal equations", "NumPy lstsq"]
+    head += ["times as fast", "extra memory", "difference"]
     cells = [
         [
             r["threads"],
             r["samples"],
             f"{r['W_gigabytes']} GB",
-            *(Times(**r["seconds"][part]) for part in ("fused", "lstsq")),
+            *(Times(**r["seconds"][part]) for part in ("fused", "gram", "lstsq")),
             _spread(r["ratio"]),
             None if r["megabytes"] is None else f"{short(r['megabytes'])} MB",
             short(r["difference"]),

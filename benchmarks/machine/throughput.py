@@ -36,7 +36,7 @@ JOBS = {
     "standard": "dense standard W, reused `out`",
     "predict": "outputs from base parameters",
     "rnea": "Pinocchio C++ RNEA",
-    "write": "writing as many bytes as the dense base W",
+    "write": "filling an array as large as the dense base W",
 }
 RATIOS = (
     ("pinocchio", "dense"),

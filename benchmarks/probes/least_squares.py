@@ -37,9 +37,13 @@ def main() -> None:
     y = base.predict(q, qd, qdd, values)
     y += _NOISE * rng.standard_normal(y.shape)
 
+    log = {"q": q, "qd": qd, "qdd": qdd, "y": y}
+
     def fused() -> Floats:
-        solution: Floats = base.accumulate(q, qd, qdd, y, threads=threads).combined().solve()
-        return solution
+        return base.accumulate(log, threads=threads).combined().solve()
+
+    def fused_gram() -> Floats:
+        return base.normal_equations(log, threads=threads).solve()
 
     grown = memory_growth(fused)
     W = np.empty((samples, 6, base.rank))
@@ -50,7 +54,8 @@ def main() -> None:
     def lstsq() -> None:
         found["lstsq"] = np.linalg.lstsq(stacked, right, rcond=None)[0]
 
-    rounds = interleaved_rounds({"fused": (1, timed(fused)), "lstsq": (1, timed(lstsq))}, repeats)
+    jobs = {"fused": timed(fused), "lstsq": timed(lstsq), "gram": timed(fused_gram)}
+    rounds = interleaved_rounds({name: (1, job) for name, job in jobs.items()}, repeats)
     print(json.dumps(_results(rounds, found["lstsq"], fused(), stacked) | {"megabytes": grown}))
 
 
