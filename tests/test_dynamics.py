@@ -18,6 +18,7 @@ from builders import mechanisms
 from echelon.dynamics.functions import FUNCTIONS, robot_function
 from echelon.errors import InputError
 from echelon.mechanism.effect import Action, Effect, Side
+from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut, plain
 from echelon.mechanism.placement import Placement
@@ -84,7 +85,17 @@ class ComplexArithmetic(FloatArithmetic):
     dtype = np.complex128
 
 
-@settings(max_examples=20)
+def normalised(mechanism: Mechanism, q: FloatArray) -> FloatArray:
+    """Positions with unit quaternions, also if they are complex."""
+    q = q.copy()
+    for motion in mechanism.motions:
+        if motion.kind is MotionKind.BALL:
+            first = mechanism.positions.index(motion.positions[0])
+            q[:, first : first + 4] /= np.sqrt((q[:, first : first + 4] ** 2).sum(axis=1, keepdims=True))
+    return q
+
+
+@settings(max_examples=30)
 @given(mechanisms(most=3), st.integers(0, 2**32))
 def test_derivatives_by_an_imaginary_step(mechanism: Mechanism, seed: int) -> None:
     columns = range(len(mechanism.parameters))
@@ -97,7 +108,8 @@ def test_derivatives_by_an_imaginary_step(mechanism: Mechanism, seed: int) -> No
         for k in range(state[name].shape[1]):
             step = np.zeros(state[name].shape[1], dtype=complex)
             step[k] = tiny
-            moved = evaluate(function, mechanism, state | {name: state[name] + step}, ComplexArithmetic())
+            changed = normalised(mechanism, state["q"] + step) if name == "q" else state["qd"] + step
+            moved = evaluate(function, mechanism, state | {name: changed}, ComplexArithmetic())
             expected.append(moved.imag / tiny.imag)
     np.testing.assert_allclose(found, np.stack(expected, axis=2), atol=1e-11 * (1 + np.abs(found).max(initial=0)))
 
@@ -176,14 +188,36 @@ def test_the_effects_alone(tmp_path: Path) -> None:
     np.testing.assert_allclose(mass[:, row["m2"]], np.tile([0, 0, 5 * 0.4 * -60, 0], (3, 1)))
 
 
-@pytest.mark.parametrize("term", ["qdd**2", "sign(qdd)", "abs(qdd)*q"])
-def test_effects_that_are_not_linear_in_accelerations(tmp_path: Path, term: str) -> None:
+@pytest.mark.parametrize("term", ["qdd**2", "sign(qdd)", "abs(qdd)*q", "qdd*qd", "i*qdd"])
+def test_effects_that_no_mass_matrix_holds(tmp_path: Path, term: str) -> None:
     own = f'  - {{parameter: P, unit: N·m, acts: [{{at: j1, term: "{term}"}}]}}'
     mechanism = described(tmp_path, EVERYTHING + own)
-    with pytest.raises(InputError, match="effect 'P' is not linear in the accelerations"):
+    with pytest.raises(InputError, match="effect 'P' is not linear in the accelerations, with positions alone"):
         robot_function("mass_matrix", mechanism, range(len(mechanism.parameters)))
     robot_function("mass_matrix", mechanism, range(60))
     robot_function("inverse_dynamics_derivatives", mechanism, range(len(mechanism.parameters)))
+
+
+def check_slopes(mechanism: Mechanism, values: dict[str, FloatArray]) -> None:
+    """Derivatives of inverse dynamics against central differences."""
+    columns, h = range(len(mechanism.parameters)), 1e-6
+    function = robot_function("inverse_dynamics", mechanism, columns)
+    found = evaluate(robot_function("inverse_dynamics_derivatives", mechanism, columns), mechanism, values)
+    expected = []
+    for name in ("q", "qd"):
+        for step in h * np.eye(values[name].shape[1]):
+            ends = (evaluate(function, mechanism, values | {name: values[name] + s * step}) for s in (1, -1))
+            expected.append(np.subtract(*ends) / (2 * h))
+    np.testing.assert_allclose(found, np.stack(expected, axis=2), atol=1e-7 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("sensors", ["", SENSORS], ids=["drives", "sensors"])
+def test_derivatives_with_effects_and_sensors(tmp_path: Path, sensors: str) -> None:
+    mechanism = described(tmp_path, EVERYTHING + sensors)
+    rng = np.random.default_rng(8)
+    values = dict(zip(("q", "qd", "qdd"), random_states(mechanism, 3), strict=True))
+    values |= {"parameters": rng.normal(size=len(mechanism.parameters)), "inputs": rng.normal(size=(3, 1))}
+    check_slopes(mechanism, values)
 
 
 # -- loops -------------------------------------------------------------------------------------------------------------
@@ -221,3 +255,6 @@ def test_loops(mechanism: Mechanism) -> None:
     np.testing.assert_allclose(found["inverse_dynamics"], x @ zeta, atol=1e-10 * np.abs(x).max())
     arguments = robot_function("coriolis", mechanism, columns).arguments
     assert [a.name for a in arguments] == ["q", "qd", "u", "v", "parameters", "symbols"]
+    u, v = np.eye(len(mechanism.outputs))[:1], Assembly(mechanism).virtual_velocities(q)[:, :, 0]
+    if "rssr" not in mechanism.name:  # central differences would leave the unit sphere
+        check_slopes(mechanism, values | {"u": np.tile(u, (4, 1)), "v": v})

@@ -18,7 +18,7 @@ from echelon.dynamics.wrenches import Wrench
 from echelon.inertia.spatial import Array
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Scalar
-from echelon.regressor.spatial import Vec, add, cross, dot, scale
+from echelon.regressor.spatial import Mat, Vec, add, apply, cross, scale
 from echelon.regressor.steps import Freedom, Recorder
 
 Symmetric = dict[tuple[str, str], Scalar]
@@ -42,18 +42,18 @@ def mass_matrix_of_freedoms(
     """
     nothing = np.full((4, 4), recorder.program.zero, dtype=object)
     found: Symmetric = {}
-    passages = recursion.passages()
+    passages, _ = recursion.passages(recorder.zeros)
     composites = {index: inertias.get(index, nothing) for index in range(GROUND, len(mechanism.bodies))}
-    columns: dict[int, dict[str, _Column]] = {index: {} for index in composites}
+    columns: dict[int, dict[str, Falling]] = {index: {} for index in composites}
     for index in reversed(range(GROUND, len(mechanism.bodies))):
         composite, carried = composites[index], columns[index]
         for passage in reversed(passages[index]):
             for freedom in passage.step.freedoms:
-                carried[freedom.name] = _Column(recorder.zeros, _unit_wrench(freedom, composite))
+                carried[freedom.name] = Falling(recorder.zeros, _unit_wrench(freedom, composite))
             for name, column in carried.items():
                 for other, effort in column.carry(passage).items():
                     found[name, other] = found[other, name] = effort
-            composite = _before(passage, composite)
+            composite = before(passage, composite)
         if index != GROUND:
             parent = mechanism.bodies[index].parent
             composites[parent] = composites[parent] + composite
@@ -61,7 +61,7 @@ def mass_matrix_of_freedoms(
     return found
 
 
-class _Column:
+class Falling:
     """A wrench on its way to the ground."""
 
     def __init__(self, zeros: Vec, wrench: Wrench) -> None:
@@ -78,16 +78,21 @@ def _unit_wrench(freedom: Freedom, pseudo: Array) -> Wrench:
     """Wrench about the origin that a unit of a freedom's acceleration needs: J α + h × a, and m a + α × h."""
     angular, linear = freedom.angular, freedom.linear
     first: Vec = (pseudo[0, MASS], pseudo[1, MASS], pseudo[2, MASS])
+    moment = apply(tensor(pseudo), angular)
+    return add(moment, cross(first, linear)), add(scale(linear, pseudo[MASS, MASS]), cross(angular, first))
+
+
+def tensor(pseudo: Array) -> Mat:
+    """The inertia tensor."""
     rows: list[Vec] = []
     for k in range(3):
         row = [-pseudo[k, j] for j in range(3)]
         row[k] = pseudo[(k + 1) % 3, (k + 1) % 3] + pseudo[(k + 2) % 3, (k + 2) % 3]
         rows.append((row[0], row[1], row[2]))
-    moment: Vec = (dot(rows[0], angular), dot(rows[1], angular), dot(rows[2], angular))
-    return add(moment, cross(first, linear)), add(scale(linear, pseudo[MASS, MASS]), cross(angular, first))
+    return (rows[0], rows[1], rows[2])
 
 
-def _before(passage: Passage, pseudo: Array) -> Array:
+def before(passage: Passage, pseudo: Array) -> Array:
     """A pseudo-inertia about the frame before a step."""
     step, turned = passage.step, pseudo
     if step.rotation is not None:

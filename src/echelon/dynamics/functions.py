@@ -13,7 +13,6 @@ from echelon.dynamics.arguments import Arguments
 from echelon.dynamics.outputs import RecordedOutputs
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
-from echelon.program.derivatives import derivatives
 from echelon.program.function import Function
 from echelon.program.operations import Op
 from echelon.program.tape import Scalar
@@ -57,13 +56,16 @@ def mass_matrix(recorded: RecordedOutputs) -> Function:
 
 
 def inverse_dynamics_derivatives(recorded: RecordedOutputs) -> Function:
-    """Record [∂y/∂q, ∂y/∂q̇]; the entries of a quaternion count as independent of each other."""
-    program, mechanism = recorded.program, recorded.mechanism
-    forces = _total(recorded.inertial(True, {}), recorded.effects({}))
+    """Record [∂y/∂q, ∂y/∂q̇].
+
+    A unit quaternion's four columns are the derivatives of the quaternion of the same direction: they vanish along it,
+    so that they hold for changes along the unit sphere and for normalised ones.
+    """
+    entries = recorded.inertial_slopes()
+    for index, slope in recorded.effect_slopes().items():
+        entries[index] = entries[index] + slope
+    mechanism = recorded.mechanism
     names = [f"q[{n}]" for n in mechanism.positions] + [f"qd[{n}]" for n in mechanism.velocities]
-    inputs = [program.input(name).node for name in names]
-    slopes = derivatives(program, [force.node for force in forces], inputs, reverse=True)
-    entries: dict[Index, Scalar] = {index: Scalar(program, node) for index, node in slopes.items()}
     meaning = "derivatives of the inverse dynamics by positions and velocities"
     axes = (recorded.names, tuple(names))
     return _function("inverse_dynamics_derivatives", recorded, entries, axes, "q qd qdd u v inputs", meaning)

@@ -10,9 +10,11 @@ from echelon.dynamics.composite import mass_matrix_of_freedoms
 from echelon.dynamics.frames import slid
 from echelon.dynamics.grouping import grouped_inertias
 from echelon.dynamics.recursion import Recursion
+from echelon.dynamics.slopes import by_quaternion, effort_slopes
 from echelon.errors import InputError
 from echelon.inertia.spatial import Array
 from echelon.mechanism.effect import Side
+from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.derivatives import derivatives
 from echelon.program.operations import Op
@@ -20,6 +22,9 @@ from echelon.program.tape import Program, Scalar
 from echelon.regressor.effects import EffectRecorder
 from echelon.regressor.probes import Probes, VirtualMotion, any_motion, virtual_motion
 from echelon.regressor.steps import Recorder
+
+Index = tuple[int, ...]
+"""Row, or row and column."""
 
 
 class RecordedOutputs:
@@ -77,17 +82,51 @@ class RecordedOutputs:
         zero = self.program.zero
         return [sum((found[n] * speed for n, speed in m.freedoms.items()), zero) for m in self._motions]
 
-    def inertial_mass(self) -> dict[tuple[int, int], Scalar]:
+    def inertial_mass(self) -> dict[Index, Scalar]:
         """Derivatives of the inertial forces by the accelerations, by row and column."""
-        mechanism, program = self._reframed.mechanism, self.program
-        recorder = Recorder(mechanism, program, self.still("qd", "qdd"))
+        mechanism = self._reframed.mechanism
+        recorder = Recorder(mechanism, self.program, self.still("qd", "qdd"))
         recursion = Recursion(mechanism, recorder, Probes(mechanism, recorder), self._sums)
         matrix = mass_matrix_of_freedoms(mechanism, recorder, recursion, self._inertias)
+        return self._outer(matrix)
+
+    def inertial_slopes(self) -> dict[Index, Scalar]:
+        """Derivatives of the inertial forces by row and column; columns are positions, then velocities."""
+        mechanism = self._reframed.mechanism
+        recorder = Recorder(mechanism, self.program)
+        recursion = Recursion(mechanism, recorder, Probes(mechanism, recorder), self._sums)
+        by_angle, by_rate = map(
+            self._outer, effort_slopes(mechanism, recorder, recursion, self._inertias, recorder.gravity())
+        )
+        found: dict[Index, Scalar] = {}
+        for row in range(len(self._motions)):
+            slopes: list[Scalar] = []
+            place = 0
+            for motion in (m for m in mechanism.motions if m.name not in mechanism.dependent):
+                own = [by_angle[row, place + k] for k in range(len(motion.velocities))]
+                place += len(own)
+                ball = motion.kind is MotionKind.BALL
+                slopes += by_quaternion(recorder.coordinates[motion.name].position, own) if ball else own
+            slopes += [by_rate[row, k] for k in range(place)]
+            found |= {(row, column): slope for column, slope in enumerate(slopes)}
+        return found
+
+    def effect_slopes(self) -> dict[Index, Scalar]:
+        """The same of the effects."""
+        program, mechanism = self.program, self.mechanism
+        names = [f"q[{n}]" for n in mechanism.positions] + [f"qd[{n}]" for n in mechanism.velocities]
+        forces, inputs = self.effects({}), [program.input(name).node for name in names]
+        slopes = derivatives(program, [force.node for force in forces], inputs)
+        return {index: Scalar(program, node) for index, node in slopes.items()}
+
+    def _outer(self, matrix: Mapping[tuple[str, str], Scalar]) -> dict[Index, Scalar]:
+        """Entries between freedoms as entries between outputs and velocity coordinates."""
+        mechanism, program = self.mechanism, self.program
         moved = {name: {name: program.one} for name in mechanism.velocities}
         for coupling in mechanism.couplings:
             for name, ratio in coupling.terms:
                 moved[name][coupling.coordinate] = program.polynomial(ratio)
-        found: dict[tuple[int, int], Scalar] = {}
+        found: dict[Index, Scalar] = {}
         for row, motion in enumerate(self._motions):
             for column, name in enumerate(mechanism.velocities):
                 terms = [
@@ -106,7 +145,7 @@ class RecordedOutputs:
             totals[row] = totals[row] + force
         return totals
 
-    def effect_inertia(self) -> dict[tuple[int, int], Scalar]:
+    def effect_inertia(self) -> dict[Index, Scalar]:
         """Derivatives of the effects' forces by the accelerations, by row and column.
 
         Raises
@@ -114,14 +153,14 @@ class RecordedOutputs:
         InputError
             If an effect is not linear in the accelerations.
         """
-        program, total = self.program, dict[tuple[int, int], Scalar]()
+        program, total = self.program, dict[Index, Scalar]()
         inputs = [program.input(f"qdd[{name}]").node for name in self.mechanism.velocities]
         for name, row, force in self._effect_terms({}):
             slopes = derivatives(program, [force.node], inputs)
-            if _uses(program, slopes.values(), inputs) or _uses(program, _signs(program, force.node), inputs):
+            if _varies(program, slopes.values(), ("qd[", "qdd[", "i[")) or _varies(program, _signs(force), ("qdd[",)):
                 raise InputError(
-                    f"effect '{name}' is not linear in the accelerations, so there is no mass matrix; leave its "
-                    "parameter out or use the inverse dynamics"
+                    f"effect '{name}' is not linear in the accelerations, with positions alone in the factor, so there "
+                    "is no mass matrix M(q); leave its parameter out or use the inverse dynamics"
                 )
             for (_, column), node in slopes.items():
                 total[row, column] = total.get((row, column), program.zero) + Scalar(program, node)
@@ -165,9 +204,12 @@ class RecordedOutputs:
         return [virtual_motion(mechanism, program, probes, weights)]
 
 
-def _signs(program: Program, output: int) -> list[int]:
-    return [node for node in program.needed([output]) if program.ops[node] == Op.SIGN]
+def _signs(force: Scalar) -> list[int]:
+    program = force.program
+    return [node for node in program.needed([force.node]) if program.ops[node] == Op.SIGN]
 
 
-def _uses(program: Program, outputs: Iterable[int], inputs: Sequence[int]) -> bool:
-    return not set(inputs).isdisjoint(program.needed(outputs))
+def _varies(program: Program, outputs: Iterable[int], kinds: tuple[str, ...]) -> bool:
+    """Whether outputs depend on inputs of some kinds."""
+    names = (program.inputs[n].name for n in program.needed(outputs) if n in program.inputs)
+    return any(name.startswith(kinds) for name in names)

@@ -58,9 +58,23 @@ class Turn:
 
 @dataclass(frozen=True)
 class Passage:
-    """A step that was taken, and the turn that it continued."""
+    """A step that was taken, and how the frames before and behind it move.
+
+    Attributes
+    ----------
+    step : Step
+    start, end : Kinematics
+    turn : Turn, optional
+        What a rotation has continued.
+    rotation : 3 × 3 of Scalar, optional
+        The turn's whole rotation.
+    axis : int
+        The rotation's coordinate axis.
+    """
 
     step: Step
+    start: Kinematics
+    end: Kinematics
     turn: Turn | None = None
     rotation: Mat | None = None
     axis: int = 0
@@ -116,10 +130,10 @@ class Recursion:
                 wrenches[parent] = (add(wrenches[parent][0], moment), add(wrenches[parent][1], force))
         return down.efforts
 
-    def passages(self) -> dict[int, list[Passage]]:
-        """Steps from the parent's frame to every body's, those of sensors included; also of the ground."""
-        self._forward(self._recorder.zeros)
-        return self._passages
+    def passages(self, gravity: Vec) -> tuple[dict[int, list[Passage]], dict[int, Kinematics]]:
+        """Steps from the parent's frame to every body's, those of sensors included, and the bodies' motion."""
+        places = self._forward(gravity)
+        return self._passages, {index: place.motion for index, place in places.items()}
 
     # -- forward ------------------------------------------------------------------------------------------------------
 
@@ -132,13 +146,23 @@ class Recursion:
             for described, step in zip(body.joint.steps, self._recorder.steps(index), strict=True):
                 place, passage = self._advanced(place, described, step)
                 passages.append(passage)
-            before, behind = (map(Passage, self._probes.steps(index, on)) for on in (True, False))
+            before = self._sensed(places[body.parent], self._probes.steps(index, on_parent=True))
+            behind = self._sensed(place, self._probes.steps(index, on_parent=False))
             places[index], self._passages[index] = place, [*before, *passages, *behind]
-        self._passages[GROUND] = [Passage(step) for step in self._probes.steps(GROUND, on_parent=False)]
+        self._passages[GROUND] = self._sensed(places[GROUND], self._probes.steps(GROUND, on_parent=False))
         return places
 
-    def _advanced(self, place: Place, described: Described, step: Step) -> tuple[Place, Passage]:
-        now, turn = place.motion, place.turn
+    def _sensed(self, place: Place, steps: Sequence[Step]) -> list[Passage]:
+        """Steps into the frames of sensors and back, on which nothing moves."""
+        found = []
+        for step in steps:
+            place, passage = self._advanced(place, None, step)
+            found.append(passage)
+        return found
+
+    def _advanced(self, place: Place, described: Described | None, step: Step) -> tuple[Place, Passage]:
+        start = now = place.motion
+        turn = place.turn
         if step.shift is not None:
             now = Kinematics(now.angular, now.angular_rate, add(now.linear, apply(now.field, step.shift)))
         if isinstance(described, Motion) and described.kind is MotionKind.ROTATION:
@@ -151,7 +175,7 @@ class Recursion:
             now = _moved(now, before, freedom)
         if turn is not None and step.rotation is not None:
             turn = None if step.freedoms else replace(turn, fixed=_product(turn.fixed, step.rotation))
-        return Place(now, turn), Passage(step)
+        return Place(now, turn), Passage(step, start, now)
 
     def _turned(self, now: Kinematics, turn: Turn | None, motion: Motion, step: Step) -> tuple[Place, Passage]:
         """A rotation about a coordinate axis."""
@@ -179,7 +203,7 @@ class Recursion:
             into_frame(step, now.linear),
             along,
         )
-        return Place(moved, turn), Passage(step, turn, rotation, axis)
+        return Place(moved, turn), Passage(step, now, moved, turn, rotation, axis)
 
 
 def _moved(now: Kinematics, before: Vec, freedom: Freedom) -> Kinematics:
