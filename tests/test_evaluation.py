@@ -172,6 +172,16 @@ def test_one_state_lists_and_results(panda: Case) -> None:
     assert base.gravity(one[0], values).shape == (1, 7)
 
 
+def test_big_batches(panda: Case) -> None:
+    """Results beyond the caches, which are written in another way by several threads, are the same bit by bit."""
+    state = random_states(panda.mechanism, 6000)
+    for call in (panda.base.regressor, panda.base.standard_regressor, panda.base.regressor_entries):
+        whole = call(*state)
+        assert whole.nbytes > kernel_module._CACHED_BYTES
+        for first in (0, 1, 4567):
+            assert same_bits(call(*(array[first : first + 50] for array in state)), whole[first : first + 50])
+
+
 def test_other_geometry(panda: Case) -> None:
     """Symbols replace those of the file, as in a file that states them."""
     other = arms.panda(lengths=("0.4", "0.25", "0.35", "0.07", "0.1"))

@@ -14,7 +14,7 @@ from oracles import random_states
 from pinocchio_regressor import pinocchio_regressor
 from robots import has_pinocchio, pinocchio_model, robot_file, robot_files
 
-FEW = 9
+FEW = 7
 """Files with more moving joints are slow: compiling takes some seconds."""
 
 SAMPLES = 11

@@ -216,3 +216,12 @@ def test_targets() -> None:
         assert (host(lanes).lanes, host(lanes).cpu) == (lanes, host().cpu)
     with pytest.raises(InputError, match=r"this processor has no vectors of 3 doubles \(valid: 2"):
         host(3)
+
+
+@pytest.mark.parametrize("lanes", ["3", "wide", "-2"])
+def test_width_from_the_environment(monkeypatch: pytest.MonkeyPatch, lanes: str) -> None:
+    monkeypatch.setenv("ECHELON_LANES", "2")
+    assert host.__wrapped__().lanes == 2
+    monkeypatch.setenv("ECHELON_LANES", lanes)
+    with pytest.raises(InputError, match=f"this processor has no vectors of {lanes} doubles"):
+        host.__wrapped__()

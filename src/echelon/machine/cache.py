@@ -12,6 +12,7 @@ import os
 import stat
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from echelon.errors import InputError
@@ -109,8 +110,10 @@ def _store(path: Path, key: str, code: bytes) -> None:
     """Write an entry; without room or permission there is none, and the code is made again next time."""
     try:
         write_atomically(path, _MAGIC + key.encode() + b"\n" + hashlib.sha256(code).digest() + code, private=True)
+    except InputError as error:
+        warnings.warn(f"compiled code is not kept: {error}", RuntimeWarning, stacklevel=2)
+        return
+    with suppress(OSError):  # another process may remove entries at the same time
         entries = sorted(path.parent.glob("*.bin"), key=lambda entry: entry.stat().st_mtime)
         for old in entries[:-_MOST_ENTRIES]:
             old.unlink(missing_ok=True)
-    except (InputError, OSError) as error:
-        warnings.warn(f"compiled code is not kept: {error}", RuntimeWarning, stacklevel=2)

@@ -77,14 +77,14 @@ def host(lanes: int | None = None) -> Target:
     known = llvm.get_host_cpu_features()
     # without fused multiply-add every reduction of an angle would call a library, so such vectors are not worth having
     widest = 8 if known.get("avx512f") else 4 if known.get("avx2") and known.get("fma") else 2
-    wanted = lanes or int(os.environ.get("ECHELON_LANES") or widest)
-    valid = [width for width in _WIDTHS if width <= widest]
+    wanted = str(lanes or os.environ.get("ECHELON_LANES") or widest)
+    valid = [str(width) for width in _WIDTHS if width <= widest]
     if wanted not in valid:
-        raise InputError(f"this processor has no vectors of {wanted} doubles (valid: {', '.join(map(str, valid))})")
+        raise InputError(f"this processor has no vectors of {wanted} doubles (valid: {', '.join(valid)})")
     features = known.flatten()
     if widest == _WIDEST:  # without this LLVM splits 512-bit vectors on processors that prefer narrower ones
         features += ",-prefer-256-bit"
-    return Target(llvm.get_process_triple(), llvm.get_host_cpu_name(), features, wanted)
+    return Target(llvm.get_process_triple(), llvm.get_host_cpu_name(), features, int(wanted))
 
 
 @cache
