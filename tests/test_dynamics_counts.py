@@ -19,21 +19,25 @@ NAME = "inverse_dynamics"
 COUNTS = {
     "rx90": {
         "inverse_dynamics": (225, 238, 5),
+        "gravity": (25, 40, 5),
         "mass_matrix": (112, 132, 5),
         "inverse_dynamics_derivatives": (896, 1024, 5),
     },
     "puma560": {
         "inverse_dynamics": (236, 248, 5),
+        "gravity": (25, 40, 5),
         "mass_matrix": (130, 148, 5),
         "inverse_dynamics_derivatives": (974, 1106, 5),
     },
     "panda": {
         "inverse_dynamics": (294, 298, 6),
+        "gravity": (34, 50, 6),
         "mass_matrix": (175, 196, 6),
         "inverse_dynamics_derivatives": (1273, 1439, 6),
     },
     "ur10": {
         "inverse_dynamics": (232, 244, 5),
+        "gravity": (25, 40, 5),
         "mass_matrix": (128, 146, 5),
         "inverse_dynamics_derivatives": (938, 1067, 5),
     },
@@ -51,13 +55,12 @@ ARMS = {
 
 def counted(function: Function) -> tuple[int, int, int]:
     operations = function.operations()
-    assert operations["SIN"] == operations["COS"]
     assert operations.keys() <= {"ADD", "SUB", "MUL", "NEG", "SIN", "COS"}
     return operations["ADD"] + operations["SUB"], operations["MUL"], operations["SIN"]
 
 
 @pytest.mark.parametrize("robot", ARMS)
-@pytest.mark.parametrize("name", ["inverse_dynamics", "mass_matrix", "inverse_dynamics_derivatives"])
+@pytest.mark.parametrize("name", COUNTS["rx90"])
 def test_base_parameters(robot: str, name: str) -> None:
     mechanism, limits = ARMS[robot], COUNTS[robot][name]
     found = counted(robot_function(name, mechanism, ec.base_parameters(mechanism).matrix.pivots))

@@ -1,9 +1,10 @@
-"""The mass matrix of all freedoms, by composite bodies (Walker and Orin 1982, Featherstone).
+"""The mass matrix of all freedoms, and what they hold at rest, by composite bodies (Walker and Orin 1982).
 
 Behind a joint that alone moves, all bodies are one.  A unit of its acceleration needs a wrench that follows from the
 composite inertia; carried to the ground, it makes efforts in all freedoms on the way, and these are the entries of the
-symmetric matrix.  Sensors are freedoms like others.  A frame's share costs one turn of an inertia, where inverse
-dynamics at unit accelerations would move every body for every joint.
+symmetric matrix.  A frame's share costs one turn of an inertia, where inverse dynamics at unit accelerations would move
+every body for every joint.  By the same symmetry the effort at rest is the force of that wrench times gravity.  Sensors
+are freedoms like others.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from echelon.dynamics.wrenches import Wrench
 from echelon.inertia.spatial import Array
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Scalar
-from echelon.regressor.spatial import Mat, Vec, add, apply, cross, scale
+from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, scale
 from echelon.regressor.steps import Freedom, Recorder
 
 Symmetric = dict[tuple[str, str], Scalar]
@@ -58,6 +59,33 @@ def mass_matrix_of_freedoms(
             parent = mechanism.bodies[index].parent
             composites[parent] = composites[parent] + composite
             columns[parent] |= carried
+    return found
+
+
+def efforts_at_rest(
+    mechanism: Mechanism, recorder: Recorder, recursion: Recursion, inertias: Mapping[int, Array], gravity: Vec
+) -> dict[str, Scalar]:
+    """Effort of every freedom that holds the bodies' weight, sensors included.
+
+    Parameters
+    ----------
+    mechanism, recorder, recursion, inertias
+        As for :func:`mass_matrix_of_freedoms`.
+    gravity : 3 of Scalar
+        In the base frame, m/s².
+    """
+    nothing = np.full((4, 4), recorder.program.zero, dtype=object)
+    found: dict[str, Scalar] = {}
+    passages, _ = recursion.passages(gravity)
+    composites = {index: inertias.get(index, nothing) for index in range(GROUND, len(mechanism.bodies))}
+    for index in reversed(range(GROUND, len(mechanism.bodies))):
+        composite = composites[index]
+        for passage in reversed(passages[index]):
+            for freedom in passage.step.freedoms:
+                found[freedom.name] = dot(_unit_wrench(freedom, composite)[1], passage.end.linear)
+            composite = before(passage, composite)
+        if index != GROUND:
+            composites[mechanism.bodies[index].parent] = composites[mechanism.bodies[index].parent] + composite
     return found
 
 

@@ -30,8 +30,7 @@ def inverse_dynamics(recorded: RecordedOutputs) -> Function:
 
 def gravity(recorded: RecordedOutputs) -> Function:
     """Record the inertial forces at rest."""
-    forces = recorded.inertial(True, recorded.still("qd", "qdd"))
-    return _vector("gravity", recorded, forces, "q u v", "outputs that hold the bodies' weight")
+    return _vector("gravity", recorded, recorded.weight(), "q u v", "outputs that hold the bodies' weight")
 
 
 def coriolis(recorded: RecordedOutputs) -> Function:
@@ -104,7 +103,7 @@ def _price(function: Function) -> int:
 
 
 _FUNCTION_PRICE = 25
-"""Of a sine or cosine, which come in pairs; measured in vectorised machine code."""
+"""Of a sine or cosine; in vectorised machine code a pair takes as long as about fifty multiplications."""
 
 FUNCTIONS: Mapping[str, Builder] = {
     "inverse_dynamics": _cheapest(inverse_dynamics),

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 
 from echelon.dynamics.arguments import STATE, parameter_input
-from echelon.dynamics.composite import mass_matrix_of_freedoms
+from echelon.dynamics.composite import efforts_at_rest, mass_matrix_of_freedoms
 from echelon.dynamics.frames import slid
 from echelon.dynamics.grouping import grouped_inertias
 from echelon.dynamics.recursion import Recursion
@@ -74,27 +74,24 @@ class RecordedOutputs:
         list of Scalar
             One for each row.
         """
+        recorder, recursion = self._recursion(given)
+        return self._rows(recursion.efforts(self._inertias, recorder.gravity() if gravity else recorder.zeros))
+
+    def weight(self) -> list[Scalar]:
+        """Forces that hold the bodies' weight at rest, one for each row."""
+        recorder, recursion = self._recursion(self.still("qd", "qdd"))
         mechanism = self._reframed.mechanism
-        recorder = Recorder(mechanism, self.program, given)
-        probes = Probes(mechanism, recorder)
-        field = recorder.gravity() if gravity else recorder.zeros
-        found = Recursion(mechanism, recorder, probes, self._sums).efforts(self._inertias, field)
-        zero = self.program.zero
-        return [sum((found[n] * speed for n, speed in m.freedoms.items()), zero) for m in self._motions]
+        return self._rows(efforts_at_rest(mechanism, recorder, recursion, self._inertias, recorder.gravity()))
 
     def inertial_mass(self) -> dict[Index, Scalar]:
         """Derivatives of the inertial forces by the accelerations, by row and column."""
-        mechanism = self._reframed.mechanism
-        recorder = Recorder(mechanism, self.program, self.still("qd", "qdd"))
-        recursion = Recursion(mechanism, recorder, Probes(mechanism, recorder), self._sums)
-        matrix = mass_matrix_of_freedoms(mechanism, recorder, recursion, self._inertias)
-        return self._outer(matrix)
+        recorder, recursion = self._recursion(self.still("qd", "qdd"))
+        return self._outer(mass_matrix_of_freedoms(self._reframed.mechanism, recorder, recursion, self._inertias))
 
     def inertial_slopes(self) -> dict[Index, Scalar]:
         """Derivatives of the inertial forces by row and column; columns are positions, then velocities."""
         mechanism = self._reframed.mechanism
-        recorder = Recorder(mechanism, self.program)
-        recursion = Recursion(mechanism, recorder, Probes(mechanism, recorder), self._sums)
+        recorder, recursion = self._recursion({})
         by_angle, by_rate = map(
             self._outer, effort_slopes(mechanism, recorder, recursion, self._inertias, recorder.gravity())
         )
@@ -185,6 +182,16 @@ class RecordedOutputs:
         return {f"{kind}[{name}]": self.program.zero for kind in kinds for name in self.mechanism.velocities}
 
     # -- what they share -----------------------------------------------------------------------------------------
+
+    def _recursion(self, given: Mapping[str, Scalar]) -> tuple[Recorder, Recursion]:
+        mechanism = self._reframed.mechanism
+        recorder = Recorder(mechanism, self.program, given)
+        return recorder, Recursion(mechanism, recorder, Probes(mechanism, recorder), self._sums)
+
+    def _rows(self, efforts: Mapping[str, Scalar]) -> list[Scalar]:
+        """Outputs that read efforts of freedoms."""
+        zero = self.program.zero
+        return [sum((efforts[n] * speed for n, speed in m.freedoms.items()), zero) for m in self._motions]
 
     @cached_property
     def _inertias(self) -> dict[int, Array]:

@@ -8,9 +8,10 @@ velocity of a point against the joint's origin, and ω the frame's angular veloc
 where δω, δω̇ and δa are the changes of the frame behind the joint, seen from it.  δα and δω are the same about every
 origin.  So the wrench of the bodies behind changes by a linear function of (δω, δα, δa) whose coefficients are the
 composite inertia, D = 2 Σ m r uᵀ and p = 2 Σ m u.  Carried to the ground it changes the efforts on the way; and what a
-freedom further out reads is a linear form in (δω, δα, δa), which is carried to the ground, too.  This takes about half
-of the operations of differentiating the recursion as a program.  The idea of composite bodies for derivatives is that
-of Carpentier and Mansard (2018) and of Singh, Russo and Wensing (2022); frames here are those of the bodies.
+freedom further out reads is a linear form in (δω, δα, δa), which is carried to the ground, too.  On arms of six or
+seven joints this takes a fifth to two fifths fewer operations than differentiating the recursion as a program, and on
+larger robots half of them.  The idea of composite bodies for derivatives is that of Carpentier and Mansard (2018) and
+of Singh, Russo and Wensing (2022); frames here are those of the bodies.
 """
 
 from __future__ import annotations

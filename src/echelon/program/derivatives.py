@@ -2,8 +2,8 @@
 
 Both modes multiply the same local partial derivatives: forward from the inputs, one pass for each input, or in reverse
 from the outputs, one pass for each output.  Whatever derivatives have in common with the program or with each other is
-there once, and zeros vanish while recording.  Forward mode is right for few inputs, reverse mode for few outputs; for
-the Jacobians of inverse dynamics, with more inputs than outputs, see :mod:`echelon.dynamics.functions`.
+there once, and zeros vanish while recording.  Forward mode is right for few inputs, reverse mode for few outputs: a
+gradient costs about as much as the function itself, three to five times over.
 """
 
 from __future__ import annotations
