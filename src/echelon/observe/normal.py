@@ -39,6 +39,10 @@ class NormalEquations:
     def merged(self, other: NormalEquations) -> NormalEquations:
         """The normal equations of both sets of samples.
 
+        Parameters
+        ----------
+        other : NormalEquations
+
         Raises
         ------
         InputError

@@ -76,6 +76,10 @@ class Observation:
     def merged(self, other: Observation) -> Observation:
         """The observation of both sets of samples.
 
+        Parameters
+        ----------
+        other : Observation
+
         Raises
         ------
         InputError
