@@ -14,9 +14,10 @@ _ABOUT = """\
 samples in a vector; {llvm}; {compilers}; {tools}.
 
 Everything here is called from Python, except what is said to be C or C++.  Pinocchio in C++ is compiled from its
-headers with `{flags}`, which is its fastest build here, and
-its loops are timed in C++; a thread has its own share of the samples and its own `Data`.  Numbers are
-minimum / median / maximum over the rounds; all jobs run in turn, and a ratio is that of two jobs of one round."""
+headers with `{flags}` (with
+Eigen's own vectors it is slower), and its loops are timed in C++; a thread has its own share of the samples and its
+own `Data`.  Numbers are minimum / median / maximum over the rounds; all jobs run in turn, and a ratio is that of two
+jobs of one round."""
 
 _ABOUT_THROUGHPUT = """\
 Nanoseconds per sample.  States are random, the same for all, and so many that no cache holds W.  Arrays are written
