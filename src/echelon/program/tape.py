@@ -155,6 +155,8 @@ class Program:
             return self.subtract(a, self.lhs[b])
         if self.ops[a] == _NEG:
             return self.subtract(b, self.lhs[a])
+        if a == b and self._scaled(a) is not None:  # c·x + c·x, which is x where c is a half
+            return self.multiply(a, self.constant(2).node)
         return self._intern(_ADD, a, b)
 
     def subtract(self, a: int, b: int) -> int:
@@ -192,6 +194,9 @@ class Program:
                 return self.negate(a)
             if _is_negative(value):
                 return self.negate(self.multiply(a, self.constant(-value).node))
+            inner = self._scaled(a)
+            if inner is not None:
+                return self.multiply(inner[1], self.constant(inner[0] * value).node)
         if self.ops[a] == _NEG:
             return self.negate(self.multiply(self.lhs[a], b))
         if self.ops[b] == _NEG:
@@ -219,6 +224,15 @@ class Program:
         if b in self.constants:
             return self.multiply(a, self.constant(inverse(self.constants[b])).node)
         return a if a == self.zero.node else self._intern(_DIV, a, b)
+
+    def _scaled(self, a: int) -> tuple[Number, int] | None:
+        """Factor and node, if a is a product with a constant."""
+        if self.ops[a] != _MUL:
+            return None
+        for factor, rest in ((self.lhs[a], self.rhs[a]), (self.rhs[a], self.lhs[a])):
+            if factor in self.constants:
+                return self.constants[factor], rest
+        return None
 
     def _intern(self, op: int, a: int, b: int) -> int:
         if a > b and op in _COMMUTATIVE:
