@@ -207,7 +207,7 @@ def _part(block: Block, number: int) -> str:
 
 def _stream(code: Code, block: Block, done: int) -> None:
     """The lines that are due before one of the operations on a vector."""
-    total = sum(len(part) for part in block.lowered.parts)
+    total = block.lowered.length
     for line in range(done * block.streamed // total, (done + 1) * block.streamed // total):
         source, target = (code.let(f"getelementptr {_LINE}, ptr %{end}, i64 {line}") for end in ("from", "to"))
         value = code.let(f"load {_LINE}, ptr {source}, align 8")

@@ -48,6 +48,11 @@ class Lowered:
         return {node: (i, k) for i, argument in enumerate(varying) for k, node in enumerate(argument.nodes)}
 
     @cached_property
+    def length(self) -> int:
+        """Operations in all parts."""
+        return sum(len(part) for part in self.parts)
+
+    @cached_property
     def places(self) -> dict[int, list[int]]:
         """For each output node, the entries of the result that it is."""
         found: dict[int, list[int]] = {}
