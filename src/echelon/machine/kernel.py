@@ -25,9 +25,11 @@ from echelon.errors import InputError
 from echelon.machine.batch import Batch, Floats, aligned, batch, result_array
 from echelon.machine.cache import cached_object
 from echelon.machine.compiler import Library, object_code
-from echelon.machine.kernel_text import Block, kernel_text, prepare_text
-from echelon.machine.layout_text import Rows, Way, rows_text, streamed_lines, way
+from echelon.machine.kernel_text import kernel_text
+from echelon.machine.layout import Rows, rows_of
 from echelon.machine.lowering import lowered
+from echelon.machine.prepare_text import prepare_text
+from echelon.machine.rows_text import rows_text
 from echelon.machine.target import Target, host
 from echelon.machine.text import Vector, module_text
 from echelon.program.function import Function
@@ -101,13 +103,7 @@ class Kernel:
     def _code(self, *, big: bool) -> _Code:
         """Code for results beyond the caches, or within."""
         if big not in self._codes:
-            vector, places = Vector(self.target.lanes), self._places()
-            ordered, chosen = lowered(self.function), way(len(places), big=big)
-            lines = streamed_lines(vector, len(places)) if chosen is Way.IMAGED else 0
-            if chosen is Way.IMAGED and not (lines and ordered.parts):
-                # an image is copied in lines between operations: without either it is not worth having
-                chosen, lines = Way.CACHED, 0
-            rows = Rows(Block(ordered, vector, vector.lanes, lines), places, chosen)
+            rows = rows_of(lowered(self.function), Vector(self.target.lanes), self._places(), big=big)
             self._codes[big] = _Code(rows, self.target)
         return self._codes[big]
 

@@ -11,14 +11,11 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from echelon.machine.lowering import Lowered
-from echelon.machine.text import Code, Vector
-from echelon.machine.trigonometry import by_lane, declarations, sincos
-from echelon.program.operations import Op
+from echelon.machine.operations_text import Writer, declared
+from echelon.machine.text import Code, Vector, stream_line
+from echelon.machine.trigonometry import sincos
 
-_BINARY = {Op.ADD: "fadd contract", Op.SUB: "fsub contract", Op.MUL: "fmul contract", Op.DIV: "fdiv"}
-_LIBRARY = {Op.EXP: "exp", Op.LOG: "log", Op.TANH: "tanh", Op.ATAN: "atan"}
 _DOUBLE = 8
-_LINE = "<8 x double>"
 _STREAM = ", ptr noalias %from, ptr noalias %to"
 _DECLARED = (
     "declare i64 @llvm.smin.i64(i64, i64)",
@@ -76,107 +73,8 @@ class Block:
 def kernel_text(block: Block) -> str:
     """Definitions of ``@compute`` and of all that it calls."""
     v = block.vector
-    libraries = [f"declare double @{name}(double)" for name in _LIBRARY.values()]
-    intrinsics = [f"declare {v.type} @llvm.sqrt.{v.suffix}({v.type})"]
-    intrinsics += [f"declare {v.type} @llvm.copysign.{v.suffix}({v.type}, {v.type})"]
     parts = [_part(block, number) for number in range(len(block.lowered.parts))]
-    return "\n".join([sincos(v), *libraries, *intrinsics, *_DECLARED, *parts, _compute(block)])
-
-
-def prepare_text(lowered: Lowered) -> str:
-    """The definition of ``@prepare``, which computes the uniform values from the uniform arguments."""
-    writer = _Writer(lowered, Vector(1))
-    arguments = [a for a in lowered.function.arguments if a.uniform]
-    place = {node: i for i, node in enumerate(n for a in arguments for n in a.nodes)}
-    program = lowered.program
-    for node in program.needed(lowered.uniform):
-        if program.ops[node] == Op.INPUT:
-            pointer = writer.code.let(f"getelementptr double, ptr %given, i64 {place[node]}")
-            writer.names[node] = writer.code.let(f"load double, ptr {pointer}")
-        elif program.ops[node] != Op.CONSTANT:
-            writer.operation(node)
-    for i, node in enumerate(lowered.uniform):
-        pointer = writer.code.let(f"getelementptr double, ptr %uniforms, i64 {i}")
-        writer.code.do(f"store double {writer.value(node)}, ptr {pointer}")
-    body = writer.code.text()
-    scalar = Vector(1)
-    head = [declarations(scalar), f"declare double @llvm.sqrt.{scalar.suffix}(double)"]
-    head += [f"declare double @llvm.copysign.{scalar.suffix}(double, double)"]
-    head += [f"declare double @{name}(double)" for name in _LIBRARY.values()]
-    return "\n".join([*head, f"define void @prepare(ptr %given, ptr %uniforms) {{\nentry:\n{body}\n  ret void\n}}\n"])
-
-
-class _Writer:
-    """Writes operations on one vector type; remembers the names of values."""
-
-    def __init__(self, lowered: Lowered, vector: Vector) -> None:
-        self.lowered, self.vector = lowered, vector
-        self.code = Code()
-        self.names: dict[int, str] = {}
-        self._pairs: dict[int, tuple[str, str]] = {}
-        self._uniform = {node: i for i, node in enumerate(lowered.uniform)}
-
-    def value(self, node: int) -> str:
-        """The name of a node's value: a constant, a broadcast uniform value, or one that was computed."""
-        constants = self.lowered.program.constants
-        if node in constants:
-            return self.vector.of(float(constants[node]))
-        if node not in self.names:
-            self.names[node] = self._broadcast(self._uniform[node])
-        return self.names[node]
-
-    def _broadcast(self, place: int) -> str:
-        v, code = self.vector, self.code
-        pointer = code.let(f"getelementptr double, ptr %uniforms, i64 {place}")
-        scalar = code.let(f"load double, ptr {pointer}, !invariant.load !0")
-        first = code.let(f"insertelement {v.type} undef, double {scalar}, i32 0")
-        return code.let(f"shufflevector {v.type} {first}, {v.type} undef, <{v.lanes} x i32> zeroinitializer")
-
-    def operation(self, node: int) -> None:
-        """Write one operation."""
-        program = self.lowered.program
-        op, a = Op(program.ops[node]), self.value(program.lhs[node])
-        if op in _BINARY:
-            b = self.value(program.rhs[node])
-            self.names[node] = self.code.let(f"{_BINARY[op]} {self.vector.type} {a}, {b}")
-        else:
-            self.names[node] = self._function(op, a, program.lhs[node])
-
-    def _function(self, op: Op, a: str, operand: int) -> str:
-        v, code = self.vector, self.code
-        if op is Op.NEG:
-            return code.let(f"fneg {v.type} {a}")
-        if op in (Op.SIN, Op.COS, Op.TAN):
-            s, c = self._sincos(operand, a)
-            return s if op is Op.SIN else c if op is Op.COS else code.let(f"fdiv {v.type} {s}, {c}")
-        if op is Op.SQRT:
-            return code.let(f"call {v.type} @llvm.sqrt.{v.suffix}({v.type} {a})")
-        if op is Op.ABS:
-            return code.let(f"call {v.type} @llvm.fabs.{v.suffix}({v.type} {a})")
-        if op is Op.SIGN:
-            return self._sign(a)
-        return by_lane(code, v, _LIBRARY[op], a)
-
-    def _sincos(self, operand: int, a: str) -> tuple[str, str]:
-        if operand not in self._pairs:
-            v, code = self.vector, self.code
-            if v.lanes == 1:
-                self._pairs[operand] = by_lane(code, v, "sin", a), by_lane(code, v, "cos", a)
-            else:
-                pair = f"{{ {v.type}, {v.type} }}"
-                both = code.let(f"call fastcc {pair} @sincos({v.type} {a})")
-                s, c = (code.let(f"extractvalue {pair} {both}, {k}") for k in (0, 1))
-                self._pairs[operand] = s, c
-        return self._pairs[operand]
-
-    def _sign(self, a: str) -> str:
-        """−1, 0 or 1; NaN stays NaN."""
-        v, code = self.vector, self.code
-        one = code.let(f"call {v.type} @llvm.copysign.{v.suffix}({v.type} {v.of(1.0)}, {v.type} {a})")
-        other = code.let(f"fcmp une {v.type} {a}, {v.of(0.0)}")
-        number = code.let(f"fcmp ord {v.type} {a}, {v.of(0.0)}")
-        nonzero = code.let(f"and {v.bits} {other}, {number}")
-        return code.let(f"select {v.bits} {nonzero}, {v.type} {one}, {v.type} {a}")
+    return "\n".join([sincos(v), *declared(v), *_DECLARED, *parts, _compute(block)])
 
 
 # -- parts ---------------------------------------------------------------------------------------------------------
@@ -185,7 +83,7 @@ class _Writer:
 def _part(block: Block, number: int) -> str:
     """One part: reads the rows of the inputs and values that wait, writes its outputs and values for later parts."""
     lowered, v = block.lowered, block.vector
-    writer = _Writer(lowered, v)
+    writer = Writer(lowered, v)
     code, nodes = writer.code, lowered.parts[number]
     operands = {a for n in nodes for a in (lowered.program.lhs[n], lowered.program.rhs[n])}
     _load_columns(writer, operands)
@@ -209,21 +107,19 @@ def _stream(code: Code, block: Block, done: int) -> None:
     """The lines that are due before one of the operations on a vector."""
     total = block.lowered.length
     for line in range(done * block.streamed // total, (done + 1) * block.streamed // total):
-        source, target = (code.let(f"getelementptr {_LINE}, ptr %{end}, i64 {line}") for end in ("from", "to"))
-        value = code.let(f"load {_LINE}, ptr {source}, align 8")
-        code.do(f"store {_LINE} {value}, ptr {target}, align 64, !nontemporal !1")
+        stream_line(code, str(line * 8))
 
 
 def _waiting(code: Code, block: Block, node: int) -> str:
     return code.let(f"getelementptr {block.vector.type}, ptr %waiting, i64 {block.lowered.waiting[node]}")
 
 
-def _store_entry(writer: _Writer, block: Block, entry: int, node: int) -> None:
+def _store_entry(writer: Writer, block: Block, entry: int, node: int) -> None:
     pointer = writer.code.let(f"getelementptr double, ptr %out, i64 {entry * block.samples}")
     writer.code.do(f"store {block.vector.type} {writer.value(node)}, ptr {pointer}")
 
 
-def _load_columns(writer: _Writer, nodes: Collection[int]) -> None:
+def _load_columns(writer: Writer, nodes: Collection[int]) -> None:
     """Inputs among some nodes: a column of an argument for the samples of one vector each."""
     columns = writer.lowered.columns
     wanted = [node for node in sorted(nodes) if node in columns]
@@ -333,7 +229,7 @@ def _pad_rows(code: Code, v: Vector, argument: int, size: int, start: str, last:
 def _store_the_rest(block: Block, code: Code) -> None:
     """Entries that no part computes: inputs, constants and uniform values."""
     lowered = block.lowered
-    writer = _Writer(lowered, block.vector)
+    writer = Writer(lowered, block.vector)
     writer.code = code
     done = {n for part in lowered.parts for n in part}
     rest = {node: entries for node, entries in lowered.places.items() if node not in done}

@@ -85,6 +85,16 @@ class Code:
         return "\n".join(self.lines)
 
 
+_LINE = "<8 x double>"
+
+
+def stream_line(code: Code, offset: str) -> None:
+    """Copy a cache line from ``%from`` to ``%to``, past the caches, at some offset in doubles from both."""
+    source, target = (code.let(f"getelementptr double, ptr %{end}, i64 {offset}") for end in ("from", "to"))
+    value = code.let(f"load {_LINE}, ptr {source}, align 8")
+    code.do(f"store {_LINE} {value}, ptr {target}, align 64, !nontemporal !1")
+
+
 def module_text(*texts: str) -> str:
     """One module of several texts; what more than one of them declares is declared once."""
     heads: dict[str, None] = {}

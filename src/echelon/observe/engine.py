@@ -16,8 +16,9 @@ import numpy.typing as npt
 
 from echelon.machine.batch import Batch, aligned
 from echelon.machine.kernel import loaded
-from echelon.machine.kernel_text import Block, kernel_text, prepare_text
+from echelon.machine.kernel_text import Block, kernel_text
 from echelon.machine.lowering import lowered
+from echelon.machine.prepare_text import prepare_text
 from echelon.machine.target import Target, host
 from echelon.machine.text import module_text
 from echelon.observe.drive_text import observe_text

@@ -1,0 +1,140 @@
+"""From column-major blocks to rows: ``@run`` computes a batch and writes each sample's result as one contiguous row."""
+
+from __future__ import annotations
+
+from echelon.machine.laying_text import laying, tables
+from echelon.machine.layout import LINE, Rows, Way
+
+
+def rows_text(rows: Rows) -> str:
+    """Definitions of ``@run`` and what it calls; to be put beside the block's ``@compute``."""
+    laid = [laying(rows, "lay", Way.IMAGED)]
+    if rows.way is not Way.IMAGED:
+        laid.append(laying(rows, "lay_rows", rows.way))
+    return "\n".join([tables(rows), *laid, _COPY, _run(rows)])
+
+
+_RUN = """define void @run({arguments}) {{
+entry:
+  %image = getelementptr double, ptr %buffer, i64 {image}
+  %start = mul i64 %first, {width}
+  %begin = getelementptr double, ptr %out, i64 %start
+  %address = ptrtoint ptr %begin to i64
+  %back = sub i64 0, %address
+  %bytes = and i64 %back, {mask}
+  %head = lshr i64 %bytes, 3
+  br label %loop
+loop:
+  %k = phi i64 [ %first, %entry ], [ %next, %laid ]
+  %more = icmp slt i64 %k, %end
+  br i1 %more, label %block, label %done
+block:
+  %next = add i64 %k, {lanes}
+  %left = sub i64 %end, %k
+  %count = call i64 @llvm.smin.i64(i64 %left, i64 {lanes})
+  call void @compute(ptr %inputs, ptr %strides, ptr %uniforms, i64 %k, i64 %count, ptr %buffer)
+  %offset = mul i64 %k, {width}
+  %to = getelementptr double, ptr %out, i64 %offset
+  %full = icmp eq i64 %count, {lanes}
+  br i1 %full, label %whole, label %part
+whole:
+  call void @lay_rows(ptr %buffer, ptr %to, i64 %head)
+  br label %laid
+part:
+  call void @lay(ptr %buffer, ptr %image, i64 0)
+  %doubles = mul i64 %count, {width}
+  call void @copy(ptr %image, ptr %to, i64 0, i64 %doubles)
+  br label %laid
+laid:
+  br label %loop
+done:
+  fence seq_cst
+  ret void
+}}
+"""
+
+_COPY = """define internal void @copy(ptr noalias %from, ptr noalias %to, i64 %start, i64 %end) noinline {
+entry:
+  %count = sub i64 %end, %start
+  %whole = and i64 %count, -8
+  %middle = add i64 %start, %whole
+  br label %lines
+lines:
+  %m = phi i64 [ %start, %entry ], [ %m1, %line ]
+  %m.more = icmp slt i64 %m, %middle
+  br i1 %m.more, label %line, label %rest
+line:
+  %m.from = getelementptr double, ptr %from, i64 %m
+  %m.to = getelementptr double, ptr %to, i64 %m
+  %m.value = load <8 x double>, ptr %m.from, align 8
+  store <8 x double> %m.value, ptr %m.to, align 8
+  %m1 = add i64 %m, 8
+  br label %lines
+rest:
+  %a = phi i64 [ %middle, %lines ], [ %a1, %one ]
+  %a.more = icmp slt i64 %a, %end
+  br i1 %a.more, label %one, label %done
+one:
+  %a.from = getelementptr double, ptr %from, i64 %a
+  %a.to = getelementptr double, ptr %to, i64 %a
+  %a.value = load double, ptr %a.from
+  store double %a.value, ptr %a.to
+  %a1 = add i64 %a, 1
+  br label %rest
+done:
+  ret void
+}
+"""
+
+_RUN_IMAGED = """define void @run({arguments}) {{
+entry:
+  %image = getelementptr double, ptr %buffer, i64 {image}
+  %spare = getelementptr double, ptr %buffer, i64 {spare}
+  br label %loop
+loop:
+  %k = phi i64 [ %first, %entry ], [ %next, %block ]
+  %doubles = phi i64 [ 0, %entry ], [ %doubles1, %block ]
+  %previous = phi ptr [ %spare, %entry ], [ %to, %block ]
+  %more = icmp slt i64 %k, %end
+  br i1 %more, label %block, label %done
+block:
+  %next = add i64 %k, {lanes}
+  %left = sub i64 %end, %k
+  %count = call i64 @llvm.smin.i64(i64 %left, i64 {lanes})
+  %address = ptrtoint ptr %previous to i64
+  %back = sub i64 0, %address
+  %bytes = and i64 %back, 63
+  %head = lshr i64 %bytes, 3
+  %tail = add i64 %head, {streamed}
+  %stream.from = getelementptr double, ptr %image, i64 %head
+  %stream.to = getelementptr double, ptr %previous, i64 %head
+  call void @compute(ptr %inputs, ptr %strides, ptr %uniforms, i64 %k, i64 %count, ptr %buffer,
+                     ptr %stream.from, ptr %stream.to)
+  call void @copy(ptr %image, ptr %previous, i64 0, i64 %head)
+  call void @copy(ptr %image, ptr %previous, i64 %tail, i64 {whole})
+  call void @lay(ptr %buffer, ptr %image, i64 0)
+  %offset = mul i64 %k, {width}
+  %to = getelementptr double, ptr %out, i64 %offset
+  %doubles1 = mul i64 %count, {width}
+  br label %loop
+done:
+  call void @copy(ptr %image, ptr %previous, i64 0, i64 %doubles)
+  fence seq_cst
+  ret void
+}}
+"""
+
+
+def _run(rows: Rows) -> str:
+    block, width = rows.block, len(rows.places)
+    values = {
+        "arguments": "ptr %inputs, ptr %strides, ptr %uniforms, i64 %first, i64 %end, ptr %buffer, ptr %out",
+        "image": rows.image,
+        "lanes": block.vector.lanes,
+        "width": width,
+    }
+    if rows.way is not Way.IMAGED:
+        # lines matter only where they are written past the caches; a row shorter than its head has none
+        return _RUN.format(**values, mask=63 if rows.way is Way.STREAMED else 0)
+    whole = block.vector.lanes * width
+    return _RUN_IMAGED.format(**values, spare=rows.spare, streamed=block.streamed * LINE, whole=whole)
