@@ -12,6 +12,7 @@ import hashlib
 import re
 import subprocess
 import tempfile
+import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -34,8 +35,17 @@ DISPATCHED = (np.concatenate, np.argwhere)
 
 backwards = False
 """Whether threads run in reverse order."""
-launches: list[str] = []
-"""Names of the kernels that were launched."""
+
+
+class Usage:
+    """Bytes of arrays that are alive, and the most there were."""
+
+    now = most = 0
+
+    @classmethod
+    def change(cls, count: int) -> None:
+        cls.now += count
+        cls.most = max(cls.most, cls.now)
 
 
 class ndarray:  # noqa: N801
@@ -120,6 +130,8 @@ def empty(shape: int | tuple[int, ...], dtype: npt.DTypeLike = np.float64) -> nd
     kind = np.dtype(dtype)
     count = int(np.prod(shape)) * kind.itemsize
     memory = np.full(count + 2 * FENCE, POST, dtype=np.uint8)
+    Usage.change(count)
+    weakref.finalize(memory, Usage.change, -count)
     values = memory[FENCE : FENCE + count].view(kind).reshape(shape)
     values[...] = np.nan if kind.kind == "f" else -7
     return ndarray(values, memory)
@@ -185,7 +197,6 @@ class Kernel:
         sizes = [(ctypes.c_uint * 3)(*size, *[1] * (3 - len(size))) for size in (grid, block)]
         passed = [self._passed(kind, value) for kind, value in zip(types, args, strict=True)]
         assert call(*sizes, int(backwards), *passed) == 0, "threads wait for others that never come"
-        launches.append(self.name)
         for value in args:
             if isinstance(value, ndarray):
                 value.check()

@@ -212,3 +212,16 @@ def test_blocks_have_a_size_in_memory(panda: ec.BaseModel, monkeypatch: pytest.M
     assert 1024 <= engine.block < 4096
     monkeypatch.setattr(accumulate, "_SCRATCH", 1)
     assert engine.block == 512
+
+
+@pytest.mark.usefixtures("short_chunks")
+def test_memory_is_constant(cupy: ModuleType) -> None:
+    if cupy.ndarray is not cupy_on_cpu.ndarray:
+        pytest.skip("memory is counted on the processor only")
+    usage, most = cupy_on_cpu.Usage, []
+    for samples in (1000, 4000):
+        W, _, y = random_problem(np.random.default_rng(1), samples, SERIAL)
+        usage.most = before = usage.now
+        DeviceObserver(table(SERIAL), Device())(data_of(W, y, SERIAL), block=200)
+        most.append(usage.most - before)
+    assert most[0] == most[1] < 4000 * 8 * 18
