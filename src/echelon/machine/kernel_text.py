@@ -12,13 +12,14 @@ from dataclasses import dataclass
 
 from echelon.machine.lowering import Lowered
 from echelon.machine.operations_text import Writer, declared
-from echelon.machine.text import Code, Vector, stream_line
+from echelon.machine.text import Code, Vector, prefetched, stream_line
 from echelon.machine.trigonometry import sincos
 
-_DOUBLE = 8
+_DOUBLE, _LINE = 8, 64  # bytes
 _STREAM = ", ptr noalias %from, ptr noalias %to"
 _DECLARED = (
     "declare i64 @llvm.smin.i64(i64, i64)",
+    "declare void @llvm.prefetch.p0(ptr, i32, i32, i32)",
     "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)",
 )
 
@@ -171,9 +172,11 @@ def _compute(block: Block) -> str:
     full = code.let(f"icmp sle i64 {beyond}, {end}")
     code.do(f"br i1 {full}, label %full, label %partial")
     code.label("full")
-    for argument in range(len(sizes)):
+    for argument, size in enumerate(sizes):
         base, stride = _argument(code, argument)
-        _set_rows(code, argument, _moved(code, base, start, stride), stride)
+        row = _moved(code, base, start, stride)
+        _set_rows(code, argument, row, stride)
+        prefetched(code, row, size * _DOUBLE, v.lanes, _LINE, stride)
     code.do("br label %ready")
     code.label("partial")
     for argument, size in enumerate(sizes):

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from echelon.machine.laying_text import laying, tables
 from echelon.machine.layout import LINE, Rows, Way
+from echelon.machine.text import Code, prefetched
+
+_DOUBLE, _PAGE = 8, 4096  # bytes
 
 
 def rows_text(rows: Rows) -> str:
@@ -116,6 +119,7 @@ block:
   %offset = mul i64 %k, {width}
   %to = getelementptr double, ptr %out, i64 %offset
   %doubles1 = mul i64 %count, {width}
+{ahead}
   br label %loop
 done:
   call void @copy(ptr %image, ptr %previous, i64 0, i64 %doubles)
@@ -136,5 +140,8 @@ def _run(rows: Rows) -> str:
     if rows.way is not Way.IMAGED:
         # lines matter only where they are written past the caches; a row shorter than its head has none
         return _RUN.format(**values, mask=63 if rows.way is Way.STREAMED else 0)
-    whole = block.vector.lanes * width
-    return _RUN_IMAGED.format(**values, spare=rows.spare, streamed=block.streamed * LINE, whole=whole)
+    ahead, lanes = Code(), block.vector.lanes
+    prefetched(ahead, "%to", width * _DOUBLE, lanes, _PAGE, str(width * _DOUBLE))
+    return _RUN_IMAGED.format(
+        **values, spare=rows.spare, streamed=block.streamed * LINE, whole=lanes * width, ahead=ahead.text()
+    )
