@@ -101,8 +101,9 @@ def test_no_samples(run: Kernel, values: dict[str, Any]) -> None:
 
 WRONG: dict[str, tuple[str, Any, str]] = {
     "too few columns": ("x", np.zeros((SAMPLES, 2)), r"x has shape (21, 2); expected (samples, 3): x0, x1, x2"),
-    "one state too short": ("x", np.zeros(2), r"x has shape (1, 2); expected (samples, 3)"),
-    "a number": ("x", 1.0, r"x has shape (1, 1); expected (samples, 3)"),
+    "one state too short": ("x", np.zeros(2), r"x has shape (2,); expected (samples, 3)"),
+    "a number": ("x", 1.0, r"x has shape (); expected (samples, 3)"),
+    "masked": ("x", np.ma.masked_equal(np.zeros((SAMPLES, 3)), 0.0), "x has masked values; leave out samples"),
     "three axes": ("x", np.zeros((SAMPLES, 1, 3)), r"x has shape (21, 1, 3); expected (samples, 3)"),
     "transposed": ("x", np.zeros((3, SAMPLES)), r"x has shape (3, 21); expected (samples, 3)"),
     "other samples": ("x", np.zeros((5, 3)), r"arguments have different numbers of samples: x 5, v 21"),

@@ -81,7 +81,7 @@ def test_the_key_covers_everything() -> None:
     """Another source or another processor is another entry."""
     keys = [("a", "text"), ("a", "texts"), ("b", "text")]
     for key in (*keys, *keys):
-        assert cache.cached_object(*key, lambda key=key: repr(key).encode(), lambda _: True) == repr(key).encode()
+        assert cache.cached_object(*key, lambda key=key: repr(key).encode()) == repr(key).encode()
     others = ({"lanes": 1}, {"cpu": "x86-64"}, {"features": "-avx"}, {"triple": "arm64-apple"})
     assert len({host().identity, *(replace(host(), **other).identity for other in others)}) == 5
 

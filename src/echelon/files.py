@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
-import tempfile
+import secrets
 from pathlib import Path
 
 from echelon.errors import InputError
+
+_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 
 
 def write_atomically(path: str | os.PathLike[str], content: str | bytes, *, private: bool = False) -> None:
@@ -25,15 +27,14 @@ def write_atomically(path: str | os.PathLike[str], content: str | bytes, *, priv
         If the file cannot be written; an existing file is left as it was.
     """
     target = Path(path)
+    temporary = target.with_name(f".{target.name}.{secrets.token_hex(8)}")
     try:
-        descriptor, temporary = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
+        descriptor = os.open(temporary, _NEW, 0o600 if private else 0o666)  # the system applies the user's mask
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror or error}", source=str(target)) from None
     try:
         with os.fdopen(descriptor, "wb") as stream:
             stream.write(content.encode() if isinstance(content, str) else content)
-        if not private:
-            os.chmod(temporary, _usual_mode())
         os.replace(temporary, target)
     except OSError as error:
         os.unlink(temporary)
@@ -41,10 +42,3 @@ def write_atomically(path: str | os.PathLike[str], content: str | bytes, *, priv
     except BaseException:
         os.unlink(temporary)
         raise
-
-
-def _usual_mode() -> int:
-    """Permissions that a plainly created file would have."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return 0o666 & ~mask

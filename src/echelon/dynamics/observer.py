@@ -84,6 +84,8 @@ class RobotObserver:
         count = len(self.mechanism.outputs)
         found: list[list[Values]] = [[] for _ in range(count)]
         for values in self._values(log, symbols):
+            if "y" not in values:
+                raise InputError("y is missing; it holds the measured outputs")
             y = np.atleast_2d(real_array("y", values["y"]))
             if y.ndim != 2 or y.shape[1] != count:
                 names = ", ".join(output.name for output in self.mechanism.outputs)

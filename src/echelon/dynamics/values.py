@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from echelon.dynamics.arguments import STATE
 from echelon.errors import InputError
-from echelon.machine.batch import Floats, real_array
+from echelon.machine.batch import Floats, real_array, value_of
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import symbol_values
 from echelon.program.function import Argument, Function
@@ -46,17 +46,28 @@ def function_values(
     Raises
     ------
     InputError
-        If a symbol or a measured input has no value.
+        If a state, a symbol or a measured input is missing, or there is nothing of an input's name.
     """
     values: Values = dict(state)
     arguments = {argument.name: argument for argument in function.arguments}
+    for name in arguments.keys() & {*STATE, "parameters"}:
+        value_of(arguments[name], values)
     labels = arguments["symbols"].labels if "symbols" in arguments else ()
     known = symbol_values(mechanism, labels, symbols)
     if labels:
         values["symbols"] = list(known.values())
+    _check_inputs(mechanism, inputs or {})
     if "inputs" in arguments:
         values["inputs"] = _measured(arguments["inputs"], inputs or {})
     return values
+
+
+def _check_inputs(mechanism: Mechanism, inputs: Mapping[str, npt.ArrayLike]) -> None:
+    """Refuse measured inputs of coordinates and actuators that there are not; others may belong to other functions."""
+    valid = [*mechanism.velocities, *(a.name for a in mechanism.transmission.actuators)]
+    strange = next((name for name in inputs if name not in valid), None)
+    if strange is not None:
+        raise InputError(f"inputs has '{strange}'; expected names of {', '.join(dict.fromkeys(valid))}")
 
 
 def along_loops(

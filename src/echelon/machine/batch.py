@@ -63,12 +63,11 @@ def batch(arguments: Sequence[Argument], values: Mapping[str, npt.ArrayLike]) ->
     columns, uniform = [], [np.zeros(0)]
     for argument in arguments:
         array = real_array(argument.name, value_of(argument, values))
+        check_shape(argument, array.shape)
         if argument.uniform:
             uniform.append(array)
-            check_shape(argument, array.shape)
             continue
         array = np.atleast_2d(array)
-        check_shape(argument, array.shape)
         whole = array.strides[1] == _DOUBLE or len(argument) < 2
         columns.append(array if whole and array.flags.aligned else np.ascontiguousarray(array))
     return Batch(sample_count(arguments, [len(c) for c in columns]), tuple(columns), np.concatenate(uniform))
@@ -88,15 +87,16 @@ def value_of(argument: Argument, values: Mapping[str, Any]) -> Any:
 
 
 def check_shape(argument: Argument, shape: tuple[int, ...]) -> None:
-    """Check that an array fits an argument: (size,) for uniform ones, else (samples, size).
+    """Check that an array fits an argument: (size,) for uniform ones and single samples, else (samples, size).
 
     Raises
     ------
     InputError
         If it does not.
     """
-    if len(shape) != (1 if argument.uniform else 2) or shape[-1] != len(argument):
-        expected = f"({len(argument)},)" if argument.uniform else f"(samples, {len(argument)})"
+    size = len(argument)
+    if shape != (size,) and (argument.uniform or len(shape) != 2 or shape[1] != size):
+        expected = f"({size},)" if argument.uniform else f"(samples, {size})"
         raise InputError(f"{argument.name} has shape {shape}; expected {expected}: {_contents(argument)}")
 
 
@@ -123,6 +123,8 @@ def real_array(name: str, values: npt.ArrayLike) -> Floats:
     InputError
         If it does not hold real numbers.
     """
+    if np.ma.is_masked(values):
+        raise InputError(f"{name} has masked values; leave out samples that are not complete")
     try:
         array = np.asarray(values)
     except ValueError as error:

@@ -23,7 +23,7 @@ _MOST_ENTRIES = 1000
 _VARIABLE = "ECHELON_CACHE"
 
 
-def cached_object(identity: str, text: str, make: Callable[[], bytes], usable: Callable[[bytes], bool]) -> bytes:
+def cached_object(identity: str, text: str, make: Callable[[], bytes]) -> bytes:
     """Object code from the cache, or made and stored there.
 
     Parameters
@@ -34,8 +34,6 @@ def cached_object(identity: str, text: str, make: Callable[[], bytes], usable: C
         The source.
     make : callable
         Makes the code.
-    usable : callable
-        Whether code from the cache can be loaded.
 
     Returns
     -------
@@ -47,7 +45,7 @@ def cached_object(identity: str, text: str, make: Callable[[], bytes], usable: C
     key = hashlib.sha256(f"{identity}\n{text}".encode()).hexdigest()
     path = folder / f"{key}.bin"
     stored = _stored(path, key)
-    if stored is not None and usable(stored):
+    if stored is not None:
         return stored
     code = make()
     _store(path, key, code)

@@ -158,17 +158,8 @@ def loaded(text: str, target: Target, level: int = 1) -> Library:
     level : int
         The code generator's effort.
     """
-    libraries: list[Library] = []
-
-    def usable(code: bytes) -> bool:
-        try:
-            libraries.append(Library(code, target))
-        except RuntimeError:
-            return False
-        return True
-
-    code = cached_object(f"{target.identity} {level}", text, lambda: object_code(text, target, level), usable)
-    return libraries[-1] if libraries else Library(code, target)
+    code = cached_object(f"{target.identity} {level}", text, lambda: object_code(text, target, level))
+    return Library(code, target)
 
 
 def _threads(wanted: int | None, samples: int) -> int:
