@@ -15,7 +15,8 @@ import echelon as ec
 PUBLIC = [
     "Audit", "BaseModel", "CertificateError", "ClosedFormError", "EchelonError", "Expression",
     "Identifiability", "InputError", "LinearBase", "LinearModel", "Match", "Mechanism", "MissingExtraError",
-    "NormalEquations", "Observation", "SensorReport", "SpecialGeometry", "Structure", "UnknownRelationsError", "Verdict", "__version__",
+    "NormalEquations", "Observation", "SensorReport", "SpecialGeometry", "Structure", "UnknownRelationsError",
+    "Verdict", "__version__",
     "assembly_modes", "audit", "base_parameters", "base_structure", "convert", "convert_columns", "generate",
     "joint_side",
     "load", "load_base", "load_linear", "match", "save_base", "sensor_report", "special_geometry", "verify",

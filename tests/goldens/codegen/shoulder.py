@@ -54,9 +54,9 @@ def outputs(q, qd, parameters, symbols):
     result = np.zeros((*shape, 1), dtype=np.float64)
     out = np.moveaxis(result, [-1], [0])
     c1 = np.cos(q[0])
-    t1 = symbols[0] * c1
-    t2 = (1.0 - t1) * (t1 - qd[0] * qd[0]) * 0.3333333333333333
-    out[0] = parameters[0] * t1 * 9.81 + parameters[1] * np.sign(qd[0]) + t2
+    t1 = symbols[0]*c1
+    t2 = (1.0 - t1)*(t1 - qd[0]*qd[0])*0.3333333333333333
+    out[0] = parameters[0]*t1*9.81 + parameters[1]*np.sign(qd[0]) + t2
     return result
 
 
@@ -70,5 +70,5 @@ def matrix(q, symbols):
     c1 = np.cos(q[0])
     sa1 = np.sin(q[0] + q[0])
     out[0, 0] = sa1
-    out[1, 1] = -symbols[0] * c1
+    out[1, 1] = -symbols[0]*c1
     return result

@@ -43,9 +43,9 @@ def outputs():
     symbols = ca.SX.sym("symbols", 1)
     result = ca.SX(1, 1)
     c1 = ca.cos(q[0])
-    t1 = symbols[0] * c1
-    t2 = (1.0 - t1) * (t1 - qd[0] * qd[0]) * 0.3333333333333333
-    result[0] = parameters[0] * t1 * 9.81 + parameters[1] * ca.sign(qd[0]) + t2
+    t1 = symbols[0]*c1
+    t2 = (1.0 - t1)*(t1 - qd[0]*qd[0])*0.3333333333333333
+    result[0] = parameters[0]*t1*9.81 + parameters[1]*ca.sign(qd[0]) + t2
     arguments = [q, qd, parameters, symbols]
     names = ["q", "qd", "parameters", "symbols"]
     return ca.Function("shoulder_outputs", arguments, [result], names, ["result"])
@@ -59,7 +59,7 @@ def matrix():
     c1 = ca.cos(q[0])
     sa1 = ca.sin(q[0] + q[0])
     result[0, 0] = sa1
-    result[1, 1] = -symbols[0] * c1
+    result[1, 1] = -symbols[0]*c1
     arguments = [q, symbols]
     names = ["q", "symbols"]
     return ca.Function("shoulder_matrix", arguments, [result], names, ["result"])

@@ -44,9 +44,9 @@ def outputs(q, qd, parameters, symbols):
     symbols = jnp.asarray(symbols)
     result = [0.0] * 1
     c1 = jnp.cos(q[0])
-    t1 = symbols[0] * c1
-    t2 = (1.0 - t1) * (t1 - qd[0] * qd[0]) * 0.3333333333333333
-    result[0] = parameters[0] * t1 * 9.81 + parameters[1] * jnp.sign(qd[0]) + t2
+    t1 = symbols[0]*c1
+    t2 = (1.0 - t1)*(t1 - qd[0]*qd[0])*0.3333333333333333
+    result[0] = parameters[0]*t1*9.81 + parameters[1]*jnp.sign(qd[0]) + t2
     dtype = jnp.result_type(float, q, qd, parameters, symbols)
     return jnp.stack([jnp.asarray(entry, dtype) for entry in result]).reshape(1)
 
@@ -59,6 +59,6 @@ def matrix(q, symbols):
     c1 = jnp.cos(q[0])
     sa1 = jnp.sin(q[0] + q[0])
     result[0] = sa1
-    result[3] = -symbols[0] * c1
+    result[3] = -symbols[0]*c1
     dtype = jnp.result_type(float, q, symbols)
     return jnp.stack([jnp.asarray(entry, dtype) for entry in result]).reshape(2, 2)
