@@ -51,7 +51,7 @@ def laying(rows: Rows, name: str, towards: Way) -> str:
             _store_line(code, v, target, lane * width, [v.of(0.0)] * (LINE // v.lanes), towards)
         code.do("br label %tile.done")
     code.label("turn")
-    squares = [transposed(code, v, _columns(code, v, first)) for first in range(0, LINE, v.lanes)]
+    squares = [_transposed(code, v, _columns(code, v, first)) for first in range(0, LINE, v.lanes)]
     for lane in range(v.lanes):
         _store_line(code, v, target, lane * width, [square[lane] for square in squares], towards)
     code.do("br label %tile.done")
@@ -75,22 +75,23 @@ def _single_columns(code: Code, rows: Rows, name: str, first: str, end: str, the
     code.label(f"{name}.one")
     code.do(f"%{name}.next = add i64 %{name}.c, 1")
     target = code.let(f"getelementptr double, ptr %target, i64 %{name}.c")
-    value = _column(code, v, f"%{name}.c")
+    value = code.let(f"load {v.type}, ptr {_column(code, f'%{name}.c')}")
     for lane in range(v.lanes):
         pointer = code.let(f"getelementptr double, ptr {target}, i64 {lane * len(rows.places)}")
         code.do(f"store double {code.let(f'extractelement {v.type} {value}, i32 {lane}')}, ptr {pointer}")
     code.do(f"br label %{name}")
 
 
-def _column(code: Code, v: Vector, column: str) -> str:
+def _column(code: Code, column: str) -> str:
+    """Address of a column of the block."""
     at = code.let(f"getelementptr i32, ptr @offsets, i64 {column}")
     offset = code.let(f"zext i32 {code.let(f'load i32, ptr {at}')} to i64")
-    return code.let(f"load {v.type}, ptr {code.let(f'getelementptr double, ptr %buffer, i64 {offset}')}")
+    return code.let(f"getelementptr double, ptr %buffer, i64 {offset}")
 
 
 def _columns(code: Code, v: Vector, first: int) -> list[str]:
-    """Columns of a tile, as many as a vector has lanes."""
-    return [_column(code, v, code.let(f"add i64 %t, {first + lane}")) for lane in range(v.lanes)]
+    """Addresses of a tile's columns, as many as a vector has lanes."""
+    return [_column(code, code.let(f"add i64 %t, {first + lane}")) for lane in range(v.lanes)]
 
 
 def _store_line(code: Code, v: Vector, target: str, offset: int, values: Sequence[str], towards: Way) -> None:
@@ -101,11 +102,16 @@ def _store_line(code: Code, v: Vector, target: str, offset: int, values: Sequenc
         code.do(f"store {v.type} {value}, ptr {pointer}, {hint}")
 
 
-def transposed(code: Code, v: Vector, columns: Sequence[str]) -> list[str]:
-    """The transpose of a square of vectors, by exchanging ever larger squares off the diagonal."""
-    current = list(columns)
+def _transposed(code: Code, v: Vector, columns: Sequence[str]) -> list[str]:
+    """The transpose of a square, from the addresses of its columns.
+
+    Squares off the diagonal are exchanged: the largest while loading, which joins halves of two columns and needs no
+    shuffle, then ever larger ones in registers.
+    """
+    half = v.lanes // 2
+    current = [_joined(code, v, columns[k % half], columns[k % half + half], k // half * half) for k in range(v.lanes)]
     size = 1
-    while size < v.lanes:
+    while size < half:
         low = [k if not k & size else k - size + v.lanes for k in range(v.lanes)]
         high = [k + size if not k & size else k + v.lanes for k in range(v.lanes)]
         following = current.copy()
@@ -116,6 +122,18 @@ def transposed(code: Code, v: Vector, columns: Sequence[str]) -> list[str]:
                 following[k + size] = _shuffled(code, v, a, b, high)
         current, size = following, 2 * size
     return current
+
+
+def _joined(code: Code, v: Vector, first: str, second: str, start: int) -> str:
+    """Half of a column and half of another, from some lane on."""
+    half = v.lanes // 2
+    kind = f"<{half} x double>"
+    parts = []
+    for column in (first, second):
+        pointer = code.let(f"getelementptr double, ptr {column}, i64 {start}")
+        parts.append(code.let(f"load {kind}, ptr {pointer}"))
+    mask = ", ".join(f"i32 {k}" for k in range(v.lanes))
+    return code.let(f"shufflevector {kind} {parts[0]}, {kind} {parts[1]}, <{v.lanes} x i32> <{mask}>")
 
 
 def _shuffled(code: Code, v: Vector, a: str, b: str, picked: Sequence[int]) -> str:
