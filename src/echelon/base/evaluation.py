@@ -209,7 +209,7 @@ class Evaluation(ABC):
         Returns
         -------
         by_position : array of shape (N, outputs, positions)
-            The four entries of a quaternion count as independent.
+            Those of a unit quaternion's entries are along the unit sphere.
         by_velocity : array of shape (N, outputs, velocities)
         """
         state = {"q": q, "qd": qd, "qdd": qdd, "parameters": values}

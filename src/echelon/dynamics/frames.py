@@ -1,4 +1,7 @@
-"""Body frames that cost least: origins slide along the axes of rotations.
+"""Body frames that cost least: directly behind the joint, with the origin where the axis has no offset.
+
+A constant placement behind a joint, as in standard Denavit–Hartenberg tables, belongs to the joints that follow: then a
+body's frame has a coordinate axis on the axis of its joint, where a third of its parameters count to its parent.
 
 A rotation and a shift along its axis commute.  So an offset along an axis, such as d in Denavit–Hartenberg tables, can
 wait until behind the joint, where it often meets an offset that it can be added to, or need not be taken at all because
@@ -14,7 +17,7 @@ import numpy as np
 from echelon.exact.polynomial import Polynomial
 from echelon.inertia.spatial import Array
 from echelon.mechanism.joint import Joint, MotionKind, Step, merge
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut
 from echelon.mechanism.placement import ORIGIN, Placement, Vector
 from echelon.program.tape import Program
@@ -27,43 +30,55 @@ class Reframed:
     Attributes
     ----------
     mechanism : Mechanism
-    origins : mapping of int to 3 of Polynomial
-        New origin of a body's frame in its old one, where it has moved.
+    frames : mapping of int to Placement
+        A body's new frame in its old one, where it is another.
     """
 
     mechanism: Mechanism
-    origins: dict[int, Vector]
+    frames: dict[int, Placement]
 
     def inertia(self, body: int, pseudo: Array, program: Program) -> Array:
         """A body's pseudo-inertia about its new frame, from that about its old one."""
-        if body not in self.origins:
+        if body not in self.frames:
             return pseudo
-        change = np.array([[program.constant(int(i == j)) for j in range(4)] for i in range(4)])
-        change[:3, 3] = [-program.polynomial(entry) for entry in self.origins[body]]
+        old = self.frames[body].inverse()
+        change = np.full((4, 4), program.zero, dtype=object)
+        change[3, 3] = program.one
+        for row, (turned, shifted) in enumerate(zip(old.rotation, old.translation, strict=True)):
+            change[row] = [program.polynomial(entry) for entry in (*turned, shifted)]
         moved: Array = change @ pseudo @ change.T
         return moved
 
 
-def slid(mechanism: Mechanism) -> Reframed:
-    """Move the frames of rotating bodies along their axes to where the joint has no offset along the axis.
+def reframed(mechanism: Mechanism) -> Reframed:
+    """Put bodies' frames directly behind their joints, and along rotation axes to where the joint has no offset.
 
     A mechanism with sensors between bodies stays as it is, because these are placed in its frames.
     """
     if any(isinstance(channel, Cut) for output in mechanism.outputs for channel, _ in output.terms):
         return Reframed(mechanism, {})
-    origins: dict[int, Vector] = {}
+    frames: dict[int, Placement] = {}
     bodies = []
     for index, body in enumerate(mechanism.bodies):
         steps: tuple[Step, ...] = body.joint.steps
-        if body.parent != GROUND and body.parent in origins:
-            x, y, z = origins[body.parent]
-            steps = merge((Placement(translation=(-x, -y, -z)), *steps))
+        if body.parent in frames:
+            steps = merge((frames[body.parent].inverse(), *steps))
+        steps, behind = _without_placement_behind(steps)
         offset = _offset(body.joint, steps)
         if any(offset):
-            origins[index] = offset
             steps = merge((*steps[:-1], Placement(translation=offset), steps[-1]))
+        frame = behind.inverse() @ Placement(translation=offset)
+        if not frame.is_identity:
+            frames[index] = frame
         bodies.append(replace(body, joint=replace(body.joint, steps=steps)))
-    return Reframed(replace(mechanism, bodies=tuple(bodies)), origins)
+    return Reframed(replace(mechanism, bodies=tuple(bodies)), frames)
+
+
+def _without_placement_behind(steps: tuple[Step, ...]) -> tuple[tuple[Step, ...], Placement]:
+    """Steps up to the last motion, and the placement that follows it."""
+    if len(steps) > 1 and isinstance(steps[-1], Placement):
+        return steps[:-1], steps[-1]
+    return steps, Placement()
 
 
 def _offset(joint: Joint, steps: tuple[Step, ...]) -> Vector:

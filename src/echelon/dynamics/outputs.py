@@ -7,7 +7,7 @@ from functools import cached_property
 
 from echelon.dynamics.arguments import STATE, parameter_input
 from echelon.dynamics.composite import efforts_at_rest, mass_matrix_of_freedoms
-from echelon.dynamics.frames import slid
+from echelon.dynamics.frames import reframed
 from echelon.dynamics.grouping import grouped_inertias
 from echelon.dynamics.recursion import Recursion
 from echelon.dynamics.slopes import by_quaternion, effort_slopes
@@ -53,7 +53,7 @@ class RecordedOutputs:
         if strange is not None or len(set(pivots)) < len(pivots):
             raise InputError(f"pivots are different column numbers from 0 to {len(columns) - 1}, got {list(pivots)}")
         self.mechanism, self.program, self._sums = mechanism, Program(), sums
-        self._reframed = slid(mechanism)
+        self._reframed = reframed(mechanism)
         self.parameters = {columns[p].name: columns[p].unit for p in pivots}
         self._values = {p: self.program.input(parameter_input(columns[p].name), "symbol") for p in pivots}
         self.names = ("power",) if mechanism.closures else tuple(output.name for output in mechanism.outputs)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from echelon.machine.lowering import Lowered
 from echelon.machine.operations_text import Writer, declared
-from echelon.machine.text import Code, Vector, prefetched, stream_line
+from echelon.machine.text import LARGE_FRAME, Code, Vector, prefetched, stream_line
 from echelon.machine.trigonometry import sincos
 
 _DOUBLE, _LINE = 8, 64  # bytes
@@ -100,7 +100,8 @@ def _part(block: Block, number: int) -> str:
             code.do(f"store {v.type} {writer.value(node)}, ptr {_waiting(code, block, node)}")
     return (
         f"define internal void @part{number}(ptr noalias %rows, ptr noalias %uniforms, ptr noalias %waiting, "
-        f"ptr noalias %out{_STREAM if block.streamed else ''}) noinline {{\nentry:\n{code.text()}\n  ret void\n}}\n"
+        f"ptr noalias %out{_STREAM if block.streamed else ''}) noinline {LARGE_FRAME} "
+        f"{{\nentry:\n{code.text()}\n  ret void\n}}\n"
     )
 
 

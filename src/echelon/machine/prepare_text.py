@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from echelon.machine.lowering import Lowered
 from echelon.machine.operations_text import Writer, declared
-from echelon.machine.text import Vector
+from echelon.machine.text import LARGE_FRAME, Vector
 from echelon.machine.trigonometry import declarations
 from echelon.program.operations import Op
 
@@ -25,5 +25,5 @@ def prepare_text(lowered: Lowered) -> str:
     for i, node in enumerate(lowered.uniform):
         pointer = code.let(f"getelementptr double, ptr %uniforms, i64 {i}")
         code.do(f"store double {writer.value(node)}, ptr {pointer}")
-    head = "define void @prepare(ptr %given, ptr %uniforms) {\nentry:\n"
+    head = f"define void @prepare(ptr %given, ptr %uniforms) {LARGE_FRAME} {{\nentry:\n"
     return "\n".join([declarations(scalar), *declared(scalar), f"{head}{code.text()}\n  ret void\n}}\n"])

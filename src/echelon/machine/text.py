@@ -8,6 +8,9 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass, field
 
+LARGE_FRAME = '"no-stack-arg-probe"'
+"""Attribute of functions that spill much: Windows would probe their stack by a function that is not linked here."""
+
 
 @dataclass(frozen=True)
 class Vector:
