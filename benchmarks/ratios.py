@@ -52,7 +52,7 @@ def timed(job: Callable[[], Any]) -> Timer:
 
 
 def settled(timer: Timer) -> Timer:
-    """A job that runs once more, untimed, before it is timed: memory that others have pushed out is back in its place."""
+    """A job that runs once untimed before it is timed: memory that others have pushed out is back in its place."""
 
     def second() -> float:
         timer()

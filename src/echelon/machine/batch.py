@@ -159,11 +159,11 @@ def result_array(shape: tuple[int, ...], out: Floats | None, inputs: Sequence[Fl
     return out
 
 
-def aligned(shape: tuple[int, ...], *, zero: bool = False) -> Floats:
-    """A new array that starts on a cache line."""
+def aligned(shape: tuple[int, ...], *, zero: bool = False, boundary: int = _LINE) -> Floats:
+    """A new array that starts on a cache line, or on another multiple of bytes."""
     count = int(np.prod(shape))
-    raw = (np.zeros if zero else np.empty)(count * _DOUBLE + _LINE, dtype=np.uint8)
-    start = -raw.ctypes.data % _LINE
+    raw = (np.zeros if zero else np.empty)(count * _DOUBLE + boundary, dtype=np.uint8)
+    start = -raw.ctypes.data % boundary
     result: Floats = raw[start : start + count * _DOUBLE].view(np.float64).reshape(shape)
     return result
 

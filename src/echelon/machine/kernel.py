@@ -37,6 +37,7 @@ from echelon.program.function import Function
 _POINTER, _INTEGER = ctypes.c_void_p, ctypes.c_int64
 _RUN = (_POINTER, _POINTER, _POINTER, _INTEGER, _INTEGER, _POINTER, _POINTER)
 _CACHED_BYTES = 1 << 22  # results beyond this size leave the caches before anyone reads them
+_PAGE = 4096  # bytes
 _FEWEST = 512  # samples worth a thread of their own
 _SHARES = 4  # pieces per thread, so that a thread that is held up does not hold up all
 
@@ -140,7 +141,8 @@ class _Code:
         arrays = (given.addresses, given.strides, prepared)
 
         def run(piece: tuple[int, int]) -> None:
-            scratch = aligned((self._rows.doubles,), zero=True)
+            # by pages, because some relative places of the parts cost a tenth, and chance should not choose them
+            scratch = aligned((self._rows.doubles,), zero=True, boundary=_PAGE)
             pointers = (array.ctypes.data for array in arrays)
             self._run(*pointers, *piece, scratch.ctypes.data, result.ctypes.data)
 
