@@ -96,8 +96,9 @@ class Fences:
         self._made.append((around, within))
         return around[within].reshape(shape)
 
-    def aligned(self, shape: tuple[int, ...], *, zero: bool = False) -> FloatArray:
-        """In place of :func:`echelon.machine.batch.aligned`."""
+    def aligned(self, shape: tuple[int, ...], *, zero: bool = False, boundary: int = 64) -> FloatArray:
+        """In place of :func:`echelon.machine.batch.aligned`; kernels only rely on whole cache lines."""
+        assert boundary % 64 == 0
         found = self.array(shape)
         found[...] = 0 if zero else np.nan
         return found
