@@ -11,10 +11,13 @@ import pytest
 from echelon.errors import InputError
 from echelon.machine import kernel as kernel_module
 from echelon.machine.kernel import Kernel
+from echelon.machine.layout import Way, rows_of
 from echelon.machine.lowering import lowered
 from echelon.machine.target import Target, host
-from echelon.program.function import Function
+from echelon.machine.text import Vector
+from echelon.program.function import Argument, Function
 from echelon.program.scalar import Scalar
+from echelon.program.tape import Program
 from kernels import LANES, Fences, FloatArray, by_numpy, function, same_bits
 
 WIDTH = 11
@@ -225,3 +228,24 @@ def test_width_from_the_environment(monkeypatch: pytest.MonkeyPatch, lanes: str)
     monkeypatch.setenv("ECHELON_LANES", lanes)
     with pytest.raises(InputError, match=f"this processor has no vectors of {lanes} doubles"):
         host.__wrapped__()
+
+
+def test_long_rows_are_not_copied_line_by_line_in_the_code() -> None:
+    """The code of a big humanoid's regressor grows with its operations, not with the zeros of its rows."""
+    program = Program()
+    x = program.input("x")
+    entries = {(0, 4 * k): ((x + k) * x).node for k in range(1, 1000)}
+    argument = Argument("x", (x.node,), ("x",), ("1",))
+    wide = Function("wide", program, (argument,), entries, (("y",), tuple(map(str, range(40_001)))))
+    places = [-1] * 40_001
+    for entry, (_, column) in enumerate(entries):
+        places[column] = entry
+    rows = rows_of(lowered(wide), Vector(host().lanes), tuple(places), big=True)
+    assert rows.way is Way.IMAGED
+    assert rows.lines > 5000
+    assert rows.block.streamed < 50
+    values = np.linspace(-1, 1, 21)
+    found = Kernel(wide)({"x": values[:, None]})
+    expected = np.zeros((21, 1, 40_001))
+    expected[:, 0, 4:4000:4] = (values[:, None] + np.arange(1, 1000)) * values[:, None]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)

@@ -53,10 +53,11 @@ def function_values(
     for name in arguments.keys() & {*STATE, "parameters"}:
         value_of(arguments[name], values)
     labels = arguments["symbols"].labels if "symbols" in arguments else ()
-    known = symbol_values(mechanism, labels, symbols)
-    if labels:
-        values["symbols"] = list(known.values())
-    _check_inputs(mechanism, inputs or {})
+    if labels or symbols:
+        known = symbol_values(mechanism, labels, symbols)
+        values |= {"symbols": list(known.values())} if labels else {}
+    if inputs:
+        _check_inputs(mechanism, inputs)
     if "inputs" in arguments:
         values["inputs"] = _measured(arguments["inputs"], inputs or {})
     return values

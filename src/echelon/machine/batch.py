@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -161,7 +162,7 @@ def result_array(shape: tuple[int, ...], out: Floats | None, inputs: Sequence[Fl
 
 def aligned(shape: tuple[int, ...], *, zero: bool = False, boundary: int = _LINE) -> Floats:
     """A new array that starts on a cache line, or on another multiple of bytes."""
-    count = int(np.prod(shape))
+    count = prod(shape)
     raw = (np.zeros if zero else np.empty)(count * _DOUBLE + boundary, dtype=np.uint8)
     start = -raw.ctypes.data % boundary
     result: Floats = raw[start : start + count * _DOUBLE].view(np.float64).reshape(shape)

@@ -133,6 +133,7 @@ class _Code:
         library = loaded(text, target)
         self._run = library.function("run", _RUN)
         self._prepare = library.function("prepare", (_POINTER, _POINTER))
+        self._scratch: list[Floats] = []  # of threads that have done their work; its zeros are still zero
 
     def runner(self, given: Batch, result: Floats) -> Callable[[tuple[int, int]], None]:
         """What computes a piece of a batch, from its first sample to its end."""
@@ -141,12 +142,20 @@ class _Code:
         arrays = (given.addresses, given.strides, prepared)
 
         def run(piece: tuple[int, int]) -> None:
-            # by pages, because some relative places of the parts cost a tenth, and chance should not choose them
-            scratch = aligned((self._rows.doubles,), zero=True, boundary=_PAGE)
+            scratch = self._scratch_memory()
             pointers = (array.ctypes.data for array in arrays)
             self._run(*pointers, *piece, scratch.ctypes.data, result.ctypes.data)
+            self._scratch.append(scratch)
 
         return run
+
+    def _scratch_memory(self) -> Floats:
+        """Memory that no other thread works in."""
+        try:
+            return self._scratch.pop()
+        except IndexError:
+            # by pages, because some relative places of the parts cost a tenth, and chance should not choose them
+            return aligned((self._rows.doubles,), zero=True, boundary=_PAGE)
 
 
 def loaded(text: str, target: Target, level: int = 1) -> Library:

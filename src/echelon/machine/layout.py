@@ -8,7 +8,7 @@ have to be read back from the next one; then rows go straight out, if their line
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from echelon.machine.kernel_text import Block
@@ -19,6 +19,10 @@ LINE = 8
 """Doubles in a cache line."""
 
 _LARGEST_IMAGE = 2560  # doubles, 20 kB of an innermost cache of 32 kB
+_OPERATIONS = {
+    True: 3,
+    False: 64,
+}  # for each line copied among them: images that fit, and long ones, mostly copied apart
 
 
 class Way(Enum):
@@ -52,6 +56,11 @@ class Rows:
         return -(-self.block.doubles // LINE) * LINE
 
     @property
+    def lines(self) -> int:
+        """Lines of an image that are whole wherever its copy begins."""
+        return max(0, self.block.vector.lanes * len(self.places) // LINE - 1)
+
+    @property
     def spare(self) -> int:
         """Offset of a place to which the first block streams, when there is no image yet."""
         return self.image + self._room
@@ -78,10 +87,11 @@ def rows_of(lowered: Lowered, vector: Vector, places: tuple[int, ...], *, big: b
     big : bool
         Whether the whole result is larger than the caches.
     """
-    size = vector.lanes * len(places)
-    lines = max(0, size // LINE - 1)  # that are whole wherever the image begins
-    if big and not len(places) % LINE and size > _LARGEST_IMAGE:
-        return Rows(Block(lowered, vector, vector.lanes), places, Way.STREAMED)
-    if not (big and lines and lowered.parts):
-        return Rows(Block(lowered, vector, vector.lanes), places, Way.CACHED)
-    return Rows(Block(lowered, vector, vector.lanes, lines), places, Way.IMAGED)
+    direct = Rows(Block(lowered, vector, vector.lanes), places, Way.CACHED)
+    fits = vector.lanes * len(places) <= _LARGEST_IMAGE
+    if big and not fits and not len(places) % LINE:
+        return replace(direct, way=Way.STREAMED)
+    streamed = min(direct.lines, lowered.length // _OPERATIONS[fits])
+    if not (big and streamed):
+        return direct
+    return Rows(replace(direct.block, streamed=streamed), places, Way.IMAGED)

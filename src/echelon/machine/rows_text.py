@@ -89,6 +89,25 @@ done:
 }
 """
 
+_STREAM = """define internal void @stream(ptr noalias %from, ptr noalias %to, i64 %start, i64 %end) noinline {
+entry:
+  br label %loop
+loop:
+  %m = phi i64 [ %start, %entry ], [ %next, %line ]
+  %more = icmp slt i64 %m, %end
+  br i1 %more, label %line, label %done
+line:
+  %source = getelementptr double, ptr %from, i64 %m
+  %target = getelementptr double, ptr %to, i64 %m
+  %value = load <8 x double>, ptr %source, align 8
+  store <8 x double> %value, ptr %target, align 64, !nontemporal !1
+  %next = add i64 %m, 8
+  br label %loop
+done:
+  ret void
+}
+"""
+
 _RUN_IMAGED = """define void @run({arguments}) {{
 entry:
   %image = getelementptr double, ptr %buffer, i64 {image}
@@ -108,11 +127,12 @@ block:
   %back = sub i64 0, %address
   %bytes = and i64 %back, 63
   %head = lshr i64 %bytes, 3
-  %tail = add i64 %head, {streamed}
+  %tail = add i64 %head, {lines}
   %stream.from = getelementptr double, ptr %image, i64 %head
   %stream.to = getelementptr double, ptr %previous, i64 %head
   call void @compute(ptr %inputs, ptr %strides, ptr %uniforms, i64 %k, i64 %count, ptr %buffer,
                      ptr %stream.from, ptr %stream.to)
+  call void @stream(ptr %stream.from, ptr %stream.to, i64 {streamed}, i64 {lines})
   call void @copy(ptr %image, ptr %previous, i64 0, i64 %head)
   call void @copy(ptr %image, ptr %previous, i64 %tail, i64 {whole})
   call void @lay(ptr %buffer, ptr %image, i64 0)
@@ -140,8 +160,14 @@ def _run(rows: Rows) -> str:
     if rows.way is not Way.IMAGED:
         # lines matter only where they are written past the caches; a row shorter than its head has none
         return _RUN.format(**values, mask=63 if rows.way is Way.STREAMED else 0)
-    ahead, lanes = Code(), block.vector.lanes
+    lanes, ahead = block.vector.lanes, Code()
     prefetched(ahead, "%to", width * _DOUBLE, lanes, _PAGE, str(width * _DOUBLE))
-    return _RUN_IMAGED.format(
-        **values, spare=rows.spare, streamed=block.streamed * LINE, whole=lanes * width, ahead=ahead.text()
+    run = _RUN_IMAGED.format(
+        **values,
+        spare=rows.spare,
+        streamed=block.streamed * LINE,
+        lines=rows.lines * LINE,
+        whole=lanes * width,
+        ahead=ahead.text(),
     )
+    return _STREAM + run
