@@ -285,6 +285,10 @@ class Evaluation(ABC):
     def _evaluators(self) -> dict[str, Evaluator]:
         return {}
 
+    @cached_property
+    def _functions(self) -> dict[str, Function]:
+        return {}
+
     def _evaluator(self, name: str) -> Evaluator:
         """Machine code of a function, compiled when it is first asked for."""
         if self.mechanism.closures and name == "entries":
@@ -298,6 +302,11 @@ class Evaluation(ABC):
         return self._evaluators[name]
 
     def _function(self, name: str) -> Function:
-        pivots = range(len(self.mechanism.parameters)) if name == "standard_regressor" else self.matrix.pivots
-        recorded = "regressor" if name in ("standard_regressor", "entries") else name
-        return robot_function(recorded, self.mechanism, pivots)
+        """A function, recorded when it is first asked for; entries and observations share the regressor's."""
+        if name == "entries":
+            name = "regressor"
+        if name not in self._functions:
+            standard = name == "standard_regressor"
+            pivots = range(len(self.mechanism.parameters)) if standard else self.matrix.pivots
+            self._functions[name] = robot_function("regressor" if standard else name, self.mechanism, pivots)
+        return self._functions[name]

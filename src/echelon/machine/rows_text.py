@@ -14,7 +14,7 @@ def rows_text(rows: Rows) -> str:
     laid = [laying(rows, "lay", Way.IMAGED)]
     if rows.way is not Way.IMAGED:
         laid.append(laying(rows, "lay_rows", rows.way))
-    return "\n".join([tables(rows), *laid, _COPY, _run(rows)])
+    return "\n".join([tables(rows), *laid, _run(rows)])
 
 
 _RUN = """define void @run({arguments}) {{
@@ -45,8 +45,8 @@ whole:
   br label %laid
 part:
   call void @lay(ptr %buffer, ptr %image, i64 0)
-  %doubles = mul i64 %count, {width}
-  call void @copy(ptr %image, ptr %to, i64 0, i64 %doubles)
+  %bytes.part = mul i64 %count, {row}
+  call void @llvm.memcpy.p0.p0.i64(ptr %to, ptr %image, i64 %bytes.part, i1 false)
   br label %laid
 laid:
   br label %loop
@@ -54,39 +54,6 @@ done:
   fence seq_cst
   ret void
 }}
-"""
-
-_COPY = """define internal void @copy(ptr noalias %from, ptr noalias %to, i64 %start, i64 %end) noinline {
-entry:
-  %count = sub i64 %end, %start
-  %whole = and i64 %count, -8
-  %middle = add i64 %start, %whole
-  br label %lines
-lines:
-  %m = phi i64 [ %start, %entry ], [ %m1, %line ]
-  %m.more = icmp slt i64 %m, %middle
-  br i1 %m.more, label %line, label %rest
-line:
-  %m.from = getelementptr double, ptr %from, i64 %m
-  %m.to = getelementptr double, ptr %to, i64 %m
-  %m.value = load <8 x double>, ptr %m.from, align 8
-  store <8 x double> %m.value, ptr %m.to, align 8
-  %m1 = add i64 %m, 8
-  br label %lines
-rest:
-  %a = phi i64 [ %middle, %lines ], [ %a1, %one ]
-  %a.more = icmp slt i64 %a, %end
-  br i1 %a.more, label %one, label %done
-one:
-  %a.from = getelementptr double, ptr %from, i64 %a
-  %a.to = getelementptr double, ptr %to, i64 %a
-  %a.value = load double, ptr %a.from
-  store double %a.value, ptr %a.to
-  %a1 = add i64 %a, 1
-  br label %rest
-done:
-  ret void
-}
 """
 
 _STREAM = """define internal void @stream(ptr noalias %from, ptr noalias %to, i64 %start, i64 %end) noinline {
@@ -115,7 +82,7 @@ entry:
   br label %loop
 loop:
   %k = phi i64 [ %first, %entry ], [ %next, %block ]
-  %doubles = phi i64 [ 0, %entry ], [ %doubles1, %block ]
+  %filled = phi i64 [ 0, %entry ], [ %count, %block ]
   %previous = phi ptr [ %spare, %entry ], [ %to, %block ]
   %more = icmp slt i64 %k, %end
   br i1 %more, label %block, label %done
@@ -127,22 +94,26 @@ block:
   %back = sub i64 0, %address
   %bytes = and i64 %back, 63
   %head = lshr i64 %bytes, 3
-  %tail = add i64 %head, {lines}
+  %after = add i64 %head, {lines}
+  %tail = sub i64 {whole}, %after
+  %tail.bytes = shl i64 %tail, 3
+  %tail.from = getelementptr double, ptr %image, i64 %after
+  %tail.to = getelementptr double, ptr %previous, i64 %after
   %stream.from = getelementptr double, ptr %image, i64 %head
   %stream.to = getelementptr double, ptr %previous, i64 %head
   call void @compute(ptr %inputs, ptr %strides, ptr %uniforms, i64 %k, i64 %count, ptr %buffer,
                      ptr %stream.from, ptr %stream.to)
   call void @stream(ptr %stream.from, ptr %stream.to, i64 {streamed}, i64 {lines})
-  call void @copy(ptr %image, ptr %previous, i64 0, i64 %head)
-  call void @copy(ptr %image, ptr %previous, i64 %tail, i64 {whole})
+  call void @llvm.memcpy.p0.p0.i64(ptr %previous, ptr %image, i64 %bytes, i1 false)
+  call void @llvm.memcpy.p0.p0.i64(ptr %tail.to, ptr %tail.from, i64 %tail.bytes, i1 false)
   call void @lay(ptr %buffer, ptr %image, i64 0)
   %offset = mul i64 %k, {width}
   %to = getelementptr double, ptr %out, i64 %offset
-  %doubles1 = mul i64 %count, {width}
 {ahead}
   br label %loop
 done:
-  call void @copy(ptr %image, ptr %previous, i64 0, i64 %doubles)
+  %left.bytes = mul i64 %filled, {row}
+  call void @llvm.memcpy.p0.p0.i64(ptr %previous, ptr %image, i64 %left.bytes, i1 false)
   fence seq_cst
   ret void
 }}
@@ -156,6 +127,7 @@ def _run(rows: Rows) -> str:
         "image": rows.image,
         "lanes": block.vector.lanes,
         "width": width,
+        "row": width * _DOUBLE,
     }
     if rows.way is not Way.IMAGED:
         # lines matter only where they are written past the caches; a row shorter than its head has none

@@ -60,7 +60,7 @@ def sincos(v: Vector) -> str:
         some = code.let(f"call i1 @llvm.vector.reduce.or.v{v.lanes}i1({v.bits} {beyond})")
     code.do(f"br i1 {some}, label %library, label %done")
     code.label("library")
-    far_s, far_c = (_by_lane(code, v, name) for name in ("sin", "cos"))
+    far_s, far_c = (by_lane(code, v, name, "%x") for name in ("sin", "cos"))
     # the other lanes keep what they have: a sample's result must not depend on its neighbours
     pairs = [
         (near, code.let(f"select {v.bits} {beyond}, {v.type} {far}, {v.type} {near}"))
@@ -126,10 +126,6 @@ def _signed(code: Code, v: Vector, value: str, quadrant: str) -> str:
     bits = code.let(f"bitcast {v.type} {value} to {v.integers}")
     flipped = code.let(f"xor {v.integers} {bits}, {sign}")
     return code.let(f"bitcast {v.integers} {flipped} to {v.type}")
-
-
-def _by_lane(code: Code, v: Vector, name: str) -> str:
-    return by_lane(code, v, name, "%x")
 
 
 def by_lane(code: Code, v: Vector, name: str, x: str) -> str:
