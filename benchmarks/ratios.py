@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from statistics import median
 from time import perf_counter
-from typing import Any
+from typing import Any, Self
 
 Timer = Callable[[], float]
 """Runs a job once and says how many seconds it took."""
@@ -21,9 +21,9 @@ class Spread:
     median: float
     maximum: float
 
-    @staticmethod
-    def of(values: list[float]) -> Spread:
-        return Spread(min(values), median(values), max(values))
+    @classmethod
+    def of(cls, values: list[float]) -> Self:
+        return cls(min(values), median(values), max(values))
 
     def scaled(self, factor: float) -> Spread:
         return Spread(self.minimum * factor, self.median * factor, self.maximum * factor)

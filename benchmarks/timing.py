@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
-from statistics import median
+from dataclasses import asdict
 from time import perf_counter
 from typing import Any
+
+from ratios import Spread
 
 MORE = 5
 """How many times as many repeats short jobs get."""
@@ -16,17 +17,8 @@ SHORT = 0.3
 """Seconds per wanted repeat within which more repeats are made."""
 
 
-@dataclass(frozen=True)
-class Times:
+class Times(Spread):
     """Seconds over some repeats."""
-
-    minimum: float
-    median: float
-    maximum: float
-
-    @staticmethod
-    def of(seconds: list[float]) -> Times:
-        return Times(min(seconds), median(seconds), max(seconds))
 
     def as_dict(self) -> dict[str, float]:
         return {name: round(value, 6) for name, value in asdict(self).items()}

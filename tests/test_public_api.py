@@ -56,16 +56,21 @@ def facade() -> Iterator[object]:
     for name in ec.__all__:
         member = getattr(ec, name)
         if inspect.isfunction(member):
-            yield pytest.param(member, id=name)
+            yield pytest.param(member, None, id=name)
         elif inspect.isclass(member) and not issubclass(member, Exception):
-            for key, method in vars(member).items():
-                if inspect.isfunction(method) and not key.startswith("_"):
-                    yield pytest.param(method, id=f"{name}.{key}")
+            for owner in member.__mro__:
+                if owner.__module__.startswith("echelon"):
+                    for key, method in vars(owner).items():
+                        if inspect.isfunction(method) and not key.startswith("_"):
+                            yield pytest.param(method, owner, id=f"{name}.{key}")
 
 
-@pytest.mark.parametrize("function", list(facade()))
-def test_every_argument_is_explained(function: Callable[..., object]) -> None:
+@pytest.mark.parametrize(("function", "owner"), list(facade()))
+def test_every_argument_is_explained(function: Callable[..., object], owner: type | None) -> None:
+    """Where it is, or once for all methods of a class that says so."""
     text = inspect.getdoc(function) or ""
+    if owner is not None and f":class:`{owner.__name__}`" in text:
+        text += inspect.getdoc(owner) or ""
     for name in inspect.signature(function).parameters:
         assert name == "self" or name in text, name
 

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from abc import ABC
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from echelon.base.matrix import BaseMatrix
-from echelon.dynamics.functions import robot_function
+from echelon.base.recorded import Recorded
 from echelon.errors import InputError
-from echelon.mechanism.mechanism import Mechanism
-from echelon.program.function import Function
 
 if TYPE_CHECKING:  # importing LLVM takes longer than deriving base parameters: only who computes needs it
     from echelon.dynamics.evaluator import Evaluator
-    from echelon.dynamics.observer import Log, RobotObserver
-    from echelon.observe.normal import NormalEquations
-    from echelon.observe.observation import Observation
 
 Floats = npt.NDArray[np.float64]
 
@@ -31,7 +24,7 @@ NOT_WITH_LOOPS = ("coriolis", "mass_matrix", "inverse_dynamics_derivatives", "ef
 """Functions that mechanisms with loops do not have."""
 
 
-class Evaluation(ABC):
+class Evaluation(Recorded):
     """What a base model computes at states.
 
     The arguments are the same everywhere:
@@ -56,9 +49,6 @@ class Evaluation(ABC):
     They raise InputError if shapes do not fit, values are missing, or ``out`` cannot be written to.  With loops, also
     if states are not closed or cannot be closed, or an output is not determined by the motion.
     """
-
-    mechanism: Mechanism
-    matrix: BaseMatrix
 
     # -- regressors ----------------------------------------------------------------------------------------------
 
@@ -94,6 +84,8 @@ class Evaluation(ABC):
     ) -> Floats:
         """The entries of X̄ that are not structurally zero; :attr:`sparsity` says where they belong.
 
+        Arguments are those of :class:`Evaluation`.
+
         Returns
         -------
         array of shape (N, entries)
@@ -122,7 +114,7 @@ class Evaluation(ABC):
         out: Floats | None = None,
         threads: int | None = None,
     ) -> Floats:
-        """The regressor X of all standard parameters, with y = X ζ.
+        """The regressor X of all standard parameters, with y = X ζ; see :class:`Evaluation` for the arguments.
 
         Returns
         -------
@@ -146,6 +138,8 @@ class Evaluation(ABC):
     ) -> Floats:
         """The outputs y = X̄ ζ̄, by a Newton–Euler recursion in the base parameters alone.
 
+        Arguments are those of :class:`Evaluation`.
+
         Returns
         -------
         array of shape (N, outputs)
@@ -156,7 +150,7 @@ class Evaluation(ABC):
     def gravity(
         self, q: npt.ArrayLike, values: npt.ArrayLike, symbols: Symbols = None, *, threads: int | None = None
     ) -> Floats:
-        """The outputs that hold the bodies' weight at rest, shape (N, outputs)."""
+        """The outputs that hold the bodies' weight at rest, shape (N, outputs); see :class:`Evaluation`."""
         return self._evaluator("gravity")({"q": q, "parameters": values}, symbols, None, None, threads)
 
     def coriolis(
@@ -168,7 +162,7 @@ class Evaluation(ABC):
         *,
         threads: int | None = None,
     ) -> Floats:
-        """The Coriolis and centrifugal outputs C(q, q̇) q̇, shape (N, outputs); not with loops."""
+        """The Coriolis and centrifugal outputs C(q, q̇) q̇, shape (N, outputs); see :class:`Evaluation`."""
         return self._evaluator("coriolis")({"q": q, "qd": qd, "parameters": values}, symbols, None, None, threads)
 
     def effects(
@@ -181,7 +175,10 @@ class Evaluation(ABC):
         *,
         threads: int | None = None,
     ) -> Floats:
-        """The outputs of friction, springs and other effects while accelerations are zero, shape (N, outputs)."""
+        """The outputs of friction, springs and other effects while accelerations are zero, shape (N, outputs).
+
+        Arguments are those of :class:`Evaluation`; not with loops.
+        """
         return self._evaluator("effects")({"q": q, "qd": qd, "parameters": values}, symbols, inputs, None, threads)
 
     def mass_matrix(
@@ -189,7 +186,7 @@ class Evaluation(ABC):
     ) -> Floats:
         """The mass matrix ∂y/∂q̈, shape (N, outputs, velocities); not with loops.
 
-        The outputs are ``mass_matrix · q̈ + coriolis + gravity + effects``.
+        The outputs are ``mass_matrix · q̈ + coriolis + gravity + effects``.  Arguments are those of :class:`Evaluation`.
         """
         return self._evaluator("mass_matrix")({"q": q, "parameters": values}, symbols, None, None, threads)
 
@@ -204,7 +201,7 @@ class Evaluation(ABC):
         *,
         threads: int | None = None,
     ) -> tuple[Floats, Floats]:
-        """Derivatives of the outputs; not with loops.
+        """Derivatives of the outputs; see :class:`Evaluation` for the arguments; not with loops.
 
         Returns
         -------
@@ -217,76 +214,10 @@ class Evaluation(ABC):
         positions = len(self.mechanism.positions)
         return both[:, :, :positions], both[:, :, positions:]
 
-    # -- logs ----------------------------------------------------------------------------------------------------
-
-    def accumulate(
-        self,
-        log: Log | Iterable[Log],
-        symbols: Symbols = None,
-        *,
-        block: int | None = None,
-        threads: int | None = None,
-    ) -> Observation:
-        """R-factors of the observation matrix W and the measured outputs y, without building W.
-
-        The regressor is generated block by block inside a Householder QR factorisation, in constant memory.
-
-        Parameters
-        ----------
-        log : mapping of str to array, or iterable of such
-            ``q``, ``qd``, ``qdd`` as for :meth:`regressor`, ``y`` of shape (N, outputs), and ``inputs``, a mapping,
-            where effects use measured inputs.  Pieces of an iterable follow one another; how a log is cut into pieces
-            does not change the result.
-        symbols : mapping of str to float, optional
-        block : int, optional
-            Samples that are factored together.
-        threads : int, optional
-            The result does not depend on it.
-
-        Returns
-        -------
-        Observation
-            One factor per output; they can be merged with those of other logs, weighted and solved.
-
-        Raises
-        ------
-        InputError
-            If arrays do not fit, or values are missing or not finite.
-        """
-        return self._observer.observation(log, symbols, block, threads)
-
-    def normal_equations(
-        self,
-        log: Log | Iterable[Log],
-        symbols: Symbols = None,
-        *,
-        block: int | None = None,
-        threads: int | None = None,
-    ) -> NormalEquations:
-        """WᵀW and Wᵀy, without building W: about twice as fast as :meth:`accumulate`, with half the digits.
-
-        Arguments are those of :meth:`accumulate`.
-
-        Returns
-        -------
-        NormalEquations
-        """
-        return self._observer.normal_equations(log, symbols, block, threads)
-
-    @cached_property
-    def _observer(self) -> RobotObserver:
-        from echelon.dynamics.observer import RobotObserver
-
-        return RobotObserver(self.mechanism, self._function("regressor"))
-
     # -- machine code --------------------------------------------------------------------------------------------
 
     @cached_property
     def _evaluators(self) -> dict[str, Evaluator]:
-        return {}
-
-    @cached_property
-    def _functions(self) -> dict[str, Function]:
         return {}
 
     def _evaluator(self, name: str) -> Evaluator:
@@ -300,13 +231,3 @@ class Evaluation(ABC):
 
             self._evaluators[name] = Evaluator(self.mechanism, self._function(name), sparse=name == "entries")
         return self._evaluators[name]
-
-    def _function(self, name: str) -> Function:
-        """A function, recorded when it is first asked for; entries and observations share the regressor's."""
-        if name == "entries":
-            name = "regressor"
-        if name not in self._functions:
-            standard = name == "standard_regressor"
-            pivots = range(len(self.mechanism.parameters)) if standard else self.matrix.pivots
-            self._functions[name] = robot_function("regressor" if standard else name, self.mechanism, pivots)
-        return self._functions[name]

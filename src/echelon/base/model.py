@@ -14,6 +14,7 @@ from echelon.base.base_set import BaseSet
 from echelon.base.certificate import Certificate
 from echelon.base.evaluation import Evaluation
 from echelon.base.lift import Metric, lift, metric_matrix
+from echelon.base.logs import Logs
 from echelon.base.matrix import BaseMatrix
 from echelon.base.reading_report import ReadingReport
 from echelon.errors import InputError
@@ -29,7 +30,7 @@ Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)
-class BaseModel(BaseSet, Evaluation):
+class BaseModel(BaseSet, Evaluation, Logs):
     """Base parameters ζ̄ = B ζ of a mechanism, with their evidence.
 
     Made by :func:`echelon.base_parameters` or :func:`echelon.load_base`.
