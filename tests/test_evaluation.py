@@ -150,8 +150,9 @@ def panda() -> Case:
     return Case(MODELS["panda"]())
 
 
-def test_one_state_lists_and_results(panda: Case) -> None:
-    """A single state is one sample, and results may be written to the caller's arrays."""
+def test_one_state_lists_and_results(panda: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A single state is one sample, and results may be written to the caller's arrays, also by several threads."""
+    monkeypatch.setattr(kernel_module, "_FEWEST", 1)
     base, values = panda.base, panda.values
     one = [array[3] for array in panda.state]
     for call, shape in (
@@ -244,4 +245,5 @@ def test_copies(panda: Case) -> None:
     base = ec.base_parameters(panda.mechanism)
     first = base.predict(*panda.state, panda.values)
     twin = copy.deepcopy(base)
+    assert twin == base
     assert same_bits(twin.predict(*panda.state, panda.values), first)

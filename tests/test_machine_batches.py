@@ -116,13 +116,22 @@ def test_bad_neighbours_change_nothing(made: Function, values: dict[str, FloatAr
 
 @pytest.mark.usefixtures("any_size")
 def test_threads_change_nothing(made: Function, values: dict[str, FloatArray], monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[int] = []
+
+    class Pool(ThreadPoolExecutor):
+        def __init__(self, workers: int) -> None:
+            started.append(workers)
+            super().__init__(workers)
+
     monkeypatch.setattr(kernel_module, "_FEWEST", 64)
+    monkeypatch.setattr(kernel_module, "ThreadPoolExecutor", Pool)
     run = Kernel(made)
     alone = run(values, threads=1)
     for threads in (2, 4, 7, None):
         assert same_bits(run(values, threads=threads), alone)
         odd = some(values, slice(1009))
         assert same_bits(run(odd, threads=threads), alone[:1009])
+    assert started[:6] == [2, 2, 4, 4, 7, 7]
 
 
 def test_small_batches_start_no_threads(
@@ -197,12 +206,6 @@ def test_parts_hold_every_operation_once(made: Function) -> None:
         operands = {made.program.lhs[node], made.program.rhs[node]} & made.varying - whole.columns.keys()
         assert operands <= done
         done.add(node)
-
-
-def test_all_widths_agree(made: Function, values: dict[str, FloatArray]) -> None:
-    first, *others = (Kernel(made, target=host(lanes))(values) for lanes in LANES)
-    for other in others:
-        check(other, first)
 
 
 def test_a_processor_without_fused_operations(made: Function, values: dict[str, FloatArray]) -> None:
