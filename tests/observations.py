@@ -13,7 +13,7 @@ from echelon.program.tape import Program
 
 Floats = npt.NDArray[np.float64]
 
-SERIAL = np.triu(np.ones((3, 9), dtype=bool)[:, ::-1])[:, ::-1] | (np.arange(9) >= 3 * np.arange(3)[:, None])
+SERIAL = np.arange(9) >= 3 * np.arange(3)[:, None]
 """Which parameters the outputs of a serial arm with three joints see."""
 
 
