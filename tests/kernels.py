@@ -56,16 +56,22 @@ def function(
     return Function("tested", program, tuple(arguments), {i: value.node for i, value in entries.items()}, names)
 
 
-def by_numpy(made: Function, values: Mapping[str, npt.ArrayLike]) -> FloatArray:
-    """The function's values, shape (samples, ...)."""
+def by_numpy(
+    made: Function, values: Mapping[str, npt.ArrayLike], arithmetic: FloatArithmetic | None = None
+) -> FloatArray:
+    """The function's values, shape (samples, ...).
+
+    Those of uniform arguments have one axis, others the axis of samples before it.
+    """
+    arithmetic = arithmetic or FloatArithmetic()
     samples = max((len(np.atleast_2d(values[a.name])) for a in made.arguments if not a.uniform), default=1)
     leaves: dict[int, FloatArray] = {}
     for argument in made.arguments:
-        columns = np.broadcast_to(np.asarray(values[argument.name], dtype=float), (samples, len(argument)))
+        columns = np.broadcast_to(np.asarray(values[argument.name], dtype=arithmetic.dtype), (samples, len(argument)))
         leaves |= dict(zip(argument.nodes, columns.T, strict=True))
     schedule = Schedule(made.program, made.outputs)
-    found = schedule.run(FloatArithmetic(), {node: leaves[node] for node in schedule.leaves}, samples)
-    result = np.zeros((samples, *made.shape))
+    found = schedule.run(arithmetic, {node: leaves[node] for node in schedule.leaves}, samples)
+    result = np.zeros((samples, *made.shape), dtype=arithmetic.dtype)
     for index, value in zip(made.entries, found, strict=True):
         result[(slice(None), *index)] = value
     return result
