@@ -32,7 +32,7 @@ def apply_text(tiling: Tiling, width: int) -> str:
 
 
 def _sources(routine: Routine, tile: range) -> list[str]:
-    return [routine.let(f"load ptr, ptr {routine.let(f'getelementptr ptr, ptr %from, i64 {c}')}") for c in tile]
+    return [routine.entry("ptr", "%from", c) for c in tile]
 
 
 def _weights(routine: Routine, tiling: Tiling, tile: range) -> list[str]:
@@ -53,22 +53,22 @@ def _weights(routine: Routine, tiling: Tiling, tile: range) -> list[str]:
     tops = [routine.load(row, place) for place in places]
     products = sum_rows(routine, tiling.vector, totals, len(tile))
     inner = [routine.let(f"fadd {row} {top}, {product}") for top, product in zip(tops, products, strict=True)]
-    weights = [_combined(routine, row, inner, j) for j in range(GROUP)]
+    weights = [_combined(routine, len(tile), inner, j) for j in range(GROUP)]
     for place, top, weight in zip(places, tops, weights, strict=True):
         routine.store(row, routine.let(f"fsub {row} {top}, {weight}"), place)
     return weights
 
 
-def _combined(routine: Routine, row: str, inner: list[str], j: int) -> str:
+def _combined(routine: Routine, width: int, inner: list[str], j: int) -> str:
     """Row j of Tᵀ times the inner products."""
-    total = ""
+    row, total = f"<{width} x double>", ""
     for i in range(j + 1):
         entry = routine.load("double", routine.at("%t", i * GROUP + j))
-        lanes = row[1:].split()[0]
-        first = routine.let(f"insertelement {row} poison, double {entry}, i64 0")
-        factor = routine.let(f"shufflevector {row} {first}, {row} poison, <{lanes} x i32> zeroinitializer")
-        product = routine.let(f"fmul contract {row} {factor}, {inner[i]}")
-        total = routine.let(f"fadd contract {row} {total}, {product}") if total else product
+        factor = broadcast(routine, width, entry)
+        if total:
+            total = routine.add_product(row, factor, inner[i], total)
+        else:
+            total = routine.let(f"fmul contract {row} {factor}, {inner[i]}")
     return total
 
 
@@ -79,7 +79,7 @@ def _subtract(routine: Routine, tiling: Tiling, tile: range, weights: list[str])
     row = f"<{len(tile)} x double>"
     spread = [
         [
-            broadcast(routine, tiling.vector, routine.let(f"extractelement {row} {weight}, i64 {c}"))
+            broadcast(routine, tiling.vector.lanes, routine.let(f"extractelement {row} {weight}, i64 {c}"))
             for c in range(len(tile))
         ]
         for weight in weights

@@ -52,7 +52,7 @@ def _update_all(routine: Routine) -> None:
 
     def output(number: str, carried: list[str]) -> list[str]:
         columns, factor = carried
-        size = routine.let(f"load i64, ptr {routine.let(f'getelementptr i64, ptr %sizes, i64 {number}')}")
+        size = routine.entry("i64", "%sizes", number)
         arguments = f"ptr %buffer, ptr {columns}, i64 {size}, ptr {factor}, ptr %v, ptr %t"
         routine.do(f"call void @update({arguments})")
         following = routine.let(f"getelementptr i64, ptr {columns}, i64 {size}")

@@ -6,7 +6,7 @@ An engine works on one array that holds the factors of all outputs, so that a bl
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
@@ -72,25 +72,28 @@ class Engine(Protocol):
 class _Machine:
     """A generator and a kernel, compiled and fused."""
 
-    def __init__(self, function: Function, kernel: str, cut: Tiling, target: Target) -> None:
+    def __init__(self, function: Function, text: Callable[[Tiling], str], rows: int, target: Target | None) -> None:
         """Compile.
 
         Parameters
         ----------
         function : Function
             A regressor with measured outputs.
-        kernel : str
-            Text of ``@update`` and what belongs to it.
-        cut : Tiling
-        target : Target
+        text : callable
+            Writes ``@update`` and what belongs to it.
+        rows : int
+            Samples in a block of the kernel.
+        target : Target, optional
         """
+        target = target or host()
+        cut = tiling(target, rows)
         self.function = function
         self.layout, self._columns = layout_of(function)
         self._tiling = cut
         self._lowered = lowered(function)
         self._block = Block(self._lowered, cut.vector, cut.rows)
         self._generator = loaded(module_text(prepare_text(self._lowered), kernel_text(self._block)), target)
-        self._kernel = loaded(module_text(kernel, observe_text(cut)), target)
+        self._kernel = loaded(module_text(text(cut), observe_text(cut)), target)
         self._prepare = self._generator.function("prepare", (_POINTER, _POINTER))
         self._observe = self._kernel.function("observe", _OBSERVE)
         self._compute = self._generator.address("compute")
@@ -150,9 +153,7 @@ class QrEngine(_Machine):
     """
 
     def __init__(self, function: Function, rows: int = 152, target: Target | None = None) -> None:
-        target = target or host()
-        cut = tiling(target, rows)
-        super().__init__(function, qr_text(cut), cut, target)
+        super().__init__(function, qr_text, rows, target)
         self._merge = self._kernel.function("merge", _MERGE)
         self._counting: Integers = np.arange(self._sizes.max(initial=1), dtype=np.int64)
 
@@ -183,9 +184,7 @@ class GramEngine(_Machine):
     """
 
     def __init__(self, function: Function, rows: int = 152, target: Target | None = None) -> None:
-        target = target or host()
-        cut = tiling(target, rows)
-        super().__init__(function, gram_update_text(cut), cut, target)
+        super().__init__(function, gram_update_text, rows, target)
         # the kernel takes columns by fours: the last one is repeated, and what comes of it ignored
         self._sizes = -(-self._sizes // GROUP) * GROUP
         ends = np.cumsum(self.layout.sizes)[:-1]

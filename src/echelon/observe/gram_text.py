@@ -27,7 +27,7 @@ def gram_update_text(tiling: Tiling) -> str:
 
 def _add_tile(routine: Routine, tiling: Tiling, i: str, j: str) -> None:
     """Inner products of four columns with those of a tile."""
-    left, right = _columns(routine, tiling, i, GROUP), _columns(routine, tiling, j, tiling.columns)
+    left, right = tiling.listed(routine, i, GROUP), tiling.listed(routine, j, tiling.columns)
 
     def turn(row: str, totals: list[str]) -> list[str]:
         x = [tiling.load(routine, column, row) for column in left]
@@ -42,13 +42,3 @@ def _add_tile(routine: Routine, tiling: Tiling, i: str, j: str) -> None:
         line = routine.let(f"mul i64 {routine.let(f'add i64 {i}, {k}')}, %size")
         place = routine.at("%r", routine.let(f"add i64 {line}, {j}"))
         routine.store(kind, routine.let(f"fadd {kind} {routine.load(kind, place)}, {products}"), place)
-
-
-def _columns(routine: Routine, tiling: Tiling, first: str, count: int) -> list[str]:
-    """Addresses of some columns in the buffer."""
-    found = []
-    base = routine.let(f"getelementptr i64, ptr %columns, i64 {first}")
-    for k in range(count):
-        entry = routine.let(f"load i64, ptr {routine.let(f'getelementptr i64, ptr {base}, i64 {k}')}")
-        found.append(routine.at("%buffer", routine.let(f"mul i64 {entry}, {tiling.rows}")))
-    return found

@@ -22,7 +22,7 @@ def scaled_norm_text(tiling: Tiling) -> str:
     scale = _maximum(routine, head, tail)
     nothing = routine.let(f"fcmp oeq double {scale}, 0.0")
     divisor = routine.let(f"select i1 {nothing}, double {number(1.0)}, double {scale}")
-    divisors = broadcast(routine, v, divisor)
+    divisors = broadcast(routine, v.lanes, divisor)
 
     def squares(row: str, totals: list[str]) -> list[str]:
         value = routine.let(f"fdiv {v.type} {tiling.load(routine, '%x', row)}, {divisors}")

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from functools import partial
 
+from echelon.machine.text import Vector
 from echelon.observe.apply_text import apply_text
 from echelon.observe.norm_text import scaled_norm_text
-from echelon.observe.reflectors import declarations, factor_text
+from echelon.observe.reflectors import factor_text
 from echelon.observe.routine import Routine
 from echelon.observe.tiles import GROUP, Tiling
 
@@ -21,11 +22,19 @@ _PANEL = 2 * GROUP
 def qr_text(tiling: Tiling) -> str:
     """``@update`` and ``@merge``."""
     widths = [*range(1, GROUP + 1), _PANEL]
-    parts = [declarations(tiling), scaled_norm_text(tiling)]
+    parts = [_declarations(tiling.vector), scaled_norm_text(tiling)]
     parts += [apply_text(tiling, width) for width in widths]
     parts += [factor_text(tiling, width) for width in range(1, GROUP + 1)]
     parts += [_panel_text(tiling, width) for width in widths]
     return "\n".join([*parts, _update_text(), _merge_text(tiling)])
+
+
+def _declarations(v: Vector) -> str:
+    """Intrinsic functions that reflectors and norms use."""
+    return (
+        f"declare double @llvm.sqrt.f64(double)\ndeclare double @llvm.copysign.f64(double, double)\n"
+        f"declare double @llvm.fabs.f64(double)\ndeclare {v.type} @llvm.fabs.{v.suffix}({v.type})\n"
+    )
 
 
 def _panel_text(tiling: Tiling, width: int) -> str:
@@ -37,7 +46,7 @@ def _panel_text(tiling: Tiling, width: int) -> str:
     rows = tiling.rows
     given, own = (routine.let(f"alloca [{width} x ptr], align 8") for _ in range(2))
     first = routine.at("%v", routine.let(f"mul i64 %j, {rows}"))
-    sources = [_source(routine, tiling, c) for c in range(width)]
+    sources = tiling.listed(routine, "%j", width)
     targets = tiling.columns_at(routine, first, range(width))
     for table, pointers in ((given, sources), (own, targets)):
         for c, pointer in enumerate(pointers):
@@ -72,13 +81,6 @@ def _clear_columns(routine: Routine, tiling: Tiling, width: int, first: str, own
     routine.do(f"call void @apply{GROUP}(ptr {first}, ptr {t}, ptr {right}, i64 %size, ptr {second}, ptr {table})")
     t, below = routine.at(t, GROUP * GROUP), routine.at(right, routine.let(f"mul i64 %size, {GROUP}"))
     routine.do(f"call void @factor{GROUP}(ptr {second}, ptr {t}, ptr {below}, i64 %size)")
-
-
-def _source(routine: Routine, tiling: Tiling, c: int) -> str:
-    """Where the generator left a column."""
-    place = routine.let(f"getelementptr i64, ptr %columns, i64 {routine.let(f'add i64 %j, {c}')}")
-    entry = routine.let(f"load i64, ptr {place}")
-    return routine.at("%buffer", routine.let(f"mul i64 {entry}, {tiling.rows}"))
 
 
 def _copy(routine: Routine, tiling: Tiling, sources: list[str], targets: list[str]) -> None:
@@ -125,7 +127,7 @@ def _merge_text(tiling: Tiling) -> str:
 
     def output(number: str, carried: list[str]) -> list[str]:
         factor, other = carried
-        size = routine.let(f"load i64, ptr {routine.let(f'getelementptr i64, ptr %sizes, i64 {number}')}")
+        size = routine.entry("i64", "%sizes", number)
         routine.while_below((0, size, tiling.rows), lambda first: _merge_rows(routine, tiling, carried, size, first))
         cells = routine.let(f"mul i64 {size}, {size}")
         return [routine.at(factor, cells), routine.at(other, cells)]

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from echelon.machine.batch import Batch
 from echelon.observe.layout import layout_of
+from echelon.observe.triangle import upper_triangle
 from echelon.program.function import Function
 from echelon.program.schedule import FloatArithmetic, Schedule
 
@@ -51,12 +52,12 @@ class ReferenceQr(_Reference):
 
     def observe(self, batch: Batch, first: int, count: int) -> Floats:
         """R of each output's rows."""
-        return np.concatenate([_triangle(rows).ravel() for rows in self.rows(batch, first, count)])
+        return np.concatenate([upper_triangle(rows).ravel() for rows in self.rows(batch, first, count)])
 
     def merge(self, total: Floats, part: Floats) -> None:
         """R of [total; part], in place of total."""
         for R, other in zip(self.layout.split(total), self.layout.split(part), strict=True):
-            R[:] = _triangle(np.vstack([R, other]))
+            R[:] = upper_triangle(np.vstack([R, other]))
 
     def factors(self, total: Floats) -> tuple[Floats, ...]:
         """Each output's R."""
@@ -83,10 +84,3 @@ class ReferenceGram(_Reference):
     def factors(self, total: Floats) -> tuple[Floats, ...]:
         """Each output's Gram matrix."""
         return self.layout.split(total)
-
-
-def _triangle(matrix: Floats) -> Floats:
-    missing = matrix.shape[1] - len(matrix)
-    padded = np.vstack([matrix, np.zeros((max(missing, 0), matrix.shape[1]))])
-    R = np.linalg.qr(padded, mode="r")
-    return np.asarray(R, dtype=np.float64)

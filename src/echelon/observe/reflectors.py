@@ -20,15 +20,6 @@ from echelon.observe.tiles import GROUP, Tiling, broadcast, row_at, sums
 _SMALLEST, _LARGEST = 1e-280, 1e280  # squares outside lose digits or overflow: then the norm is taken of scaled values
 
 
-def declarations(tiling: Tiling) -> str:
-    """Intrinsic functions that the texts of this module use."""
-    v = tiling.vector
-    return (
-        f"declare double @llvm.sqrt.f64(double)\ndeclare double @llvm.copysign.f64(double, double)\n"
-        f"declare double @llvm.fabs.f64(double)\ndeclare {v.type} @llvm.fabs.{v.suffix}({v.type})\n"
-    )
-
-
 def factor_text(tiling: Tiling, width: int) -> str:
     """``@factor{width}``: reflectors that clear some columns; V, T and R for four, R alone for fewer.
 
@@ -64,7 +55,7 @@ class _Panel:
         routine, tiling = self.routine, self.tiling
         earlier = range(j if self.full else 0)
         later = range(j, self.width)
-        scale = broadcast(routine, tiling.vector, self.inverse[-1]) if j else ""
+        scale = broadcast(routine, tiling.vector.lanes, self.inverse[-1]) if j else ""
 
         def turn(row: str, totals: list[str]) -> list[str]:
             read = sorted({*earlier, *later, *range(max(j - 1, 0), j)})
@@ -114,18 +105,17 @@ class _Panel:
         for k, product in zip(later, products[1:], strict=False):
             above = routine.at(place, k - j)
             top = routine.load("double", above)
-            head = routine.let(f"fmul contract double {u}, {top}")
-            inner = routine.let(f"fadd contract double {head}, {product}")
+            inner = routine.add_product("double", u, top, product)
             factor = routine.let(f"fmul double {inner}, {over_beta}")
             routine.store("double", routine.let(f"fsub double {top}, {factor}"), above)
-            self.factors[k] = broadcast(routine, tiling.vector, factor)
+            self.factors[k] = broadcast(routine, tiling.vector.lanes, factor)
         for i, product in enumerate(products[1 + len(later) :]):
             self.gram[i, j] = routine.let(f"fmul double {product}, {over_u}")
 
     def _norm(self, j: int, alpha: str, square: str) -> tuple[str, str]:
         """√(α² + xᵀx), and whether x is zero."""
         routine = self.routine
-        total = routine.let(f"fadd contract double {routine.let(f'fmul contract double {alpha}, {alpha}')}, {square}")
+        total = routine.add_product("double", alpha, alpha, square)
         fast = routine.let(f"call double @llvm.sqrt.f64(double {total})")
         empty = routine.let(f"fcmp oeq double {square}, 0.0")
         small = routine.let(f"fcmp ult double {total}, {number(_SMALLEST)}")
@@ -147,7 +137,7 @@ class _Panel:
     def scale_last(self) -> None:
         """The tail of the last reflector."""
         routine, tiling, column = self.routine, self.tiling, self.columns[-1]
-        scale = broadcast(routine, tiling.vector, self.inverse[-1])
+        scale = broadcast(routine, tiling.vector.lanes, self.inverse[-1])
 
         def turn(row: str, _: list[str]) -> list[str]:
             value = tiling.load(routine, column, row)
@@ -164,8 +154,7 @@ class _Panel:
             for i in range(j):
                 total = number(0.0)
                 for k in range(i, j):
-                    product = routine.let(f"fmul contract double {t[i, k]}, {self.gram[k, j]}")
-                    total = routine.let(f"fadd contract double {total}, {product}")
+                    total = routine.add_product("double", t[i, k], self.gram[k, j], total)
                 t[i, j] = routine.let(f"fneg double {routine.let(f'fmul double {total}, {self.tau[j]}')}")
         for (i, j), value in t.items():
             routine.store("double", value, routine.at("%t", i * GROUP + j))

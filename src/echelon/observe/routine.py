@@ -33,6 +33,15 @@ class Routine(Code):
         """Write a value, assuming only the alignment of doubles."""
         self.do(f"store {kind} {value}, ptr {pointer}, align {_DOUBLE}")
 
+    def entry(self, kind: str, table: str, index: int | str) -> str:
+        """An entry of a table of pointers or integers."""
+        return self.let(f"load {kind}, ptr {self.let(f'getelementptr {kind}, ptr {table}, i64 {index}')}")
+
+    def add_product(self, kind: str, a: str, b: str, total: str) -> str:
+        """total + a·b, fused where the processor can."""
+        product = self.let(f"fmul contract {kind} {a}, {b}")
+        return self.let(f"fadd contract {kind} {total}, {product}")
+
     def loop(
         self,
         bounds: tuple[int | str, int | str, int],

@@ -51,6 +51,12 @@ class Tiling:
         """Addresses of some of the columns that lie one after another."""
         return [routine.at(base, number * self.rows) for number in numbers]
 
+    def listed(self, routine: Routine, first: str, count: int) -> list[str]:
+        """Addresses in ``%buffer`` of columns whose numbers are in ``%columns``, from one of these on."""
+        base = routine.let(f"getelementptr i64, ptr %columns, i64 {first}")
+        numbers = (routine.entry("i64", base, k) for k in range(count))
+        return [routine.at("%buffer", routine.let(f"mul i64 {number}, {self.rows}")) for number in numbers]
+
     def load(self, routine: Routine, column: str, row: str) -> str:
         """A vector of rows of a column."""
         return routine.let(f"load {self.vector.type}, ptr {routine.at(column, row)}, align {self.alignment}")
@@ -61,8 +67,7 @@ class Tiling:
 
     def add_product(self, routine: Routine, a: str, b: str, total: str) -> str:
         """total + a·b, fused where the processor can."""
-        product = routine.let(f"fmul contract {self.vector.type} {a}, {b}")
-        return routine.let(f"fadd contract {self.vector.type} {total}, {product}")
+        return routine.add_product(self.vector.type, a, b, total)
 
     def subtract_product(self, routine: Routine, a: str, b: str, total: str) -> str:
         """total − a·b, fused where the processor can."""
@@ -87,12 +92,11 @@ def row_at(routine: Routine, i: int) -> str:
     return routine.at("%top", routine.let(f"mul i64 %size, {i}"))
 
 
-def broadcast(routine: Routine, vector: Vector, scalar: str) -> str:
+def broadcast(routine: Routine, lanes: int, scalar: str) -> str:
     """A vector with the same value in all lanes."""
-    first = routine.let(f"insertelement {vector.type} poison, double {scalar}, i64 0")
-    return routine.let(
-        f"shufflevector {vector.type} {first}, {vector.type} poison, <{vector.lanes} x i32> zeroinitializer"
-    )
+    kind = f"<{lanes} x double>"
+    first = routine.let(f"insertelement {kind} poison, double {scalar}, i64 0")
+    return routine.let(f"shufflevector {kind} {first}, {kind} poison, <{lanes} x i32> zeroinitializer")
 
 
 def shuffle(routine: Routine, lanes: int, a: str, b: str, mask: Sequence[int]) -> str:
