@@ -118,13 +118,14 @@ def generate_source(
     chosen = [_valid("function", function, list(FUNCTIONS)) for function in dict.fromkeys(functions)]
     if not chosen:
         raise InputError(f"no function is asked for (valid: {', '.join(FUNCTIONS)})")
-    mode = Precision(_valid("precision", precision, [p.value for p in Precision]))
+    mode = Precision.named(precision)
     robot = identifier(base.mechanism.name) if name is None else checked_identifier(name)
     constants = symbol_constants(base.mechanism, symbols)
     values = parameter_constants(base, parameters, symbols)
     made = [robot_function(function, base.mechanism, base.matrix.pivots) for function in chosen]
     known = {**constants.numbers, **values.numbers}
-    made = [specialised(function, known, _layout(made, known)) for function in made]
+    layout = _layout(made, known)
+    made = [specialised(function, known, layout) for function in made]
     subject = Subject(base.mechanism.name, base.expressions, constants.texts, values.values)
     return Source(printed(made, language, mode, robot, subject), tuple(made))
 
@@ -156,7 +157,7 @@ def printed(
         "real": language.real[precision],
         "precision": precision.value,
         "lanes": LANES,
-        "suffix": "f" if precision is Precision.SINGLE else "",
+        "suffix": precision.suffix,
         "zero": language.literal(0, precision),
         "one": language.literal(1, precision),
         "trigonometric": any(shown.angles for shown in views),

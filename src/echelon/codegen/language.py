@@ -70,11 +70,11 @@ class Language:
 
     def literal(self, value: Number, precision: Precision) -> str:
         """A constant that is not negative."""
-        return self.number.format(x=decimal(value, precision), f=_suffix(precision))
+        return self.number.format(x=decimal(value, precision), f=precision.suffix)
 
     def call(self, op: Op, x: str, precision: Precision) -> str:
         """A function of an expression."""
-        return self.functions[op].format(x=x, f=_suffix(precision))
+        return self.functions[op].format(x=x, f=precision.suffix)
 
     def at(self, name: str, index: int) -> str:
         """An entry of a vector."""
@@ -88,7 +88,3 @@ class Language:
                 place = place * size + k
             return self.entry.format(index=place + self.first)
         return self.entry.format(index=self.separator.join(str(k + self.first) for k in index))
-
-
-def _suffix(precision: Precision) -> str:
-    return "f" if precision is Precision.SINGLE else ""

@@ -7,7 +7,7 @@ from math import isfinite
 
 import numpy as np
 
-from echelon.errors import InputError
+from echelon.errors import InputError, one_line
 from echelon.exact.numbers import Number
 
 
@@ -16,6 +16,24 @@ class Precision(StrEnum):
 
     DOUBLE = "double"
     SINGLE = "single"
+
+    @classmethod
+    def named(cls, name: str) -> Precision:
+        """The type of a name that a user gave.
+
+        Raises
+        ------
+        InputError
+            If there is none.
+        """
+        if name not in list(cls):
+            raise InputError(f"there is no precision '{one_line(name)}' (valid: {', '.join(cls)})")
+        return cls(name)
+
+    @property
+    def suffix(self) -> str:
+        """What C appends to literals and names of functions."""
+        return "f" if self is Precision.SINGLE else ""
 
 
 def decimal(value: Number, precision: Precision) -> str:

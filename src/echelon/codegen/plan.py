@@ -74,7 +74,7 @@ class Plan:
     slots: Mapping[int, int]
 
 
-def plan(function: Function, longest_part: int = LONGEST_PART) -> Plan:
+def plan(function: Function, longest_part: int) -> Plan:
     """Order a function's operations.
 
     Parameters
@@ -96,6 +96,16 @@ def plan(function: Function, longest_part: int = LONGEST_PART) -> Plan:
     return Plan(function, angles, parts, names, _slots(function.program, parts, names))
 
 
+def coordinates(function: Function) -> tuple[int, ...]:
+    """The nodes of q."""
+    return next((argument.nodes for argument in function.arguments if argument.name == "q"), ())
+
+
+def homes(parts: Sequence[Sequence[Statement]]) -> dict[int, int]:
+    """For every temporary, the number of the part that it is written in."""
+    return {s.node: k for k, part in enumerate(parts) for s in part if s.entry is None}
+
+
 def operands(program: Program, node: int) -> tuple[int, ...]:
     """The nodes that a node refers to."""
     a, b = program.lhs[node], program.rhs[node]
@@ -110,10 +120,10 @@ def _angles(function: Function) -> tuple[Angle, ...]:
     program = function.program
     found = dict.fromkeys(program.lhs[n] for n in function.needed if program.ops[n] in (Op.SIN, Op.COS))
     simple = [n for n in found if _inlined_leaves(program, n, _MOST_LEAVES_OF_ANGLE) > 0]
-    place = {node: k for a in function.arguments if a.name == "q" for k, node in enumerate(a.nodes, 1)}
-    coordinates = sorted((n for n in simple if n in place), key=place.__getitem__)
+    place = {node: k for k, node in enumerate(coordinates(function), 1)}
+    joints = sorted((n for n in simple if n in place), key=place.__getitem__)
     others = [n for n in simple if n not in place]
-    named = [Angle(n, str(place[n])) for n in coordinates]
+    named = [Angle(n, str(place[n])) for n in joints]
     return (*named, *(Angle(n, f"a{k}") for k, n in enumerate(others, 1)))
 
 
@@ -202,7 +212,7 @@ class _Writer:
 
 def _slots(program: Program, parts: Sequence[Sequence[Statement]], names: Mapping[int, str]) -> dict[int, int]:
     """Temporaries that are used in a later part than they are written in."""
-    home = {s.node: k for k, part in enumerate(parts) for s in part if s.entry is None}
+    home = homes(parts)
     crossing: dict[int, None] = {}
     for k, part in enumerate(parts if len(parts) > 1 else ()):
         for node in used_names(program, part, names):

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from itertools import product
 from math import prod
+from sys import maxsize
 
 from echelon.codegen.expressions import Expressions
 from echelon.codegen.language import Language
 from echelon.codegen.numbers import Precision
-from echelon.codegen.plan import LONGEST_PART, Plan, Statement, plan, used_names
+from echelon.codegen.plan import LONGEST_PART, Plan, Statement, coordinates, homes, plan, used_names
 from echelon.program.function import Argument, Function
 from echelon.program.operations import Op
 
@@ -148,7 +149,7 @@ def view(function: Function, language: Language, precision: Precision) -> Functi
     language : Language
     precision : Precision
     """
-    planned = plan(function, LONGEST_PART if language.splits else max(len(function.needed), LONGEST_PART) * 2)
+    planned = plan(function, LONGEST_PART if language.splits else maxsize)
     empty = [i for i in product(*map(range, function.shape)) if i not in function.entries]
     fills = not language.zeroed and len(empty) > _MOST_ZEROS
     window = _window(planned) if language.windows else None
@@ -157,16 +158,17 @@ def view(function: Function, language: Language, precision: Precision) -> Functi
     if empty and not fills and not language.zeroed:
         zero = language.literal(0, precision)
         zeros = tuple(language.assign.format(name=language.result_at(i, function.shape), value=zero) for i in empty)
-        parts.insert(0, PartView((), (), zeros, writes=True, shares=False))
+        first = parts[0] if parts else PartView((), (), (), writes=True, shares=False)
+        parts[:1] = [replace(first, lines=zeros + first.lines, writes=True)]
     angles = tuple(printer.expressions({}).reference(angle.node) for angle in planned.angles)
     used = {a.name for part in parts for a in part.arguments} | printer.arguments_of(a.node for a in planned.angles)
     unused = tuple(a for a in function.arguments if a.name not in used)
-    return FunctionView(function, unused, angles, window, _joined(parts), len(planned.slots), fills)
+    return FunctionView(function, unused, angles, window, tuple(parts), len(planned.slots), fills)
 
 
 def _window(planned: Plan) -> range | None:
     """The consecutive entries of q that hold all angles."""
-    q = next((a.nodes for a in planned.function.arguments if a.name == "q"), ())
+    q = coordinates(planned.function)
     places = [q.index(angle.node) for angle in planned.angles if angle.node in q]
     if len(places) < len(planned.angles) or not places:
         return None
@@ -176,18 +178,8 @@ def _window(planned: Plan) -> range | None:
     return range(first, last + 1) if last + 1 - first >= LANES else None
 
 
-def _joined(parts: Sequence[PartView]) -> tuple[PartView, ...]:
-    """Without a first part that holds nothing but a few zeros."""
-    if len(parts) < 2 or parts[0].trig or parts[0].arguments or parts[0].shares:
-        return tuple(parts)
-    head, second, *rest = parts
-    both = PartView(second.arguments, second.trig, head.lines + second.lines, writes=True, shares=second.shares)
-    return (both, *rest)
-
-
 class _Printer:
     def __init__(self, planned: Plan, language: Language, precision: Precision, window: range | None) -> None:
-        self._window = window
         self._plan, self._language, self._precision = planned, language, precision
         self._program = planned.function.program
         self._owner: dict[int, Argument] = {}
@@ -195,7 +187,11 @@ class _Printer:
         for argument in planned.function.arguments:
             for k, node in enumerate(argument.nodes):
                 self._owner[node], self._inputs[node] = argument, language.at(argument.name, k)
-        self._home = {s.node: k for k, part in enumerate(planned.parts) for s in part if s.entry is None}
+        self._home = homes(planned.parts)
+        self._slots = {n: language.at(WORK, slot) for n, slot in planned.slots.items()}
+        angles = [angle.node for angle in planned.angles]
+        listed = angles if window is None else coordinates(planned.function)[window.start : window.stop]
+        self._places = {node: k for k, node in enumerate(listed)}
 
     def expressions(self, names: Mapping[int, str]) -> Expressions:
         language, precision = self._language, self._precision
@@ -212,13 +208,12 @@ class _Printer:
 
     def part(self, number: int) -> PartView:
         """One part as text."""
-        planned, language = self._plan, self._language
-        slots = {n: language.at(WORK, slot) for n, slot in planned.slots.items()}
+        planned, slots = self._plan, self._slots
         passed = {n: slot for n, slot in slots.items() if self._home[n] != number}
         names = {**planned.names, **passed}
         expressions = self.expressions(names)
         statements = planned.parts[number]
-        lines = [line for s in statements for line in self._lines(s, expressions, slots)]
+        lines = [line for s in statements for line in self._lines(s, expressions)]
         used = used_names(self._program, statements, planned.names)
         owners = {self._owner[n].name for n in used if n in self._owner}
         return PartView(
@@ -229,26 +224,22 @@ class _Printer:
             shares=any(n in slots for n in used) or any(s.node in slots for s in statements),
         )
 
-    def _lines(self, statement: Statement, expressions: Expressions, slots: Mapping[int, str]) -> list[str]:
+    def _lines(self, statement: Statement, expressions: Expressions) -> list[str]:
         language, node = self._language, statement.node
         if statement.entry is not None:
             target = language.result_at(statement.entry, self._plan.function.shape)
             return [language.assign.format(name=target, value=expressions.reference(node))]
         real, name = language.real[self._precision], self._plan.names[node]
         lines = [language.define.format(real=real, name=name, value=expressions.definition(node))]
-        if node in slots:
-            lines.append(language.assign.format(name=slots[node], value=name))
+        if node in self._slots:
+            lines.append(language.assign.format(name=self._slots[node], value=name))
         return lines
 
     def _trig(self, used: Iterable[int]) -> tuple[Trig, ...]:
-        index = {angle.node: k for k, angle in enumerate(self._plan.angles)}
-        if self._window is not None:
-            nodes = next(a.nodes for a in self._plan.function.arguments if a.name == "q")
-            index = {node: k for k, node in enumerate(nodes[self._window.start : self._window.stop])}
-        kinds = {Op.SIN: "sine", Op.COS: "cosine"}
+        names, places, kinds = self._plan.names, self._places, {Op.SIN: "sine", Op.COS: "cosine"}
         found = []
         for node in used:
-            op = self._program.ops[node]
-            if node in self._plan.names and op in kinds and self._program.lhs[node] in index and node not in self._home:
-                found.append(Trig(self._plan.names[node], kinds[Op(op)], index[self._program.lhs[node]]))
+            op, angle = self._program.ops[node], self._program.lhs[node]
+            if node in names and op in kinds and angle in places and node not in self._home:
+                found.append(Trig(names[node], kinds[Op(op)], places[angle]))
         return tuple(sorted(found, key=lambda trig: (trig.index, trig.kind != "sine")))

@@ -11,7 +11,7 @@ from echelon.base.model import BaseModel
 from echelon.codegen.numbers import Precision
 from echelon.dynamics.functions import robot_function
 from echelon.dynamics.observer import RobotObserver
-from echelon.errors import InputError, one_line
+from echelon.errors import InputError
 from echelon.gpu.accumulate import DeviceObserver
 from echelon.gpu.batches import DeviceEvaluator
 from echelon.gpu.device import Array, Device
@@ -44,10 +44,7 @@ class Gpu:
     """
 
     def __init__(self, base: BaseModel, precision: str = "double") -> None:
-        valid = [p.value for p in Precision]
-        if precision not in valid:
-            raise InputError(f"there is no precision '{one_line(precision)}' (valid: {', '.join(valid)})")
-        self.base, self.precision = base, Precision(precision)
+        self.base, self.precision = base, Precision.named(precision)
         self._device = Device()
         self._evaluators: dict[str, DeviceEvaluator] = {}
 

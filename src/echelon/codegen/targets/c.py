@@ -20,6 +20,9 @@ FUNCTIONS = {
 }
 """Functions of C's library, and a sign of our own."""
 
+OVERLOADED = {op: pattern.format(f="", x="{x}") for op, pattern in FUNCTIONS.items()}
+"""The same for languages in which one name serves all types."""
+
 C = Language(
     name="c",
     files={"{robot}.h": "c.h.j2", "{robot}.c": "c.c.j2"},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from echelon.codegen.language import Language
-from echelon.codegen.targets.c import FUNCTIONS
+from echelon.codegen.targets.c import OVERLOADED
 from echelon.program.operations import Op
 
 CPP = Language(
@@ -11,7 +11,7 @@ CPP = Language(
     files={"{robot}.hpp": "cpp.hpp.j2"},
     comment="// ",
     # unqualified, so that scalars of other libraries bring their own
-    functions={**{op: pattern.format(f="", x="{x}") for op, pattern in FUNCTIONS.items()}, Op.ABS: "abs({x})"},
+    functions={**OVERLOADED, Op.ABS: "abs({x})"},
     number="T({x})",
     define="const T {name} = {value};",
     assign="{name} = {value};",

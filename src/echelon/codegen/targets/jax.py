@@ -10,6 +10,5 @@ JAX = Language(
     files={"{robot}_jax.py": "jax.py.j2"},
     comment="# ",
     functions={op: pattern.replace("np.", "jnp.") for op, pattern in PYTHON.functions.items()},
-    entry="result[{index}]",
     zeroed=True,
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from echelon.codegen.language import Language
 from echelon.codegen.numbers import Precision
-from echelon.codegen.targets.c import FUNCTIONS
+from echelon.codegen.targets.c import OVERLOADED
 from echelon.program.operations import Op
 
 JULIA = Language(
@@ -12,7 +12,7 @@ JULIA = Language(
     files={"{robot}.jl": "julia.jl.j2"},
     comment="# ",
     functions={
-        **{op: pattern.format(f="", x="{x}") for op, pattern in FUNCTIONS.items()},
+        **OVERLOADED,
         Op.ABS: "abs({x})",
         Op.SIGN: "sign({x})",
     },

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from echelon.codegen.language import Language
-from echelon.codegen.numbers import Precision
-from echelon.codegen.targets.c import FUNCTIONS
+from echelon.codegen.targets.c import OVERLOADED
 from echelon.program.operations import Op
 
 MATLAB = Language(
@@ -12,11 +11,10 @@ MATLAB = Language(
     files={"{robot}_{function}.m": "matlab.m.j2"},
     comment="% ",
     functions={
-        **{op: pattern.format(f="", x="{x}") for op, pattern in FUNCTIONS.items()},
+        **OVERLOADED,
         Op.ABS: "abs({x})",
         Op.SIGN: "sign({x})",
     },
-    real={Precision.DOUBLE: "double", Precision.SINGLE: "single"},
     element="{name}({index})",
     entry="result({index})",
     separator=", ",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from echelon.codegen.language import Language
 from echelon.codegen.numbers import Precision
-from echelon.codegen.targets.c import FUNCTIONS
+from echelon.codegen.targets.c import OVERLOADED
 from echelon.program.operations import Op
 
 RUST = Language(
@@ -12,7 +12,7 @@ RUST = Language(
     files={"{robot}.rs": "rust.rs.j2"},
     comment="//! ",
     functions={
-        **{op: "math::" + pattern.format(f="", x="{x}") for op, pattern in FUNCTIONS.items()},
+        **{op: "math::" + pattern for op, pattern in OVERLOADED.items()},
         Op.ABS: "math::abs({x})",
         Op.LOG: "math::ln({x})",
         Op.SIGN: "math::sign({x})",
