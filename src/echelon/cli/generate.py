@@ -63,7 +63,9 @@ def run_generate(request: GenerateRequest, *, as_json: bool) -> None:
     with progress(f"generating code for {request.robot.name}"):
         base = _base(request)
         source = generate_source(base, **request.options, parameters=values)
-    paths = _written(source, request.output)
+    paths = _paths(list(source.files), request.output)
+    for path, text in zip(paths, source.files.values(), strict=True):
+        write_atomically(path, text)
     if as_json:
         typer.echo(json.dumps(_summary(base, source, paths, request), indent=1, ensure_ascii=False))
         return
@@ -122,24 +124,20 @@ def _holds_saved_base(path: Path) -> bool:
         return f'"{SCHEMA_NAME}"'.encode() in stream.read(4096)
 
 
-def _written(source: Source, output: Path) -> list[Path]:
-    """Write the files into a directory, or the only one under a name of its own."""
-    single = len(source.files) == 1 and output.suffix and not output.is_dir()
-    if not single and output.suffix and not output.is_dir() and output.name in source.files:
-        output = output.parent  # the name of one of several files that belong together
-    folder = output.parent if single else output
-    if not single:
-        if output.exists() and not output.is_dir():
-            names = ", ".join(source.files)
-            raise InputError(f"is not a directory, and there are several files to write: {names}", source=str(output))
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"cannot be made: {error.strerror or error}", source=str(folder)) from None
-    paths = [output if single else folder / name for name in source.files]
-    for path, text in zip(paths, source.files.values(), strict=True):
-        write_atomically(path, text)
-    return paths
+def _paths(names: list[str], output: Path) -> list[Path]:
+    """Where files go: into a directory, which is made, or the only one under a name of its own."""
+    is_file = output.suffix and not output.is_dir()
+    if is_file and len(names) == 1:
+        return [output]
+    folder = output.parent if is_file and output.name in names else output  # one of several that belong together
+    if folder.exists() and not folder.is_dir():
+        listed = ", ".join(names)
+        raise InputError(f"is not a directory, and there are several files to write: {listed}", source=str(folder))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be made: {error.strerror or error}", source=str(folder)) from None
+    return [folder / name for name in names]
 
 
 def _summary(base: BaseModel, source: Source, paths: list[Path], request: GenerateRequest) -> dict[str, Any]:
