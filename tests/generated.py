@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+import cupy_on_cpu
 from echelon.program.function import Function
 from echelon.program.schedule import FloatArithmetic, Schedule
 
@@ -24,15 +25,6 @@ Call = Callable[[Function, Mapping[str, Floats]], Floats]
 """Evaluates a function at samples: arguments (N, n), or (n,) where they are uniform."""
 
 WARNINGS = ["-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow"]
-SHIM = """
-#include <cmath>
-#define __device__
-#define __global__
-#define __forceinline__ inline
-#define __noinline__
-struct index { long long x; };
-static index blockIdx{0}, blockDim{1}, threadIdx{0};
-"""
 
 
 def reference(function: Function, values: Mapping[str, Floats]) -> Floats:
@@ -139,27 +131,17 @@ def cpp(build: Build) -> Call:
 
 
 def cuda(build: Build) -> Call:
-    """The kernels as C++, one thread after the other."""
-    lines = [SHIM, f'#include "{build.robot}.cu"']
-    for f in build.functions:
-        given = ", ".join(f"const {build.real}* {a.name}" for a in f.arguments)
-        lines.append(f'extern "C" void run_{f.name}(long long count, {given}, {build.real}* result) {{')
-        lines.append("  for (blockIdx.x = 0; blockIdx.x < count + 3; blockIdx.x++)")
-        lines.append(f"    {build.robot}_{f.name}_kernel(count, {', '.join(a.name for a in f.arguments)}, result);\n}}")
-    source, library = build.folder / "run_cuda.cpp", build.folder / "cuda.so"
-    source.write_text("\n".join(lines) + "\n")
-    flags = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC"]
-    loaded = compiled([tool("g++"), *flags, str(source), "-o", str(library)], library)
+    """The kernels on the processor."""
+    text = (build.folder / f"{build.robot}.cu").read_text()
+    loaded = cupy_on_cpu.RawModule(code=text, backend="nvrtc", options=("--std=c++14",))
 
     def call(function: Function, values: Mapping[str, Floats]) -> Floats:
         samples = len(values["q"])
-        entry = getattr(loaded, f"run_{function.name}")
-        entry.restype = None
         columns = [np.ascontiguousarray(values[a.name].T, build.dtype) for a in function.arguments]
-        result = np.full((int(np.prod(function.shape)), samples), np.nan, build.dtype)
-        pointers = (array.ctypes.data_as(ctypes.c_void_p) for array in [*columns, result])
-        entry(ctypes.c_longlong(samples), *pointers)
-        return result.T.reshape(samples, *function.shape)
+        result = cupy_on_cpu.empty((int(np.prod(function.shape)), samples), build.dtype)
+        kernel = loaded.get_function(f"{build.robot}_{function.name}_kernel")
+        kernel((samples // 32 + 2,), (32,), (np.int64(samples), *map(cupy_on_cpu.asarray, columns), result))
+        return cupy_on_cpu.asnumpy(result).T.reshape(samples, *function.shape)
 
     return call
 

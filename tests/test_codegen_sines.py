@@ -62,7 +62,7 @@ def test_errors_in_units_in_the_last_place(target: str, flags: tuple[str, ...], 
     q = q[np.abs(q) <= 1e5]
     q = q[: len(q) // 4 * 4].reshape(-1, 4)
     found = build(tmp_path, target, flags)(circle(), {"q": q})
-    with flint_precision(300):
+    with flint.ctx.workprec(300):
         sines = [ulps(float(x), float(y), False) for x, y in zip(q.ravel(), found[:, 0].ravel(), strict=True)]
         cosines = [ulps(float(x), float(y), True) for x, y in zip(q.ravel(), found[:, 1].ravel(), strict=True)]
     assert max(sines) < 2
@@ -75,16 +75,3 @@ def test_the_library_takes_over(target: str, flags: tuple[str, ...], tmp_path: P
     found = build(tmp_path, target, flags)(circle(), {"q": q})
     with np.errstate(invalid="ignore"):
         np.testing.assert_allclose(found, np.stack([np.sin(q), np.cos(q)], axis=1), rtol=1e-15)
-
-
-class flint_precision:  # noqa: N801
-    """More bits for a while."""
-
-    def __init__(self, bits: int) -> None:
-        self.bits, self.before = bits, flint.ctx.prec
-
-    def __enter__(self) -> None:
-        flint.ctx.prec = self.bits
-
-    def __exit__(self, *_: object) -> None:
-        flint.ctx.prec = self.before

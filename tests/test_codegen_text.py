@@ -22,6 +22,8 @@ import pytest
 import arms
 import echelon as ec
 import generated
+from echelon.cli.main import FUNCTIONS as LISTED_FUNCTIONS
+from echelon.cli.main import TARGETS as LISTED_TARGETS
 from echelon.codegen.documentation import Subject
 from echelon.codegen.generate import generate, generate_source, printed
 from echelon.codegen.numbers import Precision
@@ -223,9 +225,5 @@ def test_command_refuses_a_file_for_several(tmp_path: Path) -> None:
 
 
 def test_help_lists_what_there_is() -> None:
-    from echelon.cli import main as entry  # noqa: F401
-    from echelon.cli.main import FUNCTIONS as LISTED_FUNCTIONS
-    from echelon.cli.main import TARGETS as LISTED_TARGETS
-
     assert LISTED_TARGETS.split(", ") == list(TARGETS)
     assert set(LISTED_FUNCTIONS.split(", ")) == set(FUNCTIONS)

@@ -15,6 +15,7 @@ from echelon.codegen.numbers import Precision
 from echelon.dynamics.functions import robot_function
 from echelon.gpu.text import entries_text, rows_text, triangles_text
 from echelon.observe.layout import layout_of, measured
+from echelon.program.function import Function
 from generated import tool
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -25,17 +26,21 @@ NVRTC = ("nvidia/cuda_nvrtc/lib", "nvidia/cu13/lib")
 
 @cache
 def texts() -> dict[str, str]:
-    found = {"triangles": triangles_text()}
-    for robot in ("panda", "tx40"):
-        base = ec.base_parameters(ec.load(EXAMPLES / f"{robot}.yaml"))
-        made = {
-            name: robot_function(name, base.mechanism, base.matrix.pivots) for name in ("regressor", "inverse_dynamics")
-        }
-        for precision in Precision:
-            found |= {f"{robot} {name} {precision}": entries_text(f, precision) for name, f in made.items()}
-        both = measured(made["regressor"])
-        found[f"{robot} observation"] = entries_text(both, Precision.DOUBLE, layout_of(both)[1].tolist())
-    return found | {f"rows {precision}": rows_text(precision) for precision in Precision}
+    both = measured(function("tx40", "regressor"))
+    found = {
+        "triangles": triangles_text(),
+        "tx40 observation": entries_text(both, Precision.DOUBLE, layout_of(both)[1].tolist()),
+    }
+    found |= {f"rows {precision}": rows_text(precision) for precision in Precision}
+    for name in ("regressor", "inverse_dynamics"):
+        made = function("panda", name)
+        found |= {f"panda {name} {precision}": entries_text(made, precision) for precision in Precision}
+    return found
+
+
+def function(robot: str, name: str) -> Function:
+    base = ec.base_parameters(ec.load(EXAMPLES / f"{robot}.yaml"))
+    return robot_function(name, base.mechanism, base.matrix.pivots)
 
 
 NAMES = [
