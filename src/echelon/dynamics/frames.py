@@ -12,15 +12,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from echelon.exact.polynomial import Polynomial
-from echelon.inertia.spatial import Array
 from echelon.mechanism.joint import Joint, MotionKind, Step, merge
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut
 from echelon.mechanism.placement import ORIGIN, Placement, Vector
-from echelon.program.tape import Program
 
 
 @dataclass(frozen=True)
@@ -36,18 +32,6 @@ class Reframed:
 
     mechanism: Mechanism
     frames: dict[int, Placement]
-
-    def inertia(self, body: int, pseudo: Array, program: Program) -> Array:
-        """A body's pseudo-inertia about its new frame, from that about its old one."""
-        if body not in self.frames:
-            return pseudo
-        old = self.frames[body].inverse()
-        change = np.full((4, 4), program.zero, dtype=object)
-        change[3, 3] = program.one
-        for row, (turned, shifted) in enumerate(zip(old.rotation, old.translation, strict=True)):
-            change[row] = [program.polynomial(entry) for entry in (*turned, shifted)]
-        moved: Array = change @ pseudo @ change.T
-        return moved
 
 
 def reframed(mechanism: Mechanism) -> Reframed:

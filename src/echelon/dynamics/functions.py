@@ -63,10 +63,8 @@ def inverse_dynamics_derivatives(recorded: RecordedOutputs) -> Function:
     entries = recorded.inertial_slopes()
     for index, slope in recorded.effect_slopes().items():
         entries[index] = entries[index] + slope
-    mechanism = recorded.mechanism
-    names = [f"q[{n}]" for n in mechanism.positions] + [f"qd[{n}]" for n in mechanism.velocities]
     meaning = "derivatives of the inverse dynamics by positions and velocities"
-    axes = (recorded.names, tuple(names))
+    axes = (recorded.names, recorded.state)
     return _function("inverse_dynamics_derivatives", recorded, entries, axes, "q qd qdd u v inputs", meaning)
 
 

@@ -47,7 +47,9 @@ def grouped_inertias(reframed: Reframed, recorder: Recorder, parameters: Mapping
         values = np.full((1, PER_BODY), zero, dtype=object)
         for offset, kind in enumerate(mechanism.bodies[index].carried):
             values[0, kind] = parameters.get(first + offset, zero)
-        found[index] = reframed.inertia(index, pseudo_inertia(values)[0], recorder.program)
+        found[index] = pseudo_inertia(values)[0]
+        if index in reframed.frames:
+            found[index] = _before(recorder.placement(reframed.frames[index].inverse()), found[index])
     cuts = {channel.body for output in mechanism.outputs for channel, _ in output.terms if isinstance(channel, Cut)}
     for index in reversed(range(len(mechanism.bodies))):
         body = mechanism.bodies[index]

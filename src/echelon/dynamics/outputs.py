@@ -58,6 +58,12 @@ class RecordedOutputs:
         self._values = {p: self.program.input(parameter_input(columns[p].name), "symbol") for p in pivots}
         self.names = ("power",) if mechanism.closures else tuple(output.name for output in mechanism.outputs)
 
+    @property
+    def state(self) -> tuple[str, ...]:
+        """Inputs of the positions, then of the velocities."""
+        mechanism = self.mechanism
+        return (*(f"q[{n}]" for n in mechanism.positions), *(f"qd[{n}]" for n in mechanism.velocities))
+
     # -- parts -------------------------------------------------------------------------------------------------
 
     def inertial(self, gravity: bool, given: Mapping[str, Scalar]) -> list[Scalar]:
@@ -110,9 +116,8 @@ class RecordedOutputs:
 
     def effect_slopes(self) -> dict[Index, Scalar]:
         """The same of the effects."""
-        program, mechanism = self.program, self.mechanism
-        names = [f"q[{n}]" for n in mechanism.positions] + [f"qd[{n}]" for n in mechanism.velocities]
-        forces, inputs = self.effects({}), [program.input(name).node for name in names]
+        program = self.program
+        forces, inputs = self.effects({}), [program.input(name).node for name in self.state]
         slopes = derivatives(program, [force.node for force in forces], inputs)
         return {index: Scalar(program, node) for index, node in slopes.items()}
 

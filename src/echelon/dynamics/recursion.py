@@ -251,8 +251,8 @@ class Descent:
     def __init__(self, zeros: Vec) -> None:
         self.efforts: dict[str, Scalar] = {}
         self._zeros = zeros
-        self._waiting: dict[int, Vec] = {}
-        """Moments across the axis of a turn, in the frame before it."""
+        self._waiting: dict[Kinematics, Vec] = {}
+        """Moments across the axis of a turn, by the frame before it and in its axes."""
 
     def carry(self, chain: Sequence[Passage], wrench: Wrench) -> Wrench:
         """The wrench seen from the frame before a chain of steps."""
@@ -272,9 +272,9 @@ class Descent:
         turn, zeros = passage.turn, self._zeros
         if turn is None or passage.rotation is None:
             return apply(rotation, moment)
-        key = id(turn.start)
         if turn.count == 1:
-            return add(apply(rotation, moment), self._waiting.pop(key, zeros))
+            return add(apply(rotation, moment), self._waiting.pop(turn.start, zeros))
         across = _with(moment, passage.axis, zeros[0])
-        self._waiting[key] = add(self._waiting.get(key, zeros), apply(passage.rotation, across))
+        waiting = self._waiting.get(turn.start, zeros)
+        self._waiting[turn.start] = add(waiting, apply(passage.rotation, across))
         return _with(zeros, passage.axis, moment[passage.axis])

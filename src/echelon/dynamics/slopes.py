@@ -133,7 +133,7 @@ def effort_slopes(
     return sweep.by_position, sweep.by_rate
 
 
-@dataclass
+@dataclass(eq=False)
 class _Item:
     """What one freedom sends to the ground: changes of wrenches, and what it reads of changes further in."""
 
@@ -168,7 +168,7 @@ class _Sweep:
                 efforts = falling.carry(passage)
                 if item not in fresh:
                     found |= {(name, item.name): effort for name, effort in efforts.items()}
-            item.form = Descent(self._zeros).carry([replace(passage, turn=None)], item.form)
+            item.form = self._wrench_before(passage, item.form)
             item.spin_form = add(_back(passage, item.spin_form), cross(twist, item.form[1]))
         items += fresh
         return self._load_before(passage, load, twist)
@@ -189,9 +189,13 @@ class _Sweep:
         falling = Falling(self._zeros, turned), Falling(self._zeros, sped)
         return _Item(freedom.name, *falling, load.changed(unit), spin_form)
 
+    def _wrench_before(self, passage: Passage, wrench: Wrench) -> Wrench:
+        """A wrench about the frame before a step, all of it at once."""
+        return Descent(self._zeros).carry([replace(passage, turn=None)], wrench)
+
     def _load_before(self, passage: Passage, load: Behind, twist: Vec) -> Behind:
         pseudo, step = before(passage, load.pseudo), passage.step
-        wrench = Descent(self._zeros).carry([replace(passage, turn=None)], load.wrench)
+        wrench = self._wrench_before(passage, load.wrench)
         spread, momentum = _turned_spread(passage, load.spread), _back(passage, load.momentum)
         if step.shift is not None:
             later = pseudo[:3, MASS]

@@ -18,9 +18,9 @@ Wrench = tuple[Vec, Vec]
 """Moment about the frame's origin and force."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Kinematics:
-    """How a frame moves, in its own axes.
+    """How a frame moves, in its own axes; another frame is another object, even if it moves alike.
 
     Attributes
     ----------
