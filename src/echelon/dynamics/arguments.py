@@ -112,6 +112,11 @@ def parameter_input(name: str) -> str:
     return f"p[{name}]"
 
 
+def row_names(mechanism: Mechanism) -> tuple[str, ...]:
+    """What the rows of a result are: the outputs, or with loops the power of all of them in a virtual motion."""
+    return ("power",) if mechanism.closures else tuple(output.name for output in mechanism.outputs)
+
+
 def coordinate_units(mechanism: Mechanism, kind: str) -> list[str]:
     """SI units of all positions (``q``), velocities (``qd``) or accelerations (``qdd``)."""
     suffix = {"q": "", "qd": "/s", "qdd": "/s²"}[kind]

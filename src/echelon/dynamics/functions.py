@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from echelon.dynamics.arguments import Arguments
+from echelon.dynamics.arguments import Arguments, row_names
 from echelon.dynamics.outputs import RecordedOutputs
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
@@ -76,13 +76,13 @@ def regressor(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
         forms = inverse_dynamics_regressor(mechanism, pivots)
     columns = [mechanism.columns[p] for p in pivots]
     parameters = {column.name: column.unit for column in columns}
-    rows = ("power",) if mechanism.closures else tuple(output.name for output in mechanism.outputs)
     names = _names("q qd qdd u v inputs", mechanism)
     arguments = Arguments(mechanism, forms.program, parameters)
     made = arguments.of([n for n in names if n != "parameters"], forms.entries.values())
     meaning = "outputs per unit of each parameter"
     entries: dict[Index, int] = {(row, column): node for (row, column), node in forms.entries.items()}
-    return Function("regressor", forms.program, made, entries, (rows, tuple(parameters)), meaning=meaning)
+    axes = (row_names(mechanism), tuple(parameters))
+    return Function("regressor", forms.program, made, entries, axes, meaning=meaning)
 
 
 def _cheapest(build: Callable[[RecordedOutputs], Function]) -> Builder:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 
-from echelon.dynamics.arguments import STATE, parameter_input
+from echelon.dynamics.arguments import STATE, parameter_input, row_names
 from echelon.dynamics.composite import efforts_at_rest, mass_matrix_of_freedoms
 from echelon.dynamics.frames import reframed
 from echelon.dynamics.grouping import grouped_inertias
@@ -56,7 +56,7 @@ class RecordedOutputs:
         self._reframed = reframed(mechanism)
         self.parameters = {columns[p].name: columns[p].unit for p in pivots}
         self._values = {p: self.program.input(parameter_input(columns[p].name), "symbol") for p in pivots}
-        self.names = ("power",) if mechanism.closures else tuple(output.name for output in mechanism.outputs)
+        self.names = row_names(mechanism)
 
     @property
     def state(self) -> tuple[str, ...]:

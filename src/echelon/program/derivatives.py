@@ -48,7 +48,7 @@ def derivatives(
     >>> program.count(derivatives(program, [(x * y).node, y.sin().node], [x.node, y.node]).values())
     {'COS': 1}
     """
-    varying = _dependent(program, program.needed(outputs, inputs), inputs)
+    varying = dependent(program, program.needed(outputs, inputs), inputs)
     recorded = _Partials(program, varying)
     order = sorted(varying)
     found: dict[tuple[int, int], int] = {}
@@ -63,8 +63,8 @@ def derivatives(
     return {key: node for key, node in sorted(found.items()) if node != program.zero.node}
 
 
-def _dependent(program: Program, needed: Sequence[int], inputs: Sequence[int]) -> set[int]:
-    """Needed nodes that depend on the inputs."""
+def dependent(program: Program, needed: Sequence[int], inputs: Sequence[int]) -> set[int]:
+    """The inputs, and those of the needed nodes, given in order, that depend on them."""
     found = set(inputs)
     for node in needed:
         if program.ops[node] > Op.CONSTANT and (program.lhs[node] in found or program.rhs[node] in found):

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from echelon.errors import EchelonError
+from echelon.program.derivatives import dependent
 from echelon.program.operations import Op
 from echelon.program.tape import Program
 
@@ -114,16 +115,9 @@ class Function:
     @cached_property
     def varying(self) -> frozenset[int]:
         """Needed nodes that change from sample to sample; the others depend on uniform arguments and constants only."""
-        program, found = self.program, set()
         uniform = {node for argument in self.arguments if argument.uniform for node in argument.nodes}
-        for node in self.needed:
-            op = program.ops[node]
-            if op == Op.INPUT:
-                if node not in uniform:
-                    found.add(node)
-            elif op != Op.CONSTANT and (program.lhs[node] in found or program.rhs[node] in found):
-                found.add(node)
-        return frozenset(found)
+        inputs = [n for n in self.needed if self.program.ops[n] == Op.INPUT and n not in uniform]
+        return frozenset(dependent(self.program, self.needed, inputs))
 
     def operations(self) -> dict[str, int]:
         """Operations per sample, by kind: those that only uniform arguments enter are done once and not counted."""
