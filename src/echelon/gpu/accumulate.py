@@ -23,9 +23,7 @@ from echelon.gpu.text import ENTRIES, TRIANGLES, entries_text, triangles_text
 from echelon.machine.batch import Batch, Floats
 from echelon.observe.accumulate import Observer
 from echelon.observe.layout import layout_of
-from echelon.observe.normal import NormalEquations
-from echelon.observe.observation import Observation
-from echelon.observe.stream import BLOCK, Stream
+from echelon.observe.stream import Stream
 from echelon.program.function import Function
 
 _FEWEST_ROWS = 512  # of a chunk
@@ -106,7 +104,9 @@ class DeviceQr:
 
 
 class DeviceObserver(Observer):
-    """A regressor ready to take samples in on the device.
+    """A regressor ready to take samples in on the device, from arrays of NumPy or there; for R-factors only.
+
+    Blocks of :attr:`DeviceQr.block` samples make better use of a device than the processor's.
 
     Parameters
     ----------
@@ -124,47 +124,18 @@ class DeviceObserver(Observer):
         """What turns samples into factors."""
         return DeviceQr(self._device, self.function)
 
-    def __call__(
+    def _filled(
         self,
+        kind: str,
         data: Mapping[str, Any] | Iterable[Mapping[str, Any]],
-        *,
-        block: int = BLOCK,
-        threads: int | None = None,  # noqa: ARG002 - of the processor
-    ) -> Observation:
-        """R-factors of [W y].
-
-        Parameters
-        ----------
-        data : mapping of str to array, or iterable of such
-            As for :class:`echelon.observe.accumulate.Observer`, of NumPy or on the device.
-        block : int
-            Samples in a block; :attr:`DeviceQr.block` makes better use of a device than the processor's blocks.
-        threads : int, optional
-            Not used.
-
-        Returns
-        -------
-        Observation
-        """
+        block: int,
+        threads: int | None,  # noqa: ARG002 - of the processor
+    ) -> Stream:
+        if kind != "qr":
+            raise InputError("normal equations are not made on the GPU: take R-factors, or base.normal_equations")
         stream = Stream(self.engine, block, threads=1)
         for piece in [data] if isinstance(data, Mapping) else data:
             whole = arranged(self._device, self.function.arguments, piece)
             for first in range(0, whole.samples, block):
                 stream.take(part_on(self._device, whole, first, first + block))
-        return Observation.of(self.engine.layout, stream.factors(), stream.samples)
-
-    def normal_equations(
-        self,
-        data: Mapping[str, Any] | Iterable[Mapping[str, Any]],  # noqa: ARG002 - there are none
-        *,
-        block: int = BLOCK,  # noqa: ARG002
-        threads: int | None = None,  # noqa: ARG002
-    ) -> NormalEquations:
-        """Not on the device.
-
-        Raises
-        ------
-        InputError
-            Always.
-        """
-        raise InputError("normal equations are not made on the GPU: take R-factors, or base.normal_equations")
+        return stream
