@@ -97,6 +97,7 @@ def test_hostile_names_stay_in_comments(target: str, tmp_path: Path) -> None:
     source = generate_source(hostile(), target, ["inverse_dynamics"])
     robot = "system_x_if_0_1_0_x"
     assert all(robot in name for name in source.files)
+    assert any("system(" in text for text in source.files.values())
     for name, text in source.files.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
         assert "\u202e" not in text
