@@ -150,12 +150,13 @@ def view(function: Function, language: Language, precision: Precision) -> Functi
     precision : Precision
     """
     planned = plan(function, LONGEST_PART if language.splits else maxsize)
-    empty = [i for i in product(*map(range, function.shape)) if i not in function.entries]
-    fills = not language.zeroed and len(empty) > _MOST_ZEROS
+    places = () if language.zeroed else product(*map(range, function.shape))
+    empty = [place for place in places if place not in function.entries]
+    fills = len(empty) > _MOST_ZEROS
     window = _window(planned) if language.windows else None
     printer = _Printer(planned, language, precision, window)
     parts = [printer.part(k) for k in range(len(planned.parts))]
-    if empty and not fills and not language.zeroed:
+    if empty and not fills:
         zero = language.literal(0, precision)
         zeros = tuple(language.assign.format(name=language.result_at(i, function.shape), value=zero) for i in empty)
         first = parts[0] if parts else PartView((), (), (), writes=True, shares=False)
