@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.base.recorded import Recorded
+from echelon.dynamics.functions import robot_function
 from echelon.errors import InputError
+from echelon.program.function import Function
 
 if TYPE_CHECKING:  # importing LLVM takes longer than deriving base parameters: only who computes needs it
     from echelon.dynamics.evaluator import Evaluator
@@ -19,9 +21,6 @@ Floats = npt.NDArray[np.float64]
 
 Symbols = Mapping[str, float] | None
 Inputs = Mapping[str, npt.ArrayLike] | None
-
-NOT_WITH_LOOPS = ("coriolis", "mass_matrix", "inverse_dynamics_derivatives", "effects")
-"""Functions that mechanisms with loops do not have."""
 
 
 class Evaluation(Recorded):
@@ -225,9 +224,12 @@ class Evaluation(Recorded):
         if self.mechanism.closures and name == "entries":
             raise InputError("with loops no entry of the regressor is structurally zero: use regressor()")
         if name not in self._evaluators:
-            if self.mechanism.closures and name in NOT_WITH_LOOPS:
-                raise InputError(f"{name} is not available with loops, where accelerations depend on one another")
             from echelon.dynamics.evaluator import Evaluator
 
-            self._evaluators[name] = Evaluator(self.mechanism, self._function(name), sparse=name == "entries")
+            self._evaluators[name] = Evaluator(self.mechanism, self._recorded(name), sparse=name == "entries")
         return self._evaluators[name]
+
+    def _recorded(self, name: str) -> Function:
+        if name == "standard_regressor":
+            return robot_function("regressor", self.mechanism, range(len(self.mechanism.parameters)))
+        return self.evaluated_function("regressor" if name == "entries" else name)

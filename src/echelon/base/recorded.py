@@ -7,8 +7,11 @@ from functools import cached_property
 
 from echelon.base.matrix import BaseMatrix
 from echelon.dynamics.functions import robot_function
+from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
+
+_NOT_WITH_LOOPS = ("coriolis", "mass_matrix", "inverse_dynamics_derivatives", "effects")
 
 
 class Recorded(ABC):
@@ -28,12 +31,40 @@ class Recorded(ABC):
     def _functions(self) -> dict[str, Function]:
         return {}
 
-    def _function(self, name: str) -> Function:
-        """A function, recorded when it is first asked for; entries and observations share the regressor's."""
-        if name == "entries":
-            name = "regressor"
+    def function(self, name: str) -> Function:
+        """One of the model's functions in terms of base parameters, recorded when it is first asked for.
+
+        Parameters
+        ----------
+        name : str
+            Of :data:`echelon.dynamics.functions.FUNCTIONS`.
+
+        Returns
+        -------
+        Function
+
+        Raises
+        ------
+        InputError
+            If there is no such function.
+        """
         if name not in self._functions:
-            standard = name == "standard_regressor"
-            pivots = range(len(self.mechanism.parameters)) if standard else self.matrix.pivots
-            self._functions[name] = robot_function("regressor" if standard else name, self.mechanism, pivots)
+            self._functions[name] = robot_function(name, self.mechanism, self.matrix.pivots)
         return self._functions[name]
+
+    def evaluated_function(self, name: str) -> Function:
+        """The same, to be evaluated at states.
+
+        Parameters
+        ----------
+        name : str
+            Of :data:`echelon.dynamics.functions.FUNCTIONS`.
+
+        Raises
+        ------
+        InputError
+            If there is no such function, or it makes no sense with loops.
+        """
+        if self.mechanism.closures and name in _NOT_WITH_LOOPS:
+            raise InputError(f"{name} is not available with loops, where accelerations depend on one another")
+        return self.function(name)

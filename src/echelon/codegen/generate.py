@@ -15,7 +15,7 @@ from echelon.codegen.specialise import SHARED, specialised
 from echelon.codegen.targets import TARGETS
 from echelon.codegen.views import LANES, view
 from echelon.codegen.wording import checked_identifier, identifier
-from echelon.dynamics.functions import FUNCTIONS, robot_function
+from echelon.dynamics.functions import FUNCTIONS
 from echelon.errors import InputError, one_line
 from echelon.program.function import Function
 from echelon.program.operations import Op
@@ -122,7 +122,7 @@ def generate_source(
     robot = identifier(base.mechanism.name) if name is None else checked_identifier(name)
     constants = symbol_constants(base.mechanism, symbols)
     values = parameter_constants(base, parameters, symbols)
-    made = [robot_function(function, base.mechanism, base.matrix.pivots) for function in chosen]
+    made = [base.function(function) for function in chosen]
     known = {**constants.numbers, **values.numbers}
     layout = _layout(made, known)
     made = [specialised(function, known, layout) for function in made]

@@ -6,10 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from typing import Any
 
-from echelon.base.evaluation import NOT_WITH_LOOPS
 from echelon.base.model import BaseModel
 from echelon.codegen.numbers import Precision
-from echelon.dynamics.functions import robot_function
 from echelon.dynamics.observer import RobotObserver
 from echelon.errors import InputError
 from echelon.gpu.accumulate import DeviceObserver
@@ -214,11 +212,8 @@ class Gpu:
 
     def _evaluator(self, name: str) -> DeviceEvaluator:
         if name not in self._evaluators:
-            mechanism = self.base.mechanism
-            if mechanism.closures and name in NOT_WITH_LOOPS:
-                raise InputError(f"{name} is not available with loops, where accelerations depend on one another")
-            function = robot_function(name, mechanism, self.base.matrix.pivots)
-            self._evaluators[name] = DeviceEvaluator(self._device, mechanism, function, self.precision)
+            function = self.base.evaluated_function(name)
+            self._evaluators[name] = DeviceEvaluator(self._device, self.base.mechanism, function, self.precision)
         return self._evaluators[name]
 
     def __repr__(self) -> str:
