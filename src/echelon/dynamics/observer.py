@@ -61,7 +61,8 @@ class RobotObserver:
         if not self.mechanism.closures:
             return self._observer(self._values(log, symbols), block=block, threads=threads)
         parts = [self._observer(p, block=block, threads=threads) for p in self._by_output(log, symbols)]
-        return Observation(self._layout(parts[0].layout), tuple(p.factors[0] for p in parts), parts[0].samples)
+        counts = tuple(p.samples for p in parts)
+        return Observation(self._layout(parts[0].layout), tuple(p.factors[0] for p in parts), counts)
 
     def normal_equations(
         self, log: Log | Iterable[Log], symbols: Mapping[str, float] | None, block: int | None, threads: int | None

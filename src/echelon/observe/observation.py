@@ -31,17 +31,23 @@ class Observation:
     layout : Layout
     factors : tuple of array of shape (n_i + 1, n_i + 1)
         For each output the triangle R_i of its own columns and y, with a diagonal that is not negative.
-    samples : int
+    counts : tuple of int
+        Rows of each output: the samples, unless some were left out for some outputs.
     """
 
     layout: Layout
     factors: tuple[Floats, ...]
-    samples: int
+    counts: tuple[int, ...]
 
     @property
     def rows(self) -> int:
         """Rows of W."""
-        return self.samples * len(self.layout.outputs)
+        return sum(self.counts)
+
+    @property
+    def samples(self) -> int:
+        """Samples, the largest number of rows of any output."""
+        return max(self.counts, default=0)
 
     @cached_property
     def residuals(self) -> Floats:
@@ -89,7 +95,8 @@ class Observation:
             raise InputError("observations of different outputs or parameters cannot be merged")
         pairs = zip(self.factors, other.factors, strict=True)
         factors = tuple(upper_triangle(np.vstack(pair)) for pair in pairs)
-        return Observation(self.layout, factors, self.samples + other.samples)
+        counts = tuple(a + b for a, b in zip(self.counts, other.counts, strict=True))
+        return Observation(self.layout, factors, counts)
 
     def __add__(self, other: Observation) -> Observation:
         """The observation of both sets of samples; see :meth:`merged`."""
@@ -120,7 +127,7 @@ class Observation:
             full[:, self.layout.places(output)] = weight * R
             rows.append(full)
         whole = upper_triangle(np.vstack([np.zeros((0, n + 1)), *rows]))
-        used = self.samples * int(np.count_nonzero(w))
+        used = sum(count for count, weight in zip(self.counts, w, strict=True) if weight)
         return Triangle(
             self.layout.parameters, whole[:n, :n], whole[:n, n], float(abs(whole[n, n])), self.samples, used
         )
@@ -140,14 +147,14 @@ class Observation:
         """
         layout, places = restricted(self.layout, parameters)
         factors = tuple(upper_triangle(R[:, columns]) for R, columns in zip(self.factors, places, strict=True))
-        return Observation(layout, factors, self.samples)
+        return Observation(layout, factors, self.counts)
 
     # -- keeping -----------------------------------------------------------------------------------------------
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Everything as plain arrays, for ``numpy.savez``."""
         found: dict[str, npt.NDArray[Any]] = {
-            "samples": np.array(self.samples),
+            "counts": np.array(self.counts, dtype=np.int64),
             "outputs": np.array(self.layout.outputs, dtype=np.str_),
             "parameters": np.array(self.layout.parameters, dtype=np.str_),
         }
@@ -168,7 +175,7 @@ class Observation:
             outputs, parameters = (tuple(map(str, arrays[name])) for name in ("outputs", "parameters"))
             columns = tuple(tuple(map(int, arrays[f"columns{i}"])) for i in range(len(outputs)))
             factors = tuple(np.array(arrays[f"factor{i}"], dtype=float) for i in range(len(outputs)))
-            samples = int(arrays["samples"])
+            counts = tuple(map(int, arrays["counts"]))
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"these arrays do not hold an observation: {error}") from None
         layout = Layout(outputs, parameters, columns)
@@ -176,12 +183,14 @@ class Observation:
             ascending = list(some) == sorted(set(some)) and all(0 <= c < len(parameters) for c in some)
             if not ascending or R.shape != (size, size) or not np.isfinite(R).all() or np.tril(R, -1).any():
                 raise InputError(f"the factor of output '{label}' does not fit its columns or is not a triangle")
-        return Observation(layout, factors, samples)
+        if len(counts) != len(outputs) or min(counts, default=0) < 0:
+            raise InputError(f"expected {len(outputs)} counts of rows, one for each output, that are not negative")
+        return Observation(layout, factors, counts)
 
     @staticmethod
     def of(layout: Layout, factors: Sequence[Floats], samples: int) -> Observation:
-        """The observation with given triangles, whose diagonals may have any signs."""
-        return Observation(layout, tuple(positive(R) for R in factors), samples)
+        """The observation of so many samples with given triangles, whose diagonals may have any signs."""
+        return Observation(layout, tuple(positive(R) for R in factors), (samples,) * len(layout.outputs))
 
     def __repr__(self) -> str:
         m, n = len(self.layout.outputs), len(self.layout.parameters)

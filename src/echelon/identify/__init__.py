@@ -1,0 +1,1 @@
+"""Identification: estimators, what data can see, physical consistency, validation."""

@@ -1,0 +1,1 @@
+"""Physical consistency: pseudo-inertias, semidefinite fits, exact feasibility."""

@@ -1,0 +1,1 @@
+"""Measured logs: reading files, what their columns mean for a robot, faults, and their preparation."""

@@ -1,0 +1,1 @@
+"""Signals: filters, derivatives, spectra and clocks of sampled data.  Knows no robots."""
