@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -111,13 +112,13 @@ class ArrayRows:
         start = min((some[0] for some in self.times if some.size), default=0.0)
         end = max((some[-1] for some in self.times if some.size), default=0.0)
         stretches = [start, *(b for b in self.breaks if start < b <= end), np.inf]
-        for segment, (first, last) in enumerate(zip(stretches, stretches[1:], strict=False)):
+        for segment, (first, last) in enumerate(pairwise(stretches)):
             edges = [first, last]
             if self.seconds is not None:
                 count = 1 + int((min(last, end) - first) / self.seconds)
                 inner = first + self.seconds * np.arange(1, count)
                 edges = [first, *inner[inner < last], last]
-            for low, high in zip(edges, edges[1:], strict=False):
+            for low, high in pairwise(edges):
                 inside = [(some >= low) & (some < high) for some in self.times]
                 yield RowBlock(
                     self.source,
