@@ -68,7 +68,7 @@ def load(
     """
     options = ReadingOptions(tolerance, symbolic, floating, every_link, independent_mimics, tuple(massless), gravity)
     file = Path(path)
-    return parse_robot(_read(file), str(file), options, file.parent)
+    return parse_robot(read_bytes(file), str(file), options, file.parent)
 
 
 def parse_robot(data: bytes, source: str, options: ReadingOptions, directory: Path | None = None) -> Mechanism:
@@ -91,7 +91,7 @@ def parse_robot(data: bytes, source: str, options: ReadingOptions, directory: Pa
             file = (directory or Path()) / name
             if file.suffix.lower() in (".yaml", ".yml", ".json"):
                 raise InputError("only URDF and MJCF files can be added to; include the description", source=str(file))
-            return parse_robot(_read(file), str(file), options, file.parent)
+            return parse_robot(read_bytes(file), str(file), options, file.parent)
 
         return read_description(data, source, options, read_file)
     if not data.strip():
@@ -119,7 +119,14 @@ def _parse_xml_robot(data: bytes, source: str, options: ReadingOptions, director
     raise InputError(f"the root element is <{root.tag}>; expected <robot> (URDF) or <mujoco> (MJCF)", source=source)
 
 
-def _read(file: Path) -> bytes:
+def read_bytes(file: Path) -> bytes:
+    """The content of a robot file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or is larger than any robot description.
+    """
     try:
         if file.stat().st_size > _LARGEST_FILE:
             raise InputError(f"larger than {_LARGEST_FILE >> 20} MB; not a robot description", source=str(file))

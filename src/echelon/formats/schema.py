@@ -12,11 +12,13 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
 from echelon.formats.schema_joints import Frame, Joint, Model
+from echelon.formats.schema_log import IdentificationEntry, LogEntry, PreparationEntry
 from echelon.formats.schema_loops import LoopEntry
 from echelon.formats.schema_setup import EffectEntry, LinearTerms, OutputEntry, RobotFile, RotorEntry
 from echelon.formats.schema_types import (
     AS_LIST,
     AS_ROWS,
+    ONE_OR_MORE,
     Expression,
     Flag,
     Name,
@@ -242,6 +244,17 @@ class RobotDescription(Model):
         None,
         description="What is measured; default: the forces of all actuators.",
         examples=[[{"joint": "all"}, {"wrench": "base"}]],
+    )
+    log: Annotated[tuple[LogEntry, ...], ONE_OR_MORE] = Field(
+        (),
+        description="What the columns of logs mean; of several kinds of logs, a list. Default: guessed from names.",
+        examples=[{"time": "t", "position": "q_{n}", "output": "tau_{n}"}],
+    )
+    preparation: PreparationEntry = Field(
+        PreparationEntry.model_construct(), description="How logs are filtered, differentiated and decimated."
+    )
+    identification: IdentificationEntry = Field(
+        IdentificationEntry.model_construct(), description="What is fitted to logs, and how."
     )
     robot: RobotFile | None = Field(
         None, description="Instead of a geometry: a robot file that this adds to.", examples=[{"file": "arm.urdf"}]

@@ -128,6 +128,7 @@ PairOfParts = Annotated[tuple[Part, Part], BeforeValidator(_pair)]
 
 AS_LIST = BeforeValidator(_items)
 AS_ROWS = BeforeValidator(_rows)
+ONE_OR_MORE = BeforeValidator(lambda value: _items(value) if isinstance(value, list | tuple) else (value,))
 
 
 # -- which of several forms a value has -----------------------------------------------------------------------------
