@@ -18,10 +18,10 @@ from echelon.formats.description_parts import BASE, Part, read_parts
 from echelon.formats.description_setup import add_setup
 from echelon.formats.description_symbols import check_use, declared_symbols, stated_gravity
 from echelon.formats.description_text import Document
-from echelon.formats.hints import nearest_of
 from echelon.formats.inertia import Inertial, move_inertial
 from echelon.formats.intent import numeric_value, symbol_stem
 from echelon.formats.options import ReadingOptions, gravity_vector
+from echelon.hints import nearest_of
 from echelon.mechanism.joint import Joint, Motion, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
 from echelon.mechanism.placement import ORIGIN, Placement

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from echelon.errors import InputError
 from echelon.formats.description_text import Document, step_into
-from echelon.formats.hints import nearest_of
+from echelon.hints import nearest_of
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails

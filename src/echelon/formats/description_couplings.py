@@ -10,7 +10,7 @@ from echelon.exact.numbers import Number
 from echelon.exact.polynomial import Monomial, Polynomial, is_trigonometric, symbol_of
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_text import step_into
-from echelon.formats.hints import nearest_of
+from echelon.hints import nearest_of
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import Coupling
 from echelon.mechanism.placement import Placement, shift, turn

@@ -17,10 +17,10 @@ from echelon.exact.expressions import PI, as_angle, parse
 from echelon.exact.numbers import Number, Rational, Surd
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.description_text import Document
-from echelon.formats.hints import nearest
 from echelon.formats.intent import Intent
 from echelon.formats.literal import LiteralTree
 from echelon.formats.options import ReadingOptions
+from echelon.hints import nearest
 from echelon.mechanism.mechanism import Symbol
 from echelon.mechanism.placement import Vector
 

@@ -14,9 +14,9 @@ from echelon.exact.angle import Angle
 from echelon.exact.expressions import PI
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_joints import Joints
-from echelon.formats.hints import nearest_of
 from echelon.formats.intent import symbol_stem
 from echelon.formats.second_frame import second_frame
+from echelon.hints import nearest_of
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import X, Y, Z
 from echelon.mechanism.mechanism import Body, Mechanism

@@ -12,8 +12,8 @@ import numpy as np
 from echelon.conventions import PARAMETERS
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_joints import Joints, joint_name
-from echelon.formats.hints import nearest, nearest_of
 from echelon.formats.inertia import central_inertial
+from echelon.hints import nearest, nearest_of
 from echelon.mechanism.joint import Step
 from echelon.mechanism.mechanism import ALL
 

@@ -13,7 +13,7 @@ from echelon.formats.description_couplings import LinearReader
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_joints import Joints
 from echelon.formats.description_parts import BASE
-from echelon.formats.hints import nearest_of
+from echelon.hints import nearest_of
 from echelon.mechanism.effect import Action, Effect, Side, ready_made
 from echelon.mechanism.joint import Joint, Motion, MotionKind, merge
 from echelon.mechanism.mechanism import GROUND, Body, Coupling, Mechanism

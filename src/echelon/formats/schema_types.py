@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
-from echelon.formats.hints import nearest
+from echelon.hints import nearest
 
 _FLAGS = {"true": True, "false": False}
 _SHARED = ("label", "massless", "parameters", "separate", "inertial")
