@@ -1,0 +1,120 @@
+"""MATLAB's files, versions 4 to 7, through scipy.
+
+Files of version 7.3 are HDF5 with conventions of MATLAB's own; MATLAB writes the older format on request (``-v7``), and
+the error says so.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.logs.files.access import decoding, existing_file
+from echelon.logs.files.arrays import ArrayColumns, NamedArray
+from echelon.logs.table import CHUNK, Table
+
+_KIND = "a MAT file"
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_MANY = 256
+
+
+class MatFile:
+    """A MAT file.
+
+    Rows and columns of numbers are columns of the log, a matrix gives ``name[0]``, ``name[1]``, …; fields of structs
+    are ``name.field``, entries of struct arrays and of cells ``name[0].field``.  The log has as many rows as most
+    arrays; the others are left out.  The format has no index, so the whole file is read when it is opened.
+
+    Parameters
+    ----------
+    path : path
+
+    Attributes
+    ----------
+    source : str
+    names : tuple of str
+        As of :class:`echelon.logs.table.LogFile`.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is damaged or of version 7.3, or holds no arrays of numbers.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        found, self.source = existing_file(path), os.fspath(path)
+        with found.open("rb") as stream:
+            start = stream.read(520)
+        if start.startswith(b"MATLAB 7.3") or _HDF5 in start:
+            problem = "is a MAT file of version 7.3, which is not read; save it in MATLAB with  save(…, '-v7')"
+            raise InputError(problem, source=self.source)
+        self._left_out: dict[str, str] = {}
+        with decoding(self.source, _KIND):
+            arrays = list(self._arrays(found))
+        self._columns = ArrayColumns(self.source, arrays, self._left_out)
+        self.names: tuple[str, ...] = self._columns.names
+
+    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+        """Pieces of the file, as :meth:`echelon.logs.table.LogFile.tables` describes.
+
+        Parameters
+        ----------
+        names : sequence of str, optional
+            Columns; all if omitted.
+        rows : int
+            Rows of a piece.
+
+        Raises
+        ------
+        InputError
+            If a column is missing.
+        """
+        yield from self._columns.tables(names, rows)
+
+    def _arrays(self, path: os.PathLike[str]) -> Iterator[NamedArray]:
+        from scipy.io import loadmat
+
+        content = loadmat(
+            os.fspath(path), squeeze_me=False, struct_as_record=True, verify_compressed_data_integrity=True
+        )
+        for name, value in content.items():
+            if not name.startswith("__"):
+                yield from self._inside(name, value)
+
+    def _inside(self, name: str, value: Any) -> Iterator[NamedArray]:
+        """The arrays in a variable, with structs and cells opened."""
+        from scipy.io.matlab import MatlabFunction, MatlabOpaque
+        from scipy.sparse import issparse
+
+        if isinstance(value, MatlabOpaque | MatlabFunction):
+            self._left_out[name] = "is a MATLAB object; save its numbers as plain arrays"
+        elif issparse(value):
+            self._left_out[name] = "is a sparse matrix; save it as a full one"
+        elif isinstance(value, np.ndarray) and (value.dtype.names is not None or value.dtype == object):
+            yield from self._opened(name, value)
+        else:
+            array = _without_singletons(np.asarray(value))
+            yield NamedArray(name, array.shape, array.dtype, lambda: array)
+
+    def _opened(self, name: str, value: npt.NDArray[Any]) -> Iterator[NamedArray]:
+        if value.size > _MANY:
+            self._left_out[name] = f"has {value.size} structs or cells; at most {_MANY} are opened"
+            return
+        for index, element in enumerate(value.ravel()):
+            label = name if value.size == 1 else f"{name}[{index}]"
+            if value.dtype.names is None:
+                yield from self._inside(label, element)
+            for field in value.dtype.names or ():
+                yield from self._inside(f"{label}.{field}", element[field])
+
+
+def _without_singletons(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """MATLAB has no vectors: what is a single row or column becomes one, a single number loses its axes."""
+    if array.size == 1 and array.ndim <= 2:
+        return array.reshape(())
+    return array.reshape(-1) if array.ndim == 2 and 1 in array.shape else array
