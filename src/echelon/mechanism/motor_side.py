@@ -63,18 +63,45 @@ def joint_side(
     names = next((order for order in orders if result.ndim == 2 and len(order) == result.shape[1]), None)
     if names is None:
         raise InputError(f"expected columns for {', '.join(motor_names(mechanism, mechanism.velocities))}")
-    driven = [name for name in names if name in _driven(mechanism)]
+    driven, matrix = transmission_matrix(mechanism, symbols)
     if not driven:
         return result
-    ratios = [ratio for actuator in mechanism.actuators for _, ratio in actuator.terms]
-    known = symbol_values(mechanism, sorted({s for ratio in ratios for s in ratio.symbols()}), symbols)
-    matrix = np.zeros((len(driven), len(driven)))
-    for row, actuator in enumerate(mechanism.actuators):
-        for name, ratio in actuator.terms:
-            matrix[row, driven.index(name)] = ratio.evaluate(float_generators(ratio.generators(), known), float)
     columns = [names.index(name) for name in driven]
     result[:, columns] = np.linalg.solve(matrix, result[:, columns].T).T + 0.0  # no negative zeros
     return result
+
+
+def transmission_matrix(
+    mechanism: Mechanism, symbols: Mapping[str, float] | None = None
+) -> tuple[tuple[str, ...], npt.NDArray[np.float64]]:
+    """Numbers of the stated part of θ = T q.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    symbols : mapping of str to float, optional
+        Values of symbols in the ratios that replace or complete those of the mechanism.
+
+    Returns
+    -------
+    driven : tuple of str
+        Coordinates that stated actuators drive, in the mechanism's order: the columns.
+    matrix : array of shape (actuators, driven)
+        A row for every actuator in ``mechanism.actuators``.
+
+    Raises
+    ------
+    InputError
+        If a symbol has no value.
+    """
+    driven = tuple(name for name in mechanism.velocities if name in _driven(mechanism))
+    ratios = [ratio for actuator in mechanism.actuators for _, ratio in actuator.terms]
+    known = symbol_values(mechanism, sorted({s for ratio in ratios for s in ratio.symbols()}), symbols)
+    matrix = np.zeros((len(mechanism.actuators), len(driven)))
+    for row, actuator in enumerate(mechanism.actuators):
+        for name, ratio in actuator.terms:
+            matrix[row, driven.index(name)] = ratio.evaluate(float_generators(ratio.generators(), known), float)
+    return driven, matrix
 
 
 def _driven(mechanism: Mechanism) -> frozenset[str]:

@@ -1,0 +1,85 @@
+"""What a log can say about a mechanism: the names of its channels and the SI units of their quantities."""
+
+from __future__ import annotations
+
+from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.transmission import Actuator
+
+ORDERS = {"position": 0, "reference": 0, "velocity": 1, "acceleration": 2}
+"""Times that positions were differentiated, by kind of channel."""
+
+SIGNALS = {"q": "position", "qd": "velocity", "qdd": "acceleration", "reference": "reference", "y": "output"}
+"""Kind of channel by name of the signal in a recording."""
+
+_PER = ("", "/s", "/s²")
+
+
+def actuators(mechanism: Mechanism) -> tuple[Actuator, ...]:
+    """The stated actuators, without those that share the name of a coordinate, which then means the coordinate."""
+    taken = {*mechanism.positions, *mechanism.velocities}
+    return tuple(actuator for actuator in mechanism.actuators if actuator.name not in taken)
+
+
+def coordinates(mechanism: Mechanism, kind: str) -> tuple[str, ...]:
+    """Names of the coordinates that positions and references, or velocities and accelerations, have.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    kind : str
+        One of :data:`ORDERS`.
+    """
+    return mechanism.velocities if ORDERS[kind] else mechanism.positions
+
+
+def units(mechanism: Mechanism, kind: str, name: str) -> tuple[str, ...] | None:
+    """SI units that a channel may have.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    kind : str
+        One of :data:`ORDERS`, ``"output"`` or ``"input"``.
+    name : str
+        Coordinate, output or actuator.
+
+    Returns
+    -------
+    tuple of str, or None
+        Two for an actuator, whose ratio decides whether it turns or slides; None for an input, which can be anything.
+    """
+    if kind == "input":
+        return None
+    if kind == "output":
+        found = next((output.unit for output in mechanism.outputs if output.name == name), None)
+        return ("N·m", "N") if found is None else (found,)
+    per = _PER[ORDERS[kind]]
+    motion = motion_of(mechanism, name)
+    if motion is None:
+        return (f"rad{per}", f"m{per}")
+    if motion.kind is MotionKind.BALL and not per:
+        return ("1",)
+    return (f"m{per}",) if motion.kind is MotionKind.TRANSLATION else (f"rad{per}",)
+
+
+def motion_of(mechanism: Mechanism, name: str) -> Motion | None:
+    """The motion that has a coordinate of this name; None if there is none."""
+    return next((m for m in mechanism.motions if name in m.positions or name in m.velocities), None)
+
+
+def signal_names(mechanism: Mechanism, signal: str, columns: int) -> tuple[str, ...]:
+    """Names of the columns of a signal of a recording.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    signal : str
+        ``q``, ``qd``, ``qdd``, ``y`` or ``reference``.
+    columns : int
+        As many as it has; with loops it may have the independent coordinates only.
+    """
+    if signal == "y":
+        return tuple(output.name for output in mechanism.outputs)
+    names = coordinates(mechanism, SIGNALS[signal])
+    return names if len(names) == columns else mechanism.independent_velocities

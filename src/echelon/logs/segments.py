@@ -1,0 +1,157 @@
+"""From time stamps as they were logged to uniform segments, saying everything that was done on the way.
+
+What is not usable is taken out first.  A hole that is shorter than a gap, from a lost packet or a few bad samples, is
+bridged by interpolation and counted; a longer one, like a clock that jumps back, ends a segment.  Stamps that keep to a
+uniform clock are left alone; others are resampled at the nominal rate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.logs.clock_findings import break_findings, rate_findings
+from echelon.logs.finding import Finding
+from echelon.logs.recording import Recording, Segment
+from echelon.logs.rotations import quaternion_columns, unwrapped
+from echelon.mechanism.mechanism import Mechanism
+from echelon.signals.clock import GAP, Regularity, regularity, stretches
+from echelon.signals.quaternions import continuous
+from echelon.signals.resample import SLOWER, grid, interpolated, low_passed
+
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+FEWEST = 20
+"""Samples that a segment must have; filters and derivatives make nothing of shorter ones."""
+
+
+def segments(
+    recording: Recording,
+    mechanism: Mechanism,
+    rate: float | None = None,
+    gap: float = GAP,
+    without: Flags | None = None,
+) -> tuple[tuple[Segment, ...], tuple[Finding, ...]]:
+    """Cut a recording into uninterrupted stretches on uniform clocks.
+
+    Parameters
+    ----------
+    recording : Recording
+    mechanism : Mechanism
+        Says which coordinates are angles, to undo wrapping, and which are quaternions, to keep their sign and norm.
+    rate : float, optional
+        Rate of the segments, Hz; that of the log if None.  For a lower one signals pass a low-pass first.
+    gap : float
+        Periods beyond which an interval is a gap, which ends a segment.
+    without : array of bool of shape (N,), optional
+        Samples to leave out, as :func:`echelon.logs.faults.faults` finds them.  Samples that are not finite are left
+        out in any case.
+
+    Returns
+    -------
+    segments : tuple of Segment
+    findings : tuple of Finding
+        ``duplicates``, ``backward``, ``gap``, ``missing``, ``jitter``, ``rate``, ``wrapped``, ``short``.
+
+    Raises
+    ------
+    InputError
+        If no stretch is long enough, the stamps are in no order, or the rate is above that of the log.
+    """
+    used = finite(recording)
+    if without is not None:
+        used &= ~without
+    rows = np.flatnonzero(used)
+    if len(rows) < FEWEST:
+        problem = f"{len(rows)} usable samples of {len(used)}; at least {FEWEST} are needed"
+        raise InputError(problem, source=recording.source)
+    clean = _taken(recording, rows)
+    try:
+        found = stretches(clean.time, gap)
+    except InputError as error:
+        raise error.located(recording.source) from None
+    long = [piece for piece in found.pieces if len(piece) >= FEWEST]
+    if not long:
+        problem = f"no stretch without gaps has {FEWEST} samples: the longest has {max(map(len, found.pieces))}"
+        raise InputError(f"{problem} ({found.period:.4g} s apart)", source=recording.source)
+    asked = _checked(rate, found.period, recording.source)
+    signals, wrapped = unwrapped(clean, mechanism, found.pieces)
+    cutter = _Cutter(replace(clean, signals=signals), mechanism, found.period, asked)
+    cut, regular = zip(*map(cutter.segment, long), strict=True)
+    breaks = break_findings(recording.source, clean.time, found, gap, FEWEST)
+    clock = rate_findings(recording.source, [segment.start for segment in cut], found, regular, asked)
+    return cut, (*breaks, *clock, *wrapped)
+
+
+def finite(recording: Recording) -> Flags:
+    """Samples of which everything is a finite number, shape (N,).
+
+    Parameters
+    ----------
+    recording : Recording
+    """
+    found = np.isfinite(recording.time)
+    for values in (*recording.signals.values(), *recording.inputs.values()):
+        found &= np.isfinite(values.reshape(len(found), -1)).all(axis=1)
+    return found
+
+
+def _taken(recording: Recording, rows: npt.NDArray[np.intp]) -> Recording:
+    signals = {name: values[rows] for name, values in recording.signals.items()}
+    inputs = {name: values[rows] for name, values in recording.inputs.items()}
+    return replace(recording, time=recording.time[rows], signals=signals, inputs=inputs)
+
+
+def _checked(rate: float | None, period: float, source: str) -> float | None:
+    if rate is None:
+        return None
+    if not 0 < rate < float("inf"):
+        raise InputError(f"the rate must be positive, got {rate:g}", element="rate")
+    if rate * period > 2 - SLOWER:
+        problem = f"the log has {1 / period:.4g} samples per second; {rate:g} would only invent some"
+        raise InputError(problem, source=source, element="rate")
+    return rate
+
+
+@dataclass(frozen=True)
+class _Cutter:
+    recording: Recording
+    mechanism: Mechanism
+    period: float
+    rate: float | None
+
+    def segment(self, piece: npt.NDArray[np.intp]) -> tuple[Segment, Regularity]:
+        time = self.recording.time[piece]
+        regular = regularity(time, self.period)
+        own = _taken(self.recording, piece)
+        signals = {
+            name: self._moved(time, values, regular, quaternion_columns(self.mechanism, name, values.shape[1]))
+            for name, values in own.signals.items()
+        }
+        inputs = {name: self._moved(time, values, regular, ()) for name, values in own.inputs.items()}
+        rate = self.rate or regular.rate
+        return Segment(self.recording.source, float(time[0]), rate, signals, inputs), regular
+
+    def _moved(self, time: Floats, values: Floats, regular: Regularity, quaternions: tuple[int, ...]) -> Floats:
+        """A signal on the uniform clock."""
+        values = values.copy()
+        for first in quaternions:
+            values[:, first : first + 4] = continuous(values[:, first : first + 4])
+        since, span = time - time[0], float(time[-1] - time[0])
+        if regular.uniform:
+            since = np.arange(len(time)) / regular.rate
+        else:
+            times = grid(0.0, span, regular.rate)
+            since, values = times, interpolated(since, values, times)
+        if self.rate is not None and abs(self.rate / regular.rate - 1) > 1e-9:
+            if self.rate < SLOWER * regular.rate:
+                values = low_passed(values, self.rate / regular.rate)
+            values = interpolated(since, values, grid(0.0, float(since[-1]), self.rate))
+        for first in quaternions:
+            block = values[:, first : first + 4]
+            values[:, first : first + 4] = block / np.linalg.norm(block, axis=1, keepdims=True)
+        return values
