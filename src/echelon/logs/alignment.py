@@ -16,10 +16,11 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
+from echelon.hints import nearest_of
 from echelon.logs.column_map import ColumnMap
-from echelon.logs.spelling import listed, suggestion
 from echelon.logs.table import Table
 from echelon.logs.units import factor
+from echelon.logs.wording import listed
 from echelon.signals.clock import GAP, nominal_period
 
 Floats = npt.NDArray[np.float64]
@@ -173,7 +174,7 @@ def raw_column(table: Table, name: str) -> Floats:
         If there is none of this name; suggests the nearest.
     """
     if name not in table.columns:
-        raise InputError(f"there is no column '{name}'{suggestion(name, table.columns)}", source=table.source)
+        raise InputError(f"there is no column '{name}'{nearest_of(name, table.columns)}", source=table.source)
     return table.columns[name]
 
 

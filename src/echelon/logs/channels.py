@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
+from echelon.hints import nearest_of
 from echelon.logs.alignment import Alignment, check_lengths, raw_column, time_candidates
 from echelon.logs.column_map import Channel, ColumnMap
 from echelon.logs.quantities import units
 from echelon.logs.recording import Recording
 from echelon.logs.sides import check_names, joint_coordinates, measured_outputs
-from echelon.logs.spelling import suggestion
 from echelon.logs.table import Table
 from echelon.logs.units import factor
 from echelon.mechanism.mechanism import Mechanism
@@ -49,7 +49,7 @@ def needed_columns(columns: ColumnMap, names: Sequence[str] = ()) -> tuple[str, 
     if names:
         strange = next((name for name in found if name not in names), None)
         if strange is not None:
-            raise InputError(f"there is no column '{strange}'{suggestion(strange, names)}")
+            raise InputError(f"there is no column '{strange}'{nearest_of(strange, names)}")
         if columns.time is None and columns.rate is None:
             found += [name for name in time_candidates(names) if name not in found]
     return tuple(found)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.logs.finding import Finding, Severity
-from echelon.logs.spelling import seconds
+from echelon.logs.wording import seconds
 from echelon.signals.clock import Regularity, Stretches
 from echelon.signals.resample import SLOWER
 

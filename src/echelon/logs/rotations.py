@@ -10,7 +10,7 @@ import numpy.typing as npt
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.quantities import SIGNALS, motion_of, signal_names
 from echelon.logs.recording import Recording
-from echelon.logs.spelling import seconds
+from echelon.logs.wording import seconds
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 

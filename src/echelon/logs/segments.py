@@ -32,9 +32,10 @@ FEWEST = 20
 def segments(
     recording: Recording,
     mechanism: Mechanism,
+    usable: Flags | None = None,
+    *,
     rate: float | None = None,
     gap: float = GAP,
-    without: Flags | None = None,
 ) -> tuple[tuple[Segment, ...], tuple[Finding, ...]]:
     """Cut a recording into uninterrupted stretches on uniform clocks.
 
@@ -43,13 +44,13 @@ def segments(
     recording : Recording
     mechanism : Mechanism
         Says which coordinates are angles, to undo wrapping, and which are quaternions, to keep their sign and norm.
+    usable : array of bool of shape (N,), optional
+        Samples to keep, as :func:`echelon.logs.faults.examine` finds them; all if omitted.  Samples that are not finite
+        are left out in any case.
     rate : float, optional
         Rate of the segments, Hz; that of the log if None.  For a lower one signals pass a low-pass first.
     gap : float
         Periods beyond which an interval is a gap, which ends a segment.
-    without : array of bool of shape (N,), optional
-        Samples to leave out, as :func:`echelon.logs.faults.faults` finds them.  Samples that are not finite are left
-        out in any case.
 
     Returns
     -------
@@ -63,8 +64,8 @@ def segments(
         If no stretch is long enough, the stamps are in no order, or the rate is above that of the log.
     """
     used = finite(recording)
-    if without is not None:
-        used &= ~without
+    if usable is not None:
+        used &= usable
     rows = np.flatnonzero(used)
     if len(rows) < FEWEST:
         problem = f"{len(rows)} usable samples of {len(used)}; at least {FEWEST} are needed"

@@ -14,8 +14,9 @@ import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.exact.polynomial import float_generators
+from echelon.hints import nearest_of
 from echelon.logs.quantities import actuators, coordinates
-from echelon.logs.spelling import listed, suggestion
+from echelon.logs.wording import listed
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.motor_side import transmission_matrix
@@ -92,7 +93,7 @@ def check_names(mechanism: Mechanism, kind: str, given: Iterable[str]) -> None:
             raise InputError("it follows from others through a coupling; leave it out", element=f"{kind} of '{name}'")
         if name not in valid:
             what = "output or actuator" if kind == "output" else "coordinate or actuator"
-            problem = f"{mechanism.name} has no {what} of this name{suggestion(name, valid)}"
+            problem = f"{mechanism.name} has no {what} of this name{nearest_of(name, valid)}"
             raise InputError(problem, element=f"{kind} of '{name}'")
 
 

@@ -15,7 +15,7 @@ from fractions import Fraction
 from typing import Final
 
 from echelon.errors import InputError
-from echelon.logs.spelling import suggestion
+from echelon.hints import nearest_of
 
 Dimension = tuple[int, int, int, int, int]
 """Powers of kg, m, s, A and rad."""
@@ -220,4 +220,4 @@ def _unknown(text: str, wanted: Sequence[str]) -> InputError:
             f"'{text}' has no size of its own: leave the unit out and give as scale how much a count is, "
             "such as 2*pi/4096 for 4096 counts per turn"
         )
-    return InputError(f"'{text}' is not a unit{suggestion(text, _valid(wanted))}")
+    return InputError(f"'{text}' is not a unit{nearest_of(text, _valid(wanted))}")

@@ -1,9 +1,8 @@
-"""Texts for messages about logs: names that were probably meant, and times with all digits that matter."""
+"""Texts for messages about logs: lists of names, and times with all digits that matter."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 
 _SHOWN = 12
 
@@ -18,21 +17,6 @@ def listed(names: Iterable[str]) -> str:
     """
     words = list(dict.fromkeys(names))
     return (", ".join(words[:_SHOWN]) + (f", … ({len(words)} in all)" if len(words) > _SHOWN else "")) or "none"
-
-
-def suggestion(word: str, valid: Iterable[str]) -> str:
-    """A question for the nearest valid name, if one is near, and the valid names.
-
-    Examples
-    --------
-    >>> suggestion("tau_1", ["tau1", "tau2"])
-    "; did you mean 'tau1'? (valid: tau1, tau2)"
-    """
-    words = list(dict.fromkeys(valid))
-    by_lower = {name.lower(): name for name in words}
-    close = get_close_matches(word.lower(), by_lower, n=1)
-    hint = f"; did you mean '{by_lower[close[0]]}'?" if close else ""
-    return f"{hint} (valid: {listed(words)})"
 
 
 def seconds(time: float) -> str:
