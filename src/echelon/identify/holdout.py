@@ -1,0 +1,149 @@
+"""Data that the fit does not see: held out by time or by trajectory, never by random samples.
+
+Neighbouring samples share their noise, their filters and their place on the trajectory, so that a random sample held
+out is all but known to the fit.  What is held out here is contiguous, and between the two parts lie as many samples as
+filters reach, so that no measured value enters both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.logs.samples import Samples
+
+SHARE = 0.3
+"""Share of the data that is held out unless said otherwise."""
+
+
+def split(samples: Samples, share: float = SHARE, guard: int = 0) -> tuple[Samples, Samples]:
+    """The first part of a segment for the fit, the last for validation.
+
+    Parameters
+    ----------
+    samples : Samples
+        One segment.
+    share : float
+        Part of its time that is held out, between 0 and 1.
+    guard : int
+        Samples on either side that filters of the preparation reach, besides those of ``samples.reduction``.
+
+    Returns
+    -------
+    fit, held : Samples
+        With arrays of their own samples only; ``first`` and ``stop`` leave out what filters spoil at the cut.
+
+    Raises
+    ------
+    InputError
+        If the share or guard is out of range, or the segment is too short.
+    """
+    if not 0 < share < 1 or guard < 0:
+        raise InputError(f"a share of {share:g} with a guard of {guard} samples; expected 0 < share < 1, guard ≥ 0")
+    stop = len(samples) if samples.stop is None else samples.stop
+    reach = guard + (0 if samples.reduction is None else samples.reduction.reach)
+    cut = samples.first + int(np.floor((1 - share) * (stop - samples.first)))
+    factor = 1 if samples.reduction is None else samples.reduction.factor
+    if cut - reach - samples.first < factor or stop - cut - reach < factor:
+        raise InputError(
+            f"{stop - samples.first} samples cannot be split {1 - share:.0%} to {share:.0%} with {reach} samples "
+            "left out on either side of the cut, which filters spoil; give a longer log, or hold out a log of its own",
+            source=samples.source,
+        )
+    held = replace(_part(samples, cut, len(samples)), first=reach, stop=stop - cut)
+    return replace(_part(samples, 0, cut), stop=cut - reach), held
+
+
+def held_out(
+    segments: Sequence[Samples], share: float = SHARE, guard: int = 0
+) -> tuple[tuple[Samples, ...], tuple[Samples, ...]]:
+    """The last share of every segment; segments that are too short to be split are fitted as a whole.
+
+    Parameters
+    ----------
+    segments : sequence of Samples
+    share, guard
+        As for :func:`split`.
+
+    Returns
+    -------
+    fit, held : tuple of Samples
+
+    Raises
+    ------
+    InputError
+        If the share or guard is out of range, or all segments are too short.
+    """
+    fit: list[Samples] = []
+    held: list[Samples] = []
+    last = InputError("there are no samples to split")
+    for samples in segments:
+        try:
+            first, second = split(samples, share, guard)
+        except InputError as error:
+            last = error
+            fit.append(samples)
+        else:
+            fit.append(first)
+            held.append(second)
+    if not held:
+        raise last
+    return tuple(fit), tuple(held)
+
+
+def held_out_logs(segments: Sequence[Samples], share: float = SHARE) -> tuple[tuple[Samples, ...], tuple[Samples, ...]]:
+    """Whole logs, the last ones: trajectories that the fit has not seen at all.
+
+    Parameters
+    ----------
+    segments : sequence of Samples
+        Of several logs, told apart by ``source``.
+    share : float
+        Part of the samples that is held out, as nearly as whole logs allow; at least one log, and not all.
+
+    Returns
+    -------
+    fit, held : tuple of Samples
+
+    Raises
+    ------
+    InputError
+        If the share is out of range, or there is one log only.
+    """
+    if not 0 < share < 1:
+        raise InputError(f"the share to hold out is {share:g}; expected a number between 0 and 1")
+    sizes: dict[str, int] = {}
+    for samples in segments:
+        stop = len(samples) if samples.stop is None else samples.stop
+        sizes[samples.source] = sizes.get(samples.source, 0) + stop - samples.first
+    if len(sizes) < 2:
+        raise InputError("there is one log only; hold out a part of its time instead")
+    names = list(sizes)
+    after = np.cumsum([sizes[name] for name in reversed(names)])[:-1] / max(sum(sizes.values()), 1)
+    count = 1 + int(np.argmin(np.abs(after - share)))
+    last = set(names[-count:])
+    return tuple(s for s in segments if s.source not in last), tuple(s for s in segments if s.source in last)
+
+
+def _part(samples: Samples, begin: int, end: int) -> Samples:
+    """Some of the samples, as a segment that knows nothing of the others."""
+
+    def cut(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return values[begin:end]
+
+    return replace(
+        samples,
+        start=samples.start + begin / samples.rate,
+        q=cut(samples.q),
+        qd=cut(samples.qd),
+        qdd=cut(samples.qdd),
+        y=None if samples.y is None else cut(samples.y),
+        inputs={name: cut(values) for name, values in samples.inputs.items()},
+        moving=None if samples.moving is None else samples.moving[begin:end],
+        first=max(samples.first - begin, 0),
+        stop=None if samples.stop is None else min(samples.stop, end) - begin,
+    )

@@ -1,0 +1,78 @@
+"""Measured and predicted outputs to look at, honestly fewer than were recorded.
+
+Neighbouring rows form buckets, of which the rows with the extremes of what is measured, of what is predicted and of
+their difference stay: every peak survives, at its time, and no value is invented.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+LIMIT = 200_000
+"""Rows of an output that are kept; more than any screen shows."""
+_BUCKET = 12  # twice the six extremes that stay at most, so that a pass halves the rows at least
+
+
+def thinned(rows: Floats) -> Floats:
+    """Half of the rows or fewer, with all extremes.
+
+    Parameters
+    ----------
+    rows : array of shape (k, columns)
+        Time, measured, predicted, then any others.
+
+    Returns
+    -------
+    array of shape (at most k/2 + 6, columns)
+        Some of the rows, in order.
+
+    Examples
+    --------
+    >>> t = np.arange(24.0)
+    >>> thinned(np.stack([t, t % 5, 0 * t], axis=1))[:, 0]
+    array([ 0.,  4., 12., 14., 15.])
+    """
+    full = len(rows) // _BUCKET
+    starts = _BUCKET * np.arange(full)
+    signals = np.stack([rows[:, 1], rows[:, 2], rows[:, 1] - rows[:, 2]])
+    buckets = signals[:, : _BUCKET * full].reshape(3, full, _BUCKET)
+    places = [starts + pick(buckets, axis=2) for pick in (np.argmin, np.argmax)]
+    rest = signals[:, _BUCKET * full :]
+    if rest.shape[1]:
+        places += [_BUCKET * full + pick(rest, axis=1) for pick in (np.argmin, np.argmax)]
+    kept: Floats = rows[np.unique(np.concatenate([some.ravel() for some in places]))]
+    return kept
+
+
+class TraceKeeper:
+    """Rows of one output, thinned evenly whenever they become too many.
+
+    Parameters
+    ----------
+    limit : int
+        Rows that are kept at most.
+    """
+
+    def __init__(self, limit: int = LIMIT) -> None:
+        self._limit = limit
+        self._parts: list[Floats] = []
+        self._count = self._passes = 0
+
+    def add(self, rows: Floats) -> None:
+        """Take in rows of shape (k, columns), thinned as often as those that are kept already."""
+        for _ in range(self._passes):
+            rows = thinned(rows)
+        self._parts.append(rows)
+        self._count += len(rows)
+        while self._count > self._limit:
+            whole = thinned(np.concatenate(self._parts))
+            if len(whole) == self._count:  # nothing but extremes
+                break
+            self._parts, self._count, self._passes = [whole], len(whole), self._passes + 1
+
+    def rows(self, columns: int) -> Floats:
+        """What is kept, shape (k, columns)."""
+        return np.concatenate(self._parts) if self._parts else np.zeros((0, columns))
