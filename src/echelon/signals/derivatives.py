@@ -163,7 +163,7 @@ def fourier(values: Floats, rate: float, period: float, cutoff: float = np.inf) 
     if len(values) < period * rate - 1e-6:
         raise InputError(f"{len(values) / rate:g} s of samples do not cover the period of {period:g} s")
     harmonics = min(int(cutoff * period + 1e-9) if np.isfinite(cutoff) else len(values), _most(rate, period))
-    omega: Floats = 2 * np.pi / period * np.arange(1.0, harmonics + 1)
+    omega = np.asarray(2 * np.pi / period * np.arange(1.0, harmonics + 1), dtype=np.float64)
     starts = range(0, len(table), _BLOCK)
     gram = np.zeros((2 * harmonics + 1, 2 * harmonics + 1))
     right = np.zeros((2 * harmonics + 1, table.shape[1]))
@@ -171,7 +171,7 @@ def fourier(values: Floats, rate: float, period: float, cutoff: float = np.inf) 
         basis = _basis(omega, start, table[start : start + _BLOCK], rate)
         gram += basis.T @ basis
         right += basis.T @ table[start : start + _BLOCK]
-    series = np.linalg.solve(gram, right)
+    series = np.asarray(np.linalg.solve(gram, right), dtype=np.float64)
     found = [np.empty_like(table) for _ in range(3)]
     for start in starts:
         basis = _basis(omega, start, table[start : start + _BLOCK], rate)

@@ -43,14 +43,13 @@ def continuous(q: Floats, before: Floats | None = None) -> Floats:
     length = np.linalg.norm(q, axis=1)
     wrong = np.flatnonzero(~(np.abs(length - 1) < _FAR_FROM_UNIT))
     if len(wrong):
-        raise InputError(
-            f"the quaternion of sample {wrong[0]} has length {length[wrong[0]]:.3g}: expected unit quaternions w, x, y, z"
-        )
+        worst = f"sample {wrong[0]} has a quaternion of length {length[wrong[0]]:.3g}"
+        raise InputError(f"{worst}: expected unit quaternions (w, x, y, z)")
     unit = q / length[:, None]
     first = unit[0] if before is None else before
     inner = np.einsum("ij,ij->i", unit, np.vstack([first, unit[:-1]]))
-    signs: Floats = np.cumprod(np.where(inner < 0, -1.0, 1.0))
-    return np.asarray(unit * signs[:, None])
+    signs = np.cumprod(np.where(inner < 0, -1.0, 1.0))
+    return np.asarray(unit * signs[:, None], dtype=np.float64)
 
 
 def multiply(a: Floats, b: Floats) -> Floats:

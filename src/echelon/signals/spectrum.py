@@ -1,0 +1,286 @@
+"""Spectra of measured positions: where motion ends and noise begins, and the cut-off that follows.
+
+Noise of position sensors is white at best (quantisation, electronics) and coloured after somebody's filter, but one
+thing can be relied on: as velocity it does not fall with frequency.  Motion does, as soon as inertia rules.  So the
+largest non-decreasing function below the spectrum of velocity is a floor for the noise that needs no band without
+motion, and what stands above it is motion.
+
+With both known, the cut-off is the one whose filter does least harm to the acceleration, which needs it most: the
+motion that the filter takes away plus the noise that it lets through is smallest.  This is Wiener's criterion among
+Butterworth filters; the droop of the filter below its cut-off counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+
+Floats = npt.NDArray[np.float64]
+
+LEAST_SAMPLES = 64
+"""Fewest samples from which a spectrum can be told."""
+
+_PARTS = 4
+"""Windows, without overlap, into which a signal is cut: so few for their resolution, so many for their mean."""
+
+_LONGEST = 1 << 16
+_PER_OCTAVE = 8
+"""Points of the smoothed spectrum, which the floor is taken from, per octave."""
+
+_CLEARLY = 4.0
+"""How far motion stands above the floor; less can be chance."""
+
+_BEYOND_DOUBT = 100.0
+"""How far every stretch of motion stands above the floor somewhere; lower humps are vibrations or colour of noise."""
+
+_CANDIDATES = 240
+_HIGHEST = 0.45
+"""Highest cut-off that is worth a filter, as a share of the rate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Power spectral density of a position, divided into motion and noise.
+
+    Attributes
+    ----------
+    rate : float
+        Samples per second.
+    frequencies : array of shape (F,)
+        Hz, without zero.
+    power : array of shape (F,)
+        One-sided density of the position, its unit squared per Hz.
+    noise : array of shape (F,)
+        The part of it that is noise.
+    """
+
+    rate: float
+    frequencies: Floats
+    power: Floats
+    noise: Floats
+
+    @property
+    def motion(self) -> Floats:
+        """What stands above the noise, shape (F,)."""
+        return np.maximum(self.power - self.noise, 0.0)
+
+    @property
+    def moves(self) -> bool:
+        """Whether there is any motion."""
+        return bool(np.any(self.motion > 0))
+
+    def harm(self, cutoffs: Floats, derivative: int, order: int = 4) -> Floats:
+        """Mean square error of a filtered derivative, as a share of the motion's mean square.
+
+        Parameters
+        ----------
+        cutoffs : array of shape (K,)
+            Of Butterworth filters that run forwards and backwards, Hz.
+        derivative : int
+            0, 1 or 2.
+        order : int
+            Of one pass.
+
+        Returns
+        -------
+        array of shape (K,)
+        """
+        weight = (2 * np.pi * self.frequencies) ** (2 * derivative)
+        passed = 1 / (1 + (self.frequencies / cutoffs[:, None]) ** (2 * order))
+        error = (1 - passed) ** 2 @ (self.motion * weight) + passed**2 @ (self.noise * weight)
+        return np.asarray(error / max(float(self.motion @ weight), np.finfo(float).tiny))
+
+    def share(self, share: float, derivative: int, below: float = np.inf) -> float:
+        """Frequency below which this share of a derivative's motion lies, Hz.
+
+        Parameters
+        ----------
+        share : float
+            Of the mean square, between 0 and 1.
+        derivative : int
+        below : float
+            Frequencies that count, Hz.
+        """
+        power = self.motion * (2 * np.pi * self.frequencies) ** (2 * derivative) * (self.frequencies <= below)
+        total = np.cumsum(power)
+        return float(self.frequencies[np.searchsorted(total, share * total[-1])]) if total[-1] > 0 else 0.0
+
+
+@dataclass(frozen=True)
+class CutOff:
+    """Where a position is lost in its noise.
+
+    Attributes
+    ----------
+    frequency : float
+        Best cut-off for the second derivative, Hz; ``inf`` if there is no noise to be filtered.
+    position : float
+        Best cut-off for the position itself, Hz; not less than ``frequency`` where noise is white.
+    noise : float
+        Standard deviation of the noise, unit of the position.
+    text : str
+        The same as a sentence.
+    """
+
+    frequency: float
+    position: float
+    noise: float
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def spectrum(values: npt.ArrayLike | Sequence[Floats], rate: float) -> Spectrum:
+    """Spectrum of a position and of its noise.
+
+    Parameters
+    ----------
+    values : array of shape (N,), or sequence of such
+        Uniformly sampled; a sequence holds stretches between gaps, of which those count that are not much shorter than
+        the longest.
+    rate : float
+        Samples per second.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than 64 samples without a gap.
+    """
+    pieces = [
+        np.asarray(piece, dtype=np.float64) for piece in (values if isinstance(values, list | tuple) else [values])
+    ]
+    longest = max((len(piece) for piece in pieces), default=0)
+    if longest < LEAST_SAMPLES:
+        raise InputError(f"{longest} samples are too few for a spectrum; at least {LEAST_SAMPLES} are needed")
+    frequencies, density = _second_differences(pieces, rate, min((longest - 2) // _PARTS, _LONGEST))
+    step = 2 * np.sin(np.pi * frequencies / rate)
+    power = density / step**4
+    smooth = np.maximum(_medians(frequencies, power * step**2), np.finfo(float).tiny)
+    rising = np.minimum.accumulate(smooth[::-1])[::-1]
+    moves, floor = _stretches(smooth / rising), rising / step**2
+    knee = _best(Spectrum(rate, frequencies, power, np.where(moves, floor, power)), 2, 4)
+    flat = floor[min(int(np.searchsorted(frequencies, knee)), len(floor) - 1)]
+    floor = np.where(frequencies < knee, np.minimum(floor, flat), floor)
+    return Spectrum(rate, frequencies, power, np.where(moves, np.minimum(floor, power), power))
+
+
+def _second_differences(pieces: Sequence[Floats], rate: float, length: int) -> tuple[Floats, Floats]:
+    """Frequencies without zero, and the mean spectrum of second differences.
+
+    The motion is so much stronger than the noise that it would leak over all of it if it were not differenced first.
+    """
+    from scipy.signal import welch
+
+    total, weights = np.zeros(length // 2), 0
+    for piece in pieces:
+        if len(piece) >= length + 2:
+            f, density = welch(np.diff(piece, 2), rate, window="blackman", nperseg=length, detrend="constant")
+            total += len(piece) * density[1 : length // 2 + 1]
+            weights += len(piece)
+    return np.asarray(f[1 : length // 2 + 1], dtype=np.float64), total / weights
+
+
+def _medians(frequencies: Floats, density: Floats) -> Floats:
+    """A density smoothed by medians over narrow bands, which single lines do not raise."""
+    octaves = np.log2(frequencies[-1] / frequencies[0])
+    edges = np.geomspace(frequencies[0], frequencies[-1] * (1 + 1e-9), max(2, int(_PER_OCTAVE * octaves)) + 1)
+    centres, medians = [], []
+    for low, high in pairwise(np.searchsorted(frequencies, edges)):
+        if high > low:
+            centres.append(float(np.sqrt(frequencies[low] * frequencies[high - 1])))
+            medians.append(float(np.median(density[max(0, low - 1) : high + 1])))
+    logs = np.log(np.maximum(np.array(medians), np.finfo(float).tiny))
+    return np.asarray(np.exp(np.interp(np.log(frequencies), np.log(np.array(centres)), logs)))
+
+
+def _stretches(ratio: Floats) -> npt.NDArray[np.bool_]:
+    """Where motion stands clearly above the floor, in stretches that somewhere do so beyond doubt."""
+    above = ratio > _CLEARLY
+    number = np.cumsum(np.diff(above, prepend=False) & above) * above
+    certain = np.unique(number[ratio > _BEYOND_DOUBT])
+    return np.isin(number, certain[certain > 0])
+
+
+def _best(spectrum: Spectrum, derivative: int, order: int) -> float:
+    """The cut-off that does least harm, of those that are worth a filter."""
+    low = float(spectrum.frequencies[0])
+    candidates = np.geomspace(low, max(_HIGHEST * spectrum.rate, 1.01 * low), _CANDIDATES)
+    return float(candidates[int(np.argmin(spectrum.harm(candidates, derivative, order)))])
+
+
+def best_cutoff(spectrum: Spectrum, derivative: int = 2, order: int = 4) -> float:
+    """The cut-off that does least harm to a derivative.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+    derivative : int
+        0, 1 or 2.
+    order : int
+        Of one pass of the Butterworth filter.
+
+    Returns
+    -------
+    float
+        Hz; ``inf`` if any filter would do harm only.
+    """
+    found = _best(spectrum, derivative, order)
+    return found if found < 0.99 * _HIGHEST * spectrum.rate else np.inf
+
+
+def cutoff(values: npt.ArrayLike, rate: float, order: int = 4) -> CutOff:
+    """Where a position is lost in its noise.
+
+    Parameters
+    ----------
+    values : array of shape (N,)
+    rate : float
+        Samples per second.
+    order : int
+        Of one pass of the Butterworth filter.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than 64 samples.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(20000) / 1000
+    >>> noise = 1e-4 * np.random.default_rng(0).standard_normal(len(t))
+    >>> found = cutoff(np.sin(2 * np.pi * t) + noise, 1000)
+    >>> 2 < found.frequency < 10, 0.9e-4 < found.noise < 1.1e-4
+    (True, True)
+    """
+    both = spectrum(values, rate)
+    frequency, position = best_cutoff(both, 2, order), best_cutoff(both, 0, order)
+    noise = noise_deviation(both)
+    where = f"above {frequency:.3g} Hz" if np.isfinite(frequency) else "nowhere"
+    text = f"its acceleration is lost in noise {where}; the noise has a standard deviation of {noise:.2g}"
+    return CutOff(frequency, position, noise, text)
+
+
+def noise_deviation(spectrum: Spectrum, derivative: int = 0, cutoff: float = np.inf, order: int = 4) -> float:
+    """Standard deviation of the noise of a derivative after a low-pass.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+    derivative : int
+    cutoff : float
+        Of a Butterworth filter that runs forwards and backwards, Hz.
+    order : int
+        Of one pass.
+    """
+    f = spectrum.frequencies
+    passed = 1 / (1 + (f / cutoff) ** (2 * order)) ** 2
+    variance = float(spectrum.noise @ (passed * (2 * np.pi * f) ** (2 * derivative))) * float(f[0])
+    return float(np.sqrt(variance))
