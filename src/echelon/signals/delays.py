@@ -1,7 +1,7 @@
 """Delays between channels, below one sample, and how they are undone.
 
-The delay is where the correlation of two band-limited signals is largest.  Between samples that correlation is known
-from the cross-spectrum, so the maximum over the samples is only the start of a few Newton steps.  Signals are
+The correlation is largest at the whole number of samples that is nearest; from there a few Gauss–Newton steps find the
+delay at which one channel is most nearly a multiple of the other, interpolated between its samples.  Signals are
 differenced first: slow motion and offsets correlate at any delay.
 """
 
@@ -78,21 +78,20 @@ def delay(first: npt.ArrayLike, second: npt.ArrayLike, rate: float, largest: flo
     if not (np.any(middle) and np.any(b)):
         raise InputError("a constant channel has no delay")
     cross = np.conj(np.fft.rfft(middle, size)) * np.fft.rfft(b, size)
-    correlation = np.fft.irfft(cross, size)
     lags = np.arange(-most, most + 1)
-    lag = float(lags[int(np.argmax(correlation[lags]))])
-    omega = 2 * np.pi * np.arange(len(cross)) / size
-    for _ in range(_STEPS):
-        turned = cross * np.exp(1j * omega * lag)
-        bend = float(np.sum(-(omega**2) * turned.real))
-        step = float(np.sum(-omega * turned.imag)) / bend if bend < 0 else 0.0
-        lag -= float(np.clip(step, -0.5, 0.5))
-        if abs(step) < 1e-9:
-            break
-    late = shifted(b, lag)
+    lag = float(lags[int(np.argmax(np.fft.irfft(cross, size)[lags]))])
     inside = slice(most, len(a) - most)
-    scale = float(np.linalg.norm(a[inside]) * np.linalg.norm(late[inside]))
-    return Delay(lag / rate, float(a[inside] @ late[inside]) / scale)
+    for _ in range(_STEPS):
+        late = shifted(b, lag)
+        both = np.column_stack([late, np.gradient(late)])[inside]
+        factor, slope = np.linalg.lstsq(both, a[inside], rcond=None)[0]
+        step = float(np.clip(slope / factor, -0.5, 0.5)) if factor else 0.0
+        lag += step
+        if abs(step) < 1e-7:
+            break
+    late = shifted(b, lag)[inside]
+    scale = float(np.linalg.norm(a[inside]) * np.linalg.norm(late))
+    return Delay(lag / rate, float(a[inside] @ late) / scale)
 
 
 def shift_reach(samples: float) -> int:

@@ -87,7 +87,7 @@ def savitzky_golay_window(cutoff: float, rate: float, degree: int = DEGREE) -> i
     Examples
     --------
     >>> savitzky_golay_window(cutoff=20, rate=1000)
-    83
+    81
     """
     check_cutoff(cutoff, rate)
     half = round(((degree + 1) * rate / (2 * cutoff) + 4.6) / 3.2)

@@ -84,8 +84,8 @@ def find_period(values: npt.ArrayLike, rate: float) -> float:
     highest = float(alike[start : longest + 1].max(initial=-1.0))
     if highest < ALIKE:
         raise InputError(
-            f"the motion does not repeat itself: it is like itself by {max(highest, 0.0):.2f} of 1 at best, within half "
-            "of the log; give the period, or choose another derivative"
+            f"the motion does not repeat itself within half of the log: it is like itself by {max(highest, 0.0):.2f} of "
+            "1 at best; give the period, or choose another derivative"
         )
     high = alike >= _NEARLY * highest
     high[:start] = False
