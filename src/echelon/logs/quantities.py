@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.logs.recording import Recording
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.transmission import Actuator
@@ -83,3 +90,46 @@ def signal_names(mechanism: Mechanism, signal: str, columns: int) -> tuple[str, 
         return tuple(output.name for output in mechanism.outputs)
     names = coordinates(mechanism, SIGNALS[signal])
     return names if len(names) == columns else mechanism.independent_velocities
+
+
+@dataclass(frozen=True)
+class Series:
+    """One column of a recording with its name.
+
+    Attributes
+    ----------
+    signal : str
+        ``q``, ``qd``, ``qdd``, ``y``, ``reference`` or ``input``.
+    name : str
+        Coordinate, output, or actuator.
+    values : array of shape (N,)
+    """
+
+    signal: str
+    name: str
+    values: npt.NDArray[np.float64]
+
+    @property
+    def label(self) -> str:
+        """What messages call it."""
+        return f"{SIGNALS.get(self.signal, self.signal)} of '{self.name}'"
+
+
+def series(recording: Recording, mechanism: Mechanism, *signals: str) -> Iterator[Series]:
+    """Columns of a recording, one by one.
+
+    Parameters
+    ----------
+    recording : Recording
+    mechanism : Mechanism
+    *signals : str
+        Which signals; all, and the inputs, if omitted.
+    """
+    for signal in signals or recording.signals:
+        if signal in recording.signals:
+            values = recording.signals[signal]
+            for column, name in enumerate(signal_names(mechanism, signal, values.shape[1])):
+                yield Series(signal, name, values[:, column])
+    if not signals:
+        for name, values in recording.inputs.items():
+            yield Series("input", name, values)

@@ -14,9 +14,10 @@ import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.logs.clock_findings import break_findings, rate_findings
-from echelon.logs.finding import Finding
+from echelon.logs.finding import Finding, Severity
 from echelon.logs.recording import Recording, Segment
 from echelon.logs.rotations import quaternion_columns, unwrapped
+from echelon.logs.wording import seconds
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import GAP, Regularity, regularity, stretches
 from echelon.signals.quaternions import continuous
@@ -36,6 +37,7 @@ def segments(
     *,
     rate: float | None = None,
     gap: float = GAP,
+    whole: bool = True,
 ) -> tuple[tuple[Segment, ...], tuple[Finding, ...]]:
     """Cut a recording into uninterrupted stretches on uniform clocks.
 
@@ -51,6 +53,8 @@ def segments(
         Rate of the segments, Hz; that of the log if None.  For a lower one signals pass a low-pass first.
     gap : float
         Periods beyond which an interval is a gap, which ends a segment.
+    whole : bool
+        Whether this is all of the log; a piece of one may be too short for a segment.
 
     Returns
     -------
@@ -61,15 +65,14 @@ def segments(
     Raises
     ------
     InputError
-        If no stretch is long enough, the stamps are in no order, or the rate is above that of the log.
+        If no stretch of the whole log is long enough, the stamps are in no order, or the rate is above that of the log.
     """
     used = finite(recording)
     if usable is not None:
         used &= usable
     rows = np.flatnonzero(used)
     if len(rows) < FEWEST:
-        problem = f"{len(rows)} usable samples of {len(used)}; at least {FEWEST} are needed"
-        raise InputError(problem, source=recording.source)
+        return _none(recording, f"{len(rows)} usable samples of {len(used)}; at least {FEWEST} are needed", whole)
     clean = _taken(recording, rows)
     try:
         found = stretches(clean.time, gap)
@@ -77,8 +80,9 @@ def segments(
         raise error.located(recording.source) from None
     long = [piece for piece in found.pieces if len(piece) >= FEWEST]
     if not long:
-        problem = f"no stretch without gaps has {FEWEST} samples: the longest has {max(map(len, found.pieces))}"
-        raise InputError(f"{problem} ({found.period:.4g} s apart)", source=recording.source)
+        longest = f"the longest of {len(found.pieces)} has {max(map(len, found.pieces))}"
+        problem = f"no stretch without gaps has {FEWEST} samples: {longest}, {found.period:.4g} s apart"
+        return _none(recording, problem, whole)
     asked = _checked(rate, found.period, recording.source)
     signals, wrapped = unwrapped(clean, mechanism, found.pieces)
     cutter = _Cutter(replace(clean, signals=signals), mechanism, found.period, asked)
@@ -86,6 +90,13 @@ def segments(
     breaks = break_findings(recording.source, clean.time, found, gap, FEWEST)
     clock = rate_findings(recording.source, [segment.start for segment in cut], found, regular, asked)
     return cut, (*breaks, *clock, *wrapped)
+
+
+def _none(recording: Recording, problem: str, whole: bool) -> tuple[tuple[Segment, ...], tuple[Finding, ...]]:
+    if whole:
+        raise InputError(problem, source=recording.source)
+    start = f", from {seconds(float(recording.time[0]))} s" if len(recording.time) else ""
+    return (), (Finding(Severity.WARNING, "short", f"{recording.source}{start}", f"{problem}; left out"),)
 
 
 def finite(recording: Recording) -> Flags:

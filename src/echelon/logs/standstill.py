@@ -1,0 +1,169 @@
+"""Channels that stand still: stuck sensors, saturation, and resolution.
+
+A joint that rests and a sensor that is stuck look alike for as long as they stand.  What tells them apart is how they
+get there: joints slow down and start again smoothly, sensors stop at full speed or jump when they wake up, or
+contradict the velocity that was logged beside them.  An extreme that a channel only reaches is passed like any other
+value; at one where it is pinned, samples pile up, far more than on the levels next to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.signals.clock import nominal_period
+
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+Places = npt.NDArray[np.intp]
+
+_LONG = 0.2
+_FEWEST = 20
+_USUAL = 20
+_ABRUPT = 0.3
+_JUMP = 5.0
+_MOVED = 0.02
+
+_PINNED_RUN = 5
+_PINNED = 10
+_PILE = 5
+_BAND = 1 / 200
+
+
+def runs(flags: Flags) -> tuple[Places, Places]:
+    """Starts and stops of the stretches where flags are set.
+
+    Parameters
+    ----------
+    flags : array of bool of shape (N,)
+
+    Examples
+    --------
+    >>> [x.tolist() for x in runs(np.array([True, False, True, True]))]
+    [[0, 2], [1, 4]]
+    """
+    edges = np.diff(np.concatenate([[0], flags.astype(np.int8), [0]]))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+
+
+def stuck(
+    time: Floats, values: Floats, others: Sequence[Floats], speed: Floats | None, usable: Flags, output: bool
+) -> Iterator[tuple[int, int]]:
+    """Stretches in which a sensor was stuck.
+
+    Parameters
+    ----------
+    time, values : arrays of shape (N,)
+    others : sequence of array of shape (N,)
+        The other positions (for an output, all).
+    speed : array of shape (N,), optional
+        Measured velocity of the same coordinate.
+    usable : array of bool of shape (N,)
+    output : bool
+        Whether this is an output, which never rests while the robot moves, and not a position.
+
+    Yields
+    ------
+    (int, int)
+        First sample, and the one after the last.
+    """
+    starts, stops = _equal_runs(values, usable)
+    if not len(starts) or not np.any(np.diff(time[usable]) > 0):
+        return
+    least = max(_FEWEST, _LONG / nominal_period(time[usable]))
+    if output:
+        # coarse sensors repeat values as a rule; the extremes are the business of pinned()
+        short = (stops - starts)[stops - starts < least]
+        least = max(least, _USUAL * float(np.percentile(short, 95)) if len(short) else 0.0)
+        extremes = (np.min(values[usable]), np.max(values[usable]))
+    steps = np.abs(np.diff(values))
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    usual, fast = (float(np.percentile(steps, p)) for p in (95, 99)) if len(steps) else (0.0, 0.0)
+    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+        if stop - start < least or not _moves(others, speed, start, stop, usable):
+            continue
+        if output:
+            if values[start] not in extremes:
+                yield start, stop
+        elif _contradicted(time, values, speed, start, stop, usable) or _abrupt(values, start, stop, usual, fast):
+            yield start, stop
+
+
+def _equal_runs(values: Floats, usable: Flags) -> tuple[Places, Places]:
+    """Stretches of equal values, of two samples or more."""
+    same = np.concatenate([(np.diff(values) == 0) & usable[1:] & usable[:-1], [False]])
+    starts, stops = runs(same)
+    return starts, stops + 1
+
+
+def _moves(others: Sequence[Floats], speed: Floats | None, start: int, stop: int, usable: Flags) -> bool:
+    moved = any(np.ptp(v[start:stop]) > _MOVED * np.ptp(v[usable]) for v in others)
+    return moved or (speed is not None and bool(np.any(speed[start:stop])))
+
+
+def _contradicted(time: Floats, values: Floats, speed: Floats | None, start: int, stop: int, usable: Flags) -> bool:
+    if speed is None:
+        return False
+    travelled = float(np.sum(0.5 * (speed[start + 1 : stop] + speed[start : stop - 1]) * np.diff(time[start:stop])))
+    return abs(travelled) > _MOVED * float(np.ptp(values[usable]))
+
+
+def _abrupt(values: Floats, start: int, stop: int, usual: float, fast: float) -> bool:
+    """Whether a position stops at speed, or jumps when it goes on."""
+    jumps = stop < len(values) and abs(values[stop] - values[stop - 1]) > _JUMP * usual
+    before = np.abs(np.diff(values[max(start - 2, 0) : start + 1]))
+    return bool(jumps or (len(before) == 2 and before.min() > _ABRUPT * fast))
+
+
+def pinned(values: Floats, usable: Flags) -> Iterator[tuple[float, Places, Places]]:
+    """Extremes at which samples pile up.
+
+    Parameters
+    ----------
+    values : array of shape (N,)
+    usable : array of bool of shape (N,)
+
+    Yields
+    ------
+    limit : float
+    starts, stops : arrays of int
+        Its stretches of several samples.
+    """
+    good = values[usable]
+    span = float(np.ptp(good))
+    # the level below the extreme counts as a neighbour, however coarse the sensor is
+    levels = np.unique(good)
+    for limit, next_level in ((levels[-1], levels[-2]), (levels[0], levels[1])):
+        width = max(_BAND * span, 1.5 * abs(float(limit - next_level)))
+        at = usable & (np.abs(values - limit) <= 1e-9 * span)
+        near = usable & (np.abs(values - limit) <= width) & ~at
+        starts, stops = runs(at)
+        long = stops - starts >= _PINNED_RUN
+        if long.any() and at.sum() >= _PINNED and at.sum() > _PILE * near.sum():
+            yield float(limit), starts[long], stops[long]
+
+
+def resolution(values: Floats) -> float | None:
+    """The step of a quantised channel; None if it has none.
+
+    Parameters
+    ----------
+    values : array of shape (N,)
+        Finite.
+
+    Examples
+    --------
+    >>> resolution(np.round(np.sin(np.arange(1000) / 50) / 0.01) * 0.01)
+    0.01
+    """
+    levels = np.unique(values)
+    if len(levels) < 3:
+        return None
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > 1e-9 * (levels[-1] - levels[0])]
+    step = float(gaps.min())
+    step = float(np.median(gaps[gaps < 1.5 * step]))  # rounding of single levels averages out
+    off = np.abs(gaps / step - np.rint(gaps / step))
+    return round(step, 12) if np.all(off < 0.05) else None
