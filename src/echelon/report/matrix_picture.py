@@ -1,0 +1,224 @@
+"""The structure of B as a picture: which parameters of which bodies make up each base parameter.
+
+Only entries that are not zero are drawn, with a shape for the kind of coefficient: a matrix of a humanoid has tens of
+thousands of cells, but only a thousand entries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from echelon.base.expression import TextStyle, coefficient_text
+from echelon.base.model import BaseModel
+from echelon.conventions import PARAMETERS
+from echelon.errors import one_line
+from echelon.exact.rational import RationalFunction
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.parameter import Parameter
+
+KINDS = ("pivot", "number", "length", "area", "other")
+"""Kinds of coefficients: of the representative, a number, a length, a product of two lengths, anything else."""
+
+_WIDEST = 160  # characters of a closed form in a cell's text
+_CELLS = ((75, 11.0), (160, 7.0), (420, 5.0), (10_000, 3.0))  # columns up to so many: size of a cell, px
+_READABLE = 9.0  # size of a cell beside which every row has a name
+
+
+@dataclass(frozen=True)
+class Cell:
+    """An entry of B that is not zero: its place (px), kind of coefficient, and what it says."""
+
+    x: float
+    y: float
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Band:
+    """Columns of one body, or rows of base parameters that one body represents.
+
+    Attributes
+    ----------
+    name : str
+        Of the body, or of what does not belong to one.
+    label : str
+    start, size : float
+        px.
+    """
+
+    name: str
+    label: str
+    start: float
+    size: float
+
+
+@dataclass(frozen=True)
+class Picture:
+    """B, ready to be drawn.
+
+    Attributes
+    ----------
+    cell : float
+        Size of a cell, px.
+    width, height : float
+        Of the matrix, px.
+    columns, rows : tuple of Band
+    cells : tuple of Cell
+    row_names : tuple of str
+        Representatives; empty where there is no room for them.
+    column_names : tuple of str
+        Kinds of the columns; empty where there is no room for them.
+    kinds : mapping of str to int
+        How many entries of each kind there are.
+    """
+
+    cell: float
+    width: float
+    height: float
+    columns: tuple[Band, ...]
+    rows: tuple[Band, ...]
+    cells: tuple[Cell, ...]
+    row_names: tuple[str, ...]
+    column_names: tuple[str, ...]
+    kinds: Mapping[str, int]
+
+
+def matrix_picture(base: BaseModel) -> Picture:
+    """The picture of a model's B.
+
+    Parameters
+    ----------
+    base : BaseModel
+    """
+    mechanism, matrix = base.mechanism, base.matrix
+    size = next(size for columns, size in _CELLS if len(matrix.parameters) <= columns or columns == _CELLS[-1][0])
+    cells = []
+    for i, (row, expression) in enumerate(zip(matrix.rows, base.expressions, strict=True)):
+        pivot, whole = matrix.pivots[i], _short(str(expression))
+        for column, coefficient in sorted(row.items()):
+            kind = _kind(coefficient, column == pivot, mechanism.columns[pivot], mechanism.columns[column])
+            factor = "1" if column == pivot else _factor(coefficient)
+            name = one_line(matrix.parameters[column])
+            cells.append(Cell(size * column, size * i, kind, f"{name} × {factor} in {whole}"))
+    readable = size >= _READABLE
+    return Picture(
+        size,
+        size * len(matrix.parameters),
+        size * matrix.rank,
+        _bands(mechanism, range(len(matrix.parameters)), size),
+        _bands(mechanism, matrix.pivots, size),
+        tuple(cells),
+        tuple(one_line(name) for name in base.pivots) if readable else (),
+        tuple(_column_name(parameter) for parameter in mechanism.columns) if readable else (),
+        {kind: sum(1 for cell in cells if cell.kind == kind) for kind in KINDS},
+    )
+
+
+def _column_name(parameter: Parameter) -> str:
+    return one_line(parameter.name) if parameter.kind is None else PARAMETERS[parameter.kind]
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _WIDEST else f"{text[:_WIDEST]}…"
+
+
+def _factor(coefficient: RationalFunction) -> str:
+    sign, text = coefficient_text(coefficient, TextStyle())
+    return ("−" if sign < 0 else "") + (text or "1")
+
+
+def _kind(coefficient: RationalFunction, is_pivot: bool, row: Parameter, column: Parameter) -> str:
+    if is_pivot:
+        return "pivot"
+    if not coefficient.symbols():
+        return "number"
+    if row.kind is None or column.kind is None:
+        return "other"
+    return {1: "length", 2: "area"}.get(row.length_degree - column.length_degree, "other")
+
+
+def _bands(mechanism: Mechanism, places: range | tuple[int, ...], size: float) -> tuple[Band, ...]:
+    """Neighbouring columns, or rows by their representatives, of the same body."""
+    bands: list[Band] = []
+    last: object = ()
+    for place, column in enumerate(places):
+        body = mechanism.columns[column].body
+        if body != last or not bands:
+            name, label = _owner(mechanism, body)
+            bands.append(Band(name, label, size * place, 0.0))
+            last = body
+        band = bands[-1]
+        bands[-1] = Band(band.name, band.label, band.start, band.size + size)
+    return tuple(bands)
+
+
+def _owner(mechanism: Mechanism, body: int | None) -> tuple[str, str]:
+    if body is None:
+        return "effects: friction, drives, springs", "effects"
+    return one_line(mechanism.bodies[body].name), one_line(mechanism.bodies[body].label)
+
+
+@dataclass(frozen=True)
+class Merging:
+    """Where the parameters of one body went.
+
+    Attributes
+    ----------
+    name, label : str
+    alone : tuple of str
+        Identifiable alone.
+    absorbs : tuple of str
+        Bodies whose parameters are parts of base parameters that this body represents.
+    absorbed : tuple of str
+        Bodies that represent base parameters which this body's parameters are part of.
+    unseen : tuple of str
+        Parameters in no base parameter.
+    """
+
+    name: str
+    label: str
+    alone: tuple[str, ...]
+    absorbs: tuple[str, ...]
+    absorbed: tuple[str, ...]
+    unseen: tuple[str, ...]
+
+
+def mergings(base: BaseModel) -> list[Merging]:
+    """Where the parameters of every body went, base to tip.
+
+    Parameters
+    ----------
+    base : BaseModel
+    """
+    matrix, columns, bodies = base.matrix, base.mechanism.columns, base.mechanism.bodies
+    owner = [parameter.body for parameter in columns]
+    parts: dict[int, set[int]] = {body: set() for body in base.mechanism.first_column}
+    wholes: dict[int, set[int]] = {body: set() for body in base.mechanism.first_column}
+    alone: set[int] = set()
+    for pivot, row in zip(matrix.pivots, matrix.rows, strict=True):
+        if len(row) == 1:
+            alone |= set(row)
+        head = owner[pivot]
+        for column in row:
+            part = owner[column]
+            if head is not None and part is not None and head != part:
+                parts[head].add(part)
+                wholes[part].add(head)
+    seen = {column for row in matrix.rows for column in row}
+    found = []
+    for body in base.mechanism.first_column:
+        own = [c for c in range(len(columns)) if owner[c] == body]
+        names = {c: PARAMETERS[columns[c].kind or 0] for c in own}
+        found.append(
+            Merging(
+                one_line(bodies[body].name),
+                one_line(bodies[body].label),
+                tuple(names[c] for c in own if c in alone),
+                tuple(one_line(bodies[k].label) for k in sorted(parts[body])),
+                tuple(one_line(bodies[k].label) for k in sorted(wholes[body])),
+                tuple(names[c] for c in own if c not in seen),
+            )
+        )
+    return found

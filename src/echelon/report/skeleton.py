@@ -1,0 +1,202 @@
+"""A robot as a drawing: bodies as segments from joint to joint, labels beside with what can be seen of each.
+
+A flat drawing of an axonometric projection needs neither WebGL nor a script, and prints.  The direction of view is the
+one of a dozen from which the robot's joints spread widest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.report.pose import Pose
+from echelon.report.seen import SeenBody
+
+Floats = npt.NDArray[np.float64]
+Point = tuple[float, float]
+
+WIDTH, LABEL = 940.0, 262.0
+"""Width of the drawing, and of the columns of labels on both sides, px."""
+
+_ROW = 24.0  # height of a label
+_LEAST = 420.0  # height of a drawing
+_MARGIN = 24.0
+_VIEWS, _ELEVATION = 12, 0.35  # directions that are tried, and how far they look down, rad
+_AXIS = 0.035  # half-length of a joint's axis, of the robot's extent
+_STUB = 0.12  # length of a last body, of the robot's extent
+
+
+@dataclass(frozen=True)
+class Link:
+    """A body in the drawing, px.
+
+    Attributes
+    ----------
+    body : SeenBody or None
+        None if it carries no parameters.
+    segments : tuple of pair of points
+        To the joints that it carries; a single dashed one for a last body, whose length nobody states.
+    last : bool
+    axis : pair of points
+        Along the axis of its joint.
+    label : point or None
+        Where its label begins.
+    leader : tuple of points
+        Line from the label to the body.
+    """
+
+    body: SeenBody | None
+    segments: tuple[tuple[Point, Point], ...]
+    last: bool
+    axis: tuple[Point, Point]
+    label: Point | None
+    leader: tuple[Point, ...]
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A robot, ready to be drawn.
+
+    Attributes
+    ----------
+    width, height : float
+        px.
+    links : tuple of Link
+    ground : tuple of pair of points
+        From the base frame to the first joints.
+    base : point
+        Origin of the base frame.
+    """
+
+    width: float
+    height: float
+    links: tuple[Link, ...]
+    ground: tuple[tuple[Point, Point], ...]
+    base: Point
+
+
+def drawing(mechanism: Mechanism, pose: Pose, seen: Sequence[SeenBody]) -> Drawing:
+    """A mechanism at a pose as a drawing.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    pose : Pose
+    seen : sequence of SeenBody
+        The bodies that get labels.
+    """
+    ends = _ends(mechanism, pose)
+    extent = _extent(np.vstack([pose.origins, *ends.values(), np.zeros((1, 3))]))
+    axes = np.stack([pose.origins - _AXIS * extent * pose.axes, pose.origins + _AXIS * extent * pose.axes], axis=1)
+    tips = {i: points if len(points) else _tip(mechanism, pose, i, extent)[None] for i, points in ends.items()}
+    cloud = np.vstack([np.zeros((1, 3)), pose.origins, axes.reshape(-1, 3), *tips.values()])
+    height = max(_LEAST, _ROW * ((len(seen) + 1) // 2) + 2 * _MARGIN)
+    place = _Paper(cloud, pose.up, height)
+    anchors = {body.index: place(0.5 * (pose.origins[body.index] + tips[body.index].mean(axis=0))) for body in seen}
+    labels = _labels(anchors, height)
+    by_index = {body.index: body for body in seen}
+    links = []
+    for index in range(len(mechanism.bodies)):
+        start = place(pose.origins[index])
+        links.append(
+            Link(
+                by_index.get(index),
+                tuple((start, place(tip)) for tip in tips[index]),
+                not len(ends[index]),
+                (place(axes[index, 0]), place(axes[index, 1])),
+                *labels.get(index, (None, ())),
+            )
+        )
+    roots = [i for i, body in enumerate(mechanism.bodies) if body.parent == GROUND]
+    origin = place(np.zeros(3))
+    return Drawing(WIDTH, height, tuple(links), tuple((origin, place(pose.origins[i])) for i in roots), origin)
+
+
+def _ends(mechanism: Mechanism, pose: Pose) -> dict[int, Floats]:
+    """For every body the origins of the bodies that hang on it, shape (children, 3)."""
+    children: dict[int, list[int]] = {i: [] for i in range(len(mechanism.bodies))}
+    for index, body in enumerate(mechanism.bodies):
+        if body.parent != GROUND:
+            children[body.parent].append(index)
+    return {i: pose.origins[some].reshape(-1, 3) for i, some in children.items()}
+
+
+def _extent(points: Floats) -> float:
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    return size if size > 0 else 1.0
+
+
+def _tip(mechanism: Mechanism, pose: Pose, index: int, extent: float) -> Floats:
+    """Where the drawing of a last body ends: it goes on as its parent came, turned by its joint."""
+    parent = mechanism.bodies[index].parent
+    before = np.zeros(3) if parent == GROUND else pose.origins[parent]
+    direction = pose.turns[index] @ (pose.origins[index] - before)
+    if np.linalg.norm(direction) < 1e-6 * extent:
+        direction = pose.axes[index] if np.linalg.norm(pose.axes[index]) else pose.up
+    length = float(np.linalg.norm(direction))
+    tip: Floats = pose.origins[index] + _STUB * extent * direction / length
+    return tip
+
+
+class _Paper:
+    """Points in space to points on paper."""
+
+    def __init__(self, cloud: Floats, up: Floats, height: float) -> None:
+        side = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 1.0, 0.0])
+        side /= np.linalg.norm(side)
+        front = np.cross(side, up)
+        size = _extent(cloud)
+        views = [_view(side, front, up, np.pi * (k + 0.25) / _VIEWS) for k in range(_VIEWS)]
+        self._axes = max(views, key=lambda axes: _spread(cloud @ axes.T / size))
+        flat = cloud @ self._axes.T
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        room = np.array([WIDTH - 2 * LABEL - 2 * _MARGIN, height - 2 * _MARGIN])
+        self._scale = float(np.min(room / np.maximum(high - low, 1e-9 * max(float(np.max(high - low)), 1e-300))))
+        self._middle, self._centre = 0.5 * (low + high), np.array([WIDTH, height]) / 2
+
+    def __call__(self, point: Floats) -> Point:
+        x, y = self._centre + self._scale * np.array([1.0, -1.0]) * (self._axes @ point - self._middle)
+        return float(x), float(y)
+
+
+def _view(side: Floats, front: Floats, up: Floats, turn: float) -> Floats:
+    """Right and up on paper, as rows, seen from a direction around the vertical and from a little above."""
+    right = np.cos(turn) * side + np.sin(turn) * front
+    away = np.cross(up, right)
+    return np.stack([right, np.cos(_ELEVATION) * up + np.sin(_ELEVATION) * away])
+
+
+def _spread(points: Floats) -> float:
+    """Area that points fill; rounded, so that the same robot is always seen from the same side."""
+    values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return round(float(values[0] * values[1]), 9)
+
+
+def _labels(anchors: dict[int, Point], height: float) -> dict[int, tuple[Point, tuple[Point, ...]]]:
+    """Places of labels in two columns, and lines from there: half of the bodies left, by height, without crossings."""
+    by_side = sorted(anchors, key=lambda i: (round(anchors[i][0], 3), i))
+    half = len(by_side) // 2
+    found: dict[int, tuple[Point, tuple[Point, ...]]] = {}
+    for left, some in ((True, by_side[:half]), (False, by_side[half:])):
+        # of bodies at one place the outer ones stand above
+        order = sorted(some, key=lambda i: (round(anchors[i][1], 3), -i))
+        for index, y in zip(order, _apart([anchors[i][1] for i in order], height), strict=True):
+            edge = LABEL if left else WIDTH - LABEL
+            bend = edge + 12 if left else edge - 12
+            found[index] = ((0.0 if left else WIDTH - LABEL + 6, y), ((edge, y), (bend, y), anchors[index]))
+    return found
+
+
+def _apart(wanted: Sequence[float], height: float) -> list[float]:
+    """Ascending heights near the wanted ones, a row apart, inside the drawing."""
+    low, high = _MARGIN, height - _MARGIN
+    placed: list[float] = []
+    for y in wanted:
+        placed.append(max(y, placed[-1] + _ROW if placed else low))
+    for k in range(len(placed) - 1, -1, -1):
+        placed[k] = min(placed[k], placed[k + 1] - _ROW if k + 1 < len(placed) else high)
+    return placed
