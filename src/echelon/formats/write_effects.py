@@ -1,0 +1,130 @@
+"""Friction and rotor inertia as robot files have them: one number per joint.
+
+Files know joints, not drives.  An effect in a drive with a ratio of its own, θ = N q, appears at the joint N² times as
+large, dry friction |N| times.  Whatever is no such number (offsets, friction of coupled drives) is listed by value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+
+from echelon.exact.polynomial import float_generators
+from echelon.mechanism.effect import Effect, Side
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.values import known_values
+
+VISCOUS, COULOMB, ROTOR_INERTIA = "viscous friction", "Coulomb friction", "rotor inertia"
+_TERMS = {"qd": VISCOUS, "sign(qd)": COULOMB, "qdd": ROTOR_INERTIA}
+
+
+@dataclass(frozen=True)
+class JointEffects:
+    """Effects as numbers of joints.
+
+    Attributes
+    ----------
+    attributes : mapping of str to mapping of str to float
+        By coordinate: the format's attribute and its value at the joint, SI units.
+    notes : tuple of str
+        The others, with their values.
+    """
+
+    attributes: Mapping[str, Mapping[str, float]]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Simple:
+    """An effect that is one number of one joint."""
+
+    kind: str
+    coordinate: str
+    value: float
+
+
+def joint_effects(
+    mechanism: Mechanism,
+    values: Mapping[str, float],
+    supported: Mapping[str, str],
+    coordinates: Collection[str],
+    file_format: str,
+) -> JointEffects:
+    """Sort effects into attributes of joints and what a format cannot say.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    values : mapping of str to float
+        By parameter of the effects.
+    supported : mapping of str to str
+        The format's attribute for viscous friction, Coulomb friction and rotor inertia, where it has one.
+    coordinates : collection of str
+        Those of the file's joints that can have such attributes.
+    file_format : str
+        Its name, for notes.
+    """
+    attributes: dict[str, dict[str, float]] = {}
+    lost: dict[str, list[str]] = {}
+    for effect in mechanism.effects:
+        value = values[effect.parameter]
+        simple = _simple(mechanism, effect, value)
+        reason = _obstacle(simple, supported, coordinates, file_format)
+        if simple is None or reason:
+            lost.setdefault(reason, []).append(f"{effect.parameter} = {value!r} {effect.unit}")
+            continue
+        found = attributes.setdefault(simple.coordinate, {})
+        name = supported[simple.kind]
+        found[name] = found.get(name, 0.0) + simple.value
+    return JointEffects(attributes, tuple(f"{reason}: {', '.join(entries)}" for reason, entries in lost.items()))
+
+
+def kept_note(joint: str, stated: Mapping[str, float], written: Collection[str]) -> Iterator[str]:
+    """What to say of numbers of a joint that a file states and the identified model does not have.
+
+    Parameters
+    ----------
+    joint : str
+    stated : mapping of str to float
+        By attribute, as in the file.
+    written : collection of str
+        Attributes that the identified model sets.
+    """
+    kept = [f"{name} = {value!r}" for name, value in stated.items() if value and name not in written]
+    if kept:
+        yield f"joint '{joint}' keeps {', '.join(kept)} of the input: the identified model has no such effect there"
+
+
+def _simple(mechanism: Mechanism, effect: Effect, value: float) -> _Simple | None:
+    """The effect at the joint, if it is of a known kind and acts on one joint only."""
+    if len(effect.actions) != 1:
+        return None
+    (action,) = effect.actions
+    term = "".join(action.term.split()).replace(f"[{action.at}]", "")
+    kind = _TERMS.get(term)
+    if kind is None:
+        return None
+    if action.side is Side.JOINT:
+        return _Simple(kind, action.at, value)
+    terms = next(a.terms for a in mechanism.transmission.actuators if a.name == action.at)
+    known = known_values(mechanism)
+    if len(terms) != 1 or not known.keys() >= set(terms[0][1].symbols()):
+        return None
+    coordinate, ratio = terms[0]
+    gear = abs(ratio.evaluate(float_generators(ratio.generators(), known), float))
+    return _Simple(kind, coordinate, value * (gear if kind == COULOMB else gear * gear))
+
+
+def _obstacle(
+    simple: _Simple | None, supported: Mapping[str, str], coordinates: Collection[str], file_format: str
+) -> str:
+    """Why an effect cannot be an attribute of a joint; empty if it can."""
+    if simple is None:
+        return f"{file_format} has no place for these effects, so it lacks them"
+    if simple.kind not in supported:
+        return f"{file_format} has no place for {simple.kind}, so it lacks it"
+    if simple.coordinate not in coordinates:
+        return f"{file_format} has no place for effects at other than single joints of the file, so it lacks them"
+    if simple.value < 0:
+        return f"negative {simple.kind} is left out, because simulators refuse it"
+    return ""

@@ -1,0 +1,182 @@
+"""The MJCF file that a robot was read from, with identified inertials, as one document.
+
+Every body that moves gets an explicit inertial, so that its geoms no longer weigh anything, and what is fixed to such a
+body gets an empty one.  Settings that would change these values afterwards are switched off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from echelon.errors import InputError
+from echelon.formats.mjcf_spec import NO_MASS, import_mujoco
+from echelon.formats.write_effects import COULOMB, ROTOR_INERTIA, VISCOUS, joint_effects, kept_note
+from echelon.formats.write_mjcf_text import JOINTS, NamedModel
+from echelon.formats.write_notes import head_comment, listed, reading_notes
+from echelon.formats.write_values import ROTOR, IdentifiedValues, Load, load_of, number_text
+from echelon.mechanism.mechanism import Mechanism
+
+_FORMAT = "MJCF"
+_ATTRIBUTES = {VISCOUS: "damping", COULOMB: "frictionloss", ROTOR_INERTIA: "armature"}
+_HARMLESS = {
+    "inertiafromgeom": "auto",
+    "balanceinertia": "false",
+    "boundmass": "0",
+    "boundinertia": "0",
+    "settotalmass": "-1",
+}
+"""Settings of the compiler that change stated inertias, and the values with which they do not."""
+
+
+def edited_mjcf(
+    mechanism: Mechanism, values: IdentifiedValues, text: str, source: str, directory: Path
+) -> tuple[str, tuple[str, ...]]:
+    """An MJCF document with identified values in the place of its own.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        As read from the document, with whatever a set-up adds.
+    values : IdentifiedValues
+    text, source : str
+        The document and the file's name.
+    directory : Path
+        Where the files are that it includes.
+
+    Returns
+    -------
+    text : str
+        Without includes; meshes and textures are where they were.
+    notes : tuple of str
+
+    Raises
+    ------
+    InputError
+        If MuJoCo refuses the model, or the mechanism has bodies that are not in it.
+    """
+    return _Writer(mechanism, values, NamedModel(text, source, directory), source).written()
+
+
+class _Writer:
+    def __init__(self, mechanism: Mechanism, values: IdentifiedValues, model: NamedModel, source: str) -> None:
+        self.mechanism, self.values, self.model, self.source = mechanism, values, model, source
+        self.editor = model.editor
+        self.indices = {b.name: k for k, b in enumerate(mechanism.bodies) if b.joint.kind != ROTOR}
+
+    def written(self) -> tuple[str, tuple[str, ...]]:
+        known = set(self.model.bodies.values())
+        strange = next((name for name in self.indices if name not in known), None)
+        if strange is not None:
+            raise InputError("the model has no such body", source=self.source, element=f"body '{strange}'")
+        notes = [*self.model.notes, *self._write_bodies(), *self._write_joints(), *self._write_compiler()]
+        notes += reading_notes(self.mechanism, self.values, self.editor.root, _FORMAT)
+        if self.mechanism.bodies and self.mechanism.bodies[0].joint.name == "base" and self._base_is_fixed:
+            notes.append("the base is fixed in this file as in the input, although it was identified floating")
+        self.editor.insert_first(self.editor.root, head_comment(notes))
+        return self.editor.result(), tuple(notes)
+
+    @property
+    def _base_is_fixed(self) -> bool:
+        base = next(e for e, name in self.model.bodies.items() if name == self.mechanism.bodies[0].name)
+        return self.mechanism.bodies[0].joint.kind == "floating" and not _joints_of(base)
+
+    # -- bodies ----------------------------------------------------------------------------------------------------
+
+    def _write_bodies(self) -> Iterator[str]:
+        lumped: list[str] = []
+        massless: list[str] = []
+        pending = [(e, False) for world in self.editor.root.findall("worldbody") for e in _children(world)]
+        while pending:
+            element, rides = pending.pop(0)
+            name = self.model.bodies[element]
+            moves = rides or name in self.indices
+            if name in self.indices:
+                load = load_of(self.values.bodies[self.indices[name]], name)
+                massless += [] if load else [name]
+                self._write_inertial(element, load or _nothing(element))
+            elif rides and (element.find("inertial") is not None or _joints_of(element) or _has_geoms(element)):
+                lumped.append(name)
+                self._write_inertial(element, _nothing(element))
+            pending += [(child, moves) for child in _children(element)]
+        if lumped:
+            yield f"no mass of their own, since they count as part of the body that they are fixed to: {listed(lumped)}"
+        if massless:
+            reason = "no mass, or next to none where MuJoCo demands some, since they carry no parameters"
+            yield f"{reason}: {listed(massless)}"
+
+    def _write_inertial(self, body: Any, load: Load) -> None:
+        xx, xy, xz, yy, yz, zz = load.moments
+        if xy or xz or yz:
+            moments = f'fullinertia="{number_text(xx, yy, zz, xy, xz, yz)}"'
+        else:
+            moments = f'diaginertia="{number_text(xx, yy, zz)}"'
+        text = f'<inertial pos="{number_text(*load.centre)}" mass="{number_text(load.mass)}" {moments}/>'
+        stated = body.findall("inertial")
+        for element in stated[1:]:
+            self.editor.remove(element)
+        if stated:
+            self.editor.replace(stated[0], text)
+        else:
+            self.editor.insert_first(body, [text])
+
+    # -- joints and settings ---------------------------------------------------------------------------------------
+
+    def _write_joints(self) -> Iterator[str]:
+        mujoco = import_mujoco()
+        single = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+        stated = {str(joint.name): joint for joint in self.model.spec.joints if joint.type in single}
+        effects = joint_effects(self.mechanism, self.values.effects, _ATTRIBUTES, stated, _FORMAT)
+        for element, name in self.model.joints.items():
+            numbers = effects.attributes.get(name, {})
+            self.editor.set_attributes(element, {key: number_text(value) for key, value in numbers.items()})
+            if name in stated:
+                file_says = {key: _first(getattr(stated[name], key)) for key in (*_ATTRIBUTES.values(), "stiffness")}
+                yield from kept_note(name, file_says, numbers)
+        yield from effects.notes
+
+    def _write_compiler(self) -> Iterator[str]:
+        changed: list[str] = []
+        for element in self.editor.root.findall("compiler"):
+            harmless = {key: value for key, value in _HARMLESS.items() if _is_harmful(key, element.get(key))}
+            self.editor.set_attributes(element, harmless)
+            changed += harmless
+        if changed:
+            yield f"settings that would change the inertias are off: {', '.join(dict.fromkeys(changed))}"
+
+
+def _is_harmful(key: str, value: str | None) -> bool:
+    kept = {"inertiafromgeom": ("auto", "false"), "balanceinertia": ("false",)}
+    return value is not None and value.strip() not in kept.get(key, ())
+
+
+def _children(element: Any) -> Iterator[Any]:
+    """Bodies in a body or the world, also those in frames."""
+    for child in element:
+        if child.tag == "body":
+            yield child
+        elif child.tag == "frame":
+            yield from _children(child)
+
+
+def _joints_of(body: Any) -> bool:
+    """Whether a body has joints, perhaps in frames."""
+    return any(e.tag in JOINTS or (e.tag == "frame" and _joints_of(e)) for e in body)
+
+
+def _has_geoms(body: Any) -> bool:
+    return any(e.tag == "geom" or (e.tag == "frame" and _has_geoms(e)) for e in body)
+
+
+def _nothing(body: Any) -> Load:
+    """No mass, or what MuJoCo needs of a body that moves."""
+    least = NO_MASS if _joints_of(body) else 0.0
+    return Load(least, (0.0, 0.0, 0.0), (least, 0.0, 0.0, least, 0.0, least))
+
+
+def _first(value: Any) -> float:
+    """A number of a joint, or the first coefficient of a polynomial."""
+    return float(np.ravel(value)[0])
