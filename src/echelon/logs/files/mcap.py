@@ -1,0 +1,162 @@
+"""MCAP files: each channel says how its messages are encoded, and JSON and ROS 2's CDR are read."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from typing import IO, Any
+
+from echelon.errors import MissingExtraError, one_line
+from echelon.logs.files.access import decoding, existing_file
+from echelon.logs.files.ros_types import Definition, RosTypes, ros_name
+
+_KIND = "an MCAP file"
+_ADVICE = "the tool 'mcap recover' saves the messages that are complete"
+_LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
+_CDR, _JSON = "cdr", "json"
+
+_Decoder = Callable[[bytes], Any]
+
+
+class Mcap:
+    """Messages of an MCAP file, the source of a :class:`echelon.logs.files.bag.BagFile`.
+
+    Parameters
+    ----------
+    path : path
+
+    Attributes
+    ----------
+    source : str
+    start : int
+        When the first message was received, ns since 1970.
+    topics : mapping of str to str
+        Topics, and why their messages cannot be read; empty where they can.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is damaged.
+    MissingExtraError
+        If mcap is not installed; or, for messages of ROS, rosbags.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._path, self.source = existing_file(path), os.fspath(path)
+        with decoding(self.source, _KIND, _ADVICE), self._path.open("rb") as stream:
+            index = _index(stream)
+            self._decoders, unread = _decoders(index)
+        self.start = index.start
+        self.topics: Mapping[str, str] = _topics(index, unread)
+
+    def messages(self, topics: Collection[str], head: int | None = None) -> Iterator[tuple[str, int, Any]]:
+        """Messages in the order in which they were received: topic, time in ns, and content.
+
+        Parameters
+        ----------
+        topics : collection of str
+        head : int, optional
+            Only so many of each topic's messages, the first in the file.
+
+        Raises
+        ------
+        InputError
+            If the file is damaged.
+        """
+        with decoding(self.source, _KIND, _ADVICE), self._path.open("rb") as stream:
+            reader = _reader(stream)
+            for group in [topics] if head is None else [[topic] for topic in topics]:
+                found = reader.iter_messages(topics=group, log_time_order=head is None)
+                for _, channel, message in islice(found, head):
+                    yield channel.topic, message.log_time, self._decoders[channel.id](message.data)
+
+
+@dataclass(frozen=True)
+class _Index:
+    """What a file says of itself; messages are counted by channel."""
+
+    start: int
+    schemas: Mapping[int, Any]
+    channels: Mapping[int, Any]
+    counts: Mapping[int, int]
+
+
+def _reader(stream: IO[bytes]) -> Any:
+    try:
+        from mcap.reader import SeekingReader
+    except ImportError:
+        raise MissingExtraError("mcap", "ros") from None
+    return SeekingReader(stream, validate_crcs=True)
+
+
+def _index(stream: IO[bytes]) -> _Index:
+    """From the summary at the end of the file; from all its records where that is missing or not complete."""
+    summary = _reader(stream).get_summary()
+    if summary is None or (found := summary.statistics) is None:
+        return _scanned(stream)
+    if found.channel_count != len(summary.channels) or found.schema_count != len(summary.schemas):
+        return _scanned(stream)
+    return _Index(found.message_start_time, summary.schemas, summary.channels, found.channel_message_counts)
+
+
+def _scanned(stream: IO[bytes]) -> _Index:
+    from mcap.records import Channel, Message, Schema
+    from mcap.stream_reader import StreamReader
+
+    stream.seek(0)
+    start: int | None = None
+    schemas: dict[int, Any] = {}
+    channels: dict[int, Any] = {}
+    counts: Counter[int] = Counter()
+    for record in StreamReader(stream, validate_crcs=True).records:
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+        elif isinstance(record, Message):
+            counts[record.channel_id] += 1
+            start = record.log_time if start is None else min(start, record.log_time)
+    return _Index(start or 0, schemas, channels, counts)
+
+
+def _decoders(index: _Index) -> tuple[dict[int, _Decoder], dict[int, str]]:
+    """How the messages of each channel are decoded; and for the other channels why not."""
+    found: dict[int, _Decoder] = {}
+    unread: dict[int, str] = {}
+    definitions: dict[int, Definition] = {}
+    for number, channel in index.channels.items():
+        schema = index.schemas.get(channel.schema_id)
+        if channel.message_encoding == _JSON:
+            found[number] = json.loads
+        elif channel.message_encoding == _CDR and schema is not None:
+            language = _LANGUAGES.get(schema.encoding, "")
+            definitions[number] = Definition(ros_name(schema.name), language, schema.data.decode())
+        else:
+            unread[number] = _unread(channel.message_encoding, schema)
+    if definitions:
+        types = RosTypes(definitions.values())
+        for number, definition in definitions.items():
+            found[number] = partial(types.decode, definition.name)
+            if definition.name in types.left_out:
+                unread[number] = types.left_out[definition.name]
+    return found, unread
+
+
+def _unread(encoding: str, schema: Any) -> str:
+    name = f" (schema {one_line(schema.name)})" if schema is not None else ", without a schema"
+    return f"its messages are encoded as '{one_line(encoding)}'{name}; JSON and ROS 2's CDR are read"
+
+
+def _topics(index: _Index, unread: Mapping[int, str]) -> dict[str, str]:
+    """Topics with messages, and those without; a topic can be read if all its channels can."""
+    counts: Counter[str] = Counter()
+    reasons: dict[str, str] = {}
+    for number, channel in index.channels.items():
+        counts[channel.topic] += index.counts.get(number, 0)
+        reasons[channel.topic] = reasons.get(channel.topic) or unread.get(number, "")
+    return {topic: reason if counts[topic] else "its topic has no messages" for topic, reason in reasons.items()}
