@@ -18,13 +18,13 @@ from echelon.formats.schema_setup import EffectEntry, LinearTerms, OutputEntry, 
 from echelon.formats.schema_types import (
     AS_LIST,
     AS_ROWS,
-    ONE_OR_MORE,
     Expression,
     Flag,
     Name,
     Ten,
     Triple,
     Version,
+    list_or_mapping,
     list_or_text,
     mapping_or_expression,
     mapping_or_text,
@@ -245,7 +245,10 @@ class RobotDescription(Model):
         description="What is measured; default: the forces of all actuators.",
         examples=[[{"joint": "all"}, {"wrench": "base"}]],
     )
-    log: Annotated[tuple[LogEntry, ...], ONE_OR_MORE] = Field(
+    log: Annotated[
+        Annotated[LogEntry, Tag("mapping")] | Annotated[tuple[LogEntry, ...], AS_LIST, Tag("list")],
+        Discriminator(list_or_mapping),
+    ] = Field(
         (),
         description="What the columns of logs mean; of several kinds of logs, a list. Default: guessed from names.",
         examples=[{"time": "t", "position": "q_{n}", "output": "tau_{n}"}],

@@ -49,7 +49,9 @@ Real = Annotated[float, BeforeValidator(_real), WithJsonSchema({"type": ["number
 Whole = Annotated[int, BeforeValidator(_whole), WithJsonSchema({"type": ["integer", "string"]})]
 Positive = Annotated[Real, Field(gt=0)]
 Bound = Annotated[tuple[Real, Real], BeforeValidator(lambda v: tuple(v) if isinstance(v, list) else v)]
+Corner = Annotated[tuple[Real, Real, Real], BeforeValidator(lambda v: tuple(v) if isinstance(v, list) else v)]
 Automatic = BeforeValidator(_auto)
+_STAGES = WithJsonSchema({"type": ["integer", "string", "array", "null"], "items": {"type": ["integer", "string"]}})
 
 
 def number_or_mapping(value: object) -> str:
@@ -133,7 +135,7 @@ class PreparationEntry(Model):
     output_filter: Literal["fir", "butterworth", "chebyshev"] = Field(
         "fir", description="Its kind.", examples=["chebyshev"]
     )
-    decimation: Annotated[Annotated[tuple[Whole, ...], BeforeValidator(_stages)] | None, Automatic] = Field(
+    decimation: Annotated[Annotated[tuple[Whole, ...], BeforeValidator(_stages)] | None, Automatic, _STAGES] = Field(
         None, description="Decimation of both sides, stage by stage.", examples=[20, [10, 10]]
     )
     still: (
@@ -154,21 +156,21 @@ class PreparationEntry(Model):
 
 
 class BodyBoundsEntry(Model):
-    """What is known about a body before anything is measured."""
+    """What is known about a body before anything is measured, about and along its own frame."""
 
     mass: Bound | None = Field(None, description="Least and largest mass, kg.", examples=[[1, 5]])
-    com_box: Annotated[tuple[Bound, Bound, Bound], AS_LIST] | None = Field(
+    box: Annotated[tuple[Corner, Corner], AS_LIST] | None = Field(
         None,
-        description="Box that holds the centre of mass: ranges along x, y, z of the body's frame, m.",
-        examples=[[[-0.1, 0.1], [-0.1, 0.1], [0, 0.3]]],
+        description="Box that holds the centre of mass: two opposite corners, m.",
+        examples=[[[-0.1, -0.1, 0], [0.1, 0.1, 0.3]]],
     )
-    com_ellipsoid: Annotated[tuple[Real, ...], AS_LIST] | None = Field(
+    ellipsoid: Annotated[tuple[Corner, Corner], AS_LIST] | None = Field(
         None,
-        description="Ellipsoid that holds it: centre x, y, z and semi-axes a, b, c, m.",
-        examples=[[0, 0, 0.1, 0.1, 0.1, 0.2]],
+        description="Ellipsoid that holds it: centre and semi-axes, m.",
+        examples=[[[0, 0, 0.1], [0.1, 0.1, 0.2]]],
     )
-    symmetric: Annotated[tuple[Literal["xy", "xz", "yz"], ...], AS_LIST] = Field(
-        (), description="Planes of symmetry through the origin of the body's frame.", examples=[["xz"]]
+    symmetry: Annotated[tuple[Literal["xy", "xz", "yz", "x", "y", "z"], ...], AS_LIST] = Field(
+        (), description="Planes to which, and axes about which, the mass is symmetric.", examples=[["xz"]]
     )
 
 
@@ -209,6 +211,11 @@ class IdentificationEntry(Model):
     )
     parameters: dict[str, Bound] = Field({}, description="Bounds on parameters.", examples=[{"Fv1": [0, 10]}])
     total_mass: Bound | None = Field(None, description="Range of the mass of all bodies, kg.", examples=[[12, 14]])
+    intervals: Literal["clustered", "classical"] = Field(
+        "clustered",
+        description="Covariance from batches of time, which holds where residuals are not white, or the classical one.",
+        examples=["classical"],
+    )
     level: Annotated[Real, Field(gt=0, lt=1)] = Field(0.95, description="Of confidence intervals.", examples=[0.95])
 
     @model_validator(mode="before")

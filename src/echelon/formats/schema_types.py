@@ -128,7 +128,6 @@ PairOfParts = Annotated[tuple[Part, Part], BeforeValidator(_pair)]
 
 AS_LIST = BeforeValidator(_items)
 AS_ROWS = BeforeValidator(_rows)
-ONE_OR_MORE = BeforeValidator(lambda value: _items(value) if isinstance(value, list | tuple) else (value,))
 
 
 # -- which of several forms a value has -----------------------------------------------------------------------------
@@ -147,6 +146,11 @@ def mapping_or_expression(value: object) -> str:
 def list_or_text(value: object) -> str:
     """Tag of a value that may be a list or one of a few words."""
     return "list" if isinstance(value, list | tuple) else "text"
+
+
+def list_or_mapping(value: object) -> str:
+    """Tag of a value that may be a list of mappings or a single one."""
+    return "list" if isinstance(value, list | tuple) else "mapping"
 
 
 def standard_or_central(value: object) -> str:

@@ -8,8 +8,8 @@ fused factorisation, which never forms a row.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 
 import numpy as np
 import numpy.typing as npt
@@ -93,6 +93,26 @@ class ModelRows:
             _check_outputs(samples, self.layout)
             total = total + (self._fused(samples) if _plain(samples) else self._factored(samples))
         return total
+
+    def stretches(self, count: int) -> list[Observation]:
+        """The R-factors of stretches of time, whose sum is :meth:`observation`.
+
+        Parameters
+        ----------
+        count : int
+            Stretches of each uninterrupted segment; neighbours are merged until about so many are left in all.
+        """
+        found = []
+        for samples in self.source():
+            stop = len(samples) if samples.stop is None else samples.stop
+            cuts = np.linspace(samples.first, stop, count + 1).astype(int)
+            for low, high in zip(cuts, cuts[1:], strict=False):
+                if high > low:
+                    part = replace(samples, first=int(low), stop=int(high))
+                    found.append(ModelRows.of(self.base, [part], self.symbols).observation())
+        size = -(-len(found) // count)
+        groups = [found[k : k + size] for k in range(0, len(found), max(size, 1))]
+        return [reduce(Observation.merged, group) for group in groups]
 
     def predict(self, samples: Samples, values: npt.ArrayLike) -> Floats:
         """The outputs at all samples, before any filter.
@@ -180,6 +200,31 @@ class ModelRows:
         for window in self._windows(samples):
             total = total + observed(self.layout, self._block(samples, window, 0))
         return total
+
+
+def rows_taken(samples: Samples, values: Floats) -> list[tuple[Floats, Floats]]:
+    """What is left of signals, one for each output, where rows are: filtered like both sides, at the rows' times.
+
+    Parameters
+    ----------
+    samples : Samples
+    values : array of shape (N, outputs)
+        Signals at all samples, before the filter.
+
+    Returns
+    -------
+    list of (times, values)
+        For each output two arrays of shape (k_i,), in the order of the rows.
+    """
+    reduction, stop = samples.reduction, len(samples) if samples.stop is None else samples.stop
+    kept = np.arange(len(samples)) if reduction is None else reduction.kept(len(samples))
+    reduced = values if reduction is None else reduction.apply(values)
+    inside = (kept >= samples.first) & (kept < stop)
+    found = []
+    for output in range(values.shape[1]):
+        used = inside if samples.moving is None else inside & samples.moving[kept, output]
+        found.append((samples.start + kept[used] / samples.rate, reduced[used, output]))
+    return found
 
 
 def observed(layout: Layout, block: RowBlock) -> Observation:

@@ -38,12 +38,14 @@ class Settings:
     prior_weight : float, optional
         Of the prior against the data in the physical fit and in ridge; chosen from the data if None.
     bodies : mapping of str to mapping
-        By body: ``mass`` (least, largest), ``com_box`` (three ranges), ``com_ellipsoid`` (centre and semi-axes) and
-        ``symmetric`` (planes), all optional.
+        What :meth:`echelon.identify.physics.bounds.Bounds.of` takes: by body ``mass``, ``box``, ``ellipsoid`` and
+        ``symmetry``.
     parameters : mapping of str to (float, float)
         Bounds on standard parameters by name.
     total_mass : (float, float), optional
         Range of the mass of all bodies together, kg.
+    intervals : "clustered" or "classical"
+        Covariance from batches of time, which holds where residuals are not white, or the classical one.
     level : float
         Of confidence intervals.
     seed : int
@@ -59,6 +61,7 @@ class Settings:
     bodies: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     total_mass: tuple[float, float] | None = None
+    intervals: Literal["clustered", "classical"] = "clustered"
     level: float = 0.95
     seed: int = DEFAULT_SEED
 

@@ -66,11 +66,13 @@ def _described(file: Path, mechanism: Mechanism, reading: Mapping[str, Any]) -> 
     document = read_text(read_bytes(file), str(file))
     robot = check_document(document)
     entry = robot.identification
+    listed = isinstance(robot.log, tuple)
+    logs = robot.log if isinstance(robot.log, tuple) else (robot.log,)
     stated = None if entry.prior.file is None else load(file.parent / entry.prior.file, **reading)
     return Setup(
         str(file),
         mechanism,
-        tuple(stated_columns(log, mechanism, document, f"log[{k}]") for k, log in enumerate(robot.log)),
+        tuple(stated_columns(log, mechanism, document, f"log[{k}]" if listed else "log") for k, log in enumerate(logs)),
         _preparation(robot),
         _settings(entry),
         stated,
@@ -95,5 +97,6 @@ def _settings(entry: IdentificationEntry) -> Settings:
         bodies={name: bounds.model_dump(exclude_unset=True) for name, bounds in entry.bodies.items()},
         parameters=dict(entry.parameters),
         total_mass=entry.total_mass,
+        intervals=entry.intervals,
         level=entry.level,
     )
