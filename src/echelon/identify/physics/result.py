@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,9 @@ class Feasibility:
         If not: base parameters of the nearest physical robot.
     distance : float
         Of the nearest ones, in standard deviations of the estimate (Mahalanobis); 0 if feasible.
+    exact : tuple of Fraction
+        The proof's witness, ζ or λ, in the exact numbers that were verified, so that anybody can verify them again;
+        empty where the geometry is irrational or nothing was proved.
     """
 
     feasible: bool | None
@@ -38,6 +42,7 @@ class Feasibility:
     separator: Floats | None = None
     nearest: Floats | None = None
     distance: float = 0.0
+    exact: tuple[Fraction, ...] = ()
 
 
 @dataclass(frozen=True, repr=False)
