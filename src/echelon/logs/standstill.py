@@ -166,4 +166,4 @@ def resolution(values: Floats) -> float | None:
     step = float(gaps.min())
     step = float(np.median(gaps[gaps < 1.5 * step]))  # rounding of single levels averages out
     off = np.abs(gaps / step - np.rint(gaps / step))
-    return round(step, 12) if np.all(off < 0.05) else None
+    return float(f"{step:.9g}") if np.all(off < 0.05) else None

@@ -1,0 +1,181 @@
+"""Columns by their names, for a set-up that says nothing about its logs: all that is clear, and nothing that is not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from echelon.errors import InputError
+from echelon.logs.column_map import Channel, ColumnMap
+from echelon.logs.column_names import Meaning, meaning
+from echelon.logs.quantities import actuators, coordinates, units
+from echelon.logs.units import factor
+from echelon.logs.wording import listed
+from echelon.mechanism.mechanism import Mechanism
+
+Meanings = Mapping[str, Meaning]
+
+
+def guess_columns(names: Sequence[str], mechanism: Mechanism, source: str = "", *, outputs: bool = True) -> ColumnMap:
+    """Take columns for what their names say.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Columns of a file.
+    mechanism : Mechanism
+    source : str
+        Name of the file, for messages.
+    outputs : bool
+        Whether measured outputs must be there.
+
+    Returns
+    -------
+    ColumnMap
+        With positions, and what else is there for all coordinates.  :func:`columns_text` says what was taken for what.
+
+    Raises
+    ------
+    InputError
+        If positions or outputs are missing, two columns could be the same channel, or the numbers of the columns are
+        not those of the coordinates, as in the log of another robot.
+
+    Examples
+    --------
+    >>> import echelon as ec
+    >>> found = guess_columns(["t_s", "q1", "q2", "tau1", "tau2", "note"], ec.load("examples/double_pendulum.yaml"))
+    >>> print(columns_text(found))
+    time: t_s (s); position: j1 = q1, j2 = q2; output: j1 = tau1, j2 = tau2
+    """
+    drives = [a.name for a in mechanism.transmission.actuators]
+    known = {*mechanism.positions, *mechanism.velocities, *(o.name for o in mechanism.outputs), *drives}
+    meanings = {name: found for name in names if (found := meaning(name, known)) is not None}
+    try:
+        groups = {kind: _channels(meanings, mechanism, kind) for kind in ("position", "output")}
+        _require(groups, names, mechanism, outputs)
+    except InputError as error:
+        raise error.located(source) from None
+    for kind in ("velocity", "acceleration", "reference"):
+        try:
+            groups[kind] = _channels(meanings, mechanism, kind)
+        except InputError:  # nobody needs them: what is not clear is left out
+            groups[kind] = {}
+    try:
+        time = _time(meanings)
+    except InputError as error:
+        raise error.located(source) from None
+    return ColumnMap(
+        time,
+        None,
+        groups["position"],
+        groups["velocity"],
+        groups["acceleration"],
+        groups["output"],
+        groups["reference"],
+    )
+
+
+def columns_text(columns: ColumnMap) -> str:
+    """Which columns were taken for what, in one line.
+
+    Parameters
+    ----------
+    columns : ColumnMap
+    """
+    time = {"": columns.time} if columns.time else {}
+    groups: dict[str, Mapping[str, Channel]] = {
+        "time": time,
+        "position": columns.positions,
+        "velocity": columns.velocities,
+        "acceleration": columns.accelerations,
+        "output": columns.outputs,
+        "reference": columns.references,
+        "input": columns.inputs,
+    }
+    parts = []
+    for kind, group in groups.items():
+        shown = [
+            (f"{name} = " if name else "") + channel.column + (f" ({channel.unit})" if channel.unit else "")
+            for name, channel in group.items()
+        ]
+        if shown:
+            parts.append(f"{kind}: {', '.join(shown)}")
+    return "; ".join(parts)
+
+
+def _require(
+    groups: Mapping[str, Mapping[str, Channel]], names: Sequence[str], mechanism: Mechanism, outputs: bool
+) -> None:
+    absent = [kind + "s" for kind in ("position", "output")[: 1 + outputs] if not groups[kind]]
+    if absent:
+        raise InputError(
+            f"no columns for {' and '.join(absent)} of {mechanism.name} can be told from their names; say under log "
+            f"which they are (columns: {listed(names)})"
+        )
+
+
+def _time(meanings: Meanings) -> Channel | None:
+    # columns of messages have stamps of their own, which the file assigns to them
+    found = [name for name, said in meanings.items() if said.kind == "time" and not name.startswith("/")]
+    found = [name for name in found if _fits(meanings[name].unit, "s")]
+    if len(found) > 1:
+        raise InputError(f"{listed(found)} could all be the time; name one as time under log")
+    return Channel(found[0], meanings[found[0]].unit) if found else None
+
+
+def _fits(unit: str, quantity: str | Sequence[str] | None) -> bool:
+    try:
+        factor(unit, quantity)
+    except InputError:
+        return False
+    return True
+
+
+def _channels(meanings: Meanings, mechanism: Mechanism, kind: str) -> dict[str, Channel]:
+    """The columns of a kind, by coordinate, output or actuator."""
+    own = {column: said for column, said in meanings.items() if said.kind == kind}
+    if not own:
+        return {}
+    valid = [o.name for o in mechanism.outputs] if kind == "output" else list(coordinates(mechanism, kind))
+    motors = [actuator.name for actuator in actuators(mechanism)]
+    if any(said.motor for said in own.values()):
+        own = {column: said for column, said in own.items() if said.motor}
+        if not motors:
+            raise InputError(
+                f"{listed(own)} are measured at motors by their names, but {mechanism.name} states no actuators"
+            )
+        valid = motors
+    by_number = [column for column, said in own.items() if not said.name]
+    keys = {column: said.name for column, said in own.items() if said.name}
+    keys |= _numbered(own, by_number, valid, mechanism, kind) if not keys else {}
+    found: dict[str, Channel] = {}
+    for column, name in keys.items():
+        unit = own[column].unit
+        if (name not in valid and name not in motors) or not _fits(unit, units(mechanism, kind, name)):
+            continue
+        if name in found:
+            both = f"'{found[name].column}' and '{column}'"
+            raise InputError(f"{both} could both be the {kind} of '{name}'; say under log which it is")
+        found[name] = Channel(column, unit)
+    missing = [name for name in valid if name not in found]
+    if missing and not any(name in found for name in motors):
+        taken = listed(channel.column for channel in found.values())
+        raise InputError(f"no column is the {kind} of {listed(missing)} (found: {taken}); say under log which they are")
+    return {name: found[name] for name in [*valid, *motors] if name in found}
+
+
+def _numbered(
+    own: Meanings, columns: Sequence[str], valid: Sequence[str], mechanism: Mechanism, kind: str
+) -> dict[str, str]:
+    """Coordinates by number, counted from 0 or from 1; a single one needs none."""
+    numbers = {column: own[column].index for column in columns}
+    if set(numbers.values()) == {None} and len(valid) == 1:
+        return dict.fromkeys(columns, valid[0])
+    counted = {number for number in numbers.values() if number is not None}
+    first = min(counted, default=0)
+    if first > 1 or counted != set(range(first, first + len(valid))):
+        shown = ", ".join(map(str, sorted(counted))) or "none"
+        raise InputError(
+            f"the log has a {kind} for {len(counted)} (numbers {shown}: {listed(columns)}), but {mechanism.name} has "
+            f"{len(valid)}: {listed(valid)}; is it a log of another robot?  If not, say under log which they are"
+        )
+    return {column: valid[number - first] for column, number in numbers.items() if number is not None}

@@ -1,0 +1,236 @@
+"""Magnitudes that no robot has: degrees taken for radians, milliseconds for seconds, the log of another robot.
+
+A wrong unit is an error of a factor of 57 or 1000, and robots differ by less than that: joints turn once or twice, not
+fifty times, and are sampled between five and twenty thousand times a second.  Where a number cannot be right, and the
+column's unit was not stated, reading stops with the unit that would make it right.  To state the unit is to say that
+the number is right; then, and where there is room for doubt, it is a finding.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from echelon.errors import InputError
+from echelon.exact.polynomial import float_generators
+from echelon.logs.column_map import Channel, ColumnMap
+from echelon.logs.finding import Finding, Severity
+from echelon.logs.quantities import Series, motion_of, series
+from echelon.logs.recording import Recording
+from echelon.logs.units import factor
+from echelon.logs.wording import listed
+from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.placement import Placement
+from echelon.mechanism.values import known_values
+from echelon.signals.clock import nominal_period
+
+_PERIODS = (5e-5, 0.2)
+_ODD_PERIODS = (2e-5, 0.5)
+_TURNS = 4 * math.pi
+_DEGREES = 720.0
+_LITTLE_ANGLE = 2 * math.pi**2 / 180
+_LONG = 20.0
+_LITTLE_LENGTH = 1e-3
+_STRONG = {"N·m": 2e4, "N": 1e6}
+_WEIGHTS = 50.0
+_WEAK = 1e-4
+_G = 9.81
+
+
+def check_plausible(
+    recording: Recording, mechanism: Mechanism, columns: ColumnMap | None = None
+) -> tuple[Finding, ...]:
+    """Compare magnitudes with what robots do.
+
+    Parameters
+    ----------
+    recording : Recording
+    mechanism : Mechanism
+    columns : ColumnMap, optional
+        With the units that were stated; without it none was.
+
+    Returns
+    -------
+    tuple of Finding
+        ``units``, ``time``.
+
+    Raises
+    ------
+    InputError
+        If a unit must be wrong that was not stated; says which would be right.
+    """
+    stated = columns or ColumnMap()
+    findings = _check_time(recording, stated)
+    positions = [s for s in series(recording, mechanism, "q") if np.isfinite(s.values).any()]
+    turning = [s for s in positions if _kind(mechanism, s) is MotionKind.ROTATION]
+    sliding = [s for s in positions if _kind(mechanism, s) is MotionKind.TRANSLATION and not _floats(mechanism, s)]
+    findings += _check_angles(recording, turning, stated.positions)
+    findings += _check_lengths(recording, sliding, stated.positions)
+    findings += _check_forces(recording, mechanism, stated.outputs)
+    return tuple(findings)
+
+
+def surplus_columns(columns: ColumnMap, names: Sequence[str]) -> tuple[Finding, ...]:
+    """Positions that a file has beyond those that are used, such as ``q_7`` beside ``q_1`` … ``q_6``.
+
+    Parameters
+    ----------
+    columns : ColumnMap
+    names : sequence of str
+        Columns of the file.
+
+    Examples
+    --------
+    >>> used = ColumnMap(positions={"j1": Channel("q_1"), "j2": Channel("q_2")})
+    >>> print(surplus_columns(used, ["q_1", "q_2", "q_3"])[0])
+    positions: the log has 'q_3' beside the 2 columns that are used: is it a log of another robot?
+    """
+    used = {channel.column for channel in columns.positions.values()}
+    patterns = {re.sub(r"\d+(?=\D*$)", "#", name) for name in used if re.search(r"\d", name)}
+    more = [n for n in names if n not in used and re.search(r"\d", n) and re.sub(r"\d+(?=\D*$)", "#", n) in patterns]
+    if not more or len(patterns) > 1 or len(used) < 2:
+        return ()
+    shown = listed(f"'{name}'" for name in more)
+    text = f"the log has {shown} beside the {len(used)} columns that are used: is it a log of another robot?"
+    return (Finding(Severity.WARNING, "robot", "positions", text),)
+
+
+# -- time -------------------------------------------------------------------------------------------------------------
+
+
+def _check_time(recording: Recording, columns: ColumnMap) -> list[Finding]:
+    time = recording.time[np.isfinite(recording.time)]
+    if columns.rate is not None or len(time) < 3 or not np.any(np.diff(time) > 0):
+        return []
+    period = nominal_period(time)
+    if _ODD_PERIODS[0] <= period <= _ODD_PERIODS[1]:
+        return []
+    channel = columns.time or Channel("")
+    raw = period / factor(channel.unit, "s")
+    units = [u for u in ("s", "ms", "us", "ns") if _PERIODS[0] <= raw * factor(u, "s") <= _PERIODS[1]]
+    text = f"by its time stamps the log has a sample every {period:.4g} s"
+    if columns.time is not None and not channel.unit and units:
+        unit = units[0]
+        problem = (
+            f"{text}: is time in {unit} (unit: {unit}; {1 / (raw * factor(unit, 's')):.4g} samples per second)? "
+            "If it really is in seconds, say unit: s"
+        )
+        raise InputError(problem, source=recording.source, element=f"column '{channel.column}'")
+    if channel.unit == "s":
+        return []
+    hint = f": is time in {units[0]}?" if units else ", which no dynamics can be seen in"
+    return [Finding(Severity.WARNING, "time", f"{recording.source}, time", text + hint)]
+
+
+# -- positions --------------------------------------------------------------------------------------------------------
+
+
+def _kind(mechanism: Mechanism, channel: Series) -> MotionKind | None:
+    motion = motion_of(mechanism, channel.name)
+    return None if motion is None else motion.kind
+
+
+def _floats(mechanism: Mechanism, channel: Series) -> bool:
+    """Whether a coordinate belongs to a joint that moves freely in space, as far as it likes."""
+    joints = (body.joint for body in mechanism.bodies)
+    own = next(joint for joint in joints if any(channel.name in m.positions for m in joint.motions))
+    return any(motion.kind is MotionKind.BALL for motion in own.motions)
+
+
+def _largest(channel: Series) -> float:
+    return float(np.nanmax(np.abs(np.where(np.isfinite(channel.values), channel.values, np.nan))))
+
+
+def _range(channel: Series) -> float:
+    return float(np.ptp(channel.values[np.isfinite(channel.values)]))
+
+
+def _unstated(channels: Mapping[str, Channel], name: str) -> bool:
+    """Whether the column of a coordinate, or one at a motor that may be behind it, has no unit."""
+    own = [channels[name]] if name in channels else list(channels.values())
+    return not own or any(not channel.unit for channel in own)
+
+
+def _check_angles(recording: Recording, turning: Sequence[Series], stated: Mapping[str, Channel]) -> list[Finding]:
+    far = [channel for channel in turning if _largest(channel) > _TURNS and _unstated(stated, channel.name)]
+    if far:
+        most = max(map(_largest, far))
+        names = listed(f"'{channel.name}'" for channel in far)
+        text = f"{names}: angles up to {most:.4g} rad are {most / math.tau:.3g} turns"
+        text += (
+            ": are they in degrees (unit: deg)?"
+            if most <= _DEGREES
+            else ": are they encoder counts (scale), or those of motors (state actuators and name these)?"
+        )
+        if len(far) > 1 and 2 * len(far) > len(turning):
+            problem = f"{text} If they are right, say unit: rad"
+            raise InputError(problem, source=recording.source, element="positions")
+        return [Finding(Severity.WARNING, "units", f"{recording.source}, positions", text)]
+    degrees = [c for c in turning if c.name in stated and factor(stated[c.name].unit, "rad") == math.radians(1)]
+    if degrees and len(degrees) == len(turning) and max(map(_range, turning)) < _LITTLE_ANGLE:
+        most = math.degrees(max(map(_range, turning)))
+        text = f"no joint turns by more than {most:.3g}°: are the columns in rad (leave out unit: deg)?"
+        return [Finding(Severity.WARNING, "units", f"{recording.source}, positions", text)]
+    return []
+
+
+def _check_lengths(recording: Recording, sliding: Sequence[Series], stated: Mapping[str, Channel]) -> list[Finding]:
+    findings = []
+    for channel in sliding:
+        most, where = _largest(channel), f"{recording.source}, {channel.label}"
+        if most > _LONG and _unstated(stated, channel.name):
+            problem = f"it goes to {most:.4g} m: is it in mm (unit: mm)?  If it is right, say unit: m"
+            raise InputError(problem, source=recording.source, element=channel.label)
+        unit = stated[channel.name].unit if channel.name in stated else ""
+        if unit and factor(unit, "m") < 0.1 and 0 < _range(channel) < _LITTLE_LENGTH:
+            text = f"moves by {_range(channel) * 1e3:.3g} mm only: is the column in m (leave out unit: {unit})?"
+            findings.append(Finding(Severity.WARNING, "units", where, text))
+    return findings
+
+
+# -- forces -----------------------------------------------------------------------------------------------------------
+
+
+def _check_forces(recording: Recording, mechanism: Mechanism, stated: Mapping[str, Channel]) -> list[Finding]:
+    units = {output.name: output.unit for output in mechanism.outputs}
+    outputs = [s for s in series(recording, mechanism, "y") if np.isfinite(s.values).any()]
+    for channel in outputs:
+        unit, most = units[channel.name], _largest(channel)
+        if most > _STRONG.get(unit, math.inf) and _unstated(stated, channel.name):
+            problem = (
+                f"it goes to {most:.4g} {unit}: is it in m{unit} (unit: m{unit})?  If it is right, say unit: {unit}"
+            )
+            raise InputError(problem, source=recording.source, element=channel.label)
+    torques = [channel for channel in outputs if units[channel.name] == "N·m"]
+    static = _largest_static_torque(mechanism)
+    if static is None or not torques:
+        return []
+    most, where = max(map(_largest, torques)), f"{recording.source}, outputs"
+    text = f"torques go to {most:.3g} N·m, where the weight of the described robot makes {static:.3g} N·m at most"
+    if most > _WEIGHTS * static:
+        return [Finding(Severity.WARNING, "units", where, f"{text}: are they in mN·m, or is this another robot's log?")]
+    if most < _WEAK * static and not mechanism.actuators:
+        return [
+            Finding(Severity.WARNING, "units", where, f"{text}: are they in kN·m, or those of motors before gears?")
+        ]
+    return []
+
+
+def _largest_static_torque(mechanism: Mechanism) -> float | None:
+    """Weight of all bodies times the length of the robot stretched out; None where the description is silent."""
+    masses = [body.inertial[9] for body in mechanism.bodies if body.inertial is not None and body.carried]
+    if mechanism.gravity is None or len(masses) < sum(1 for body in mechanism.bodies if body.carried):
+        return None
+    known, reach = known_values(mechanism), 0.0
+    for body in mechanism.bodies:
+        for step in body.joint.steps:
+            if isinstance(step, Placement):
+                if not all(s in known for entry in step.translation for s in entry.symbols()):
+                    return None
+                parts = [e.evaluate(float_generators(e.generators(), known), float) for e in step.translation]
+                reach += math.hypot(*parts)
+    return sum(masses) * _G * reach or None
