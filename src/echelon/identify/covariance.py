@@ -75,7 +75,7 @@ def clustered(
         sums += batch.own
     count = len(changes)
     if count < 2:
-        raise InputError(f"all rows lie within one batch of {length:g} s; expected at least two: make them shorter")
+        raise InputError(f"all rows lie within one batch of {length:g} s: use shorter batches")
     factor = (count - 1) / count if jackknife else count / (count - 1)
     spread = np.sqrt(factor) * np.array(changes) @ scores.solution.root.T
     inflation = scores.inflation(sums)
@@ -154,6 +154,8 @@ class _Scores:
         if not jackknife:
             return batch.pull
         shares, directions = np.linalg.eigh(batch.gram)
+        if shares[0] > 1 - _ALL:
+            raise InputError("it holds all that the data say: use shorter batches", element=batch.name)
         if shares[-1] > 1 - _ALL:
             worst = np.argsort(-np.abs(self.solution.triangle.R.T @ directions[:, -1] / self.solution.triangle.scales))[
                 :3
