@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -106,7 +107,7 @@ class ModelRows:
         for samples in self.source():
             stop = len(samples) if samples.stop is None else samples.stop
             cuts = np.linspace(samples.first, stop, count + 1).astype(int)
-            for low, high in zip(cuts, cuts[1:], strict=False):
+            for low, high in pairwise(cuts):
                 if high > low:
                     part = replace(samples, first=int(low), stop=int(high))
                     found.append(ModelRows.of(self.base, [part], self.symbols).observation())

@@ -41,20 +41,22 @@ class RowBlock:
 
 
 class Rows(Protocol):
-    """Rows that can be gone through as often as a method needs; every pass gives the same blocks.
+    """Rows that can be gone through as often as a method needs; every pass gives the same blocks."""
 
-    Attributes
-    ----------
-    layout : Layout
-        Outputs, parameters, and which of them each output can depend on.
-    units : tuple of str
-        SI units of the parameters.
-    output_units : tuple of str
-    """
+    @property
+    def layout(self) -> Layout:
+        """Outputs, parameters, and which of them each output can depend on."""
+        ...
 
-    layout: Layout
-    units: tuple[str, ...]
-    output_units: tuple[str, ...]
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI units of the parameters."""
+        ...
+
+    @property
+    def output_units(self) -> tuple[str, ...]:
+        """SI units of the outputs."""
+        ...
 
     def blocks(self) -> Iterator[RowBlock]:
         """All rows, in the order of time, log after log."""

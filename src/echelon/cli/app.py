@@ -1,0 +1,50 @@
+"""The application: commands put themselves on it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+
+class _Commands(TyperGroup):
+    """The commands, which take it well when the reader of a pipe goes away (typer would exit with 1)."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:  # nothing more can be written, not even what is still in the buffer
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit from None
+
+
+app = typer.Typer(
+    name="echelon",
+    cls=_Commands,
+    help="Exact base inertial parameters of robots, in closed form, with a certificate.",
+    epilog="Exit codes: 0 success, 1 a claim was refuted, 2 bad input or usage.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+def _version(show: bool) -> None:
+    if show:
+        from echelon.version import __version__
+
+        typer.echo(f"echelon {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    traceback: Annotated[bool, typer.Option("--traceback", help="Show the full traceback of errors.")] = False,
+    _: Annotated[bool, typer.Option("--version", help="Show the version.", callback=_version)] = False,
+) -> None:
+    if traceback:
+        os.environ["ECHELON_TRACEBACK"] = "1"

@@ -1,0 +1,136 @@
+"""The ``identify`` command."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from echelon.cli.progress import steps
+from echelon.errors import InputError, one_line
+from echelon.files import write_atomically
+from echelon.identify.run import identify
+from echelon.identify.setup import load_setup
+
+if TYPE_CHECKING:
+    from echelon.identify.identification import Identification
+    from echelon.identify.settings import Setup
+
+NO_CODE = "none"
+
+
+@dataclass(frozen=True)
+class IdentifyRequest:
+    """Arguments of the command.
+
+    Attributes
+    ----------
+    setup : Path
+    logs, validate : tuple of Path
+    output : Path, optional
+        Directory for what is written.
+    prior : Path, optional
+    changed : mapping
+        Settings that replace those of the set-up.
+    reading : mapping
+        Keyword arguments of ``load``.
+    target : str
+        Language of the source code, or ``"none"``.
+    dask : str, optional
+        Address of a scheduler, or a number of processes.
+    """
+
+    setup: Path
+    logs: tuple[Path, ...]
+    validate: tuple[Path, ...]
+    output: Path | None
+    prior: Path | None
+    changed: Mapping[str, Any]
+    reading: Mapping[str, Any]
+    target: str
+    dask: str | None
+
+
+def run_identify(request: IdentifyRequest, *, as_json: bool) -> None:
+    """Identify, write all files, and print the summary."""
+    started = perf_counter()
+    _check_target(request.target)
+    setup = load_setup(request.setup, prior=request.prior, **request.reading)
+    setup = replace(setup, settings=replace(setup.settings, **request.changed))
+    with steps() as step, _cluster(request.dask) as client:
+        result = identify(setup, request.logs, request.validate, client=client, on_step=step)
+        step("writing")
+        files = {} if request.output is None else _files(result, setup, request.target)
+    paths = [] if request.output is None else _write(files, request.output)
+    if as_json:
+        from echelon.results.identified import identification_to_json
+
+        document = json.loads(identification_to_json(result))
+        typer.echo(json.dumps({**document, "files": [str(path) for path in paths]}, indent=1, ensure_ascii=False))
+        return
+    from echelon.cli.identify_terminal import print_identification
+
+    print_identification(result)
+    if paths:
+        typer.echo(f"wrote {', '.join(one_line(str(path)) for path in paths)}")
+    typer.echo(f"time: {perf_counter() - started:.2f} s")
+
+
+def _check_target(target: str) -> None:
+    from echelon.codegen.targets import TARGETS
+    from echelon.hints import nearest_of
+
+    if target != NO_CODE and target not in TARGETS:
+        raise InputError(f"there is no language '{target}'{nearest_of(target, [*TARGETS, NO_CODE])}")
+
+
+def _cluster(where: str | None) -> Any:
+    from contextlib import nullcontext
+
+    if where is None:
+        return nullcontext()
+    from echelon.identify.distributed import connect
+
+    return connect(where)
+
+
+def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
+    """Everything that is written, by name, so that nothing is written unless all of it can be."""
+    from echelon.formats.write_robot import identified_robot
+    from echelon.report.page import report_html
+    from echelon.results.identified import identification_to_json
+
+    files = {"model.json": identification_to_json(result), "report.html": report_html(result)}
+    if result.physical is not None:
+        source = setup.robot_file or setup.source
+        for robot in identified_robot(result.base.mechanism, result.physical.standard, source):
+            files[robot.name] = robot.text
+    if target != NO_CODE:
+        from echelon.codegen.generate import generate
+
+        names = [expression.name for expression in result.base.expressions]
+        values = dict(zip(names, map(float, result.values), strict=True))
+        functions = ("regressor", "inverse_dynamics") if result.base.mechanism.closures else FUNCTIONS
+        files |= generate(result.base, target, functions, name="model", parameters=values)
+    return files
+
+
+FUNCTIONS = ("inverse_dynamics", "regressor", "mass_matrix", "gravity")
+
+
+def _write(files: Mapping[str, str], folder: Path) -> list[Path]:
+    if folder.exists() and not folder.is_dir():
+        raise InputError("is not a directory; several files are written", source=str(folder))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be made: {error.strerror or error}", source=str(folder)) from None
+    paths = [folder / name for name in files]
+    for path, text in zip(paths, files.values(), strict=True):
+        write_atomically(path, text)
+    return paths

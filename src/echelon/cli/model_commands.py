@@ -1,0 +1,199 @@
+"""Commands about robots and their base parameters.
+
+Only typer is imported here; each command imports what it needs when it runs, so that ``--help`` is instant.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from echelon.cli.app import app
+from echelon.cli.options import (
+    AsJson,
+    EveryLink,
+    Floating,
+    Gravity,
+    Massless,
+    Mimic,
+    Mimicking,
+    Numeric,
+    Order,
+    Ordering,
+    Output,
+    Prefer,
+    Robot,
+    Seed,
+    Tolerance,
+    reading,
+)
+
+TARGETS = "c, cpp, cuda, python, jax, casadi, matlab, julia, rust"
+FUNCTIONS = "regressor, inverse_dynamics, mass_matrix, gravity, coriolis, effects, inverse_dynamics_derivatives"
+
+
+class Format(StrEnum):
+    """Output formats of ``derive``."""
+
+    TEXT = "text"
+    JSON = "json"
+    LATEX = "latex"
+    MARKDOWN = "markdown"
+
+
+class Schema(StrEnum):
+    """Published schemas."""
+
+    DESCRIPTION = "description"
+    BASE_MODEL = "base-model"
+
+
+@app.command(epilog="Example: echelon derive panda.urdf --format json -o panda.json")
+def derive(
+    robot: Robot,
+    output_format: Annotated[Format, typer.Option("--format", "-f", help="What to write.")] = Format.TEXT,
+    as_json: Annotated[bool, typer.Option("--json", help="Short for --format json.")] = False,
+    output: Output = None,
+    floating: Floating = False,
+    gravity: Gravity = "file",
+    order: Ordering = Order.BASE_TO_TIP,
+    prefer: Prefer = None,
+    tolerance: Tolerance = None,
+    numeric: Numeric = False,
+    mimic: Mimicking = Mimic.COUPLED,
+    every_link: EveryLink = False,
+    massless: Massless = None,
+    structure: Annotated[bool, typer.Option("--structure", help="Count and representatives only.")] = False,
+    special: Annotated[
+        bool, typer.Option("--special", help="Instead: special geometry and gravity where the number changes.")
+    ] = False,
+    seed: Seed = None,
+) -> None:
+    """Derive the base inertial parameters of a robot in closed form."""
+    from echelon.cli.derive import DeriveRequest, run_derive
+
+    chosen_reading = reading(floating, gravity, tolerance, mimic, every_link, numeric, massless)
+    chosen = Format.JSON if as_json else output_format
+    if structure and (prefer or order is not Order.BASE_TO_TIP or chosen in (Format.LATEX, Format.MARKDOWN)):
+        raise typer.BadParameter("--structure is in base-to-tip order, as text or JSON, and takes no --prefer")
+    if special:
+        if structure or prefer or order is not Order.BASE_TO_TIP or chosen in (Format.LATEX, Format.MARKDOWN):
+            raise typer.BadParameter("--special counts only: as text or JSON, without --structure, --order or --prefer")
+        from echelon.cli.special import run_special
+
+        run_special(robot, chosen_reading, output, seed, as_json=chosen is Format.JSON)
+        return
+    preferred = tuple(prefer or ())
+    run_derive(DeriveRequest(robot, chosen.value, output, chosen_reading, order.value, preferred, structure, seed))
+
+
+@app.command(epilog="Example: echelon generate panda.urdf --target c -o generated/")
+def generate(
+    robot: Annotated[Path, typer.Argument(help="URDF, MJCF, Echelon description, or base parameters saved as JSON.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Directory for the files, or one file.")],
+    target: Annotated[str, typer.Option("--target", "-t", help=f"One of {TARGETS}.")] = "c",
+    function: Annotated[
+        str, typer.Option("--function", help=f"One or more, with commas, of {FUNCTIONS}.")
+    ] = "regressor,inverse_dynamics,mass_matrix,gravity",
+    name: Annotated[str | None, typer.Option(help="Stands before the functions' names; made from the robot's.")] = None,
+    precision: Annotated[str, typer.Option(help="double or single.")] = "double",
+    parameters: Annotated[
+        str | None,
+        typer.Option(
+            help="Values to put in as constants: 'file' for those of the robot's file, or a JSON or CSV file."
+        ),
+    ] = None,
+    floating: Floating = False,
+    gravity: Gravity = "file",
+    order: Ordering = Order.BASE_TO_TIP,
+    prefer: Prefer = None,
+    tolerance: Tolerance = None,
+    numeric: Numeric = False,
+    mimic: Mimicking = Mimic.COUPLED,
+    every_link: EveryLink = False,
+    massless: Massless = None,
+    seed: Seed = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable summary.")] = False,
+) -> None:
+    """Write source code of the robot's functions in terms of its base parameters."""
+    from echelon.cli.generate import GenerateRequest, run_generate
+
+    chosen_reading = reading(floating, gravity, tolerance, mimic, every_link, numeric, massless)
+    functions = tuple(part.strip() for part in function.split(",") if part.strip())
+    derivation = {"order": order.value, "prefer": tuple(prefer or ()), **({} if seed is None else {"seed": seed})}
+    options = {"target": target, "functions": functions, "name": name, "precision": precision}
+    run_generate(GenerateRequest(robot, output, chosen_reading, derivation, options, parameters), as_json=as_json)
+
+
+@app.command(epilog="Example: echelon verify panda.json")
+def verify(
+    file: Annotated[Path, typer.Argument(help="JSON file written by 'derive --format json'.")],
+    as_json: AsJson = False,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the fresh points.")] = None,
+) -> None:
+    """Check a saved set of base parameters again, without trusting what it says about itself."""
+    from echelon.cli.verify import run_verify
+
+    raise typer.Exit(run_verify(file, as_json, seed))
+
+
+@app.command(epilog="Example: echelon sensors arm.yaml --size 2")
+def sensors(
+    robot: Robot,
+    size: Annotated[int, typer.Option(min=1, max=6, help="List all subsets up to this size.")] = 1,
+    as_json: AsJson = False,
+    floating: Floating = False,
+    gravity: Gravity = "file",
+    seed: Seed = None,
+) -> None:
+    """Compare what the sensors of a robot see, alone and together.
+
+    Candidates are the outputs that the description states; without any, all actuators and a wrench sensor under the
+    base.
+    """
+    from echelon.cli.sensors import run_sensors
+
+    run_sensors(robot, size, {"floating": floating, "gravity": gravity}, seed, as_json=as_json)
+
+
+@app.command(epilog="Example: echelon audit tx40.urdf TX40_bp_5.csv --ignore 'fv*'")
+def audit(
+    robot: Robot,
+    claimed: Annotated[Path, typer.Argument(help="Base parameters to check: CSV, JSON, or one expression per line.")],
+    naming: Annotated[
+        str, typer.Option(help="How the claims write parameters: 'auto', or echelon, symoro, sympybotics, pinocchio.")
+    ] = "auto",
+    define: Annotated[
+        list[str] | None, typer.Option(help="A symbol of the claims, 'RL4=pz4' or 'L=0.45'; may be repeated.")
+    ] = None,
+    ignore: Annotated[
+        list[str] | None, typer.Option(help="Parameters that the robot file leaves out, 'fv*'; may be repeated.")
+    ] = None,
+    floating: Floating = False,
+    gravity: Gravity = "file",
+    tolerance: Tolerance = None,
+    mimic: Mimicking = Mimic.COUPLED,
+    every_link: EveryLink = False,
+    as_json: AsJson = False,
+    output: Output = None,
+) -> None:
+    """Compare base parameters that someone else claims with the exact ones; exits with 1 where they differ."""
+    from echelon.cli.audit import run_audit
+
+    chosen_reading = reading(floating, gravity, tolerance, mimic, every_link)
+    raise typer.Exit(run_audit(robot, claimed, chosen_reading, naming, define or (), ignore or (), as_json, output))
+
+
+@app.command(epilog="Example: echelon schema description > robot.schema.json")
+def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print.")]) -> None:
+    """Print the JSON schema of a file format."""
+    import json
+
+    if which is Schema.DESCRIPTION:
+        from echelon.formats.schema import json_schema
+    else:
+        from echelon.results.record import json_schema
+    typer.echo(json.dumps(json_schema(), indent=2))

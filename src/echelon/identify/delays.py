@@ -1,0 +1,108 @@
+"""Delays of measured outputs behind positions, found by the model itself.
+
+Torques and positions come from different devices.  A constant delay d between them leaves a residual that no parameters
+explain, so d is where the residual of the outputs' own least-squares fits is smallest: W stays, y is shifted, and
+‖y‖² − ‖Qᵀy‖² with the Q of W needs no new fit.  A delay is only taken where it removes a share of the residual that
+noise would not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.base.model import BaseModel
+from echelon.identify.model_rows import ModelRows, rows_taken
+from echelon.logs.preparation import Preparation
+from echelon.logs.prepare import prepare
+from echelon.logs.recording import Segment
+from echelon.logs.samples import Samples
+from echelon.observe.triangle import column_norms
+from echelon.signals.delays import shift_reach, shifted
+
+Floats = npt.NDArray[np.float64]
+
+_LONGEST = 0.02
+"""Longest delay that is looked for, s: beyond it the log is at fault."""
+_STEPS = 20
+"""Delays to either side that are tried before the parabola through the best ones."""
+_GAIN = 0.05
+"""Least share of the residual's squares that a delay must remove."""
+_ROWS = 20_000
+"""Rows of each output that are looked at."""
+
+
+def with_delays(preparation: Preparation, segments: Sequence[Segment], base: BaseModel) -> Preparation:
+    """The preparation with delays estimated, where it leaves them open.
+
+    Parameters
+    ----------
+    preparation : Preparation
+        With every other choice made.
+    segments : sequence of Segment
+    base : BaseModel
+    """
+    if preparation.delays is not None:
+        return preparation
+    tried = np.linspace(-_LONGEST, _LONGEST, 2 * _STEPS + 1)
+    squares = _residuals(replace(preparation, delays={}), segments, base, tried)
+    found: dict[str, float] = {}
+    words: list[str] = []
+    for output, errors in zip(base.mechanism.outputs, squares.T, strict=True):
+        delay, gain = _best(tried, errors)
+        if gain > _GAIN:
+            found[output.name] = delay
+            words.append(f"{output.name} by {1e3 * delay:.2g} ms ({gain:.0%} of the squares)")
+    text = f"outputs lag behind positions: {', '.join(words)}" if words else "no delay explains the residuals better"
+    return replace(preparation, delays=found, reasons={**preparation.reasons, "delays": text})
+
+
+def _residuals(preparation: Preparation, segments: Sequence[Segment], base: BaseModel, delays: Floats) -> Floats:
+    """Squares of each output's residual for each delay, shape (delays, outputs)."""
+    count = len(base.mechanism.outputs)
+    matrices: list[list[Floats]] = [[] for _ in range(count)]
+    values: list[list[Floats]] = [[] for _ in range(count)]
+    for segment in segments:
+        if values[0] and sum(map(len, values[0])) > _ROWS:
+            break
+        samples = _inner(prepare(segment, preparation, base.mechanism), float(delays[-1]))
+        blocks = list(ModelRows.of(base, [samples]).blocks())
+        assert samples.y is not None
+        moved = [rows_taken(samples, shifted(samples.y, delay * samples.rate)) for delay in delays]
+        for output in range(count):
+            matrices[output] += [block.matrices[output] for block in blocks]
+            values[output].append(np.stack([rows[output][1] for rows in moved], axis=1))
+    return np.stack([_rest(np.vstack(a), np.vstack(b)) for a, b in zip(matrices, values, strict=True)], axis=1)
+
+
+def _inner(samples: Samples, longest: float) -> Samples:
+    """The samples without those near the ends, which a shift would need values beyond the ends for."""
+    margin = int(np.ceil(longest * samples.rate)) + shift_reach(longest * samples.rate)
+    stop = len(samples) if samples.stop is None else samples.stop
+    return replace(samples, first=max(samples.first, margin), stop=min(stop, len(samples) - margin))
+
+
+def _rest(matrix: Floats, values: Floats) -> Floats:
+    """Squares that no parameters explain, for each column of values."""
+    if not len(matrix):
+        return np.zeros(values.shape[1])
+    scales = column_norms(matrix)
+    left, singular, _ = np.linalg.svd(matrix / np.where(scales == 0, 1.0, scales), full_matrices=False)
+    explained = left[:, singular > np.finfo(float).eps * len(matrix) * singular.max(initial=0.0)].T @ values
+    rest: Floats = np.sum(values**2, axis=0) - np.sum(explained**2, axis=0)
+    return np.maximum(rest, 0.0)
+
+
+def _best(delays: Floats, squares: Floats) -> tuple[float, float]:
+    """The delay with the smallest residual, and the share of the squares at delay zero that it removes."""
+    here, least = squares[len(delays) // 2], int(np.argmin(squares))
+    if least in (0, len(delays) - 1) or not here > 0:
+        return 0.0, 0.0  # no minimum within reach: something else is wrong
+    before, middle, after = squares[least - 1 : least + 2]
+    bend = before - 2 * middle + after
+    offset = 0.5 * (before - after) / bend if bend > 0 else 0.0
+    step = delays[1] - delays[0]
+    return float(delays[least] + offset * step), float(1 - middle / here)

@@ -1,0 +1,97 @@
+"""One call for every estimator: which one runs, on what, and with which intervals."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.identify.covariance import clustered
+from echelon.identify.estimate import Estimate
+from echelon.identify.instrumental import instrumental
+from echelon.identify.known import known
+from echelon.identify.least_squares import ols
+from echelon.identify.ridge import ridge
+from echelon.identify.robust import huber
+from echelon.identify.rows import Rows
+from echelon.identify.settings import Settings
+from echelon.identify.total import tls
+from echelon.identify.weighted import irls, noise_floor, own_noise, wls
+from echelon.observe.observation import Observation
+
+Floats = npt.NDArray[np.float64]
+
+_CLUSTERED = ("ols", "wls", "irls", "huber")
+"""Estimators whose covariance can come from batches of time."""
+
+
+def fitted(
+    settings: Settings,
+    rows: Rows,
+    observation: Observation,
+    *,
+    prior: Floats | None = None,
+    instruments: Rows | None = None,
+) -> Estimate:
+    """Estimate the base parameters as the settings say.
+
+    Parameters
+    ----------
+    settings : Settings
+    rows : Rows
+    observation : Observation
+        The R-factors of the same rows.
+    prior : array of shape (n,), optional
+        Base parameters that are believed beforehand, for ridge.
+    instruments : Rows, optional
+        For the instrumental-variable estimate.
+
+    Raises
+    ------
+    InputError
+        If the data do not determine the parameters, or the estimator lacks a prior or instruments.
+    """
+    rest = known(rows.layout.parameters, rows.units, settings.known) if settings.known else None
+    if rest is not None:
+        rows, observation = rest.rows(rows), rest.observation(observation)
+        prior = None if prior is None else prior[rest.matrix.any(axis=1)]
+        instruments = None if instruments is None else rest.rows(instruments)
+    estimate = _estimated(settings, rows, observation, prior, instruments)
+    if settings.intervals == "clustered" and estimate.method in _CLUSTERED:
+        estimate = clustered(rows, estimate)
+    return estimate if rest is None else rest.restored(estimate)
+
+
+def usable_noise(observation: Observation, estimate: Estimate) -> Floats:
+    """Standard deviations of the outputs' noise that make good weights: never zero, infinite where unknown."""
+    noise = np.where(np.isfinite(estimate.noise), estimate.noise, np.inf)
+    floor: Floats = np.maximum(noise, noise_floor(observation))
+    return floor
+
+
+def _estimated(
+    settings: Settings, rows: Rows, observation: Observation, prior: Floats | None, instruments: Rows | None
+) -> Estimate:
+    units = rows.units
+    match settings.estimator:
+        case "ols":
+            return ols(observation, units)
+        case "wls":
+            return wls(observation, units, own_noise(observation), relative=True)
+        case "irls":
+            return irls(observation, units)
+        case "huber":
+            return huber(rows)
+        case "tls":
+            return tls(observation, units)
+        case "ridge":
+            if prior is None:
+                raise InputError(
+                    "ridge draws towards prior values, and there are none: give a prior, such as a URDF file"
+                )
+            return ridge(observation, units, prior, weight=settings.prior_weight or "evidence")
+        case "iv":
+            if instruments is None:
+                problem = "instruments are made from reference positions, which the logs lack: give 'reference' columns"
+                raise InputError(problem)
+            return instrumental(rows, instruments)

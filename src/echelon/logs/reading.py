@@ -1,0 +1,123 @@
+"""From a file to uniform segments: the steps of reading a log, piece by piece in constant memory.
+
+A long file is read in pieces of :data:`echelon.logs.table.CHUNK` rows, and every piece is a stretch of its own: what
+filters spoil at the cuts, a few rows in a hundred thousand, is the price for never holding more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from echelon.errors import InputError
+from echelon.logs.channels import needed_columns, recording
+from echelon.logs.column_map import ColumnMap
+from echelon.logs.faults import examine
+from echelon.logs.files.open import open_log
+from echelon.logs.finding import Finding
+from echelon.logs.guess import guess_columns
+from echelon.logs.plausibility import check_plausible, surplus_columns
+from echelon.logs.recording import Segment
+from echelon.logs.segments import segments
+from echelon.mechanism.mechanism import Mechanism
+
+
+@dataclass(frozen=True)
+class LogPiece:
+    """A part of a log.
+
+    Attributes
+    ----------
+    segments : tuple of Segment
+        Its uninterrupted stretches.
+    findings : tuple of Finding
+        What is wrong with it, or worth knowing.
+    columns : ColumnMap
+        What its columns were taken for.
+    """
+
+    segments: tuple[Segment, ...]
+    findings: tuple[Finding, ...]
+    columns: ColumnMap
+
+
+def read_log(
+    path: str | Path,
+    mechanism: Mechanism,
+    columns: Sequence[ColumnMap] = (),
+    *,
+    rate: float | None = None,
+    symbols: Mapping[str, float] | None = None,
+    outputs: bool = True,
+) -> Iterator[LogPiece]:
+    """Read a log in the robot's terms.
+
+    Parameters
+    ----------
+    path : path
+        A file of any supported format; see :func:`echelon.logs.files.open.open_log`.
+    mechanism : Mechanism
+    columns : sequence of ColumnMap
+        What columns mean, for one or several kinds of logs; the first one whose columns are all there is used.  With
+        none, columns are recognised by their names.
+    rate : float, optional
+        Rate to resample to, Hz.
+    symbols : mapping of str to float, optional
+        Values of symbols in transmission ratios.
+    outputs : bool
+        Whether measured outputs must be there.
+
+    Yields
+    ------
+    LogPiece
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, columns are missing, or the data cannot be those of this robot.
+    """
+    log = open_log(path)
+    if not outputs:
+        columns = [_with_what_is_there(some, log.names) for some in columns]
+    chosen = chosen_columns(log.names, mechanism, columns, log.source)
+    findings = surplus_columns(chosen, log.names)
+    tables = log.tables(_needed(chosen, log.names, log.source))
+    table, following = next(tables, None), next(tables, None)
+    whole = following is None
+    while table is not None:
+        recorded = recording(table, chosen, mechanism, symbols)
+        findings += check_plausible(recorded, mechanism, chosen)
+        faults, usable = examine(recorded, mechanism, whole=whole)
+        parts, more = segments(recorded, mechanism, usable, rate=rate)
+        yield LogPiece(parts, (*findings, *faults, *more), chosen)
+        findings, table, following = (), following, next(tables, None)
+
+
+def chosen_columns(names: Sequence[str], mechanism: Mechanism, columns: Sequence[ColumnMap], source: str) -> ColumnMap:
+    """The map whose columns a file has.
+
+    Raises
+    ------
+    InputError
+        If no map fits; says what is missing for the one that fits best.
+    """
+    if not columns:
+        return guess_columns(names, mechanism, source)
+    lacking = [sum(name not in names for name in needed_columns(some)) for some in columns]
+    best = columns[lacking.index(min(lacking))]
+    _needed(best, names, source)
+    return best
+
+
+def _needed(columns: ColumnMap, names: Sequence[str], source: str) -> tuple[str, ...]:
+    try:
+        return needed_columns(columns, names)
+    except InputError as error:
+        raise error.located(source) from None
+
+
+def _with_what_is_there(columns: ColumnMap, names: Sequence[str]) -> ColumnMap:
+    """The map without outputs, where a file lacks some: predictions do without."""
+    there = all(channel.column in names for channel in columns.outputs.values())
+    return columns if there else replace(columns, outputs={})
