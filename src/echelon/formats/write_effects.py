@@ -120,11 +120,11 @@ def _obstacle(
 ) -> str:
     """Why an effect cannot be an attribute of a joint; empty if it can."""
     if simple is None:
-        return f"{file_format} has no place for these effects, so it lacks them"
+        return f"{file_format} has no place for these effects, left out"
     if simple.kind not in supported:
-        return f"{file_format} has no place for {simple.kind}, so it lacks it"
+        return f"{file_format} has no place for {simple.kind}, left out"
     if simple.coordinate not in coordinates:
-        return f"{file_format} has no place for effects at other than single joints of the file, so it lacks them"
+        return f"{file_format} has no place for effects at what is no single-axis joint of the file, left out"
     if simple.value < 0:
-        return f"negative {simple.kind} is left out, because simulators refuse it"
+        return f"simulators refuse negative {simple.kind}, left out"
     return ""

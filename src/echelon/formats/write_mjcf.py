@@ -22,14 +22,8 @@ from echelon.mechanism.mechanism import Mechanism
 
 _FORMAT = "MJCF"
 _ATTRIBUTES = {VISCOUS: "damping", COULOMB: "frictionloss", ROTOR_INERTIA: "armature"}
-_HARMLESS = {
-    "inertiafromgeom": "auto",
-    "balanceinertia": "false",
-    "boundmass": "0",
-    "boundinertia": "0",
-    "settotalmass": "-1",
-}
-"""Settings of the compiler that change stated inertias, and the values with which they do not."""
+_HARMFUL = ("inertiafromgeom", "balanceinertia", "boundmass", "boundinertia", "settotalmass")
+"""Settings of the compiler that may change stated inertias; without them it does not."""
 
 
 def edited_mjcf(
@@ -141,16 +135,11 @@ class _Writer:
     def _write_compiler(self) -> Iterator[str]:
         changed: list[str] = []
         for element in self.editor.root.findall("compiler"):
-            harmless = {key: value for key, value in _HARMLESS.items() if _is_harmful(key, element.get(key))}
-            self.editor.set_attributes(element, harmless)
-            changed += harmless
+            harmful = [key for key in _HARMFUL if element.get(key) is not None]
+            self.editor.drop_attributes(element, harmful)
+            changed += harmful
         if changed:
-            yield f"settings that would change the inertias are off: {', '.join(dict.fromkeys(changed))}"
-
-
-def _is_harmful(key: str, value: str | None) -> bool:
-    kept = {"inertiafromgeom": ("auto", "false"), "balanceinertia": ("false",)}
-    return value is not None and value.strip() not in kept.get(key, ())
+            yield f"settings that could change the inertias are left out: {', '.join(dict.fromkeys(changed))}"
 
 
 def _children(element: Any) -> Iterator[Any]:

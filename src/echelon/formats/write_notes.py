@@ -44,7 +44,7 @@ def rotor_notes(mechanism: Mechanism, values: IdentifiedValues, file_format: str
         and mechanism.bodies[parameter.body].joint.kind == ROTOR
     ]
     if spins:
-        yield f"{file_format} has no rotors that turn with joints, so it lacks them: {', '.join(spins)}"
+        yield f"{file_format} has no rotors that turn with joints, left out: {', '.join(spins)}"
 
 
 def reading_notes(mechanism: Mechanism, values: IdentifiedValues, root: Any, file_format: str) -> Iterator[str]:

@@ -77,7 +77,7 @@ def identified_robot(
     >>> (written,) = identified_robot(robot, [v or 0.0 for v in robot.standard_values()], "examples/two_link.xml")
     >>> written.name
     'robot.xml'
-    >>> '<inertial pos="0.18 0.0 0.0" mass="1.6"' in written.text
+    >>> 'mass="1.6"' in written.text
     True
     """
     values = sorted_values(mechanism, standard)
@@ -104,7 +104,7 @@ def _from_description(mechanism: Mechanism, values: IdentifiedValues) -> tuple[W
     from echelon.formats.write_urdf import generated_urdf, urdf_obstacle
 
     document = write_description(_with_values(mechanism, values))
-    dumped: Any = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
+    dumped: Any = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
     obstacle = urdf_obstacle(mechanism, values)
     if obstacle:
         return (WrittenRobot("robot.yaml", str(dumped), (f"there is no URDF of this robot beside it: {obstacle}",)),)

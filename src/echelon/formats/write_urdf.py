@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from math import atan2, cos, hypot, sin
 
 import numpy as np
 import numpy.typing as npt
 
+from echelon.exact.polynomial import as_polynomial
 from echelon.formats.intent import numeric_value
 from echelon.formats.write_effects import joint_effects
 from echelon.formats.write_notes import head_comment, listed, rotor_notes
@@ -23,7 +25,7 @@ from echelon.formats.written import expression_text
 from echelon.inertia.spatial import move
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import GROUND, Body, Mechanism
-from echelon.mechanism.placement import Placement
+from echelon.mechanism.placement import ORIGIN, Placement
 from echelon.mechanism.values import known_values
 
 Floats = npt.NDArray[np.float64]
@@ -33,7 +35,7 @@ _FLOATING = (MotionKind.TRANSLATION,) * 3 + (MotionKind.BALL,)
 _UNLIMITED = '<limit lower="-1e9" upper="1e9" effort="1e9" velocity="1e9"/>'
 _ROUNDING = 1e-15
 """What is left of a zero in a product of two rotations."""
-_USUAL_GRAVITY = ("0", "0", "-9.81")
+_USUAL_GRAVITY = (0, 0, Fraction(-981, 100))
 
 
 def urdf_obstacle(mechanism: Mechanism, values: IdentifiedValues) -> str:
@@ -171,8 +173,8 @@ class _Generator:
             yield f"torques are those of joints; {FORMAT} lacks the transmission of " + listed(
                 actuator.name for actuator in self.mechanism.actuators
             )
-        gravity = tuple(expression_text(part) for part in self.mechanism.gravity or ()) or ("0", "0", "0")
-        if gravity != _USUAL_GRAVITY:
+        gravity = [expression_text(part) for part in self.mechanism.gravity or ORIGIN]
+        if gravity != [expression_text(as_polynomial(part)) for part in _USUAL_GRAVITY]:
             yield f"{FORMAT} has no gravity: in the base frame it is ({', '.join(gravity)}) m/s²"
         sliding = [
             m.name for m in self.mechanism.motions if m.kind is MotionKind.TRANSLATION and m.name in self._single

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import codecs
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 from xml.sax.saxutils import escape
@@ -110,6 +110,14 @@ class XmlEditor:
         self._edits.append(
             (span.start, span.content, "".join([*pieces, rest[: end.start()], added, rest[end.start() :]]))
         )
+
+    def drop_attributes(self, element: Any, names: Collection[str]) -> None:
+        """Take attributes out of an element, with the space before them."""
+        span = self._spans[element]
+        for match in _ATTRIBUTE.finditer(self.text, span.start, span.content):
+            if match[1] in names:
+                gap = len(self.text[span.start : match.start()]) - len(self.text[span.start : match.start()].rstrip())
+                self._edits.append((match.start() - gap, match.end(), ""))
 
     def insert_first(self, element: Any, lines: Sequence[str]) -> None:
         """Put lines before everything else in an element."""
