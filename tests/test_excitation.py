@@ -14,6 +14,7 @@ from arms import double_pendulum, spherical
 from echelon.identify.advice import sensitivities
 from echelon.identify.excitation import excitation, sparse_basis
 from echelon.mechanism.effect import Side, ready_made
+from linkages import four_bar
 from rows import ArrayRows
 
 
@@ -168,7 +169,16 @@ def test_friction_is_told_by_speed_and_gains_by_currents() -> None:
     assert not any(gain["qd"].values())
 
 
-def test_loops_and_balls_get_advice() -> None:
+def test_loops_get_advice() -> None:
+    base = ec.base_parameters(four_bar())
+    x = np.linspace(0.9, 1.1, 30)[:, None]
+    y = np.zeros((30, len(base.mechanism.outputs)))
+    found = excitation(base.accumulate({"q": x, "qd": 0 * x, "qdd": 0 * x, "y": y}), base=base)
+    assert found.rank < base.rank
+    assert all(d.advice.endswith("faster and with larger accelerations") for d in found.weak)
+
+
+def test_balls_get_advice() -> None:
     base = ec.base_parameters(spherical())
     N = 5
     log = {"q": np.tile([1.0, 0, 0, 0], (N, 1)), "qd": np.zeros((N, 3)), "qdd": np.zeros((N, 3)), "y": np.zeros((N, 3))}

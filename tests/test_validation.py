@@ -14,6 +14,7 @@ from scipy.stats import chi2, kstest
 
 import echelon as ec
 from echelon.identify.holdout import held_out, held_out_logs, split
+from echelon.identify.model_rows import ModelRows
 from echelon.identify.residuals import CorrelationSums, correlations, spectrum
 from echelon.identify.traces import TraceKeeper, thinned
 from echelon.identify.validation import Score, Trace, Validation, validate
@@ -178,6 +179,32 @@ def test_no_rows_are_refused() -> None:
     rows = ArrayRows.of(np.zeros((0, 1, 1)), np.zeros((0, 1)))
     with pytest.raises(ec.InputError, match="no rows"):
         validate(rows, [0.0], role="validation")
+
+
+def test_a_fit_carries_over_to_the_held_out_end_of_its_log() -> None:
+    """From samples to verdict, with a model that is right."""
+    base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
+    rng = np.random.default_rng(12)
+    t = np.linspace(0, 20, 2001)[:, None]
+    rate, phase = np.array([[1.3, 2.9], [3.7, 1.7]])[:, None], np.array([[0.3, 1.0], [2.0, 0.1]])[:, None]
+    q = np.sin(rate * t + phase).sum(axis=0)
+    qd, qdd = (rate * np.cos(rate * t + phase)).sum(axis=0), -(rate**2 * np.sin(rate * t + phase)).sum(axis=0)
+    truth = np.array([0.4, 1.0, 0.1, 0.05, 0.3, -0.02])
+    y = base.predict(q, qd, qdd, truth) + 0.05 * rng.normal(size=(2001, 2))
+    fit, rest = split(Samples("log", 0.0, 100.0, q, qd, qdd, y), 0.3)
+    rows, unseen = ModelRows.of(base, [fit]), ModelRows.of(base, [rest])
+    values = rows.observation().combined().solve()
+    seen = validate(rows, values, role="identification")
+    found = validate(unseen, values, role="validation", prior_values=1.2 * truth, identification=seen)
+    assert [s.rows for s in found.scores] == [601, 601]
+    for score in found.scores:
+        assert score.rms == pytest.approx(0.05, rel=0.1)
+        assert score.correlation_time == pytest.approx(0.01, rel=0.5)
+        assert score.whiteness > 1e-3
+    assert "carries over" in found.verdict
+    assert "beats the prior model on every output" in found.verdict
+    assert "not white" not in found.verdict
+    assert found.traces[0].time[0] == pytest.approx(14.0)
 
 
 # -- traces -----------------------------------------------------------------------------------------------------------

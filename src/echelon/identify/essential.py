@@ -10,8 +10,9 @@ criteria of different models compare.  Three criteria decide when to stop:
 ``"f-test"``
     The F-test of the least significant parameter does not reject that it is zero.
 ``"relative_std"``
-    The largest relative standard deviation exceeds a multiple of the smallest (Gautier 1997; Pham, Gautier and Poignet
-    2001).  Customary in robotics.  It also drops parameters that are small but well seen, such as offsets near zero.
+    The largest relative standard deviation exceeds a multiple of the smallest (Pham and Gautier, "Essential parameters
+    of robots", CDC 1991).  Customary in robotics.  It also drops parameters that are small but well seen, such as
+    offsets near zero.
 """
 
 from __future__ import annotations

@@ -26,8 +26,8 @@ Floats = npt.NDArray[np.float64]
 
 WEAK = 1e-2
 """Singular value, relative to the largest, below which a direction is weak: exciting trajectories are customarily asked
-for a condition number below 100 (Gautier and Khalil 1992), and condition indices from 30 to 100 on are harmful
-collinearity (Belsley, Kuh and Welsch 1980)."""
+for a condition number below 100, and condition indices from 30 to 100 on are harmful collinearity (Belsley, Kuh and
+Welsch, "Regression diagnostics", 1980)."""
 
 _SHARE = 0.1  # shares below this part of the largest are left out of a direction
 _INVOLVED = 1e-6  # share in an open direction from which on a parameter counts as open itself
