@@ -30,6 +30,8 @@ class BodyBounds:
         Box that holds the centre of mass, m.
     ellipsoid : (centre, semi-axes), optional
         Ellipsoid along the frame's axes that holds the centre of mass, m.
+    extent : (centre, semi-axes), optional
+        Ellipsoid along the frame's axes that holds all of the mass, m.
     symmetry : tuple of str
         Planes (``"xy"``, ``"xz"``, ``"yz"``) to which the distribution of mass is symmetric, and axes (``"x"``,
         ``"y"``, ``"z"``) about which it is; through the origin of the frame.
@@ -38,6 +40,7 @@ class BodyBounds:
     mass: Range | None = None
     box: tuple[Triple, Triple] | None = None
     ellipsoid: tuple[Triple, Triple] | None = None
+    extent: tuple[Triple, Triple] | None = None
     symmetry: tuple[str, ...] = ()
 
 
@@ -73,7 +76,7 @@ class Bounds:
         mechanism : Mechanism
         given : mapping
             Keys ``bodies``, ``parameters``, ``total_mass``, ``margin``; a body has ``mass``, ``box``, ``ellipsoid``,
-            ``symmetry``.  Infinite or missing (None) ends of a range leave it open.
+            ``extent``, ``symmetry``.  Infinite or missing (None) ends of a range leave it open.
         source : str, optional
             File, for messages.
 
@@ -107,7 +110,7 @@ class Bounds:
             where = f"bounds of body '{name}'"
             if name not in carried:
                 raise InputError(f"there is no such body{nearest_of(name, carried)}", element=where)
-            if (body.box or body.ellipsoid or body.symmetry) and len(carried[name]) < 10:
+            if (body.box or body.ellipsoid or body.extent or body.symmetry) and len(carried[name]) < 10:
                 raise InputError("it does not carry all ten parameters, so it has no centre of mass", element=where)
             if body.mass and 9 not in carried[name]:
                 raise InputError("its mass is not among its parameters", element=where)
@@ -136,12 +139,15 @@ def _read(mechanism: Mechanism, given: Mapping[str, Any]) -> Bounds:
 
 def _body(name: str, given: Any) -> BodyBounds:
     where = f"bounds of body '{name}'"
-    _check_keys(given, ("mass", "box", "ellipsoid", "symmetry"), where)
-    box, ellipsoid = (_pair(given[key], where, key) if key in given else None for key in ("box", "ellipsoid"))
+    _check_keys(given, ("mass", "box", "ellipsoid", "extent", "symmetry"), where)
+    box, ellipsoid, extent = (
+        _pair(given[key], where, key) if key in given else None for key in ("box", "ellipsoid", "extent")
+    )
     if box and any(low > high for low, high in zip(*box, strict=True)):
         raise InputError("the first corner of the box must not exceed the second", element=where)
-    if ellipsoid and min(ellipsoid[1]) <= 0:
-        raise InputError("the semi-axes of the ellipsoid must be positive", element=where)
+    for shape in (ellipsoid, extent):
+        if shape and min(shape[1]) <= 0:
+            raise InputError("the semi-axes of the ellipsoid must be positive", element=where)
     symmetry = given.get("symmetry", ())
     planes = (symmetry,) if isinstance(symmetry, str) else tuple(symmetry)
     for plane in planes:
@@ -149,7 +155,7 @@ def _body(name: str, given: Any) -> BodyBounds:
             valid = f"planes {', '.join(SYMMETRIES[:3])}; axes {', '.join(SYMMETRIES[3:])}"
             raise InputError(f"unknown symmetry {plane!r} (valid: {valid})", element=where)
     mass = _range(given["mass"], f"{where}: mass", least=0.0) if "mass" in given else None
-    return BodyBounds(mass, box, ellipsoid, planes)
+    return BodyBounds(mass, box, ellipsoid, extent, planes)
 
 
 def _range(value: Any, where: str, least: float = -inf) -> Range:

@@ -22,6 +22,10 @@ Floats = npt.NDArray[np.float64]
 _KINDS = ("zero", "nonnegative", "second_order", "semidefinite", "exponential")
 """In the order in which SCS wants them."""
 
+_UNITS = (1.0, 1e-2, 1e-4, 1e-6)
+"""Units of the objective that are tried one after another."""
+_ALMOST = "Almost"
+
 SOLVED, INFEASIBLE, UNBOUNDED, FAILED = "solved", "infeasible", "unbounded", "failed"
 
 
@@ -112,17 +116,24 @@ class ConeProgram:
 
 
 def solve_with_fallback(program: ConeProgram, quadratic: Any, linear: Floats, solver: str) -> ConeSolution:
-    """Solve; if the solver gives up without a verdict, try the other one.
+    """Solve; if the solver gives up without a verdict, with the objective in other units, then by the other solver.
+
+    Solvers stop by a mixture of relative and absolute tolerances, so the unit of the objective matters to them.
 
     Raises
     ------
     EchelonError
-        If neither comes to a verdict.
+        If no attempt comes to a verdict.
     """
-    first = program.solve(quadratic, linear, solver)
-    if first.status != FAILED:
-        return first
-    other = "SCS" if first.solver == "CLARABEL" else "CLARABEL"
+    attempts = []
+    for unit in _UNITS if solver.upper() == "CLARABEL" else _UNITS[:1]:
+        attempts.append(program.solve(unit * quadratic, unit * linear, solver))
+        if attempts[-1].status != FAILED and not attempts[-1].message.startswith(_ALMOST):
+            return attempts[-1]
+    almost = next((found for found in attempts if found.status != FAILED), None)
+    if almost is not None:
+        return almost
+    first, other = attempts[0], "SCS" if solver.upper() == "CLARABEL" else "CLARABEL"
     try:
         second = program.solve(quadratic, linear, other)
     except MissingExtraError:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from echelon.conventions import PER_BODY
 from echelon.errors import InputError
-from echelon.identify.physics.bounds import BodyBounds, Bounds
+from echelon.identify.physics.bounds import BodyBounds, Bounds, Triple
 from echelon.mechanism.effect import KINDS, Effect
 from echelon.mechanism.mechanism import Mechanism
 
@@ -188,6 +188,8 @@ def _body_rows(rows: _Rows, name: str, body: BodyBounds, start: int, carried: tu
         for k in range(3):
             cone[1 + k, start + 6 + k], cone[1 + k, start + 9] = 1 / axes[k], -centre[k] / axes[k]
         rows.cones.append(cone)
+    if body.extent is not None:
+        rows.least(_inside(body.extent, start), 0.0, f"extent of {name}")
     vanishing = sorted({k for plane in body.symmetry for k in _VANISHING[plane]})
     for k in vanishing:
         rows.equal({start + k: 1.0})
@@ -195,6 +197,18 @@ def _body_rows(rows: _Rows, name: str, body: BodyBounds, start: int, carried: tu
         if plane in _EQUAL:
             first, second = _EQUAL[plane]
             rows.equal({start + first: 1.0, start + second: -1.0})
+
+
+def _inside(extent: tuple[Triple, Triple], start: int) -> dict[int, float]:
+    """∫ 1 − Σ ((x − c)/a)² dm, not negative for mass in an ellipsoid (Wensing, Kim & Slotine 2018), as a row."""
+    terms = dict.fromkeys(range(start, start + PER_BODY), 0.0)
+    terms[start + 9] = 1.0
+    for k, (centre, axis) in enumerate(zip(*extent, strict=True)):
+        terms[start + 9] -= (centre / axis) ** 2
+        terms[start + 6 + k] += 2 * centre / axis**2
+        for moment, place in enumerate((0, 3, 5)):  # ∫ x² dm = ½ (−XX + YY + ZZ), and so on
+            terms[start + place] -= (0.5 if moment != k else -0.5) / axis**2
+    return terms
 
 
 class _Rows:
