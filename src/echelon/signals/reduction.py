@@ -118,7 +118,10 @@ class Finite:
         return _every(self.factor, count)
 
     def apply(self, values: Floats) -> Floats:
-        """The filtered values at the samples that remain; at its ends a signal is continued by its last value.
+        """The filtered values at the samples that remain.
+
+        Near its ends, where a part of the filter lies outside the signal, the part inside is scaled to sum 1: a mean of
+        what is there.  Both sides of an equation are still filtered alike, so no row is spoilt.
 
         Parameters
         ----------
@@ -134,10 +137,14 @@ class Finite:
         found = np.empty((results, table.shape[1]))
         rows = len(self._band)
         for first in range(0, results, rows):
-            count = min(rows, results - first)
+            last = min(first + rows, results)
             start = first * self.factor - self.reach
-            width = (count - 1) * self.factor + len(self.taps)
-            np.matmul(self._band[:count, :width], _cut(table, start, width), out=found[first : first + count])
+            stop = (last - 1) * self.factor + self.reach + 1
+            band = self._band[: last - first, : stop - start]
+            if start < 0 or stop > len(table):
+                band = band[:, max(0, -start) : len(table) - start]
+                band = band / band.sum(axis=1, keepdims=True)
+            np.matmul(band, table[max(0, start) : stop], out=found[first:last])
         return found.reshape(results, *values.shape[1:])
 
     @cached_property
@@ -148,13 +155,6 @@ class Finite:
         for row in range(rows):
             band[row, row * self.factor : row * self.factor + len(self.taps)] = self.taps
         return band
-
-
-def _cut(table: Floats, start: int, width: int) -> Floats:
-    """Rows of a table from one that may lie before its beginning; the first and last are repeated beyond the ends."""
-    if start >= 0 and start + width <= len(table):
-        return table[start : start + width]
-    return table[np.clip(np.arange(start, start + width), 0, len(table) - 1)]
 
 
 @dataclass(frozen=True, eq=False)

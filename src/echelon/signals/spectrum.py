@@ -111,6 +111,18 @@ class Spectrum:
         total = np.cumsum(power)
         return float(self.frequencies[np.searchsorted(total, share * total[-1])]) if total[-1] > 0 else 0.0
 
+    def pace(self, below: float = np.inf) -> float:
+        """How often a second the velocity goes through a whole swing, by Rice's formula σ(ẍ) / (2π σ(ẋ)), Hz.
+
+        Parameters
+        ----------
+        below : float
+            Frequencies that count, Hz.
+        """
+        power = self.motion * self.frequencies**2 * (self.frequencies <= below)
+        total = float(power.sum())
+        return float(np.sqrt(float(power @ self.frequencies**2) / total)) if total > 0 else 0.0
+
 
 @dataclass(frozen=True)
 class CutOff:
