@@ -66,7 +66,7 @@ def payload(validations: Sequence[Validation]) -> str:
 
 
 def script_safe(data: Any) -> str:
-    """JSON in which no text can end a script element.
+    r"""JSON in which no text can end a script element.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def script_safe(data: Any) -> str:
     Examples
     --------
     >>> script_safe({"name": "</script>"})
-    '{"name":"\\\\u003c/script\\\\u003e"}'
+    '{"name":"\\u003c/script\\u003e"}'
     """
     text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

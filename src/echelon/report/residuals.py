@@ -88,7 +88,7 @@ def residual(time: Floats, values: Floats) -> Residual | None:
         edges,
         density,
         normal,
-        step * np.arange(lags + 1)[shown],
+        (step * np.arange(lags + 1, dtype=np.float64))[shown],
         correlation[shown],
         _WHITE / float(np.sqrt(len(y))),
         frequency,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -87,10 +88,8 @@ def _other_values(run: Identification) -> list[tuple[str, Any]]:
         found.append(("essential only", run.essential.values))
     if run.physical is not None:
         found.append(("physical fit", run.physical.base))
-    try:
+    with suppress(InputError):  # the file states no inertia, or a length has no value
         found.append(("robot file", run.base.values()))
-    except InputError:  # the file states no inertia, or a length has no value
-        pass
     return found
 
 

@@ -34,7 +34,8 @@
   });
   // the buttons are listed one by one, so that none that talks to a server is among them
   const buttons = [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]];
-  const options = { trace: { displaylogo: false, responsive: true, modeBarButtons: buttons }, other: { displayModeBar: false, responsive: true } };
+  const calm = { responsive: true, displaylogo: false, typesetMath: false };
+  const options = { trace: { ...calm, modeBarButtons: buttons }, other: { ...calm, displayModeBar: false } };
   const line = (name, xy, color, more = {}) => ({ type: "scatter", mode: "lines", name, x: xy[0], y: xy[1], line: { color, width: 1.3 }, hovertemplate: "%{y:.4g}", ...more });
 
   function tracePlot(trace) {
