@@ -80,8 +80,10 @@ def test_repeated_rows_count_once() -> None:
 def test_batches_refuse_what_they_cannot_judge() -> None:
     rows = serial()
     estimate = irls(rows.observation(), rows.units)
-    with pytest.raises(InputError, match="within one batch"):
+    with pytest.raises(InputError, match="batch from 0 to 10 s: it holds all that the data say"):
         clustered(rows, estimate, seconds=10)
+    with pytest.raises(InputError, match="within one batch of 10 s"):
+        clustered(rows, estimate, seconds=10, jackknife=False)
     with pytest.raises(InputError, match="positive number of seconds"):
         clustered(rows, estimate, seconds=0)
     with pytest.raises(InputError, match="at least two"):

@@ -128,7 +128,7 @@ def test_intervals_cover(name: str) -> None:
 
 
 def test_common_noise_does_not_fit_outputs_that_differ() -> None:
-    """Where classical least squares goes wrong: intervals of the quiet outputs' parameters are far too wide."""
+    """Classical intervals of parameters that only the loudest output shows are too narrow."""
 
     def classical(seed: int) -> tuple[Estimate, Floats]:
         rows = serial(1000 + seed, samples=200)
@@ -136,7 +136,6 @@ def test_common_noise_does_not_fit_outputs_that_differ() -> None:
 
     hits = covered(classical).mean(axis=0)
     assert hits[:3].max() < 0.92
-    assert hits[6:].min() > 0.995
 
 
 def test_least_squares_with_errors_in_columns_does_not_cover() -> None:
@@ -182,10 +181,8 @@ def test_batches_tell_how_many_rows_count() -> None:
     found = []
     for seed in range(100):
         rows = _coloured(seed)
-        constant = ArrayRows(
-            [matrix[:, :1] for matrix in rows.matrices],
-            [y - W[:, 1:] @ [2, -0.5] for y, W in zip(rows.y, rows.matrices, strict=True)],
-        )
+        rest = [y - W[:, 1:] @ [2, -0.5] for y, W in zip(rows.y, rows.matrices, strict=True)]
+        constant = ArrayRows([W[:, :1] for W in rows.matrices], rest)
         estimate = irls(constant.observation(), constant.units)
         found.append(clustered(constant, estimate, seconds=0.3).diagnostics["inflation"]["joint2"])
     assert np.mean(found) == pytest.approx((1 + a) / (1 - a), rel=0.15)

@@ -58,8 +58,7 @@ def test_huber_solves_its_equations() -> None:
     u = (y - W @ estimate.values) / sigma
     psi, inside = np.clip(u, -k, k), np.abs(u) <= k
     np.testing.assert_allclose(W.T @ (psi / sigma), 0, atol=1e-6 * np.abs(W.T / sigma).sum(axis=1).max())
-    root = np.sqrt(k / np.maximum(np.abs(u), k)) / sigma
-    V = W * root[:, None]
+    V = W / sigma[:, None]
     leverage = np.einsum("ij,jk,ik->i", V, np.linalg.inv(V.T @ V), V)
     for i in range(3):
         mine = output == i

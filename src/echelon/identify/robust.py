@@ -4,7 +4,9 @@ Residuals up to k σ_i count squared, larger ones by their absolute value, so th
 not ruin the fit while Gaussian noise costs next to nothing (95 % efficiency at k = 1.345).  The noise σ_i of each
 output comes from Huber's Proposal 2 rather than from the median of the residuals: it needs sums only, so the data
 stream by in constant memory, and for one output the criterion is jointly convex in ζ and σ, so that the start does not
-matter.  Errors in the regressor itself (leverage points) are not resisted by any M-estimate.
+matter.  A pass over the rows only adds up Wᵀψ, the pull of the clipped residuals; the R-factors of the plain rows turn
+it into a step (Huber's modified residuals), so an iteration costs no factorisation.  Errors in the regressor itself
+(leverage points) are not resisted by any M-estimate.
 
 Sources: Huber, Annals of Statistics 1, 1973 (covariance with correction); Huber, Robust Statistics, 1981, chapter 7.
 """
@@ -25,9 +27,10 @@ from echelon.identify.rows import Rows
 from echelon.identify.solution import Solution, estimate_of, solved
 from echelon.identify.weighted import irls, noise_floor
 from echelon.observe.observation import Observation
-from echelon.observe.triangle import upper_triangle
 
 Floats = npt.NDArray[np.float64]
+
+_LEAST_SHARE, _USED_UP = 0.6, 1e-8
 
 
 def huber(rows: Rows, *, clip: float = 1.345, tolerance: float = 1e-3, limit: int = 100) -> Estimate:
@@ -60,19 +63,21 @@ def huber(rows: Rows, *, clip: float = 1.345, tolerance: float = 1e-3, limit: in
         raise InputError(f"clip is {clip}; expected a positive number of standard deviations, such as 1.345")
     observation = rows.observation()
     start = irls(observation, rows.units)
-    values, noise = start.values, np.where(np.isfinite(start.noise), start.noise, np.inf)
-    noise = np.maximum(noise, noise_floor(observation))
+    values = start.values
+    noise = np.where(np.isfinite(start.noise), np.maximum(start.noise, noise_floor(observation)), np.inf)
     change, iterations = np.inf, 0
     while change > tolerance and iterations < limit:
         iterations += 1
         sweep = _swept(rows, values, noise, clip)
-        solution = solved(sweep.weighted, rows.units, 1.0 / noise)
-        new = _noise(sweep, solution, noise, clip, noise_floor(observation))
-        step = solution.triangle.R @ (solution.values - values) / sqrt(len(values))
+        # more than half the curvature, so that steps cannot overshoot
+        share = np.maximum(sweep.share, _LEAST_SHARE)
+        bread = solved(observation, rows.units, np.sqrt(share) / noise)
+        white = bread.root.T @ sweep.pull
+        values = values + bread.root @ white
+        new = _noise(sweep, solved(observation, rows.units, 1.0 / noise), noise, clip)
         with np.errstate(invalid="ignore"):
-            scale = np.nanmax(np.abs(np.log(new / noise)), initial=0.0)
-        change = max(float(np.linalg.norm(step)), float(scale))
-        values, noise = solution.values, new
+            scale = float(np.nanmax(np.abs(np.log(new / noise)), initial=0.0))
+        change, noise = max(float(np.linalg.norm(white)) / sqrt(len(values)), scale), new
     estimate = _finished(_swept(rows, values, noise, clip), observation, rows.units, values, noise, clip)
     course = {"iterations": iterations, "converged": bool(change <= tolerance)}
     return replace(estimate, diagnostics={**estimate.diagnostics, **course})
@@ -82,36 +87,36 @@ def huber(rows: Rows, *, clip: float = 1.345, tolerance: float = 1e-3, limit: in
 class _Sweep:
     """What one pass over the rows finds at given parameters and noise."""
 
-    weighted: Observation  # rows times the root of their Huber weight
-    squares: Floats  # Σ ψ(r/σ)², shape (m,)
-    inside: Floats  # rows within the clip, shape (m,)
+    pull: Floats  # Σ Wᵀψ(r/σ)/σ, shape (n,)
+    squares: Floats  # Σ ψ(r/σ)² of each output, shape (m,)
+    share: Floats  # of each output's rows within the clip, shape (m,)
 
 
 def _swept(rows: Rows, values: Floats, noise: Floats, clip: float) -> _Sweep:
-    layout = rows.layout
-    factors = [np.zeros((size, size)) for size in layout.sizes]
-    counts = np.zeros(len(factors), dtype=int)
-    squares, inside = np.zeros(len(factors)), np.zeros(len(factors))
+    m = len(noise)
+    pull, squares, inside, counts = np.zeros(len(values)), np.zeros(m), np.zeros(m), np.zeros(m)
     for block in rows.blocks():
         for i, (matrix, y) in enumerate(zip(block.matrices, block.y, strict=True)):
-            size = np.abs(matrix @ values[list(layout.columns[i])] - y) / noise[i]
-            weight = np.sqrt(clip / np.maximum(size, clip))
-            squares[i] += np.sum(np.minimum(size, clip) ** 2)
-            inside[i] += np.sum(size <= clip)
+            columns = list(rows.layout.columns[i])
+            residual = (y - matrix @ values[columns]) / noise[i]
+            bounded = np.clip(residual, -clip, clip)
+            pull[columns] += bounded @ matrix / noise[i]
+            squares[i] += bounded @ bounded
+            inside[i] += np.sum(np.abs(residual) <= clip)
             counts[i] += len(y)
-            factors[i] = upper_triangle(np.vstack([factors[i], weight[:, None] * np.column_stack([matrix, y])]))
-    return _Sweep(Observation(layout, tuple(factors), tuple(map(int, counts))), squares, inside)
+    return _Sweep(pull, squares, np.where(counts > 0, inside / np.maximum(counts, 1.0), 1.0))
 
 
-def _noise(sweep: _Sweep, solution: Solution, noise: Floats, clip: float, floors: Floats) -> Floats:
+def _noise(sweep: _Sweep, used: Solution, noise: Floats, clip: float) -> Floats:
     """Proposal 2: the noise at which the mean of ψ² is what it is for Gaussian noise, shape (m,)."""
-    free = np.array(sweep.weighted.counts) - solution.leverages
-    for label, count, rest in zip(sweep.weighted.layout.outputs, sweep.weighted.counts, free, strict=True):
-        if count and rest < 1e-8 * count:
+    counts = np.array(used.observation.counts, dtype=float)
+    free = np.where(counts > 0, counts - used.leverages, 1.0)
+    for label, count, rest in zip(used.observation.layout.outputs, used.observation.counts, free, strict=True):
+        if rest < _USED_UP * count:
             raise InputError(used_up(count), element=f"output '{label}'")
-    ratio = np.sqrt(sweep.squares / (np.maximum(free, 1e-300) * gaussian_square(clip)))
     some = np.isfinite(noise)
-    return np.where(some, np.maximum(np.where(some, noise, 1.0) * ratio, floors), np.inf)
+    found = np.where(some, noise, 1.0) * np.sqrt(sweep.squares / (free * gaussian_square(clip)))
+    return np.where(some, np.maximum(found, noise_floor(used.observation)), np.inf)
 
 
 def gaussian_square(clip: float) -> float:
@@ -132,7 +137,7 @@ def _finished(
     """Values, and Huber's asymptotic covariance A⁻¹BA⁻¹ with the correction K for the number of parameters."""
     counts = np.maximum(np.array(plain.counts, dtype=float), 1.0)
     used = solved(plain, units, 1.0 / noise)
-    share = sweep.inside / counts
+    share = sweep.share
     some = np.isfinite(noise)
     if (some & (share == 0)).any():
         label = plain.layout.outputs[int(np.argmax(some & (share == 0)))]
