@@ -92,7 +92,7 @@ def rate_findings(
         shortest, longest = min(one.shortest for _, one in uneven), max(one.longest for _, one in uneven)
         spread = max(one.spread for _, one in uneven)
         text = (
-            f"time stamps are {found.period * 1e3:.4g} ms apart by the median, {shortest * 1e3:.4g} to "
+            f"time stamps are usually {found.period * 1e3:.4g} ms apart, but {shortest * 1e3:.4g} to "
             f"{longest * 1e3:.4g} ms, with a standard deviation of {spread * 1e3:.2g} ms; resampled at "
             f"{uneven[0][1].rate:g} Hz by cubic interpolation"
         )

@@ -17,11 +17,12 @@ _WORDS = {
     "time": "t ts time times timestamp timestamps stamp",
 }
 _KINDS = {word: kind for kind, words in _WORDS.items() for word in words.split()}
-_REFERENCE = frozenset(
-    ["ref", "reference", "target", "targets", "des", "desired", "cmd", "command", "commanded", "setpoint", "sp"]
-)
-_MOTOR = frozenset(["motor", "motors", "actuator", "actuators"])
-_NEUTRAL = frozenset(["meas", "measured", "act", "actual", "read", "joint", "joints", "j", "state", "states"])
+_OTHERS = {
+    "reference": "ref reference target targets des desired cmd command commanded setpoint sp",
+    "motor": "motor motors actuator actuators",
+    "neutral": "meas measured act actual read joint joints j state states",
+}
+_ROLES = {word: role for role, words in _OTHERS.items() for word in words.split()}
 _UNITS = {
     "rad": "rad",
     "deg": "deg",
@@ -100,25 +101,23 @@ def meaning(column: str, names: Iterable[str]) -> Meaning | None:
 
 
 def _by_words(text: str, name: str, unit: str) -> Meaning | None:
-    kind, index, motor, reference = "", None, False, False
+    kind, index = "", None
+    roles: set[str] = set()
     for word in re.findall(r"[a-z0-9°]+", text.lower()):
         letters, digits = (word, "") if word in _UNITS else re.fullmatch(r"(.*?)(\d*)", word).groups()  # type: ignore[union-attr]
         if digits:
             if index is not None:
                 return None
             index = int(digits)
-        if not letters or letters in _NEUTRAL:
-            continue
         if letters in _KINDS and not kind:
             kind = _KINDS[letters]
-        elif letters in _REFERENCE:
-            reference = True
-        elif letters in _MOTOR:
-            motor = True
+        elif not letters or letters in _ROLES:
+            roles.add(_ROLES.get(letters, ""))
         elif letters in _UNITS and not unit:
             unit = _UNITS[letters]
         else:
             return None
+    reference = "reference" in roles
     if not kind or (reference and kind != "position") or (name and index is not None):
         return None
-    return Meaning("reference" if reference else kind, name, index, motor, unit)
+    return Meaning("reference" if reference else kind, name, index, "motor" in roles, unit)

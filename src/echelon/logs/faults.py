@@ -7,6 +7,7 @@ stand still while the robot moves.  Everything else is reported, because only th
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -55,9 +56,10 @@ def examine(recording: Recording, mechanism: Mechanism, *, whole: bool = True) -
     """
     if not len(recording.time):
         raise InputError("the log has no samples", source=recording.source)
-    channels = list(series(recording, mechanism))
     findings: Found = []
-    usable = _not_finite(recording, channels, whole, findings)
+    usable = _not_finite(recording, list(series(recording, mechanism)), whole, findings)
+    recording = _without_infinities(recording)
+    channels = list(series(recording, mechanism))
     usable &= _quaternions(recording, mechanism, findings)
     if whole:
         _refuse_silence(recording, usable)
@@ -90,6 +92,17 @@ def _not_finite(recording: Recording, channels: Sequence[Series], whole: bool, f
         findings.append(_at(recording, channel, "not finite", int(starts[0]), text))
         usable &= good
     return usable
+
+
+def _without_infinities(recording: Recording) -> Recording:
+    """NaN for all that is not finite: differences of infinities would warn."""
+
+    def clean(values: Floats) -> Floats:
+        return values if np.isfinite(values).all() else np.where(np.isfinite(values), values, np.nan)
+
+    signals = {name: clean(values) for name, values in recording.signals.items()}
+    inputs = {name: clean(values) for name, values in recording.inputs.items()}
+    return replace(recording, time=clean(recording.time), signals=signals, inputs=inputs)
 
 
 def _quaternions(recording: Recording, mechanism: Mechanism, findings: Found) -> Flags:

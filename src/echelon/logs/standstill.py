@@ -31,6 +31,9 @@ _PINNED = 10
 _PILE = 5
 _BAND = 1 / 200
 
+_SAMPLED = 20_000
+"""Samples that show a resolution; sorting more costs time."""
+
 
 def runs(flags: Flags) -> tuple[Places, Places]:
     """Starts and stops of the stretches where flags are set.
@@ -123,6 +126,7 @@ def pinned(values: Floats, usable: Flags) -> Iterator[tuple[float, Places, Place
     Parameters
     ----------
     values : array of shape (N,)
+        Not constant.
     usable : array of bool of shape (N,)
 
     Yields
@@ -133,16 +137,16 @@ def pinned(values: Floats, usable: Flags) -> Iterator[tuple[float, Places, Place
     """
     good = values[usable]
     span = float(np.ptp(good))
-    # the level below the extreme counts as a neighbour, however coarse the sensor is
-    levels = np.unique(good)
-    for limit, next_level in ((levels[-1], levels[-2]), (levels[0], levels[1])):
-        width = max(_BAND * span, 1.5 * abs(float(limit - next_level)))
+    low, high = float(good.min()), float(good.max())
+    for limit, next_level in ((high, float(good[good < high].max())), (low, float(good[good > low].min()))):
+        # the level next to the extreme counts as a neighbour, however coarse the sensor is
+        width = max(_BAND * span, 1.5 * abs(limit - next_level))
         at = usable & (np.abs(values - limit) <= 1e-9 * span)
         near = usable & (np.abs(values - limit) <= width) & ~at
         starts, stops = runs(at)
         long = stops - starts >= _PINNED_RUN
         if long.any() and at.sum() >= _PINNED and at.sum() > _PILE * near.sum():
-            yield float(limit), starts[long], stops[long]
+            yield limit, starts[long], stops[long]
 
 
 def resolution(values: Floats) -> float | None:
@@ -158,7 +162,7 @@ def resolution(values: Floats) -> float | None:
     >>> resolution(np.round(np.sin(np.arange(1000) / 50) / 0.01) * 0.01)
     0.01
     """
-    levels = np.unique(values)
+    levels = np.unique(values[:: max(1, len(values) // _SAMPLED)])
     if len(levels) < 3:
         return None
     gaps = np.diff(levels)
