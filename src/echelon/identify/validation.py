@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
-from echelon.identify.residuals import LAGS, CorrelationSums
+from echelon.identify.correlation import LAGS, CorrelationSums
 from echelon.identify.rows import RowBlock, Rows
 from echelon.identify.traces import LIMIT, TraceKeeper
 from echelon.identify.verdict import verdict
