@@ -1,7 +1,7 @@
 """Settings of the preparation that nobody has to choose: they follow from the data, with reasons in words.
 
 Positions are filtered where acceleration is lost in noise.  Regressor and torques are filtered far below that, because
-noise of torques begins where the motion ends.  That is after a dozen times the pace at which velocities swing, which
+noise of torques begins where the motion ends.  That is after ten times the pace at which velocities swing, which
 leaves room for their products, for the sines of angles and for the steps of dry friction.  Samples beyond what this
 band needs are redundant.
 """
@@ -31,7 +31,7 @@ from echelon.signals.spectrum import Spectrum, best_cutoff, noise_deviation, spe
 
 Floats = npt.NDArray[np.float64]
 
-HARMONICS = 12
+HARMONICS = 10
 """Times the pace of the velocities that regressor and outputs are left: on logs of five robots, from drives of one
 axis to seven joints, fits to held-out data were best between 8 and 20."""
 
@@ -252,8 +252,8 @@ def _still(data: _Data, made: Preparation) -> Preparation:
 
 
 def _velocity_noise(data: _Data, made: Preparation) -> Floats:
-    """Standard deviation of the noise of every velocity after the filter."""
-    cutoff = made.cutoff if made.cutoff is not None else np.inf
+    """Standard deviation of the noise of every velocity, within the band of the rows, which are means over it."""
+    cutoff = min(made.cutoff or np.inf, made.output_cutoff or np.inf)
     if "qd" in made.measured and "qd" in data.segments[0].signals:
         return np.array([noise_deviation(s, 0, cutoff, made.order) for s in data.spectra_of("qd")])
     noise = [noise_deviation(s, 1, cutoff, made.order) for s in data.spectra]

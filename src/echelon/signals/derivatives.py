@@ -65,7 +65,7 @@ def savitzky_golay_window(cutoff: float, rate: float, degree: int = DEGREE) -> i
     """Samples of the window of a Savitzky–Golay filter that takes 3 dB at a frequency.
 
     Schafer's formula (IEEE Signal Processing Magazine 28(4), 2011): with n the degree and 2M + 1 samples,
-    cut-off = (n + 1) / (3.2 M − 4.6) of half the rate.
+    cut-off = (n + 1) / (3.2 M − 4.6) of half the rate, right to a tenth.
 
     Parameters
     ----------

@@ -84,8 +84,8 @@ def find_period(values: npt.ArrayLike, rate: float) -> float:
     highest = float(alike[start : longest + 1].max(initial=-1.0))
     if highest < ALIKE:
         raise InputError(
-            f"the motion does not repeat itself within half of the log: it is like itself by {max(highest, 0.0):.2f} of "
-            "1 at best; give the period, or choose another derivative"
+            f"the motion does not repeat itself within half of the log: its best correlation with itself is "
+            f"{max(highest, 0.0):.2f}; give the period, or choose another derivative"
         )
     high = alike >= _NEARLY * highest
     high[:start] = False
@@ -147,7 +147,7 @@ def average(values: npt.ArrayLike, rate: float, period: float) -> Average:
     from scipy.interpolate import make_interp_spline
 
     table = np.asarray(values, dtype=np.float64)
-    periods = int(((len(table) - 1) / rate + 0.5 / rate) / period + 1e-9) if period > 0 else 0
+    periods = int(len(table) / rate / period + 1e-9) if period > 0 else 0
     if periods < 2:
         raise InputError(
             f"{len(table) / rate:.4g} s of samples do not hold two periods of {period:.4g} s: nothing can be averaged"

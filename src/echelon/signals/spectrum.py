@@ -39,6 +39,9 @@ _CLEARLY = 4.0
 _BEYOND_DOUBT = 100.0
 """How far every stretch of motion stands above the floor somewhere; lower humps are vibrations or colour of noise."""
 
+_TRUSTED = 0.35
+"""Share of the rate up to which noise is trusted not to fall as velocity; filters before sampling work above it."""
+
 _CANDIDATES = 240
 _HIGHEST = 0.45
 """Highest cut-off that is worth a filter, as a share of the rate."""
@@ -76,7 +79,7 @@ class Spectrum:
         return bool(np.any(self.motion > 0))
 
     def harm(self, cutoffs: Floats, derivative: int, order: int = 4) -> Floats:
-        """Mean square error of a filtered derivative, as a share of the motion's mean square.
+        """Mean square error of a filtered derivative, as a share of the motion's mean square, if there is any.
 
         Parameters
         ----------
@@ -94,7 +97,8 @@ class Spectrum:
         weight = (2 * np.pi * self.frequencies) ** (2 * derivative)
         passed = 1 / (1 + (self.frequencies / cutoffs[:, None]) ** (2 * order))
         error = (1 - passed) ** 2 @ (self.motion * weight) + passed**2 @ (self.noise * weight)
-        return np.asarray(error / max(float(self.motion @ weight), np.finfo(float).tiny))
+        total = float(self.motion @ weight)
+        return np.asarray(error / total if total > 0 else error)
 
     def share(self, share: float, derivative: int, below: float = np.inf) -> float:
         """Frequency below which this share of a derivative's motion lies, Hz.
@@ -171,11 +175,12 @@ def spectrum(values: npt.ArrayLike | Sequence[Floats], rate: float) -> Spectrum:
     longest = max((len(piece) for piece in pieces), default=0)
     if longest < LEAST_SAMPLES:
         raise InputError(f"{longest} samples are too few for a spectrum; at least {LEAST_SAMPLES} are needed")
-    frequencies, density = _second_differences(pieces, rate, min((longest - 2) // _PARTS, _LONGEST))
+    frequencies, density = _differences(pieces, rate, min((longest - 1) // _PARTS, _LONGEST))
     step = 2 * np.sin(np.pi * frequencies / rate)
-    power = density / step**4
-    smooth = np.maximum(_medians(frequencies, power * step**2), np.finfo(float).tiny)
-    rising = np.minimum.accumulate(smooth[::-1])[::-1]
+    power = density / step**2
+    smooth = np.maximum(_medians(frequencies, density), np.finfo(float).tiny)
+    floor = np.where(frequencies < _TRUSTED * rate, smooth, np.inf)
+    rising = np.minimum(np.minimum.accumulate(floor[::-1])[::-1], smooth)
     moves, floor = _stretches(smooth / rising), rising / step**2
     knee = _best(Spectrum(rate, frequencies, power, np.where(moves, floor, power)), 2, 4)
     flat = floor[min(int(np.searchsorted(frequencies, knee)), len(floor) - 1)]
@@ -183,17 +188,18 @@ def spectrum(values: npt.ArrayLike | Sequence[Floats], rate: float) -> Spectrum:
     return Spectrum(rate, frequencies, power, np.where(moves, np.minimum(floor, power), power))
 
 
-def _second_differences(pieces: Sequence[Floats], rate: float, length: int) -> tuple[Floats, Floats]:
-    """Frequencies without zero, and the mean spectrum of second differences.
+def _differences(pieces: Sequence[Floats], rate: float, length: int) -> tuple[Floats, Floats]:
+    """Frequencies without zero, and the mean spectrum of differences.
 
-    The motion is so much stronger than the noise that it would leak over all of it if it were not differenced first.
+    Slow motion is so much stronger than the noise that it would leak over all of it if it were not differenced first;
+    differenced twice, noise would leak over the motion.
     """
     from scipy.signal import welch
 
     total, weights = np.zeros(length // 2), 0
     for piece in pieces:
-        if len(piece) >= length + 2:
-            f, density = welch(np.diff(piece, 2), rate, window="blackman", nperseg=length, detrend="constant")
+        if len(piece) > length:
+            f, density = welch(np.diff(piece), rate, window="blackman", nperseg=length, detrend="constant")
             total += len(piece) * density[1 : length // 2 + 1]
             weights += len(piece)
     return np.asarray(f[1 : length // 2 + 1], dtype=np.float64), total / weights
