@@ -292,12 +292,24 @@ def test_verdict_compares_with_the_fit_and_the_prior() -> None:
 
 def test_unseen_data_decide() -> None:
     fitted = judged(score(r2=0.999), role="identification")
-    poor = judged(score(r2=0.5))
+    poor = judged(score(r2=0.5, rms=2.0))
     assert "poor" in overall_verdict([fitted, poor])
     assert "stays open whether it carries over" in overall_verdict([fitted])
     assert "predicts every output well" in overall_verdict([fitted, judged(score())])
     assert "prior model predicts better" in overall_verdict([judged(score(), prior=[score(rms=0.5)])])
     assert "no output varied" in overall_verdict([judged(score(r2=np.nan))])
+
+
+def test_an_output_that_hardly_moves_is_judged_by_its_residual() -> None:
+    fitted = judged(score("j1"), score("j2"), role="identification")
+    quiet = judged(score("j1"), score("j2", r2=0.4, rms=1.1))
+    assert "R² of j2 is low because the output varies little here" in verdict(quiet, fitted)
+    assert overall_verdict([fitted, quiet]).startswith("The model predicts every output well")
+    # larger residuals are no excuse, nor is a fit that was poor itself
+    assert "poor" in overall_verdict([fitted, judged(score("j1"), score("j2", r2=0.4, rms=2.0))])
+    assert "cannot be trusted" in overall_verdict([fitted, judged(score("j1"), score("j2", r2=-0.1))])
+    poor = judged(score("j1"), score("j2", r2=0.4), role="identification")
+    assert "poor" in overall_verdict([poor, quiet])
 
 
 def test_the_verdict_of_an_overfitted_model() -> None:

@@ -81,6 +81,9 @@ def verdict(validation: Validation, identification: Validation | None = None) ->
 def overall_verdict(validations: Sequence[Validation]) -> str:
     """What all logs together say: unseen data decide, where there are any.
 
+    An output that moves little in unseen data has a low R² however good the model is; if its residual is no larger than
+    on the data that were fitted, it is judged as there.
+
     Parameters
     ----------
     validations : sequence of Validation
@@ -91,7 +94,8 @@ def overall_verdict(validations: Sequence[Validation]) -> str:
     """
     unseen = [v for v in validations if v.role == "validation"]
     judged = unseen or list(validations)
-    graded = [(score, found, v) for v in judged for score in v.scores if (found := grade(score)) is not None]
+    fitted = [v for v in validations if v.role == "identification"]
+    graded = [(score, found, v) for v in judged for score in v.scores if (found := _lenient(score, fitted)) is not None]
     if not graded:
         return "Nothing can be said: no output varied."
     worst, lowest, where = min(graded, key=lambda entry: (entry[1], entry[0].r2))
@@ -103,13 +107,24 @@ def overall_verdict(validations: Sequence[Validation]) -> str:
     }
     kind = "data that the fit did not see" if unseen else "the data it was fitted to"
     logs = "" if len(judged) == 1 else f" of {len(judged)} logs"
-    text = f"{words[lowest]} on {kind}{logs}; the least is R² {worst.r2:.4g} of {worst.output} ({where.source})."
+    text = f"{words[lowest]} on {kind}{logs}; the least is R² {worst.r2:.4g} of {worst.output} ({where.source})"
+    carried = " though its residual is as on the data it was fitted to" if lowest is not grade(worst) else ""
+    text += f"{carried}."
     if not unseen:
         text += " Without other data it stays open whether it carries over."
     worse = [v for v in judged if v.prior_scores and _total(v.prior_scores, v.scores) * PRIOR < 1]
     if worse:
         text += f" On {_listed([v.source for v in worse])} the prior model predicts better."
     return text
+
+
+def _lenient(score: Score, fitted: Sequence[Validation]) -> Grade | None:
+    """Grade of an output, or that of the data it was fitted to if its residual is no larger than there."""
+    own = grade(score)
+    if own is None or own is Grade.USELESS:  # worse than a constant is no question of how much moves
+        return own
+    same = [s for v in fitted for s in v.scores if s.output == score.output and score.rms <= OVERFIT * s.rms]
+    return max([own, *(found for s in same if (found := grade(s)) is not None)])
 
 
 # -- sentences --------------------------------------------------------------------------------------------------------
@@ -141,7 +156,9 @@ def _carries_over(scores: Sequence[Score], fitted: Sequence[Score]) -> list[str]
     if not ratios:
         return []
     if not worse:
-        return ["Residuals are as on the data it was fitted to: it carries over."]
+        quiet = [s.output for s in scores if s.output in ratios and (grade(s) or Grade.USELESS) < Grade.USABLE]
+        why = f"; R² of {_listed(quiet)} is low because the output varies little here" if quiet else ""
+        return [f"Residuals are as on the data it was fitted to: it carries over{why}."]
     shown = _listed([f"{name} ({ratio:.2g} times)" for name, ratio in worse.items()])
     return [f"Residuals are larger than on the data it was fitted to for {shown}: overfitted, or these data hold more."]
 
