@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 from echelon.exact.polynomial import float_generators
+from echelon.formats.write_notes import listed
 from echelon.mechanism.effect import Effect, Side
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import known_values
@@ -79,20 +80,23 @@ def joint_effects(
     return JointEffects(attributes, tuple(f"{reason}: {', '.join(entries)}" for reason, entries in lost.items()))
 
 
-def kept_note(joint: str, stated: Mapping[str, float], written: Collection[str]) -> Iterator[str]:
-    """What to say of numbers of a joint that a file states and the identified model does not have.
+def kept_notes(stated: Mapping[str, Mapping[str, float]], written: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+    """What to say of numbers of joints that a file states and the identified model does not have.
 
     Parameters
     ----------
-    joint : str
-    stated : mapping of str to float
-        By attribute, as in the file.
-    written : collection of str
-        Attributes that the identified model sets.
+    stated : mapping of str to mapping of str to float
+        By joint and attribute, as in the file.
+    written : mapping of str to mapping of str to float
+        The same, as the identified model sets them.
     """
-    kept = [f"{name} = {value!r}" for name, value in stated.items() if value and name not in written]
-    if kept:
-        yield f"joint '{joint}' keeps {', '.join(kept)} of the input: the identified model has no such effect there"
+    kept: dict[str, list[str]] = {}
+    for joint, numbers in stated.items():
+        for name, value in numbers.items():
+            if value and name not in written.get(joint, {}):
+                kept.setdefault(name, []).append(joint)
+    for name, joints in kept.items():
+        yield f"{name} stays as in the input where the identified model has no such effect: {listed(joints)}"
 
 
 def _simple(mechanism: Mechanism, effect: Effect, value: float) -> _Simple | None:

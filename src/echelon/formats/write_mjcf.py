@@ -14,7 +14,7 @@ import numpy as np
 
 from echelon.errors import InputError
 from echelon.formats.mjcf_spec import NO_MASS, import_mujoco
-from echelon.formats.write_effects import COULOMB, ROTOR_INERTIA, VISCOUS, joint_effects, kept_note
+from echelon.formats.write_effects import COULOMB, ROTOR_INERTIA, VISCOUS, joint_effects, kept_notes
 from echelon.formats.write_mjcf_text import JOINTS, NamedModel
 from echelon.formats.write_notes import head_comment, listed, reading_notes
 from echelon.formats.write_values import ROTOR, IdentifiedValues, Load, load_of, number_text
@@ -24,6 +24,7 @@ _FORMAT = "MJCF"
 _ATTRIBUTES = {VISCOUS: "damping", COULOMB: "frictionloss", ROTOR_INERTIA: "armature"}
 _HARMFUL = ("inertiafromgeom", "balanceinertia", "boundmass", "boundinertia", "settotalmass")
 """Settings of the compiler that may change stated inertias; without them it does not."""
+_HARMLESS = ("auto", "false")
 
 
 def edited_mjcf(
@@ -99,7 +100,7 @@ class _Writer:
         if lumped:
             yield f"no mass of their own, since they count as part of the body that they are fixed to: {listed(lumped)}"
         if massless:
-            reason = "no mass, or next to none where MuJoCo demands some, since they carry no parameters"
+            reason = "no mass, or next to none where MuJoCo demands some, since they carry no parameters or zero"
             yield f"{reason}: {listed(massless)}"
 
     def _write_inertial(self, body: Any, load: Load) -> None:
@@ -127,15 +128,15 @@ class _Writer:
         for element, name in self.model.joints.items():
             numbers = effects.attributes.get(name, {})
             self.editor.set_attributes(element, {key: number_text(value) for key, value in numbers.items()})
-            if name in stated:
-                file_says = {key: _first(getattr(stated[name], key)) for key in (*_ATTRIBUTES.values(), "stiffness")}
-                yield from kept_note(name, file_says, numbers)
+        keys = (*_ATTRIBUTES.values(), "stiffness")
+        said = {name: {key: _first(getattr(joint, key)) for key in keys} for name, joint in stated.items()}
+        yield from kept_notes(said, effects.attributes)
         yield from effects.notes
 
     def _write_compiler(self) -> Iterator[str]:
         changed: list[str] = []
         for element in self.editor.root.findall("compiler"):
-            harmful = [key for key in _HARMFUL if element.get(key) is not None]
+            harmful = [key for key in _HARMFUL if element.get(key) is not None and element.get(key) not in _HARMLESS]
             self.editor.drop_attributes(element, harmful)
             changed += harmful
         if changed:

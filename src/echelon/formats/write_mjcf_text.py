@@ -14,8 +14,12 @@ from echelon.errors import InputError
 from echelon.formats.mjcf_document import check_document
 from echelon.formats.mjcf_spec import NO_MASS, compile_spec, import_mujoco, parse_spec
 from echelon.formats.write_values import number_text
-from echelon.formats.write_xml import XmlEditor
+from echelon.formats.write_xml import XmlEditor, decoded
 
+_PRINTED = (
+    "MuJoCo has written out what multiplies or attaches bodies: without comments, "
+    "and with six digits but for bodies, frames and joints"
+)
 JOINTS = ("joint", "freejoint")
 
 
@@ -46,11 +50,13 @@ class NamedModel:
     """
 
     def __init__(self, text: str, source: str, directory: Path) -> None:
+        text = text.removeprefix("\ufeff")  # MuJoCo would stumble over the mark of byte order
         _, included = check_document(text, source, directory)
+        parse_spec(text, source, directory)  # which refuses files that include themselves
         self.notes: tuple[str, ...] = ()
         self._read(_with_includes(text, source, included), source, directory)
         if not self._is_complete:
-            self.notes = ("MuJoCo has written out what multiplies or attaches bodies, without the comments",)
+            self.notes = (_PRINTED,)
             self._read(_printed(text, source, directory), source, directory)
         if not self._is_complete:
             raise InputError("its bodies cannot be told apart; give every body and joint a name", source=source)
@@ -77,7 +83,7 @@ def _with_includes(text: str, source: str, included: Mapping[str, bytes]) -> str
     editor = XmlEditor(text, source)
     for element in editor.root.iter("include"):
         name = element.get("file")
-        inner = XmlEditor(_with_includes(included[name].decode("utf-8-sig"), name, included), name)
+        inner = XmlEditor(_with_includes(decoded(included[name], name), name, included), name)
         editor.replace(element, inner.inside(inner.root))
     return editor.result()
 
@@ -93,6 +99,7 @@ def _printed(text: str, source: str, directory: Path) -> str:
         _name(stem, elements)
     try:
         model = spec.compile()
+        spec.compiler.boundmass = spec.compiler.boundinertia = 0.0
         printed = str(spec.to_xml())
     except (ValueError, mujoco.FatalError) as error:
         problem = f"MuJoCo, which must write out what multiplies or attaches bodies, refuses the model: {error}"
@@ -122,7 +129,7 @@ def _precise(spec: Any, model: Any) -> Iterator[tuple[tuple[str, str], dict[str,
         for element in elements:
             rotation = element.quat
             if element.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT:
-                rules = spec.compiler
+                rules = getattr(element, "compiler", spec.compiler)  # of the model that was attached
                 rotation = spec.resolve_orientation(
                     degree=rules.degree, sequence=rules.eulerseq, orientation=element.alt
                 )

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.formats.write_effects import COULOMB, VISCOUS, JointEffects, joint_effects, kept_note
+from echelon.formats.write_effects import COULOMB, VISCOUS, JointEffects, joint_effects, kept_notes
 from echelon.formats.write_notes import head_comment, listed, reading_notes
 from echelon.formats.write_values import ROTOR, IdentifiedValues, Load, load_of, number_text
 from echelon.formats.write_xml import XmlEditor
@@ -64,6 +64,7 @@ class _Writer:
         self.mechanism, self.values, self.editor, self.source = mechanism, values, editor, source
         self.links = {str(e.get("name")): e for e in editor.root.findall("link")}
         self.joints = {str(e.get("name")): e for e in editor.root.findall("joint")}
+        self.carriers = {_end(joint, "child"): _end(joint, "parent") for joint in self.joints.values()}
         self.bodies = {b.name: k for k, b in enumerate(mechanism.bodies) if b.joint.kind != ROTOR}
 
     def written(self) -> tuple[str, tuple[str, ...]]:
@@ -96,13 +97,12 @@ class _Writer:
             reason = "no inertial of their own, since they count as part of the link that they are fixed to"
             yield f"{reason}: {listed(lumped)}"
         if massless:
-            yield f"no inertial, since they carry no parameters: {listed(massless)}"
+            yield f"no inertial, since they carry no parameters or zero: {listed(massless)}"
 
     def _rides(self, link: str) -> bool:
         """Whether a link is fixed to a body, rather than to the world."""
-        carriers = {str(j.find("child").get("link")): str(j.find("parent").get("link")) for j in self.joints.values()}
-        while link in carriers and link not in self.bodies:
-            link = carriers[link]
+        while link in self.carriers and link not in self.bodies:
+            link = self.carriers[link]
         return link in self.bodies
 
     def _write_inertial(self, link: Any, inertials: list[Any], load: Load) -> None:
@@ -130,16 +130,22 @@ class _Writer:
         return {name for name, joint in self.joints.items() if joint.get("type") in SINGLE_AXIS}
 
     def _write_dynamics(self, effects: JointEffects) -> Iterator[str]:
+        stated: dict[str, dict[str, float]] = {}
         for name, joint in self.joints.items():
             numbers = effects.attributes.get(name, {})
             written = {key: number_text(value) for key, value in numbers.items()}
             element = joint.find("dynamics")
             if element is not None:
-                yield from kept_note(name, {key: _number(element.get(key)) for key in DYNAMICS.values()}, written)
+                stated[name] = {key: _number(element.get(key)) for key in DYNAMICS.values()}
                 self.editor.set_attributes(element, written)
             elif written:
                 attributes = "".join(f' {key}="{value}"' for key, value in written.items())
                 self.editor.insert_first(joint, [f"<dynamics{attributes}/>"])
+        yield from kept_notes(stated, effects.attributes)
+
+
+def _end(joint: Any, tag: str) -> str:
+    return str(joint.find(tag).get("link"))
 
 
 def _number(text: str | None) -> float:

@@ -87,10 +87,11 @@ class XmlEditor:
     def remove(self, element: Any) -> None:
         """Take an element out, with its line if it had that to itself."""
         span = self._spans[element]
-        line, rest = self.text[: span.start], self.text[span.end :]
-        before = re.search(r"(\r?\n)[ \t]*$", line)
-        alone = before is not None and re.match(r"[ \t]*\r?\n", rest) is not None
-        self._edits.append((before.start() if alone and before is not None else span.start, span.end, ""))
+        line, rest = self._line_start(span.start), re.compile(r"[ \t]*\r?\n").match(self.text, span.end)
+        if rest and not self.text[line : span.start].strip():
+            self._edits.append((line, rest.end(), ""))
+        else:
+            self._edits.append((span.start, span.end, ""))
 
     def set_attributes(self, element: Any, values: Mapping[str, str]) -> None:
         """Set attributes of an element; the others, and how the tag is written, stay."""
@@ -123,11 +124,11 @@ class XmlEditor:
         """Put lines before everything else in an element."""
         span = self._spans[element]
         outer = self._indentation(span.start)
-        first = re.match(r"\s*\n([ \t]*)<(?!/)", self.text[span.content :]) if not span.is_empty else None
+        first = None if span.is_empty else re.compile(r"\s*\n([ \t]*)<(?!/)").match(self.text, span.content)
         inner = self._newline + (first[1] if first else outer + _UNIT)
         block = "".join(inner + line for line in lines)
         if not span.is_empty:
-            has_lines = "\n" in self.text[span.content : span.close]
+            has_lines = self.text.find("\n", span.content, span.close) >= 0
             self._edits.append((span.content, span.content, block if has_lines else block + self._newline + outer))
             return
         tag = self.text[span.start : span.end].removesuffix("/>").rstrip()
@@ -144,8 +145,11 @@ class XmlEditor:
         return "".join([*pieces, self.text[at:]])
 
     def _indentation(self, place: int) -> str:
-        match = re.search(r"(?:^|\n)([ \t]*)$", self.text[:place])
-        return match[1] if match else ""
+        before = self.text[self._line_start(place) : place]
+        return "" if before.strip() else before
+
+    def _line_start(self, place: int) -> int:
+        return self.text.rfind("\n", 0, place) + 1
 
 
 def decoded(data: bytes, source: str) -> str:
