@@ -10,6 +10,8 @@ import pytest
 import echelon as ec
 from arms import body, modified_dh, tree
 from arms import puma560 as puma
+from echelon.formats.description import read_description_data
+from echelon.formats.options import ReadingOptions
 from echelon.identify.gains import drive_gains, gain_names
 from echelon.identify.model_rows import ModelRows
 from echelon.identify.payload import JoinedRows, Payload, loaded_rows, with_zeros
@@ -199,6 +201,38 @@ def test_one_known_gain_or_parameter_fixes_the_scale(three: Truth) -> None:
     twice = drive_gains(three.base, free, known={name: 2 * value})
     np.testing.assert_allclose(twice.gains, 2 * by_mass.gains, rtol=1e-6)
     np.testing.assert_allclose(twice.estimate.values, 2 * by_mass.estimate.values, rtol=1e-4, atol=1e-6)
+
+
+def test_gains_of_coupled_drives() -> None:
+    """Each motor moves both joints; the gains are those of the motors."""
+    row = {"joint": "revolute", "alpha": "pi/2", "a": "0.3"}
+    data = {
+        "echelon": 1,
+        "name": "differential",
+        "modified_dh": [{"joint": "revolute"}, row],
+        "gravity": [0, "-9.81", 0],
+        "actuators": {"a": "30*j1 + 20*j2", "b": "-10*j1 + 50*j2"},
+        "effects": [{"type": "viscous", "at": "all"}, {"type": "drive_gain", "at": ["a", "b"]}],
+    }
+    base = ec.base_parameters(read_description_data(data, "differential", ReadingOptions()))
+    names = gain_names(base)
+    assert len(names) == 2
+    payload = Payload.of(base.mechanism.bodies[1].name, LOAD)
+    load = payload.base(base)
+    values = np.random.default_rng(3).uniform(0.5, 2, base.rank)
+    gains = np.array([0.3, 0.5])
+    values[[base.pivots.index(name) for name in names]] = 0
+    runs = []
+    for seed in (0, 1):
+        q, qd, qdd = np.random.default_rng(seed).normal(size=(3, 200, 2))
+        torque = base.predict(q, qd, qdd, values, inputs={"a": np.zeros(200), "b": np.zeros(200)})
+        torque = torque + seed * load.predict(q, qd, qdd, load.values(LOAD))
+        currents = dict(zip("ab", (torque / gains).T, strict=True))
+        runs.append(Samples("run", 0.0, 100.0, q, qd, qdd, None, currents))
+    free = ModelRows.of(base, [with_zeros(base, runs[0])])
+    found = drive_gains(base, free, loaded_rows(base, payload, runs[1:]), payload)
+    np.testing.assert_allclose(found.gains, gains, rtol=1e-6)
+    assert found.units == ("N·m/A", "N·m/A")
 
 
 # -- what cannot be ---------------------------------------------------------------------------------------------------
