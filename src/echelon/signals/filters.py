@@ -28,7 +28,7 @@ Complexes = npt.NDArray[np.complex128]
 FAR = 1e-9
 """Influence of a sample, as a share of its value, below which a result does not depend on it."""
 
-NEAR = 1e-3
+NEAR = 1e-2
 """Influence of what lies beyond the end of a signal, below which a result is not spoilt by it."""
 
 _ORIGIN = 1e-9
@@ -223,7 +223,7 @@ def lowpass(values: Floats, cutoff: float, rate: float, order: int = 4) -> Float
     if cutoff == np.inf:
         return np.array(values, dtype=np.float64)
     both = butterworth(cutoff, rate, order)
-    return both.apply(values, both.reach(NEAR))
+    return both.apply(values, 2 * both.reach(NEAR))
 
 
 def check_cutoff(cutoff: float, rate: float) -> None:

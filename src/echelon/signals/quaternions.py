@@ -37,8 +37,8 @@ def continuous(q: Floats, before: Floats | None = None) -> Floats:
     Examples
     --------
     >>> import numpy as np
-    >>> continuous(np.array([[1.0, 0, 0, 0], [-1, 0, 0, 0]])).tolist()
-    [[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]
+    >>> continuous(np.array([[0.6, 0.8, 0, 0], [-0.6, -0.8, 0, 0]]))[:, :2].tolist()
+    [[0.6, 0.8], [0.6, 0.8]]
     """
     length = np.linalg.norm(q, axis=1)
     wrong = np.flatnonzero(~(np.abs(length - 1) < _FAR_FROM_UNIT))
