@@ -159,7 +159,8 @@ def _duplicates(recording: Recording, channels: Sequence[Series], usable: Flags,
     for channel in channels:
         groups.setdefault(channel.values[usable].tobytes(), []).append(channel)
     for group in groups.values():
-        if len(group) > 1:
+        # two joints may well be asked to move alike, but they will not
+        if len(group) > 1 and any(channel.signal != "reference" for channel in group):
             others = listed(channel.label for channel in group[1:])
             text = f"has the same values as {others} in every sample: was one column taken twice?"
             findings.append(Finding(Severity.WARNING, "duplicate", f"{recording.source}, {group[0].label}", text))
