@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -169,4 +170,82 @@ def bare(robot: str = "double_pendulum", samples: int = 400) -> Identification:
     return replace(
         full, essential=None, feasibility=None, physical=None, validations=(lone,), findings=(), chosen="estimate",
         preparation=Preparation(), excitation=replace(full.excitation, weak=()), settings={}, verdict="",
+    )  # fmt: skip
+
+
+# -- pages and hostile names -------------------------------------------------------------------------------------------
+
+HOSTILE = (
+    "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>\n</script><!-- 🦾 \u202eمرحبا {{ 7 * 7 }} %{y} $x$ &lt;"
+)
+
+
+class Page(HTMLParser):
+    """Elements, attributes and texts of a page; a script's content is text."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+        self.text: list[str] = []
+        self.open: list[str] = []
+        self._inside = ""
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        self._inside = tag
+        if tag == "script":
+            self.scripts.append("")
+        if tag not in ("meta", "input", "br"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+        self._inside = ""
+
+    def handle_data(self, data: str) -> None:
+        if self._inside == "script":
+            self.scripts[-1] += data
+        else:
+            self.text.append(data)
+
+    @property
+    def words(self) -> str:
+        return " ".join(" ".join(self.text).split())
+
+
+def hostile(run: Identification) -> Identification:
+    """The same with names that try to break out, wherever a name can stand."""
+    mechanism = run.base.mechanism
+    bodies = tuple(
+        replace(b, name=f"{HOSTILE}{k}", label=f"<b>{k}", joint=replace(b.joint, name=HOSTILE))
+        for k, b in enumerate(mechanism.bodies)
+    )
+    other = replace(mechanism, name=HOSTILE, bodies=bodies)
+    matrix = replace(run.base.matrix, parameters=other.parameters)
+    base = ec.BaseModel(other, matrix, run.base.certificate, run.base.reading, run.base.seed)
+
+    def dirty(validation):
+        scores = tuple(replace(s, output=f"{HOSTILE}{k}", unit=HOSTILE) for k, s in enumerate(validation.scores))
+        traces = tuple(replace(t, output=f"{HOSTILE}{k}", unit=HOSTILE) for k, t in enumerate(validation.traces))
+        return replace(validation, source=HOSTILE, verdict=HOSTILE, scores=scores, prior_scores=scores, traces=traces)
+
+    assert run.physical is not None
+    assert run.feasibility is not None
+    weak = tuple(replace(d, advice=HOSTILE, weights=((base.pivots[0], 1.0),)) for d in run.excitation.weak)
+    margins = {body.name: 1.0 for body in bodies}
+    return replace(
+        run, base=base, logs=(HOSTILE,), verdict=HOSTILE, settings={HOSTILE: HOSTILE},
+        findings=(Finding(Severity.WARNING, HOSTILE, HOSTILE, HOSTILE),),
+        validations=tuple(dirty(v) for v in run.validations),
+        estimate=replace(run.estimate, method=HOSTILE, units=(HOSTILE,) * run.base.rank, diagnostics={HOSTILE: 1}),
+        excitation=replace(run.excitation, weak=weak),
+        feasibility=replace(run.feasibility, proof=HOSTILE),
+        physical=replace(run.physical, parameters=other.parameters, margins=margins, prior=HOSTILE, status=HOSTILE),
+        preparation=replace(run.preparation, still={HOSTILE: 1.0}, reasons={"still": HOSTILE}),
     )  # fmt: skip

@@ -6,7 +6,6 @@ import json
 import re
 import sys
 from dataclasses import replace
-from html.parser import HTMLParser
 from math import inf, nan
 from types import MappingProxyType
 
@@ -15,57 +14,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import echelon as ec
 from echelon.errors import MissingExtraError
 from echelon.identify.identification import Identification
-from echelon.logs.finding import Finding, Severity
 from echelon.report.environment import plotly_source
 from echelon.report.page import SECTIONS, report_html
 from echelon.report.payload import script_safe
-from report_data import bare, base_of, identification
-
-HOSTILE = (
-    "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>\n</script><!-- 🦾 \u202eمرحبا {{ 7 * 7 }} %{y} $x$ &lt;"
-)
-
-
-class Page(HTMLParser):
-    """Elements, attributes and texts of a page; a script's content is text."""
-
-    def __init__(self, html: str) -> None:
-        super().__init__(convert_charrefs=True)
-        self.elements: list[tuple[str, dict[str, str | None]]] = []
-        self.scripts: list[str] = []
-        self.text: list[str] = []
-        self.open: list[str] = []
-        self._inside = ""
-        self.feed(html)
-        self.close()
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.elements.append((tag, dict(attrs)))
-        self._inside = tag
-        if tag == "script":
-            self.scripts.append("")
-        if tag not in ("meta", "input", "br"):
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.elements.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-        self._inside = ""
-
-    def handle_data(self, data: str) -> None:
-        if self._inside == "script":
-            self.scripts[-1] += data
-        else:
-            self.text.append(data)
-
-    @property
-    def words(self) -> str:
-        return " ".join(" ".join(self.text).split())
+from report_data import Page, bare, base_of, hostile, identification
 
 
 @pytest.fixture(scope="module")
@@ -76,38 +30,6 @@ def full() -> Identification:
 @pytest.fixture(scope="module")
 def page(full: Identification) -> Page:
     return Page(report_html(full))
-
-
-def hostile(run: Identification) -> Identification:
-    """The same with names that try to break out, wherever a name can stand."""
-    mechanism = run.base.mechanism
-    bodies = tuple(
-        replace(b, name=f"{HOSTILE}{k}", label=f"<b>{k}", joint=replace(b.joint, name=HOSTILE))
-        for k, b in enumerate(mechanism.bodies)
-    )
-    other = replace(mechanism, name=HOSTILE, bodies=bodies)
-    matrix = replace(run.base.matrix, parameters=other.parameters)
-    base = ec.BaseModel(other, matrix, run.base.certificate, run.base.reading, run.base.seed)
-
-    def dirty(validation):
-        scores = tuple(replace(s, output=f"{HOSTILE}{k}", unit=HOSTILE) for k, s in enumerate(validation.scores))
-        traces = tuple(replace(t, output=f"{HOSTILE}{k}", unit=HOSTILE) for k, t in enumerate(validation.traces))
-        return replace(validation, source=HOSTILE, verdict=HOSTILE, scores=scores, prior_scores=scores, traces=traces)
-
-    assert run.physical is not None
-    assert run.feasibility is not None
-    weak = tuple(replace(d, advice=HOSTILE, weights=((base.pivots[0], 1.0),)) for d in run.excitation.weak)
-    margins = {body.name: 1.0 for body in bodies}
-    return replace(
-        run, base=base, logs=(HOSTILE,), verdict=HOSTILE, settings={HOSTILE: HOSTILE},
-        findings=(Finding(Severity.WARNING, HOSTILE, HOSTILE, HOSTILE),),
-        validations=tuple(dirty(v) for v in run.validations),
-        estimate=replace(run.estimate, method=HOSTILE, units=(HOSTILE,) * run.base.rank, diagnostics={HOSTILE: 1}),
-        excitation=replace(run.excitation, weak=weak),
-        feasibility=replace(run.feasibility, proof=HOSTILE),
-        physical=replace(run.physical, parameters=other.parameters, margins=margins, prior=HOSTILE, status=HOSTILE),
-        preparation=replace(run.preparation, still={HOSTILE: 1.0}, reasons={"still": HOSTILE}),
-    )  # fmt: skip
 
 
 def test_same_input_same_page(full: Identification) -> None:

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from echelon.report.page import report_html
-from report_data import bare, identification
-from test_report import Page, hostile
+from report_data import Page, bare, hostile, identification
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = (
@@ -33,7 +32,7 @@ setTimeout(() => {
   const first = () => table.tBodies[0].rows[0].dataset.text.split(" ")[0];
   const log = document.getElementById("log"), caption = document.querySelector(".caption");
   const state = { first: [first()], wide: document.documentElement.scrollWidth - innerWidth };
-  const value = [...table.tHead.querySelectorAll("button")].find((b) => b.textContent === "value");
+  const value = [...table.tHead.querySelectorAll("button")].find((b) => b.ariaLabel === "sort by value");
   for (let k = 0; k < 2; k++) { value.click(); state.first.push(first()); }
   state.sorted = value.parentElement.getAttribute("aria-sort");
   search.value = "zz2"; search.dispatchEvent(new Event("input"));

@@ -75,15 +75,15 @@ def drawable_pose(mechanism: Mechanism) -> Pose | None:
 
 
 def _positions(mechanism: Mechanism, bend: float) -> dict[str, float]:
-    """Positions of all coordinates: rotations alternate between bend and −bend, except the first; balls are upright."""
+    """Positions of all coordinates: rotations alternate between bend and −bend; balls are upright."""
     found: dict[str, float] = {}
-    sign = 0.0
+    sign = 1.0
     for motion in mechanism.motions:
         if motion.kind is MotionKind.BALL:
             found |= dict(zip(motion.positions, (1.0, 0.0, 0.0, 0.0), strict=True))
         elif motion.kind is MotionKind.ROTATION:
             found[motion.name] = sign * bend
-            sign = -1.0 if sign >= 0 else 1.0
+            sign = -sign
         else:
             found[motion.name] = 0.0
     return found

@@ -23,11 +23,11 @@ WIDTH, LABEL = 940.0, 262.0
 """Width of the drawing, and of the columns of labels on both sides, px."""
 
 _ROW = 24.0  # height of a label
-_LEAST = 420.0  # height of a drawing
+_HEIGHTS = 180.0, 420.0  # of a drawing, if its labels need no more
 _MARGIN = 24.0
 _VIEWS, _ELEVATION = 12, 0.35  # directions that are tried, and how far they look down, rad
 _AXIS = 0.035  # half-length of a joint's axis, of the robot's extent
-_STUB = 0.12  # length of a last body, of the robot's extent
+_STUB = 0.2  # length of a last body, of the robot's extent
 
 
 @dataclass(frozen=True)
@@ -94,8 +94,8 @@ def drawing(mechanism: Mechanism, pose: Pose, seen: Sequence[SeenBody]) -> Drawi
     axes = np.stack([pose.origins - _AXIS * extent * pose.axes, pose.origins + _AXIS * extent * pose.axes], axis=1)
     tips = {i: points if len(points) else _tip(mechanism, pose, i, extent)[None] for i, points in ends.items()}
     cloud = np.vstack([np.zeros((1, 3)), pose.origins, axes.reshape(-1, 3), *tips.values()])
-    height = max(_LEAST, _ROW * ((len(seen) + 1) // 2) + 2 * _MARGIN)
-    place = _Paper(cloud, pose.up, height)
+    place = _Paper(cloud, pose.up, _ROW * ((len(seen) + 1) // 2) + 2 * _MARGIN)
+    height = place.height
     anchors = {body.index: place(0.5 * (pose.origins[body.index] + tips[body.index].mean(axis=0))) for body in seen}
     labels = _labels(anchors, height)
     by_index = {body.index: body for body in seen}
@@ -145,7 +145,7 @@ def _tip(mechanism: Mechanism, pose: Pose, index: int, extent: float) -> Floats:
 class _Paper:
     """Points in space to points on paper."""
 
-    def __init__(self, cloud: Floats, up: Floats, height: float) -> None:
+    def __init__(self, cloud: Floats, up: Floats, least: float) -> None:
         side = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 1.0, 0.0])
         side /= np.linalg.norm(side)
         front = np.cross(side, up)
@@ -154,9 +154,11 @@ class _Paper:
         self._axes = max(views, key=lambda axes: _spread(cloud @ axes.T / size))
         flat = cloud @ self._axes.T
         low, high = flat.min(axis=0), flat.max(axis=0)
-        room = np.array([WIDTH - 2 * LABEL - 2 * _MARGIN, height - 2 * _MARGIN])
-        self._scale = float(np.min(room / np.maximum(high - low, 1e-9 * max(float(np.max(high - low)), 1e-300))))
-        self._middle, self._centre = 0.5 * (low + high), np.array([WIDTH, height]) / 2
+        width, tall = np.maximum(high - low, 1e-9 * max(float(np.max(high - low)), 1e-300))
+        room = WIDTH - 2 * LABEL - 2 * _MARGIN
+        self.height = max(least, float(np.clip(room * tall / width + 2 * _MARGIN, *_HEIGHTS)))
+        self._scale = float(min(room / width, (self.height - 2 * _MARGIN) / tall))
+        self._middle, self._centre = 0.5 * (low + high), np.array([WIDTH, self.height]) / 2
 
     def __call__(self, point: Floats) -> Point:
         x, y = self._centre + self._scale * np.array([1.0, -1.0]) * (self._axes @ point - self._middle)

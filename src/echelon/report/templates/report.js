@@ -26,11 +26,11 @@
 
   const axis = (title, more = {}) => {
     const c = colours();
-    return { title: { text: title, font: { size: 12 }, standoff: 6 }, gridcolor: c.line, zerolinecolor: c.soft, zerolinewidth: 0.7, linecolor: c.soft, automargin: true, ...more };
+    return { title: { text: title, font: { size: 12 }, standoff: 6 }, gridcolor: c.line, zerolinecolor: c.soft, zerolinewidth: 0.7, linecolor: c.soft, exponentformat: "power", ...more };
   };
   const layout = (height, more) => ({
     height, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: colours().ink, size: 11 },
-    margin: { l: 62, r: 12, t: 8, b: 40 }, showlegend: false, modebar: { bgcolor: "rgba(0,0,0,0)", color: colours().soft, activecolor: colours().ink }, hovermode: "x unified", hoverlabel: { font: { size: 11 } }, ...more,
+    margin: { l: 68, r: 12, t: 8, b: 40 }, showlegend: false, modebar: { bgcolor: "rgba(0,0,0,0)", color: colours().soft, activecolor: colours().ink }, hovermode: "x unified", hoverlabel: { font: { size: 11 } }, ...more,
   });
   // the buttons are listed one by one, so that none that talks to a server is among them
   const buttons = [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]];
@@ -47,7 +47,7 @@
     lines.push(line("residual", signal("residual"), c.predicted, { yaxis: "y2", showlegend: false }));
     const time = trace.since === null ? "time / s" : "time since " + trace.since.toFixed(3) + " s / s";
     return [lines, layout(430, {
-      showlegend: true, legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" }, margin: { l: 62, r: 12, t: 30, b: 40 },
+      showlegend: true, legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" }, margin: { l: 68, r: 12, t: 30, b: 40 },
       xaxis: axis(time, { anchor: "y2" }), yaxis: axis(plain(trace.unit), { domain: [0.36, 1] }),
       yaxis2: axis("residual", { domain: [0, 0.28] }),
     })];
@@ -73,7 +73,7 @@
     return [[
       line("spectrum", [f, floats(r.amplitude)], c.predicted),
       line("white", [[f[0], f[f.length - 1]], [r.white, r.white]], c.soft, { line: { color: c.soft, dash: "dash", width: 1 } }),
-    ], layout(230, { xaxis: axis("frequency / Hz", { type: "log", dtick: 1 }), yaxis: axis(plain(trace.unit) + " / √Hz", { rangemode: "tozero" }) })];
+    ], layout(230, { xaxis: axis("frequency / Hz", { type: "log", dtick: 1, exponentformat: "none" }), yaxis: axis(plain(trace.unit) + " / √Hz", { rangemode: "tozero" }) })];
   }
   const kinds = { trace: tracePlot, histogram, correlation, spectrum };
 
@@ -91,6 +91,8 @@
     }
     if (!node.classList.contains("js-plotly-plot")) node.textContent = "";
     const [lines, shape] = kinds[node.dataset.plot](trace);
+    // px of a page, which no script can measure
+    if (printing) Object.assign(shape, node.dataset.plot === "trace" ? { width: 700, height: 330 } : { width: 226, height: 200 });
     Plotly.react(node, lines, shape, options[node.dataset.plot] || options.other);
     if (caption) {
       const thinned = trace.drawn < trace.samples;
@@ -120,9 +122,9 @@
   const number = (row, k) => { const x = parseFloat(row.cells[k].dataset.key.replace("inf", "Infinity")); return Number.isNaN(x) ? -Infinity : x; };
   const text = (row) => row.dataset.text;
   table.tHead.addEventListener("click", (event) => {
-    const button = event.target.closest("button");
+    const head = event.target.closest("th"), button = head && head.querySelector("button");
     if (!button) return;
-    const head = button.parentElement, k = head.cellIndex;
+    const k = head.cellIndex;
     const up = head.getAttribute("aria-sort") !== "ascending";
     [...table.tHead.rows[0].cells].forEach((cell) => cell.hasAttribute("aria-sort") && cell.setAttribute("aria-sort", "none"));
     head.setAttribute("aria-sort", up ? "ascending" : "descending");
