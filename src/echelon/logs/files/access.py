@@ -15,6 +15,8 @@ from pathlib import Path
 from echelon.errors import EchelonError, InputError, one_line
 from echelon.hints import nearest
 
+_SHOWN = 160
+
 
 def existing_file(path: str | os.PathLike[str]) -> Path:
     """A path at which a file with content can be read.
@@ -29,15 +31,16 @@ def existing_file(path: str | os.PathLike[str]) -> Path:
         If there is no such file, it is a directory or empty, or it may not be read.
     """
     found, source = Path(path), os.fspath(path)
-    if found.is_dir():
+    if os.path.isdir(found):
         raise InputError("is a directory; name a file in it", source=source)
-    if not found.exists():
-        raise InputError(f"no such file{_neighbour(found)}", source=source)
     try:
         with found.open("rb") as stream:
             content = stream.read(1)
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", source=source) from None
+    except FileNotFoundError:
+        raise InputError(f"no such file{_neighbour(found)}", source=source) from None
+    except (OSError, ValueError) as error:  # ValueError: a name that no system allows
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot be read: {reason}", source=one_line(source)) from None
     if not content:
         raise InputError("is empty", source=source)
     return found
@@ -68,7 +71,7 @@ def decoding(source: str, kind: str, advice: str = "") -> Iterator[None]:
     except PermissionError as error:
         raise InputError(f"cannot be read: {error.strerror}", source=source) from None
     except Exception as error:  # see the head of this file
-        reason = one_line(str(error)).strip().rstrip(".") or type(error).__name__
+        reason = one_line(str(error))[:_SHOWN].strip().rstrip(".") or type(error).__name__
         problem = f"cannot be read as {kind}; it is damaged or was cut off ({reason})"
         raise InputError(f"{problem}; {advice}" if advice else problem, source=source) from error
 

@@ -78,6 +78,8 @@ class ArrayColumns:
 
     def __init__(self, source: str, arrays: Sequence[NamedArray], left_out: Mapping[str, str]) -> None:
         self._source, self._left_out = source, dict(left_out)
+        repeated = {name for name, count in Counter(array.name for array in arrays).items() if count > 1}
+        self._left_out |= dict.fromkeys(repeated, "occurs more than once")
         usable = [array for array in arrays if array.shape and self._is_usable(array)]
         self.length = _common_length(usable)
         self._columns: dict[str, _Column] = {}
@@ -177,12 +179,6 @@ def _values(column: _Column, rows: npt.NDArray[Any]) -> Floats:
 
 
 def _described(kind: np.dtype[Any]) -> str:
-    words = {
-        "O": "Python objects",
-        "U": "text",
-        "S": "text",
-        "c": "complex numbers",
-        "M": "dates",
-        "m": "spans of time",
-    }
+    words = {"O": "Python objects", "U": "text", "S": "text", "c": "complex numbers"}
+    words |= dict.fromkeys("Mm", "dates or spans of time (save them as seconds)")
     return words.get(kind.kind, str(kind))

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 from echelon.errors import InputError
-from echelon.logs.files.mcap import Mcap
+from echelon.logs.files.mcap import Mcap, is_mcap
 from echelon.logs.files.message_columns import TopicColumns
 from echelon.logs.files.rosbag import Rosbag
 from echelon.logs.files.selection import missing
@@ -51,7 +50,7 @@ class BagFile:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self._messages: MessageSource = Mcap(path) if Path(path).suffix.lower() == ".mcap" else Rosbag(path)
+        self._messages: MessageSource = Mcap(path) if is_mcap(path) else Rosbag(path)
         self.source = self._messages.source
         self.origin = self._messages.start // 10**9
         try:

@@ -1,4 +1,4 @@
-"""MATLAB's files, versions 4 to 7, through scipy.
+"""MATLAB's files, versions 4 to 7.
 
 Files of version 7.3 are HDF5 with conventions of MATLAB's own; MATLAB writes the older format on request (``-v7``), and
 the error says so.
@@ -16,6 +16,7 @@ import numpy.typing as npt
 from echelon.errors import InputError
 from echelon.logs.files.access import decoding, existing_file
 from echelon.logs.files.arrays import ArrayColumns, NamedArray
+from echelon.logs.files.mat_elements import Group, Unread, Value, variables
 from echelon.logs.table import CHUNK, Table
 
 _KIND = "a MAT file"
@@ -27,8 +28,8 @@ class MatFile:
     """A MAT file.
 
     Rows and columns of numbers are columns of the log, a matrix gives ``name[0]``, ``name[1]``, …; fields of structs
-    are ``name.field``, entries of struct arrays and of cells ``name[0].field``.  The log has as many rows as most
-    arrays; the others are left out.  The format has no index, so the whole file is read when it is opened.
+    are ``name.field``, entries of struct arrays ``name[0].field``, those of cells ``name[0]``.  The log has as many
+    rows as most arrays; the others are left out.  The format has no index: all of it is read when it is opened.
 
     Parameters
     ----------
@@ -48,14 +49,13 @@ class MatFile:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         found, self.source = existing_file(path), os.fspath(path)
-        with found.open("rb") as stream:
-            start = stream.read(520)
-        if start.startswith(b"MATLAB 7.3") or _HDF5 in start:
+        content = found.read_bytes()
+        if content.startswith(b"MATLAB 7.3") or _HDF5 in content[:520]:
             problem = "is a MAT file of version 7.3, which is not read; save it in MATLAB with  save(…, '-v7')"
             raise InputError(problem, source=self.source)
         self._left_out: dict[str, str] = {}
         with decoding(self.source, _KIND):
-            arrays = list(self._arrays(found))
+            arrays = list(self._arrays(content))
         self._columns = ArrayColumns(self.source, arrays, self._left_out)
         self.names: tuple[str, ...] = self._columns.names
 
@@ -76,41 +76,42 @@ class MatFile:
         """
         yield from self._columns.tables(names, rows)
 
-    def _arrays(self, path: os.PathLike[str]) -> Iterator[NamedArray]:
-        from scipy.io import loadmat
+    def _arrays(self, content: bytes) -> Iterator[NamedArray]:
+        for name, value in _old_variables(self.source) if 0 in content[:4] else variables(content):
+            yield from self._inside(name, value)
 
-        content = loadmat(
-            os.fspath(path), squeeze_me=False, struct_as_record=True, verify_compressed_data_integrity=True
-        )
-        for name, value in content.items():
-            if not name.startswith("__"):
-                yield from self._inside(name, value)
-
-    def _inside(self, name: str, value: Any) -> Iterator[NamedArray]:
+    def _inside(self, name: str, value: Value) -> Iterator[NamedArray]:
         """The arrays in a variable, with structs and cells opened."""
-        from scipy.io.matlab import MatlabFunction, MatlabOpaque
-        from scipy.sparse import issparse
-
-        if isinstance(value, MatlabOpaque | MatlabFunction):
-            self._left_out[name] = "is a MATLAB object; save its numbers as plain arrays"
-        elif issparse(value):
-            self._left_out[name] = "is a sparse matrix; save it as a full one"
-        elif isinstance(value, np.ndarray) and (value.dtype.names is not None or value.dtype == object):
+        if isinstance(value, Unread):
+            self._left_out[name] = value.reason
+        elif isinstance(value, Group):
             yield from self._opened(name, value)
         else:
-            array = _without_singletons(np.asarray(value))
+            array = _without_singletons(value)
             yield NamedArray(name, array.shape, array.dtype, lambda: array)
 
-    def _opened(self, name: str, value: npt.NDArray[Any]) -> Iterator[NamedArray]:
-        if value.size > _MANY:
-            self._left_out[name] = f"has {value.size} structs or cells; at most {_MANY} are opened"
+    def _opened(self, name: str, value: Group) -> Iterator[NamedArray]:
+        fields = value.fields or ("",)
+        count = len(value.members) // len(fields)
+        if count > _MANY:
+            self._left_out[name] = f"has {count} structs or cells; at most {_MANY} are opened"
             return
-        for index, element in enumerate(value.ravel()):
-            label = name if value.size == 1 else f"{name}[{index}]"
-            if value.dtype.names is None:
-                yield from self._inside(label, element)
-            for field in value.dtype.names or ():
-                yield from self._inside(f"{label}.{field}", element[field])
+        for index, member in enumerate(value.members):
+            element, field = divmod(index, len(fields))
+            label = name if count == 1 else f"{name}[{element}]"
+            yield from self._inside(f"{label}.{fields[field]}".removesuffix("."), member)
+
+
+def _old_variables(path: str) -> Iterator[tuple[str, Value]]:
+    """Variables of a file of version 4, which knows nothing but matrices."""
+    from scipy.io import loadmat
+    from scipy.sparse import issparse
+
+    for name, value in loadmat(path, appendmat=False).items():
+        if issparse(value):
+            yield name, Unread("is a sparse matrix; save it as a full one")
+        elif not name.startswith("__"):
+            yield name, np.asarray(value)
 
 
 def _without_singletons(array: npt.NDArray[Any]) -> npt.NDArray[Any]:

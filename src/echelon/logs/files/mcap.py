@@ -11,13 +11,14 @@ from functools import partial
 from itertools import islice
 from typing import IO, Any
 
-from echelon.errors import MissingExtraError, one_line
+from echelon.errors import InputError, MissingExtraError, one_line
 from echelon.logs.files.access import decoding, existing_file
 from echelon.logs.files.ros_types import Definition, RosTypes, ros_name
 
 _KIND = "an MCAP file"
 _ADVICE = "the tool 'mcap recover' saves the messages that are complete"
 _LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
+_MARK = b"\x89MCAP0\r\n"
 _CDR, _JSON = "cdr", "json"
 
 _Decoder = Callable[[bytes], Any]
@@ -49,6 +50,9 @@ class Mcap:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path, self.source = existing_file(path), os.fspath(path)
         with decoding(self.source, _KIND, _ADVICE), self._path.open("rb") as stream:
+            stream.seek(-len(_MARK), os.SEEK_END)
+            if stream.read() != _MARK:
+                raise InputError(f"was cut off: the end of the MCAP file is missing; {_ADVICE}", source=self.source)
             index = _index(stream)
             self._decoders, unread = _decoders(index)
         self.start = index.start
@@ -74,6 +78,19 @@ class Mcap:
                 found = reader.iter_messages(topics=group, log_time_order=head is None)
                 for _, channel, message in islice(found, head):
                     yield channel.topic, message.log_time, self._decoders[channel.id](message.data)
+
+
+def is_mcap(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is MCAP, by its first bytes or, should these be damaged, by its name.
+
+    Parameters
+    ----------
+    path : path
+    """
+    if os.path.isdir(path):
+        return False
+    with existing_file(path).open("rb") as stream:
+        return stream.read(len(_MARK)) == _MARK or os.fspath(path).lower().endswith(".mcap")
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ def open_log(path: str | os.PathLike[str]) -> LogFile:
         If a package that reads it is not installed.
     """
     found = Path(path)
-    if found.is_dir():
+    if os.path.isdir(found):
         if not is_bag(found):
             raise InputError(f"is a directory, not a log{_content(found)}", source=os.fspath(path))
         return BagFile(path)
@@ -108,7 +108,7 @@ def log_paths(path: str | os.PathLike[str]) -> list[Path]:
         If there is nothing, or the directory holds no logs or several kinds of them.
     """
     found = Path(path)
-    if not found.is_dir():
+    if not os.path.isdir(found):
         return [existing_file(path)]
     if is_bag(found):
         return [found]
@@ -146,8 +146,8 @@ def read_table(path: str | os.PathLike[str], names: Sequence[str] | None = None)
     """
     log = open_log(path)
     pieces = list(log.tables(names))
-    if len(pieces) == 1:
-        return pieces[0]
+    if len(pieces) < 2:
+        return pieces[0] if pieces else Table(log.source, {})
     columns = {name: np.concatenate([piece.columns[name] for piece in pieces]) for name in pieces[0].columns}
     return Table(log.source, columns, pieces[0].clocks)
 
@@ -159,7 +159,7 @@ def is_bag(path: Path) -> bool:
     ----------
     path : path
     """
-    return (path / _METADATA).is_file()
+    return os.path.isfile(path / _METADATA)
 
 
 def _kind(path: Path) -> Kind:

@@ -17,6 +17,7 @@ from echelon.logs.files.selection import selected
 from echelon.logs.table import CHUNK, Floats, Table
 
 _SAMPLED = 16
+_BUFFER = 1 << 20
 _KIND = "a Parquet file"
 
 
@@ -93,7 +94,8 @@ class ParquetFile:
             import pyarrow.parquet as pq
         except ImportError:
             raise MissingExtraError("pyarrow", "identify") from None
-        return pq.ParquetFile(self.source, page_checksum_verification=True, pre_buffer=False)
+        # without a buffer, the whole of a column's row group would be read at once
+        return pq.ParquetFile(self.source, page_checksum_verification=True, pre_buffer=False, buffer_size=_BUFFER)
 
     def _next(self, batches: Iterator[Any]) -> Any:
         with decoding(self.source, _KIND):

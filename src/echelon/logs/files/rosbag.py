@@ -91,8 +91,10 @@ class Rosbag:
 
 def _files(path: Path) -> list[Path]:
     """SQLite files of a bag; an error for what is none."""
-    if not path.is_dir():
-        return [existing_file(path)]
+    if not os.path.isdir(path):
+        if existing_file(path).suffix != ".db3":
+            raise InputError("is no .db3 file; the files of a ROS 2 bag are .db3 or .mcap", source=os.fspath(path))
+        return [path]
     existing_file(path / _METADATA)
     return sorted(path.glob("*.db3"))
 

@@ -59,4 +59,8 @@ def missing(source: str, name: str, names: Sequence[str], left_out: Mapping[str,
     for part, reason in left_out.items():
         if name == part or re.match(re.escape(part) + r"[\[./]", name):
             return InputError(reason, source=source, element=f"column '{name}'")
+    inside = [other for other in names if other.startswith((f"{name}[", f"{name}.", f"{name}/"))]
+    if inside:
+        problem = f"has {len(inside)} columns; name one of them, such as '{inside[0]}'"
+        return InputError(problem, source=source, element=f"column '{name}'")
     return InputError(f"no such column{nearest_of(name, names)}", source=source, element=f"column '{name}'")
