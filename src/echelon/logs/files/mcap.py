@@ -53,9 +53,10 @@ class Mcap:
             stream.seek(-len(_MARK), os.SEEK_END)
             if stream.read() != _MARK:
                 raise InputError(f"was cut off: the end of the MCAP file is missing; {_ADVICE}", source=self.source)
+            stream.seek(0)
             index = _index(stream)
             self._decoders, unread = _decoders(index)
-        self.start = index.start
+        self.start, self._indexed = index.start, index.complete
         self.topics: Mapping[str, str] = _topics(index, unread)
 
     def messages(self, topics: Collection[str], head: int | None = None) -> Iterator[tuple[str, int, Any]]:
@@ -73,8 +74,9 @@ class Mcap:
             If the file is damaged.
         """
         with decoding(self.source, _KIND, _ADVICE), self._path.open("rb") as stream:
-            reader = _reader(stream)
             for group in [topics] if head is None else [[topic] for topic in topics]:
+                stream.seek(0)
+                reader = _reader(stream, self._indexed)
                 found = reader.iter_messages(topics=group, log_time_order=head is None)
                 for _, channel, message in islice(found, head):
                     yield channel.topic, message.log_time, self._decoders[channel.id](message.data)
@@ -95,20 +97,22 @@ def is_mcap(path: str | os.PathLike[str]) -> bool:
 
 @dataclass(frozen=True)
 class _Index:
-    """What a file says of itself; messages are counted by channel."""
+    """What a file holds; messages are counted by channel.  The file's own index of it need not be complete."""
 
+    complete: bool
     start: int
     schemas: Mapping[int, Any]
     channels: Mapping[int, Any]
     counts: Mapping[int, int]
 
 
-def _reader(stream: IO[bytes]) -> Any:
+def _reader(stream: IO[bytes], indexed: bool = True) -> Any:
+    """A reader that goes by the file's index, or through all of the file."""
     try:
-        from mcap.reader import SeekingReader
+        from mcap.reader import NonSeekingReader, SeekingReader
     except ImportError:
         raise MissingExtraError("mcap", "ros") from None
-    return SeekingReader(stream, validate_crcs=True)
+    return (SeekingReader if indexed else NonSeekingReader)(stream, validate_crcs=True)
 
 
 def _index(stream: IO[bytes]) -> _Index:
@@ -118,7 +122,7 @@ def _index(stream: IO[bytes]) -> _Index:
         return _scanned(stream)
     if found.channel_count != len(summary.channels) or found.schema_count != len(summary.schemas):
         return _scanned(stream)
-    return _Index(found.message_start_time, summary.schemas, summary.channels, found.channel_message_counts)
+    return _Index(True, found.message_start_time, summary.schemas, summary.channels, found.channel_message_counts)
 
 
 def _scanned(stream: IO[bytes]) -> _Index:
@@ -138,7 +142,7 @@ def _scanned(stream: IO[bytes]) -> _Index:
         elif isinstance(record, Message):
             counts[record.channel_id] += 1
             start = record.log_time if start is None else min(start, record.log_time)
-    return _Index(start or 0, schemas, channels, counts)
+    return _Index(False, start or 0, schemas, channels, counts)
 
 
 def _decoders(index: _Index) -> tuple[dict[int, _Decoder], dict[int, str]]:

@@ -61,7 +61,7 @@ class TopicColumns:
         Raises
         ------
         InputError
-            If two of its numbers have the same name.
+            If two of its numbers have the same name, or one is too large for a float.
         """
         layout = tuple([(path, labels) for path, labels, _ in numbers.parts])
         rows = self._rows.get(layout)
@@ -70,8 +70,12 @@ class TopicColumns:
         row = [value for _, _, values in numbers.parts for value in values]
         if len(rows.picked) != len(row):
             row = [row[index] for index in rows.picked]
+        try:
+            rows.values.extend(row)
+        except OverflowError:
+            problem = "a message holds an integer that is too large for a float"
+            raise InputError(problem, element=f"topic '{self._topic}'") from None
         rows.positions.append(len(self._times))
-        rows.values.extend(row)
         self._times.append(time)
 
     @property
