@@ -10,7 +10,8 @@ from scipy import signal
 
 from echelon.errors import InputError
 from echelon.signals.filters import NEAR, butterworth, chebyshev, lowpass
-from echelon.signals.reduction import Finite, Identity, Stages, finite, reduction
+from echelon.signals.finite import Finite, finite
+from echelon.signals.reduction import Identity, Stages, reduction
 
 RATE = 1000.0
 INF = float("inf")

@@ -243,10 +243,10 @@ def _still(data: _Data, made: Preparation) -> Preparation:
             found[output.name] = SIGMAS * float(np.sqrt(rows**2 @ noise**2).max())
     if not found:
         return _reasoned(made, "still", 0.0, "none: no output feels dry friction")
-    low, high = min(found.values()), max(found.values())
+    listed = ", ".join(f"{name} {value:.2g}" for name, value in found.items())
     reason = (
-        f"{low:.2g} to {high:.2g} by output: {SIGMAS:g} standard deviations of the velocity's noise, within which the "
-        "direction of dry friction is unknown"
+        f"{listed} (m/s, rad/s): {SIGMAS:g} standard deviations of the velocity's noise, within which the direction of "
+        "dry friction is unknown"
     )
     return _reasoned(made, "still", found, reason)
 

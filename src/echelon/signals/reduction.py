@@ -3,9 +3,8 @@
 A model that is linear in its parameters stays true when every column of the regressor and the outputs pass the same
 linear filter (Gautier's parallel filter); noise above the band of the motion goes, and so does the work.
 
-The usual choice is symmetric and finite, because then only the samples that remain have to be computed: a block of
-them is a banded matrix times a block of the signal, so the work is done by the fastest routine there is.  Recursive
-filters are there to repeat what others did.
+The usual choice is symmetric and finite (:mod:`echelon.signals.finite`); recursive filters are there to repeat what
+others did.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, isfinite, prod
+from math import isfinite, prod
 from typing import Protocol
 
 import numpy as np
@@ -21,18 +20,13 @@ import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.signals.filters import FAR, ZeroPhase, butterworth, chebyshev, check_cutoff
+from echelon.signals.finite import finite
 
 Floats = npt.NDArray[np.float64]
 Places = npt.NDArray[np.intp]
 
-ATTENUATION = 80.0
-"""Of what lies above the band, dB: noise is rarely a ten-thousandth of the signal."""
-
 PASSED = 0.8
 """Share of the band below half the rate after decimation that is kept where no cut-off is given."""
-
-WIDEST = 0.5
-"""Widest transition from what passes to what does not, as a share of the cut-off."""
 
 
 class Reduction(Protocol):
@@ -95,69 +89,6 @@ class Identity:
 
 
 @dataclass(frozen=True, eq=False)
-class Finite:
-    """A symmetric finite filter, computed where samples remain.
-
-    Attributes
-    ----------
-    taps : array of shape (2 reach + 1,)
-        Symmetric, with sum 1.
-    factor : int
-    """
-
-    taps: Floats
-    factor: int = 1
-
-    @property
-    def reach(self) -> int:
-        """Samples on either side that a result depends on."""
-        return len(self.taps) // 2
-
-    def kept(self, count: int) -> Places:
-        """Which of so many samples remain."""
-        return _every(self.factor, count)
-
-    def apply(self, values: Floats) -> Floats:
-        """The filtered values at the samples that remain.
-
-        Near its ends, where a part of the filter lies outside the signal, the part inside is scaled to sum 1: a mean of
-        what is there.  Both sides of an equation are still filtered alike, so no row is spoilt.
-
-        Parameters
-        ----------
-        values : array of shape (N, …)
-
-        Returns
-        -------
-        array of shape (kept, …)
-        """
-        values = np.asarray(values, dtype=np.float64)
-        table = values.reshape(len(values), -1)
-        results = len(self.kept(len(values)))
-        found = np.empty((results, table.shape[1]))
-        rows = len(self._band)
-        for first in range(0, results, rows):
-            last = min(first + rows, results)
-            start = first * self.factor - self.reach
-            stop = (last - 1) * self.factor + self.reach + 1
-            band = self._band[: last - first, : stop - start]
-            if start < 0 or stop > len(table):
-                band = band[:, max(0, -start) : len(table) - start]
-                band = band / band.sum(axis=1, keepdims=True)
-            np.matmul(band, table[max(0, start) : stop], out=found[first:last])
-        return found.reshape(results, *values.shape[1:])
-
-    @cached_property
-    def _band(self) -> Floats:
-        """The filter as a banded matrix for a block of results; about half of it is not zero."""
-        rows = max(8, len(self.taps) // self.factor)
-        band = np.zeros((rows, (rows - 1) * self.factor + len(self.taps)))
-        for row in range(rows):
-            band[row, row * self.factor : row * self.factor + len(self.taps)] = self.taps
-        return band
-
-
-@dataclass(frozen=True, eq=False)
 class Recursive:
     """A recursive filter forwards and backwards, then decimation.
 
@@ -217,38 +148,6 @@ class Stages:
         for stage in self.stages:
             values = stage.apply(values)
         return values
-
-
-def finite(cutoff: float, rate: float, factor: int = 1, attenuation: float = ATTENUATION) -> Finite:
-    """A symmetric finite low-pass by Kaiser's window, with decimation.
-
-    What lies below the cut-off passes; what lies above one and a half times the cut-off, or would be folded below it
-    by the decimation, is attenuated.
-
-    Parameters
-    ----------
-    cutoff : float
-        End of the pass-band, Hz.
-    rate : float
-        Samples per second.
-    factor : int
-        Decimation.
-    attenuation : float
-        Least attenuation in the stop-band and largest error in the pass-band, dB.
-
-    Raises
-    ------
-    InputError
-        If the cut-off is not between zero and half the rate after decimation.
-    """
-    from scipy.signal import firwin, kaiser_beta
-
-    check_cutoff(cutoff, rate / factor)
-    width = min(WIDEST * cutoff, rate / factor - 2 * cutoff)
-    half = ceil((attenuation - 7.95) / (2.285 * 2 * np.pi * width / rate) / 2)  # Kaiser's formula
-    taps = firwin(2 * half + 1, cutoff + width / 2, window=("kaiser", kaiser_beta(attenuation)), fs=rate)
-    taps = (taps + taps[::-1]) / 2
-    return Finite(taps / taps.sum(), factor)
 
 
 def reduction(kind: str, cutoff: float, rate: float, factors: Sequence[int]) -> Reduction | None:

@@ -29,7 +29,7 @@ LEAST_SAMPLES = 64
 _PARTS = 4
 """Windows, without overlap, into which a signal is cut: so few for their resolution, so many for their mean."""
 
-_LONGEST = 1 << 16
+_LONGEST = 1 << 15
 _PER_OCTAVE = 8
 """Points of the smoothed spectrum, which the floor is taken from, per octave."""
 
@@ -42,7 +42,7 @@ _BEYOND_DOUBT = 100.0
 _TRUSTED = 0.35
 """Share of the rate up to which noise is trusted not to fall as velocity; filters before sampling work above it."""
 
-_CANDIDATES = 240
+_CANDIDATES = 120
 _HIGHEST = 0.45
 """Highest cut-off that is worth a filter, as a share of the rate."""
 
@@ -95,7 +95,8 @@ class Spectrum:
         array of shape (K,)
         """
         weight = (2 * np.pi * self.frequencies) ** (2 * derivative)
-        passed = 1 / (1 + (self.frequencies / cutoffs[:, None]) ** (2 * order))
+        ratio = (self.frequencies / cutoffs[:, None]) ** 2
+        passed = 1 / (1 + _power(ratio, order))
         error = (1 - passed) ** 2 @ (self.motion * weight) + passed**2 @ (self.noise * weight)
         total = float(self.motion @ weight)
         return np.asarray(error / total if total > 0 else error)
@@ -224,6 +225,14 @@ def _stretches(ratio: Floats) -> npt.NDArray[np.bool_]:
     number = np.cumsum(np.diff(above, prepend=False) & above) * above
     certain = np.unique(number[ratio > _BEYOND_DOUBT])
     return np.isin(number, certain[certain > 0])
+
+
+def _power(values: Floats, exponent: int) -> Floats:
+    """Whole powers, several times as fast as by logarithms."""
+    found = values.copy()
+    for _ in range(exponent - 1):
+        found *= values
+    return found
 
 
 def _best(spectrum: Spectrum, derivative: int, order: int) -> float:
