@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 
 from echelon.errors import InputError
 from echelon.identify.estimate import Estimate
-from echelon.identify.least_squares import ols
+from echelon.identify.least_squares import by_output, ols
 from echelon.identify.solution import solved
 from echelon.identify.total import tls
 from echelon.identify.weighted import irls, own_noise, wls
@@ -67,6 +67,16 @@ def test_ols_with_noise_by_output_is_the_sandwich() -> None:
         estimate.covariance, inverse @ (W.T * noise[output] ** 2) @ W @ inverse, rtol=1e-7, atol=1e-13
     )
     np.testing.assert_array_equal(estimate.values, ols(rows.observation(), rows.units).values)
+
+
+def test_wrong_weights_keep_an_honest_covariance() -> None:
+    rows, w = serial(), np.array([1.0, 3.0, 0.2])
+    W, _, output = dense(rows)
+    solution = solved(rows.observation(), rows.units, w)
+    linear = np.linalg.solve((W.T * w[output] ** 2) @ W, W.T * w[output] ** 2)  # values = linear @ y
+    np.testing.assert_allclose(
+        by_output(solution), (linear * solution.noise[output] ** 2) @ linear.T, rtol=1e-7, atol=1e-13
+    )
 
 
 def test_leverages_are_traces_of_the_hat_matrix() -> None:
@@ -139,6 +149,8 @@ def test_irls_takes_exact_data() -> None:
     estimate = irls(rows.observation(), rows.units)
     np.testing.assert_allclose(estimate.values, TRUTH, rtol=1e-10)
     assert estimate.diagnostics["exact_outputs"] == ["joint1", "joint2", "joint3"]
+    believed = [1e-8 * np.sqrt(np.mean(some**2)) for some in rows.y]
+    np.testing.assert_allclose(estimate.diagnostics["weights"], 1 / np.array(believed), rtol=1e-9)
     one = irls(serial(noise=np.array([0.5, 0.0, 0.02])).observation(), rows.units)
     assert one.diagnostics["exact_outputs"] == ["joint2"]
     np.testing.assert_allclose(one.values[3:], TRUTH[3:], rtol=1e-6)

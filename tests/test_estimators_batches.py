@@ -50,6 +50,22 @@ def test_sandwich_is_its_formula() -> None:
     )
 
 
+def test_jackknife_of_huber_is_one_newton_step() -> None:
+    rows = serial(samples=200)
+    estimate = huber(rows)
+    found = clustered(rows, estimate, seconds=0.0197)
+    W, y, output = dense(rows)
+    clips, slopes, weights = (np.array(estimate.diagnostics[k])[output] for k in ("clips", "slopes", "weights"))
+    pull = weights**2 * np.clip(y - W @ estimate.values, -clips, clips)
+    batch, changes = batches_of(rows, 0.0197), []
+    for b in np.unique(batch):
+        rest = batch != b
+        bread = (W[rest].T * (slopes * weights**2)[rest]) @ W[rest]
+        changes.append(np.linalg.solve(bread, W[~rest].T @ pull[~rest]))
+    G, spread = len(changes), np.array(changes)
+    np.testing.assert_allclose(found.covariance, (G - 1) / G * spread.T @ spread, rtol=1e-6, atol=1e-14)
+
+
 def test_batches_of_white_residuals_agree_with_the_classical_covariance() -> None:
     rows = serial(samples=6000)
     estimate = irls(rows.observation(), rows.units)

@@ -188,6 +188,20 @@ def test_batches_tell_how_many_rows_count() -> None:
     assert np.mean(found) == pytest.approx((1 + a) / (1 - a), rel=0.15)
 
 
+def test_tls_covariance_is_the_spread_of_its_values() -> None:
+    """With errors as large as the columns vary, where each of its terms counts."""
+    truth, s, found, variances = np.array([1.0, 2.0]), np.array([0, 0.8]), [], []
+    for seed in range(SEEDS):
+        rng = np.random.default_rng(seed)
+        W = np.column_stack([np.ones(400), rng.standard_normal(400)])
+        y = W @ truth + rng.standard_normal(400)
+        rows = ArrayRows([W + s * rng.standard_normal(W.shape)], [y])
+        estimate = tls(rows.observation(), rows.units, errors=s)
+        found.append(estimate.values)
+        variances.append(np.diagonal(estimate.covariance))
+    np.testing.assert_allclose(np.var(found, axis=0), np.mean(variances, axis=0), rtol=0.2)
+
+
 def test_hausman_rejects_as_often_as_it_should() -> None:
     """Without errors in W its probability is uniform."""
     found = []

@@ -80,6 +80,20 @@ def test_tls_default_does_not_depend_on_units() -> None:
     np.testing.assert_allclose(second.values * D * 1e-5 / 1e-5, first.values, rtol=1e-8)
 
 
+def test_tls_covariance_is_that_of_measurement_error_models() -> None:
+    s = np.array([0.0, 3.0, 1.0])
+    rows = noisy_columns(4, 60, s, [1.0, 2.0, -0.5], noise=0.3)
+    estimate = tls(rows.observation(), rows.units, errors=s)
+    W, v = rows.matrices[0], estimate.diagnostics["deviation"] ** 2
+    smallest = estimate.diagnostics["smallest_singular_values"][0]
+    M = W.T @ W - smallest**2 * np.diag(s**2)  # what the columns without errors would give
+    np.testing.assert_allclose(M @ estimate.values, W.T @ rows.y[0], rtol=1e-8)
+    errors, total = v * np.diag(s**2), v * (1 + np.sum((s * estimate.values) ** 2))
+    mixed = -errors @ estimate.values
+    middle = M * total + 60 * (errors * total - np.outer(mixed, mixed))
+    np.testing.assert_allclose(estimate.covariance, np.linalg.inv(M) @ middle @ np.linalg.inv(M), rtol=1e-7)
+
+
 def test_tls_says_when_there_is_no_solution() -> None:
     W = np.array([[1.0, 0.0], [0.0, 0.1], [0.0, 0.0]])
     with pytest.raises(InputError, match=r"has no solution here.*p2"):

@@ -164,6 +164,13 @@ def test_minimum_norm_of_determined_data_is_least_squares() -> None:
     first = ArrayRows([np.column_stack([rows.matrices[0], np.zeros(len(rows.y[0]))])], rows.y[:1])
     estimate = minimum_norm(first.observation(), first.units)
     assert np.isinf(estimate.std).tolist() == [False] * 9 + [True]
+    alone = ols(ArrayRows(rows.matrices[:1], rows.y[:1]).observation(), rows.units)
+    np.testing.assert_allclose(estimate.covariance[:9, :9], alone.covariance, rtol=1e-7, atol=1e-13)
+    assert estimate.degrees == alone.degrees
+    twice = ArrayRows([np.column_stack([rows.matrices[0][:, :1], rows.matrices[0]])], rows.y[:1])
+    doubled = minimum_norm(twice.observation(), twice.units)
+    np.testing.assert_allclose(doubled.std, [np.inf, np.inf, *alone.std[1:]], rtol=1e-7)
+    np.testing.assert_allclose(doubled.values[:2], alone.values[0] / 2, rtol=1e-7)
 
 
 # -- known values ------------------------------------------------------------------------------------------------------

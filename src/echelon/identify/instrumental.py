@@ -88,7 +88,7 @@ def instrumental(
     for iteration in range(1, max(limit, 1) + 1):
         factors = _factors(rows, instruments(values) if callable(instruments) else instruments)
         found = _settled(observation, factors, level, fixed=noise is not None)
-        change = float(np.linalg.norm(found.Rzw @ (found.values - values))) / np.sqrt(len(values))
+        change = float(np.linalg.norm(found.Rzw @ (found.values - values)) / np.sqrt(len(values)))
         values, level = found.values, found.noise
         course = {"iterations": iteration, "change": change}
         done = change <= tolerance or not callable(instruments)
