@@ -311,6 +311,20 @@ def test_friction_in_the_drive_stands_between_motor_and_joint(tmp_path: Path) ->
         recording(table, columns, arm)
 
 
+def test_with_loops_the_independent_coordinates_are_enough() -> None:
+    robot = load("examples/loops/four_bar.yaml")
+    (free,) = robot.independent_velocities
+    assert len(robot.positions) > 1
+    table = Table("run", random_columns(list(robot.positions)))
+    some = recording(table, ColumnMap(rate=1, positions={free: Channel(free)}), robot)
+    assert np.array_equal(some.signals["q"], table.columns[free][:, None])
+    every = recording(table, ColumnMap(rate=1, positions=channels("{name}", list(robot.positions))), robot)
+    assert every.signals["q"].shape == (40, len(robot.positions))
+    other = next(name for name in robot.positions if name != free)
+    with pytest.raises(ec.InputError, match="columns are missing for"):
+        recording(table, ColumnMap(rate=1, positions={other: Channel(other)}), robot)
+
+
 # -- clocks -----------------------------------------------------------------------------------------------------------
 
 
@@ -426,8 +440,12 @@ def test_motors_are_told_from_joints() -> None:
 UNCLEAR = [
     ("t q1 q2", "no columns for outputs of .* can be told from their names"),
     ("a b c", "no columns for positions and outputs"),
-    ("t q1 q2 q3 tau1 tau2 tau3", "a position for 3 .numbers 1, 2, 3: .* has 2: j1, j2; is it a log of another robot"),
-    ("t q1 tau1 tau2", "has a position for 1"),
+    (
+        "t q1 q2 q3 tau1 tau2 tau3",
+        r"a position for 3 \(numbers 1, 2, 3\), q1, q2, q3, but .* has 2: j1, j2; is it a log of another robot",
+    ),
+    ("t q1 tau1 tau2", "has a position for 1 "),
+    ("t q_meas tau1 tau2", "has one position, q_meas, but"),
     ("t q1 q2 pos1 tau1 tau2", "'q1' and 'pos1' could both be the position of 'j1'"),
     ("t time q1 q2 tau1 tau2", "t, time could all be the time"),
     ("t position_j1 tau1 tau2", "no column is the position of j2"),

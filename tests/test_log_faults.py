@@ -245,6 +245,24 @@ def test_the_resolution_of_a_channel(step: float, offset: float, seed: int) -> N
     assert resolution(np.random.default_rng(seed).normal(size=500)) is None
 
 
+@pytest.mark.parametrize("factor", [2, 10])
+def test_slow_signals_that_were_held(factor: int) -> None:
+    slow = clean(count=COUNT // factor)
+    signals = {name: np.repeat(slow.signals[name], factor, axis=0) for name in ("q", "y")}
+    fast = Recording("run", np.arange(COUNT) / RATE / factor, signals)
+    found = one(examine(fast, ARM)[0], "held")
+    assert f"every {factor} samples" in found.text
+    assert "rate: 250" in found.text
+
+
+def test_encoders_that_creep_are_not_held() -> None:
+    time = np.arange(COUNT) / RATE
+    ramp = np.floor(time / 0.04 + 1e-9) * 1e-3
+    q = np.stack([ramp, ramp + 1], axis=1)
+    y = np.random.default_rng(0).normal(size=q.shape)
+    assert "held" not in [finding.kind for finding in examine(Recording("run", time, {"q": q, "y": y}), ARM)[0]]
+
+
 FACTORS = [
     (-1.0, "wrong sign"),
     (180 / math.pi, "deg/s (unit: deg/s)"),

@@ -83,7 +83,7 @@ class Alignment:
             return np.asarray(values[self._inside])
         return self._interpolated(name, self._stamps(clock), values)
 
-    @property
+    @cached_property
     def time(self) -> Floats:
         """The common time stamps, s, shape (N,)."""
         return np.asarray(self._stamps(self.clock(self.used[0]))[self._inside])

@@ -18,9 +18,10 @@ from echelon.logs.finding import Finding, Severity
 from echelon.logs.quantities import Series, series
 from echelon.logs.recording import Recording
 from echelon.logs.rotations import quaternion_columns
-from echelon.logs.standstill import pinned, resolution, runs, stuck
+from echelon.logs.standstill import held, pinned, resolution, runs, stuck
 from echelon.logs.wording import listed, seconds
 from echelon.mechanism.mechanism import Mechanism
+from echelon.signals.clock import nominal_period, round_rate
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -45,7 +46,7 @@ def examine(recording: Recording, mechanism: Mechanism, *, whole: bool = True) -
     -------
     findings : tuple of Finding
         ``not finite``, ``quaternion``, ``constant``, ``duplicate``, ``stuck``, ``saturation``, ``resolution``,
-        ``contradiction``.
+        ``held``, ``contradiction``.
     usable : array of bool of shape (N,)
         Samples that :func:`echelon.logs.segments.segments` should keep.
 
@@ -68,6 +69,7 @@ def examine(recording: Recording, mechanism: Mechanism, *, whole: bool = True) -
     _saturation(recording, moving, usable, findings)
     usable &= _stuck(recording, moving, usable, findings)
     _resolution(recording, moving, usable, findings)
+    _held(recording, moving, usable, findings)
     findings += contradictions(recording, mechanism, usable)
     return tuple(findings), usable
 
@@ -211,6 +213,18 @@ def _resolution(recording: Recording, channels: Sequence[Series], usable: Flags,
             text = f"comes in steps of {step:.4g}, coarse for its motion: derivatives need a low cut-off"
             where = f"{recording.source}, {channel.label}"
             findings.append(Finding(Severity.NOTE, "resolution", where, text))
+
+
+def _held(recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found) -> None:
+    count = held([values[usable] for values in _motion(channels)])
+    steps = np.diff(recording.time[usable])
+    if count > 1 and np.any(steps > 0):
+        rate = round_rate(nominal_period(recording.time[usable]) * count)
+        text = (
+            f"change only every {count} samples: they were taken at {rate:g} Hz and held, so derivatives show the "
+            f"steps; resample (rate: {rate:g}), or log at that rate"
+        )
+        findings.append(Finding(Severity.WARNING, "held", f"{recording.source}, positions", text))
 
 
 def _motion(channels: Sequence[Series]) -> list[Floats]:

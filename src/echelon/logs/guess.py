@@ -173,9 +173,13 @@ def _numbered(
     counted = {number for number in numbers.values() if number is not None}
     first = min(counted, default=0)
     if first > 1 or counted != set(range(first, first + len(valid))):
-        shown = ", ".join(map(str, sorted(counted))) or "none"
+        has = (
+            f"a {kind} for {len(counted)} (numbers {', '.join(map(str, sorted(counted)))})"
+            if counted
+            else f"one {kind}"
+        )
         raise InputError(
-            f"the log has a {kind} for {len(counted)} (numbers {shown}: {listed(columns)}), but {mechanism.name} has "
-            f"{len(valid)}: {listed(valid)}; is it a log of another robot?  If not, say under log which they are"
+            f"the log has {has}, {listed(columns)}, but {mechanism.name} has {len(valid)}: {listed(valid)}; is it a "
+            "log of another robot?  If not, say under log which they are"
         )
     return {column: valid[number - first] for column, number in numbers.items() if number is not None}

@@ -31,6 +31,9 @@ _PINNED = 10
 _PILE = 5
 _BAND = 1 / 200
 
+_RHYTHM = 0.9
+_CREEP = 3.0
+
 _SAMPLED = 20_000
 """Samples that show a resolution; sorting more costs time."""
 
@@ -147,6 +150,42 @@ def pinned(values: Floats, usable: Flags) -> Iterator[tuple[float, Places, Place
         long = stops - starts >= _PINNED_RUN
         if long.any() and at.sum() >= _PINNED and at.sum() > _PILE * near.sum():
             yield limit, starts[long], stops[long]
+
+
+def held(positions: Sequence[Floats]) -> int:
+    """Samples for which positions are held before they change, as where a slow signal was logged at a high rate.
+
+    Parameters
+    ----------
+    positions : sequence of array of shape (N,)
+        All that move, finite.
+
+    Returns
+    -------
+    int
+        1 where they change all the time, or in no rhythm, or where they only creep from one step of the sensor to the
+        next.
+
+    Examples
+    --------
+    >>> held([np.repeat(np.sin(np.arange(100) / 9), 10)])
+    10
+    """
+    if not positions:
+        return 1
+    steps = np.stack([np.diff(values) for values in positions])
+    places = np.flatnonzero(np.any(steps != 0, axis=0))
+    if len(places) < _FEWEST:
+        return 1
+    apart = np.diff(places)
+    rhythm = int(np.median(apart))
+    if rhythm < 2 or np.mean(apart % rhythm == 0) < _RHYTHM:
+        return 1
+    for values, changes in zip(positions, np.abs(steps), strict=True):
+        smallest = resolution(values)
+        if smallest is None or np.median(changes[changes > 0]) > _CREEP * smallest:
+            return rhythm
+    return 1
 
 
 def resolution(values: Floats) -> float | None:
