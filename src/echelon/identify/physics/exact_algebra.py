@@ -27,10 +27,30 @@ def times(entry: Any, factor: Fraction) -> Any:
 
 
 def null_space(equations: list[list[Any]], size: int) -> npt.NDArray[Any]:
-    """Basis of the solutions of homogeneous equations, as columns, exactly."""
-    if not equations:
-        return _identity(size)
-    reduced, rank = flint.fmpq_mat([[flint.fmpq(0) + v for v in row] for row in equations]).rref()
+    """Rational solutions of homogeneous equations, exactly.
+
+    Where an equation has balls for coefficients, no solution is known exactly but those whose entries there are zero;
+    only these are given.
+
+    Parameters
+    ----------
+    equations : list of rows of ``size`` numbers
+    size : int
+
+    Returns
+    -------
+    array of shape (size, k)
+        Basis of the solutions, as columns of FLINT rationals.
+    """
+    rows = []
+    for row in equations:
+        if any(isinstance(entry, flint.arb) for entry in row):
+            rows += [_unit(k, size) for k, entry in enumerate(row) if not is_zero(entry)]
+        else:
+            rows.append([flint.fmpq(0) + entry for entry in row])
+    if not rows:
+        rows = [[flint.fmpq(0)] * size]
+    reduced, rank = flint.fmpq_mat(rows).rref()
     pivots = [next(j for j in range(size) if reduced[i, j] != 0) for i in range(rank)]
     free = [j for j in range(size) if j not in pivots]
     basis = np.full((size, len(free)), flint.fmpq(0), dtype=object)
@@ -41,25 +61,8 @@ def null_space(equations: list[list[Any]], size: int) -> npt.NDArray[Any]:
     return basis
 
 
-def single_zeros(equations: list[list[Any]], size: int) -> npt.NDArray[Any] | None:
-    """The same where entries are balls: only equations that say that one λ is zero can be met exactly."""
-    gone = set()
-    for row in equations:
-        involved = [k for k, entry in enumerate(row) if not is_zero(entry)]
-        if len(involved) > 1:
-            continue
-        gone.update(involved)
-    for row in equations:
-        if any(not is_zero(entry) and k not in gone for k, entry in enumerate(row)):
-            return None
-    return _identity(size)[:, [k for k in range(size) if k not in gone]]
-
-
-def _identity(size: int) -> npt.NDArray[Any]:
-    basis = np.full((size, size), flint.fmpq(0), dtype=object)
-    for k in range(size):
-        basis[k, k] = flint.fmpq(1)
-    return basis
+def _unit(place: int, size: int) -> list[Any]:
+    return [flint.fmpq(int(k == place)) for k in range(size)]
 
 
 def as_fraction(value: Any) -> Fraction:

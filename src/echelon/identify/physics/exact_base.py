@@ -1,7 +1,7 @@
-"""B in exact numbers, for proofs: rationals where all geometry is rational, else balls that surely hold the truth.
+"""B in exact numbers, for proofs: rationals where geometry is rational, else balls that surely hold the truth.
 
-Floats are what they are, dyadic fractions; numbers of files are the decimals that stand there.  Sines and cosines of
-angles with no exact meaning, and roots, are balls of 256 bits; what is structurally zero stays an exact zero.
+Floats are what they are, dyadic fractions; numbers of files are the decimals that stand there.  Entries with roots, or
+with sines and cosines of angles that have no exact ones, are balls of 256 bits; what is zero stays an exact zero.
 """
 
 from __future__ import annotations
@@ -82,27 +82,22 @@ def exact_base(base: BaseModel) -> ExactBase:
     InputError
         If a symbol has no value.
     """
-    numbers = {name: _symbol(base, name) for name in base.matrix.symbols}
-    rational = all(isinstance(v, Fraction) for v in numbers.values()) and not any(
-        is_trigonometric(g) for g in base.matrix.generators
-    )
-    if rational:
-        rational = not any(
-            isinstance(coefficient, Surd)
-            for row in base.matrix.rows
-            for entry in row.values()
-            for polynomial in (entry.numerator, entry.denominator)
-            for coefficient in polynomial.terms.values()
-        )
-    embed = rational_number if rational else ball
     values: dict[str, Any] = {}
     for generator in base.matrix.generators:
-        number = embed(numbers[symbol_of(generator)])
+        symbol = _symbol(base, symbol_of(generator))
         if is_trigonometric(generator):
-            number = number.cos() if generator == cosine(symbol_of(generator)) else number.sin()
-        values[generator] = number
-    rows = tuple({c: entry.evaluate(values, embed) for c, entry in row.items()} for row in base.matrix.rows)
+            angle = ball(symbol)
+            values[generator] = angle.cos() if generator == cosine(symbol_of(generator)) else angle.sin()
+        else:
+            values[generator] = _embedded(symbol)
+    rows = tuple({c: entry.evaluate(values, _embedded) for c, entry in row.items()} for row in base.matrix.rows)
+    rational = all(isinstance(entry, flint.fmpq) for row in rows for entry in row.values())
     return ExactBase(rows, base.matrix.pivots, len(base.parameters), rational)
+
+
+def _embedded(value: Number) -> Any:
+    """A FLINT rational, or a ball for a number with roots."""
+    return ball(value) if isinstance(value, Surd) else rational_number(value)
 
 
 def _symbol(base: BaseModel, name: str) -> Number:

@@ -30,6 +30,8 @@ Floats = npt.NDArray[np.float64]
 
 TOLERANCE = 1e-3
 """How far apart joint axes may be, m and rad; files round both."""
+_ACROSS = 0.1
+"""Sine of the least angle between axes that show where the base stands."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -209,13 +211,16 @@ def _moving(mechanism: Mechanism) -> list[int]:
 
 
 def _offset(ours: _Posed, theirs: _Posed, pairs: Mapping[int, int]) -> Floats:
-    """How far the other base stands off, as far as axes show it: the least squares of their distances."""
-    rows, gaps = [np.zeros((0, 3))], [np.zeros(0)]
+    """How far the other base stands off, as axes show it one after another, so that the first wrong one is named."""
+    offset, unknown = np.zeros(3), np.eye(3)
     for mine, yours in pairs.items():
         for a, b in zip(ours.axes[mine], theirs.axes[yours], strict=False):
-            rows.append(a.fixed)
-            gaps.append(a.fixed @ (a.frame[:3, 3] - b.frame[:3, 3]))
-    offset: Floats = np.linalg.lstsq(np.vstack(rows), np.concatenate(gaps), rcond=1e-9)[0]
+            gap = a.fixed @ (a.frame[:3, 3] - b.frame[:3, 3] - offset)
+            _, sizes, directions = np.linalg.svd(a.fixed @ unknown)
+            seen = directions[sizes > _ACROSS]
+            step, *_ = np.linalg.lstsq(a.fixed @ seen.T, gap, rcond=None)
+            offset = offset + seen.T @ step
+            unknown = unknown - seen.T @ seen
     return offset
 
 

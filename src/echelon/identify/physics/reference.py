@@ -26,6 +26,7 @@ Floats = npt.NDArray[np.float64]
 
 LEAST = 1e-4
 """Least eigenvalue of a repaired pseudo-inertia relative to that of a body of its mass and size."""
+_SHARE = 1e-2
 _RADIUS = 0.25
 """Radius of gyration along each axis of a plain body relative to the size of the mechanism."""
 
@@ -130,7 +131,7 @@ def _scale(body: Floats, size: float) -> Floats:
 
 
 def common_mass(role: Roles, design: Floats, target: Floats) -> float:
-    """The mass with which plain bodies, all alike, explain data best; 1 kg if none does.
+    """The mass with which plain bodies, all alike, explain data best; 1 kg where data are zero.
 
     Parameters
     ----------
@@ -149,7 +150,9 @@ def common_mass(role: Roles, design: Floats, target: Floats) -> float:
     columns = np.column_stack([design @ unit, design[:, others]])
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     found = float(np.linalg.lstsq(columns / scale, target, rcond=None)[0][0] / scale[0])
-    return found if 1e-9 < found < 1e9 else 1.0
+    # where no positive mass explains the data, one that makes them as large is still of the right size
+    least = _SHARE * float(np.linalg.norm(target)) / scale[0]
+    return max(found, least) if least > 0 else 1.0
 
 
 def unwhitenings(bodies: Floats, roots: Floats) -> Floats:

@@ -24,7 +24,7 @@ from echelon.conventions import PER_BODY
 from echelon.errors import EchelonError
 from echelon.identify.physics.cones import SOLVED, ConeProgram, solve_with_fallback
 from echelon.identify.physics.dual_problem import DualProblem
-from echelon.identify.physics.exact_algebra import as_fraction, exact_dual, null_space, single_zeros
+from echelon.identify.physics.exact_algebra import as_fraction, exact_dual, null_space
 from echelon.identify.physics.exact_base import rational_number
 from echelon.identify.physics.motionless import motionless
 from echelon.identify.physics.pseudo_inertia import SIZE, is_semidefinite, is_zero
@@ -55,14 +55,15 @@ def separator(problem: DualProblem) -> Separator | None:
     ----------
     problem : DualProblem
     """
-    basis = _basis(problem)
-    if basis is None or not basis.shape[1]:
+    try:
+        basis = _basis(problem)
+        found = _inner(problem, basis) if basis.shape[1] else None
+    except EchelonError:  # the solvers gave up, so there is nothing to verify
         return None
-    found = _inner(problem, basis)
     return None if found is None else _verified(problem, basis, found)
 
 
-def _basis(problem: DualProblem) -> npt.NDArray[Any] | None:
+def _basis(problem: DualProblem) -> npt.NDArray[Any]:
     """Exact basis of the λ that vanish where they must: on free parameters and on points that never move."""
     kernels, silent = motionless(problem)
     equations = [problem.column(c) for c in (*problem.role.free, *silent)]
@@ -70,11 +71,7 @@ def _basis(problem: DualProblem) -> npt.NDArray[Any] | None:
         for vector in vectors:
             equations += problem.through(start, vector)
     equations = [row for row in equations if any(not is_zero(entry) for entry in row)]
-    return (
-        null_space(equations, len(problem.values))
-        if problem.exact.rational
-        else single_zeros(equations, len(problem.values))
-    )
+    return null_space(equations, len(problem.values))
 
 
 def _inner(problem: DualProblem, basis: npt.NDArray[Any]) -> Floats | None:
@@ -102,10 +99,7 @@ def _inner(problem: DualProblem, basis: npt.NDArray[Any]) -> Floats | None:
     against = np.append(-(problem.values @ columns), -1.0)
     program.add("nonnegative", np.array([against, -trace]), np.array([0.0, 1.0]))
     objective = np.append(np.zeros(k), -1.0)
-    try:
-        found = solve_with_fallback(program, sparse_diagonal(np.zeros(k + 1)), objective, problem.solver)
-    except EchelonError:
-        return None
+    found = solve_with_fallback(program, sparse_diagonal(np.zeros(k + 1)), objective, problem.solver)
     if found.status != SOLVED or found.x[k] <= _NOTHING:
         return None
     coordinates: Floats = found.x[:k] / size
