@@ -219,6 +219,10 @@ def test_layouts_of_text(content: str, expected: dict[str, list[float]], tmp_pat
     ("content", "problem"),
     [
         ("t,q\n0,1\n1,AUTO\n", r"line 3, column 'q': 'AUTO' is no number"),
+        (
+            "t,q\n2026-03-01 12:00:00,1\n",
+            r"column 't': '2026-03-01 12:00:00' is no number; times have to be in seconds",
+        ),
         ("t,q\n0,1_000\n", r"line 2, column 'q': '1_000' is no number"),
         ("t,q\n0,0x10\n", r"line 2, column 'q': '0x10' is no number"),
         ("t;q\n0;1.234,5\n", r"line 2, column 'q': '1.234,5' is no number"),

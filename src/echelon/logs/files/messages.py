@@ -56,7 +56,10 @@ class Numbers:
         if isinstance(value, bool | int | float):
             self.parts.append((path, None, (value,)))
         elif isinstance(value, np.ndarray):
-            self._numbers(value.ravel().tolist(), path, names)
+            if value.size > _LONGEST:  # such as the pixels of an image
+                self._leave_out(path, value.size)
+            else:
+                self._numbers(value.ravel().tolist(), path, names)
         elif isinstance(value, list):
             self._list(value, path, names)
         else:
@@ -74,7 +77,7 @@ class Numbers:
             self._numbers([float("nan") if entry is None else entry for entry in values], path, names)
         elif len(values) > _LONGEST:
             self._leave_out(path, len(values))
-        else:
+        elif not isinstance(values[0], str):
             labels = [f"/{name}" for name in names] if len(names) == len(values) else None
             for index, entry in enumerate(values):
                 self.visit(entry, path + (labels[index] if labels else f"[{index}]"))

@@ -19,6 +19,7 @@ from echelon.logs.files.dialect import Dialect, cells, is_blank, number
 from echelon.logs.table import Floats
 
 _COMMENT = re.compile(rb"^[ \t]*#[^\n]*", re.MULTILINE)
+_DATE = re.compile(r"\d+[-/.]\d+[-/.]\d+|\d+:\d\d")
 _NULLS = ["", "nan", "NaN", "NAN", "NA", "N/A", "null", "NULL", "None"]
 _SHOWN = 40
 
@@ -125,5 +126,6 @@ class BlockParser:
         if value is None:
             shown = one_line(cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "…")
             where = f"line {line}, column '{self.dialect.names[column]}'"
-            raise InputError(f"'{shown}' is no number", source=self.source, element=where)
+            hint = "; times have to be in seconds" if _DATE.match(cell) else ""
+            raise InputError(f"'{shown}' is no number{hint}", source=self.source, element=where)
         return value
