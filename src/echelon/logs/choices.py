@@ -131,7 +131,9 @@ class _Data:
         """Positions that move."""
         found = [k for k, s in enumerate(self.spectra) if s.moves]
         if not found:
-            raise InputError("nothing moves: no position stands out of its noise", source=self.source)
+            longest = max(len(segment) for segment in self.segments) / self.rate
+            problem = f"nothing moves: no position stands out of its noise within the {longest:.3g} s without a gap"
+            raise InputError(problem, source=self.source)
         return found
 
 
