@@ -34,6 +34,7 @@ from echelon.identify.physics.prior import Prior, prior_from
 from echelon.identify.physics.result import Feasibility, PhysicalFit
 from echelon.identify.plan import Part, Plan
 from echelon.identify.settings import Setup
+from echelon.identify.solution import solved
 from echelon.identify.survey import Survey, survey
 from echelon.identify.validation import Validation, validate
 from echelon.identify.verdict import overall_verdict
@@ -116,7 +117,7 @@ class _Run:
         self.step("validating")
         values = {"essential": essential_, "physical": physical}.get(chosen) or estimate
         validations = self._validations(values.base if isinstance(values, PhysicalFit) else values.values)
-        feasible = self._feasibility()
+        feasible = self._feasibility(noise)
         findings = [*self.survey.findings, *(() if self._prior is None else self._prior.findings)]
         findings += fit_findings(estimate, self.seen, feasible, physical, validations)
         return Identification(
@@ -245,10 +246,12 @@ class _Run:
             weights=weights,
         )
 
-    def _feasibility(self) -> Feasibility | None:
-        if not self.setup.settings.physical or not np.isfinite(self.estimate.covariance).all():
+    def _feasibility(self, noise: Floats) -> Feasibility | None:
+        """Distances are measured by the classical covariance: that of batches of time has no more rank than batches."""
+        if not self.setup.settings.physical or self.seen.rank < self.base.rank:
             return None
-        return feasibility(self.base, self.estimate.values, self.estimate.covariance)
+        solution = solved(self.observation, self.base.units, np.where(np.isfinite(noise), 1 / noise, 0.0))
+        return feasibility(self.base, self.estimate.values, solution.inverse)
 
     def _chosen(self, essential_: Estimate | None, physical: PhysicalFit | None) -> str:
         wanted = self.setup.settings.predict

@@ -2,8 +2,9 @@
 
 A reference is the prior where one is given.  Priors from files are not always bodies: links without inertia, masses at
 a point, tensors that break the triangle inequality.  They are repaired by raising the eigenvalues of the
-pseudo-inertia, measured in the size of the body, to a least value; that is the nearest body in this measure.  Where
-there is no prior, a reference is a body of a plain shape: all bodies have one size and a common mass, with which they
+pseudo-inertia, measured in the size of the body, to a least value; that is the nearest body in this measure.
+Placeholders, such as 0.05 kg·m² for a flange of 0.3 kg, would need bodies wider than the longest link: mass and centre
+of mass are kept, the extent becomes that of a plain body.  Where there is no prior, a reference is a body of a plain shape: all bodies have one size and a common mass, with which they
 explain the data best.
 """
 
@@ -29,6 +30,8 @@ LEAST = 1e-4
 _SHARE = 1e-2
 _RADIUS = 0.25
 """Radius of gyration along each axis of a plain body relative to the size of the mechanism."""
+_WIDEST = 1.25
+"""Radius of gyration along an axis, relative to the size of the mechanism, from which on an inertia is a placeholder."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,14 @@ def repaired(body: Floats, size: float, name: str) -> tuple[Floats, Finding | No
     array of shape (10,)
     Finding, optional
     """
+    width = _widest(body)
+    if width > _WIDEST * size:
+        text = (
+            f"the prior's inertia needs a radius of gyration of {width:.2g} m, with links of {size:.2g} m at most; its "
+        )
+        text += "mass and centre are kept, its extent is taken to be that of a plain body"
+        shrunk, _ = repaired(_shrunk(body, _RADIUS * size / width), size, name)
+        return shrunk, Finding(Severity.WARNING, "implausible prior", f"body '{name}'", text)
     root = _scale(body, size)
     inverse = np.diag(1 / np.diagonal(root))
     values, vectors = np.linalg.eigh(inverse @ pseudo_inertia(body) @ inverse)
@@ -120,6 +131,24 @@ def repaired(body: Floats, size: float, name: str) -> tuple[Floats, Finding | No
     text = f"the prior's body {why} (a pseudo-inertia with eigenvalue {values[0]:.2g} in its own scale); "
     text += "it is replaced by the nearest body that can exist"
     return np.asarray(fixed), Finding(Severity.WARNING, "unphysical prior", f"body '{name}'", text)
+
+
+def _widest(body: Floats) -> float:
+    """Largest radius of gyration along an axis through the centre of mass, m; 0 without mass."""
+    mass = body[9]
+    if mass <= 0:
+        return 0.0
+    centre = body[6:9] / mass
+    second = pseudo_inertia(body)[:3, :3] / mass - np.outer(centre, centre)
+    return float(np.sqrt(max(np.linalg.eigvalsh(second)[-1], 0.0)))
+
+
+def _shrunk(body: Floats, factor: float) -> Floats:
+    """The body with its distances from the centre of mass multiplied by a factor."""
+    pseudo = pseudo_inertia(body)
+    carried = np.outer(body[6:9], body[6:9]) / body[9]
+    pseudo[:3, :3] = carried + factor**2 * (pseudo[:3, :3] - carried)
+    return np.asarray(from_pseudo_inertia(pseudo))
 
 
 def _scale(body: Floats, size: float) -> Floats:
