@@ -1,7 +1,7 @@
 """Settings of the preparation that nobody has to choose: they follow from the data, with reasons in words.
 
 Positions are filtered where acceleration is lost in noise.  Regressor and torques are filtered far below that, because
-noise of torques begins where the motion ends.  That is after ten times the pace at which velocities swing, which
+noise of torques begins where the motion ends.  That is after a dozen times the pace at which velocities swing, which
 leaves room for their products, for the sines of angles and for the steps of dry friction.  Samples beyond what this
 band needs are redundant.
 """
@@ -31,9 +31,9 @@ from echelon.signals.spectrum import Spectrum, best_cutoff, noise_deviation, spe
 
 Floats = npt.NDArray[np.float64]
 
-HARMONICS = 10
+HARMONICS = 12
 """Times the pace of the velocities that regressor and outputs are left: on logs of five robots, from drives of one
-axis to seven joints, fits to held-out data were best between 8 and 20."""
+axis to seven joints, fits to held-out data were best between 10 and 18."""
 
 SIGMAS = 3.0
 """Standard deviations of a velocity's noise, within which its sign says nothing."""
