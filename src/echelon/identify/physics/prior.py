@@ -18,7 +18,7 @@ from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial, float_generators
-from echelon.identify.physics.reference import repaired
+from echelon.identify.physics.reference import repaired, without_placeholder
 from echelon.inertia.spatial import move
 from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.joint import Motion, MotionKind
@@ -108,8 +108,9 @@ def prior_from(base: BaseModel, other: Mechanism, *, tolerance: float = TOLERANC
             continue
         moved = move(total, np.linalg.inv(ours.frames[body]))
         if len(part.carried) == PER_BODY:
-            moved, finding = repaired(moved, size, name)
-            findings += [finding] if finding else []
+            for mend in (repaired, without_placeholder):
+                moved, finding = mend(moved, size, name)
+                findings += [finding] if finding else []
         values[first : first + len(part.carried)] = moved[list(part.carried)]
     stated = {(effect.parameter, effect.unit): effect.value for effect in other.effects}
     for column, effect in enumerate(mechanism.effects, len(values) - len(mechanism.effects)):

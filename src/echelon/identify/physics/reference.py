@@ -3,9 +3,9 @@
 A reference is the prior where one is given.  Priors from files are not always bodies: links without inertia, masses at
 a point, tensors that break the triangle inequality.  They are repaired by raising the eigenvalues of the
 pseudo-inertia, measured in the size of the body, to a least value; that is the nearest body in this measure.
-Placeholders, such as 0.05 kg·m² for a flange of 0.3 kg, would need bodies wider than the longest link: mass and centre
-of mass are kept, the extent becomes that of a plain body.  Where there is no prior, a reference is a body of a plain shape: all bodies have one size and a common mass, with which they
-explain the data best.
+Placeholders in files, such as 0.05 kg·m² for a flange of 0.3 kg, would need bodies wider than the longest link: mass
+and centre of mass are kept, the extent becomes that of a plain body.  Where there is no prior, a reference is a body of
+a plain shape: all bodies have one size and a common mass, with which they explain the data best.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _SHARE = 1e-2
 _RADIUS = 0.25
 """Radius of gyration along each axis of a plain body relative to the size of the mechanism."""
 _WIDEST = 1.25
-"""Radius of gyration along an axis, relative to the size of the mechanism, from which on an inertia is a placeholder."""
+"""Radius of gyration along an axis, relative to the size of the mechanism, beyond which inertia is a placeholder."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +131,20 @@ def repaired(body: Floats, size: float, name: str) -> tuple[Floats, Finding | No
     text = f"the prior's body {why} (a pseudo-inertia with eigenvalue {values[0]:.2g} in its own scale); "
     text += "it is replaced by the nearest body that can exist"
     return np.asarray(fixed), Finding(Severity.WARNING, "unphysical prior", f"body '{name}'", text)
+
+
+def without_placeholder(body: Floats, size: float, name: str) -> tuple[Floats, Finding | None]:
+    """A body of a file, with an extent that it can have where the file's inertia is a placeholder.
+
+    Arguments and results are those of :func:`repaired`.
+    """
+    width = _widest(body)
+    if width <= _WIDEST * size:
+        return body, None
+    text = f"the prior's inertia needs a radius of gyration of {width:.2g} m, with links of {size:.2g} m at most; its "
+    text += "mass and centre are kept, its extent is taken to be that of a plain body"
+    finding = Finding(Severity.WARNING, "implausible prior", f"body '{name}'", text)
+    return _shrunk(body, _RADIUS * size / width), finding
 
 
 def _widest(body: Floats) -> float:
