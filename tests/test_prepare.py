@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import echelon as ec
 from echelon.errors import InputError
-from echelon.logs.choices import chosen
+from echelon.logs.choices import at_rate, chosen
 from echelon.logs.plan import Plan
 from echelon.logs.preparation import Preparation
 from echelon.logs.prepare import prepare, prepare_windows
@@ -336,7 +336,7 @@ def test_everything_is_chosen_with_a_reason(pendulum: ec.Mechanism) -> None:
     assert set(found.still) == {"j1", "j2"}
     assert all(1e-4 < value < 0.1 for value in found.still.values())
     assert found.delays == {}
-    assert found.rate == RATE
+    assert (found.rate, found.chosen_at) == (None, RATE)
     assert set(found.reasons) == {"cutoff", "output_cutoff", "decimation", "still"}
     assert f"{found.cutoff:.3g} Hz" in found.reasons["cutoff"]
     assert chosen(found, [segment], pendulum) == found
@@ -345,7 +345,7 @@ def test_everything_is_chosen_with_a_reason(pendulum: ec.Mechanism) -> None:
 def test_what_is_given_stays(pendulum: ec.Mechanism) -> None:
     segment, _ = simulated(ec.base_parameters(pendulum), noise=1e-4)
     given_ = Preparation(cutoff=17.0, output_cutoff=6.0, decimation=(3,), still=0.2, delays={"j1": 0.01})
-    assert replace(chosen(given_, [segment], pendulum), rate=None) == given_
+    assert replace(chosen(given_, [segment], pendulum), chosen_at=None) == given_
     only = chosen(Preparation(decimation=(10, 10), output_filter="chebyshev"), [segment], pendulum)
     assert only.output_cutoff == float("inf")
     assert chosen(Preparation(decimation=(100,)), [segment], pendulum).output_cutoff == pytest.approx(2.0)
@@ -361,6 +361,21 @@ def test_dry_friction_decides_what_is_still(pendulum: ec.Mechanism) -> None:
     assert not any(rubs(smooth, output) for output in smooth.outputs)
 
 
+def test_logs_of_another_rate_get_rows_as_dense(pendulum: ec.Mechanism) -> None:
+    segment, _ = simulated(ec.base_parameters(pendulum), noise=1e-4)
+    found = chosen(
+        OPEN, [segment, replace(segment, rate=RATE / 7, signals={"q": segment.signals["q"][:500]})], pendulum
+    )
+    assert found.chosen_at == RATE
+    for ratio in (0.2, 0.5, 1.0, 3.0):
+        moved = at_rate(found, ratio * RATE)
+        before, after = (np.prod(some.decimation) for some in (found, moved))
+        assert after == max(1, round(before * ratio))
+        assert moved.output_cutoff <= min(found.output_cutoff, ratio * RATE / after / 2)
+        assert moved.cutoff in (found.cutoff, np.inf)
+        assert at_rate(moved, RATE * ratio) == moved or ratio != 1.0
+
+
 def test_choices_that_cannot_be_made(pendulum: ec.Mechanism) -> None:
     random = np.random.default_rng(0)
     rest = Segment("run.csv", 0.0, RATE, {"q": 1 + 1e-5 * random.standard_normal((4000, 2))})
@@ -368,8 +383,6 @@ def test_choices_that_cannot_be_made(pendulum: ec.Mechanism) -> None:
         chosen(OPEN, [rest], pendulum)
     with pytest.raises(InputError, match="at least 64"):
         chosen(OPEN, [Segment("run.csv", 0.0, RATE, {"q": np.zeros((30, 2))})], pendulum)
-    with pytest.raises(InputError, match="common 'rate'"):
-        chosen(OPEN, [rest, replace(rest, rate=400.0)], pendulum)
     with pytest.raises(InputError, match="no data"):
         chosen(OPEN, [], pendulum)
 

@@ -1,9 +1,10 @@
-"""Delays of measured outputs behind positions, found by the model itself.
+"""Delay of the measured outputs behind positions, found by the model itself.
 
 Torques and positions come from different devices.  A constant delay d between them leaves a residual that no parameters
-explain, so d is where the residual of the outputs' own least-squares fits is smallest: W stays, y is shifted, and
-‖y‖² − ‖Qᵀy‖² with the Q of W needs no new fit.  A delay is only taken where it removes a share of the residual that
-noise would not.
+explain, so d is where the residuals of the outputs' own least-squares fits are smallest: W stays, y is shifted, and
+‖y‖² − ‖Qᵀy‖² with the Q of W needs no new fit.  Outputs that come over one bus are late together, and a single one with
+many parameters could explain almost anything by a delay of its own; so one delay is sought for all, by the mean of the
+logarithms of their residuals, and taken only where it removes more than noise would.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ _STEPS = 20
 """Delays to either side that are tried before the parabola through the best ones."""
 _GAIN = 0.05
 """Least share of the residual's squares that a delay must remove."""
+_SHORTEST = 10 * _LONGEST
+"""Segments are at least so long, s."""
 _ROWS = 20_000
 """Rows of each output that are looked at."""
 
@@ -49,14 +52,12 @@ def with_delays(preparation: Preparation, segments: Sequence[Segment], base: Bas
         return preparation
     tried = np.linspace(-_LONGEST, _LONGEST, 2 * _STEPS + 1)
     squares = _residuals(replace(preparation, delays={}), segments, base, tried)
-    found: dict[str, float] = {}
-    words: list[str] = []
-    for output, errors in zip(base.mechanism.outputs, squares.T, strict=True):
-        delay, gain = _best(tried, errors)
-        if gain > _GAIN:
-            found[output.name] = delay
-            words.append(f"{output.name} by {1e3 * delay:.2g} ms ({gain:.0%} of the squares)")
-    text = f"outputs lag behind positions: {', '.join(words)}" if words else "no delay explains the residuals better"
+    delay, gain = _best(tried, squares)
+    if gain < _GAIN:
+        text = f"none: no common delay would remove {_GAIN:.0%} of the residuals' squares"
+        return replace(preparation, delays={}, reasons={**preparation.reasons, "delays": text})
+    found = {output.name: delay for output in base.mechanism.outputs}
+    text = f"outputs are {1e3 * delay:.2g} ms behind positions: undoing it removes {gain:.0%} of the residuals' squares"
     return replace(preparation, delays=found, reasons={**preparation.reasons, "delays": text})
 
 
@@ -66,6 +67,8 @@ def _residuals(preparation: Preparation, segments: Sequence[Segment], base: Base
     matrices: list[list[Floats]] = [[] for _ in range(count)]
     values: list[list[Floats]] = [[] for _ in range(count)]
     for segment in segments:
+        if len(segment) / segment.rate < _SHORTEST:
+            continue
         if values[0] and sum(map(len, values[0])) > _ROWS:
             break
         samples = _inner(prepare(segment, preparation, base.mechanism), float(delays[-1]))
@@ -97,12 +100,16 @@ def _rest(matrix: Floats, values: Floats) -> Floats:
 
 
 def _best(delays: Floats, squares: Floats) -> tuple[float, float]:
-    """The delay with the smallest residual, and the share of the squares at delay zero that it removes."""
-    here, least = squares[len(delays) // 2], int(np.argmin(squares))
-    if least in (0, len(delays) - 1) or not here > 0:
+    """The delay with the smallest residuals, and the share of the squares at delay zero that it removes."""
+    told = squares[:, (squares > 0).all(axis=0)]
+    if not told.size:
+        return 0.0, 0.0
+    errors = np.log(told).mean(axis=1)
+    least = int(np.argmin(errors))
+    if least in (0, len(delays) - 1):
         return 0.0, 0.0  # no minimum within reach: something else is wrong
-    before, middle, after = squares[least - 1 : least + 2]
+    before, middle, after = errors[least - 1 : least + 2]
     bend = before - 2 * middle + after
     offset = 0.5 * (before - after) / bend if bend > 0 else 0.0
     step = delays[1] - delays[0]
-    return float(delays[least] + offset * step), float(1 - middle / here)
+    return float(delays[least] + offset * step), float(1 - np.exp(middle - errors[len(delays) // 2]))

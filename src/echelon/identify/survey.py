@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from echelon.base.model import BaseModel
@@ -72,5 +72,6 @@ def survey(setup: Setup, base: BaseModel, paths: Sequence[Path]) -> Survey:
     if len(paths) > _LOGS:
         text = f"of {len(paths)} logs the first {_LOGS} were looked at for faults and choices"
         findings.append(Finding(Severity.NOTE, "survey", "", text))
-    preparation = with_delays(chosen(setup.preparation, segments, setup.mechanism), segments, base)
+    preparation = replace(chosen(setup.preparation, segments, setup.mechanism), delays=setup.preparation.delays)
+    preparation = with_delays(preparation, segments, base)
     return Survey(preparation, tuple(columns), tuple(findings))

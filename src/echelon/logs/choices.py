@@ -56,7 +56,7 @@ def chosen(preparation: Preparation, segments: Sequence[Segment], mechanism: Mec
     ----------
     preparation : Preparation
     segments : sequence of Segment
-        What is to be prepared, of one rate.
+        What is to be prepared; of several rates, those with the rate of the longest one decide.
     mechanism : Mechanism
 
     Returns
@@ -67,25 +67,51 @@ def chosen(preparation: Preparation, segments: Sequence[Segment], mechanism: Mec
     Raises
     ------
     InputError
-        If there is no segment, rates differ, segments are too short, nothing moves, or a period is asked for and the
+        If there is no segment, segments are too short, nothing moves, or a period is asked for and the
         motion has none.
     """
     data = _Data(preparation, _checked(segments, mechanism), mechanism)
     made = preparation
     for choose in (_period, _cutoff, _output_cutoff, _decimation, _still):
         made = choose(data, made)
-    return replace(made, delays={} if made.delays is None else made.delays, rate=made.rate or data.rate)
+    return replace(made, delays={} if made.delays is None else made.delays, chosen_at=data.rate)
+
+
+def at_rate(preparation: Preparation, rate: float) -> Preparation:
+    """The settings for a log of another rate than that which they were chosen at.
+
+    Parameters
+    ----------
+    preparation : Preparation
+    rate : float
+        Samples per second.
+
+    Returns
+    -------
+    Preparation
+        With a decimation that leaves rows as dense as before, as nearly as whole factors allow, and no filter whose
+        cut-off the log's own band does not reach.
+    """
+    before = preparation.chosen_at
+    if before is None or abs(rate - before) <= _RATES_ALIKE * before:
+        return preparation
+    factor = max(1, round(prod(preparation.decimation or ()) * rate / before))
+    stages = _stages(factor, preparation.output_filter) if factor > 1 else ()
+    cutoff, output_cutoff = (
+        np.inf if value is not None and value > _WORTH * rate else value
+        for value in (preparation.cutoff, preparation.output_cutoff)
+    )
+    if factor > 1 and output_cutoff is not None and isfinite(output_cutoff):
+        output_cutoff = min(output_cutoff, PASSED * rate / factor / 2)
+    return replace(preparation, cutoff=cutoff, output_cutoff=output_cutoff, decimation=stages)
 
 
 def _checked(segments: Sequence[Segment], mechanism: Mechanism) -> tuple[Segment, ...]:
     if not segments:
         raise InputError("there is no data to choose settings from")
-    rates = [segment.rate for segment in segments]
-    if max(rates) > (1 + _RATES_ALIKE) * min(rates):
-        raise InputError(
-            f"logs of {min(rates):g} and {max(rates):g} samples per second cannot share settings: state a common 'rate'"
-        )
-    return tuple(usable(segment, mechanism) for segment in segments)
+    longest = max(segments, key=len).rate
+    alike = [segment for segment in segments if abs(segment.rate - longest) <= _RATES_ALIKE * longest]
+    return tuple(usable(segment, mechanism) for segment in alike)
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,6 +44,9 @@ class Preparation:
         Time left out at both ends of a segment, s, besides what the filters spoil.
     rate : float, optional
         Rate to which segments are resampled, Hz; that of the log if None.
+    chosen_at : float, optional
+        Rate of the logs that choices were made from, Hz.  A log of another rate is decimated to the same density of
+        rows, and not filtered above its own band.
     reasons : mapping of str to str
         For settings that were chosen: why, in a sentence.
     """
@@ -61,4 +64,5 @@ class Preparation:
     delays: Mapping[str, float] | None = None
     trim: float = 0.0
     rate: float | None = None
+    chosen_at: float | None = None
     reasons: Mapping[str, str] = field(default_factory=dict)

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
+from echelon.logs.choices import at_rate
 from echelon.logs.plan import Plan
 from echelon.logs.preparation import Preparation
 from echelon.logs.recording import Segment
@@ -54,6 +55,7 @@ def prepare(segment: Segment, preparation: Preparation, mechanism: Mechanism) ->
         If the segment does not fit the mechanism, is too short for its filters, or lacks what settings ask for.
     """
     piece = usable(segment, mechanism)
+    preparation = at_rate(preparation, piece.rate)
     if preparation.average:
         return _mean_period(piece, preparation, mechanism)
     plan = Plan(preparation, mechanism, piece.rate)
@@ -140,7 +142,7 @@ class _Stretch:
     """
 
     def __init__(self, first: Segment, preparation: Preparation, mechanism: Mechanism, window: int) -> None:
-        self.plan = Plan(preparation, mechanism, first.rate)
+        self.plan = Plan(at_rate(preparation, first.rate), mechanism, first.rate)
         self.held = usable(first, mechanism)
         self.origin = first.start
         self.begin, self.done = 0, self.plan.spoilt

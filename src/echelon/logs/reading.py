@@ -78,8 +78,8 @@ def read_log(
         If the file cannot be read, columns are missing, or the data cannot be those of this robot.
     """
     log = open_log(path)
-    if not outputs:
-        columns = [_with_what_is_there(some, log.names) for some in columns]
+    if not outputs:  # a map that has all it names comes before the same without outputs
+        columns = [*columns, *(replace(some, outputs={}) for some in columns)]
     chosen = chosen_columns(log.names, mechanism, columns, log.source)
     findings = surplus_columns(chosen, log.names)
     tables = log.tables(_needed(chosen, log.names, log.source))
@@ -115,9 +115,3 @@ def _needed(columns: ColumnMap, names: Sequence[str], source: str) -> tuple[str,
         return needed_columns(columns, names)
     except InputError as error:
         raise error.located(source) from None
-
-
-def _with_what_is_there(columns: ColumnMap, names: Sequence[str]) -> ColumnMap:
-    """The map without outputs, where a file lacks some: predictions do without."""
-    there = all(channel.column in names for channel in columns.outputs.values())
-    return columns if there else replace(columns, outputs={})
