@@ -170,6 +170,7 @@ def test_the_nominal_period_survives_late_and_coarse_stamps() -> None:
     assert 1 / stretches(coarse).period == pytest.approx(300, rel=2e-3)
     assert round_rate(stretches(coarse).period) == 300
     assert regularity(coarse, 1 / 300).missing == 0
+    assert stretches(np.array([0.0, 1, 11])).period == 5.5
 
 
 # -- rates ------------------------------------------------------------------------------------------------------------
@@ -192,6 +193,11 @@ def test_a_rate_that_is_no_divisor() -> None:
     (segment,), _ = segments(log(time), ARM, rate=333)
     assert segment.rate == 333
     assert np.abs(segment.signals["q"][:, 0] - wave(segment.time))[40:-40].max() < 1e-4
+
+
+def test_a_rate_that_leaves_too_few_samples_is_refused() -> None:
+    with pytest.raises(ec.InputError, match="no stretch without gaps has 20 samples: the longest of 1 has 10, at 1 Hz"):
+        segments(log(np.arange(10_000) / 1000), ARM, rate=1)
 
 
 def test_a_higher_rate_is_refused() -> None:

@@ -13,9 +13,12 @@ from echelon.signals.clock import Regularity, Stretches
 from echelon.signals.resample import SLOWER
 
 Floats = npt.NDArray[np.float64]
+Places = npt.NDArray[np.intp]
 
 
-def break_findings(source: str, time: Floats, found: Stretches, gap: float, fewest: int) -> tuple[Finding, ...]:
+def break_findings(
+    source: str, time: Floats, found: Stretches, gap: float, short: Sequence[Places]
+) -> tuple[Finding, ...]:
     """Duplicates, jumps back, gaps, and stretches that are too short.
 
     Parameters
@@ -26,8 +29,8 @@ def break_findings(source: str, time: Floats, found: Stretches, gap: float, fewe
     found : Stretches
     gap : float
         Periods beyond which an interval counts as a gap.
-    fewest : int
-        Samples that a stretch must have.
+    short : sequence of array of int
+        Stretches that were left out because they have too few samples.
     """
     findings = []
     if len(found.duplicates):
@@ -50,12 +53,11 @@ def break_findings(source: str, time: Floats, found: Stretches, gap: float, fewe
             "segments end there"
         )
         findings.append(Finding(Severity.WARNING, "gap", f"{source}, from {seconds(_before(time, found)[0])} s", text))
-    short = [piece for piece in found.pieces if len(piece) < fewest]
     if short:
         lost = sum(map(len, short))
         text = (
-            f"{_times(len(short), 'stretch', 'stretches')} of fewer than {fewest} samples left out "
-            f"({_times(lost, 'sample', 'samples')})"
+            f"{_times(len(short), 'stretch is', 'stretches are')} too short to use, with up to "
+            f"{_times(max(map(len, short)), 'sample', 'samples')}; left out ({lost} in all)"
         )
         findings.append(Finding(Severity.WARNING, "short", f"{source}, from {seconds(time[short[0][0]])} s", text))
     return tuple(findings)

@@ -78,18 +78,28 @@ def segments(
         found = stretches(clean.time, gap)
     except InputError as error:
         raise error.located(recording.source) from None
-    long = [piece for piece in found.pieces if len(piece) >= FEWEST]
-    if not long:
-        longest = f"the longest of {len(found.pieces)} has {max(map(len, found.pieces))}"
-        problem = f"no stretch without gaps has {FEWEST} samples: {longest}, {found.period:.4g} s apart"
-        return _none(recording, problem, whole)
     asked = _checked(rate, found.period, recording.source)
+    counts = [_count(clean.time[piece], asked) for piece in found.pieces]
+    if max(counts) < FEWEST:
+        where = f"at {asked:g} Hz" if asked else f"{found.period:.4g} s apart"
+        problem = (
+            f"no stretch without gaps has {FEWEST} samples: the longest of {len(counts)} has {max(counts)}, {where}"
+        )
+        return _none(recording, problem, whole)
+    long, short = (
+        [p for p, n in zip(found.pieces, counts, strict=True) if (n >= FEWEST) is so] for so in (True, False)
+    )
     signals, wrapped = unwrapped(clean, mechanism, found.pieces)
     cutter = _Cutter(replace(clean, signals=signals), mechanism, found.period, asked)
     cut, regular = zip(*map(cutter.segment, long), strict=True)
-    breaks = break_findings(recording.source, clean.time, found, gap, FEWEST)
+    breaks = break_findings(recording.source, clean.time, found, gap, short)
     clock = rate_findings(recording.source, [segment.start for segment in cut], found, regular, asked)
     return cut, (*breaks, *clock, *wrapped)
+
+
+def _count(time: Floats, rate: float | None) -> int:
+    """Samples that a stretch has, and keeps at a lower rate."""
+    return len(time) if rate is None else min(len(time), int((time[-1] - time[0]) * rate) + 1)
 
 
 def _none(recording: Recording, problem: str, whole: bool) -> tuple[tuple[Segment, ...], tuple[Finding, ...]]:

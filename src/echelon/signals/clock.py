@@ -150,6 +150,8 @@ def nominal_period(time: Floats) -> float:
     steps = steps[steps > 0]
     median = float(np.median(steps))
     near = steps[np.abs(steps - median) < 0.5 * median]
+    if not len(near):  # two kinds of intervals, far apart, in equal numbers
+        return median
     mean, error = float(np.mean(near)), float(np.std(near)) / np.sqrt(len(near))
     off = abs(mean - median)
     return mean if off > _COARSE * median or off < _ERRORS * error else median
