@@ -8,6 +8,7 @@ import numpy.typing as npt
 from echelon.base.model import BaseModel
 from echelon.identify.physics.constraints import Roles
 from echelon.inertia.spatial import from_pseudo_inertia
+from echelon.mechanism.values import characteristic_length
 from echelon.observe.observation import Observation
 
 Floats = npt.NDArray[np.float64]
@@ -20,8 +21,9 @@ def body_of_points(rng: np.random.Generator, size: float = 0.2, mass: float = 1.
     return np.asarray(from_pseudo_inertia((points.T * masses) @ points))
 
 
-def robot(role: Roles, rng: np.random.Generator, size: float = 0.2, mass: float = 1.0) -> Floats:
-    """Standard parameters of a robot that can exist."""
+def robot(role: Roles, rng: np.random.Generator, mass: float = 1.0) -> Floats:
+    """Standard parameters of a robot that can exist, with bodies as large as its links."""
+    size = 0.3 * characteristic_length(role.mechanism)
     standard = rng.uniform(0.1, 1, role.size) * mass * size**2
     for column in role.free:
         standard[column] = rng.standard_normal()

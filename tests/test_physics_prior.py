@@ -92,7 +92,7 @@ def placements(draw: st.DrawFn) -> Placement:
     return arms.place(xyz, " ".join(draw(_TURNS) for _ in range(3)))
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.lists(placements(), min_size=8, max_size=8), st.integers(0, 2**32 - 1))
 def test_frames_do_not_matter(drawn: list[Placement], seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -100,7 +100,7 @@ def test_frames_do_not_matter(drawn: list[Placement], seed: int) -> None:
     for k in range(4):
         parent = (GROUND, 0, 1, 1)[k]
         place, frame = drawn[2 * k : 2 * k + 2]
-        inertial = tuple(float(x) for x in body_of_points(rng))
+        inertial = tuple(float(x) for x in body_of_points(rng, 0.02))
         steps = (place, rotation(f"q{k}", int(rng.integers(3)), int(rng.choice([1, -1]))))
         old.append(Body(f"b{k}", str(k), parent, Joint(f"j{k}", "revolute", merge(steps)), inertial=inertial))
         before = Placement() if parent == GROUND else drawn[2 * parent + 1].inverse()
@@ -120,8 +120,8 @@ def test_a_floating_robot_and_itself() -> None:
 def test_what_the_prior_does_not_say_is_named() -> None:
     base = ec.base_parameters(ec.load("examples/panda.yaml"))
     bodies = list(base.mechanism.bodies)
-    bodies[2] = replace(bodies[2], inertial=(1.0, 0, 0, 1, 0, 5, 0, 0, 0, 1))
-    bodies[3] = replace(bodies[3], inertial=(1.0, 0, 0, 1, 0, 1, 0, 0, 0, 1))
+    bodies[2] = replace(bodies[2], inertial=(0.01, 0, 0, 0.01, 0, 0.05, 0, 0, 0, 1))
+    bodies[3] = replace(bodies[3], inertial=(0.01, 0, 0, 0.01, 0, 0.01, 0, 0, 0, 1))
     prior = prior_from(base, replace(base.mechanism, bodies=tuple(bodies)))
     assert [f.kind for f in prior.findings].count("no prior") == 5
     assert [f.where for f in prior.findings if f.kind == "unphysical prior"] == ["body 'j3'"]

@@ -89,7 +89,7 @@ class Bounds:
         --------
         >>> import echelon as ec
         >>> arm = ec.load("examples/double_pendulum.yaml")
-        >>> Bounds.of(arm, {"bodies": {"link1": {"mass": [0.1, 2], "symmetry": "xy"}}}).bodies["link1"].mass
+        >>> Bounds.of(arm, {"bodies": {"j1": {"mass": [0.1, 2], "symmetry": "xy"}}}).bodies["j1"].mass
         (0.1, 2.0)
         """
         try:

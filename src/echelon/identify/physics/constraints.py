@@ -89,7 +89,7 @@ def roles(mechanism: Mechanism) -> Roles:
     --------
     >>> import echelon as ec
     >>> roles(ec.load("examples/tx40.yaml")).bodies[:2]
-    (('link1', 0), ('link2', 10))
+    (('j1', 0), ('j2', 10))
     """
     bodies = tuple(
         (mechanism.bodies[body].name, column)

@@ -65,7 +65,7 @@ def physical_fit(
     prior : array of shape (p,), optional
         Standard parameters to stay near to, nan where unknown; see :func:`echelon.identify.physics.prior.prior_from`.
     prior_weight : float or "auto"
-        Weight of the divergence from the prior.  ``"auto"`` chooses it from the data of the fit alone: by predicting
+        Weight of the divergence from the prior, at least that of a plain shape.  ``"auto"`` chooses it from the data of the fit alone: by predicting
         each of the ``pieces`` from the others, or without pieces by the discrepancy principle
         (:mod:`echelon.identify.physics.weight`).
     prior_name : str
@@ -114,7 +114,7 @@ def physical_fit(
             "solver": found.solver,
             "iterations": found.iterations,
             "seconds": perf_counter() - start,
-            "active": active(programme, standard),
+            "active": active(programme, standard, problem.matrix(triangle.R)),
             "divergence": dict(zip(names, map(float, apart), strict=True)),
             "step_inside": step,
             "prior_weight_reason": choice.reason,

@@ -21,6 +21,8 @@ Floats = npt.NDArray[np.float64]
 
 _STEPS = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 _ROUNDING = 1e-12
+_INVISIBLE = 1e-3
+"""A change by which data change this little of their noise cannot be seen."""
 
 
 def put_inside(programme: Programme, standard: Floats, solver: str) -> tuple[Floats, float]:
@@ -46,12 +48,12 @@ def put_inside(programme: Programme, standard: Floats, solver: str) -> tuple[Flo
         If the parameters are far outside, so that the solver's answer was none.
     """
     start = _signed(programme.limits, _equal(programme.limits, standard))
-    if _holds(programme, start):
+    if holds(programme, start):
         return start, 0.0
     inner = interior_point(programme, solver)
     for step in _STEPS:
         mixed = (1 - step) * start + step * inner
-        if _holds(programme, mixed):
+        if holds(programme, mixed):
             return mixed, step
     raise EchelonError("the solver's answer violates the constraints by far more than its tolerance")
 
@@ -95,10 +97,24 @@ def interior_point(programme: Programme, solver: str) -> Floats:
     return _equal(limits, programme.unwhiten @ found.x[:p])
 
 
-def active(programme: Programme, standard: Floats) -> list[str]:
-    """Names of limits that hold with equality, nearly."""
+def active(programme: Programme, standard: Floats, design: Floats) -> list[str]:
+    """Names of limits that hold with equality, up to what data can tell.
+
+    Parameters
+    ----------
+    programme : Programme
+    standard : array of shape (p,)
+    design : array of shape (k, p)
+        Rows of the fit, weighted by their noise.
+    """
     slack, size = _slack(programme.limits, standard)
-    return [name for name, s, z in zip(programme.limits.names, slack, size, strict=True) if s <= 1e-6 * z]
+    seen = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    with np.errstate(divide="ignore", over="ignore"):
+        changes = np.where(programme.limits.least[:, :-1] != 0, np.abs(programme.limits.least[:, :-1]) / seen, np.inf)
+    invisible = _INVISIBLE * changes.min(axis=1, initial=np.inf)
+    invisible[~np.isfinite(invisible) | (changes.min(axis=1, initial=np.inf) > 1e200)] = 0.0
+    closed = slack <= 1e-6 * size + invisible
+    return [name for name, shut in zip(programme.limits.names, closed, strict=True) if shut]
 
 
 def _slack(limits: LinearLimits, standard: Floats) -> tuple[Floats, Floats]:
@@ -129,7 +145,8 @@ def _signed(limits: LinearLimits, standard: Floats) -> Floats:
     return moved
 
 
-def _holds(programme: Programme, standard: Floats) -> bool:
+def holds(programme: Programme, standard: Floats) -> bool:
+    """Whether parameters satisfy all constraints, up to rounding."""
     slack, size = _slack(programme.limits, standard)
     if (slack < -_ROUNDING * size).any():
         return False

@@ -23,7 +23,10 @@ from echelon.identify.physics.triangles import sparse_diagonal, svec, unpacked
 
 Floats = npt.NDArray[np.float64]
 
-_DIGITS = 6
+_DIGITS = 9
+_DOUBLE = 1e-3
+_STILL, _RIDGE = 1e-4, 1e-9
+"""Eigenvalues of U below this are zeros; the second keeps λ finite where any size would do."""
 _NEAR = (1e-10, 1e-8, 1e-7, 1e-6, 1e-5)
 
 
@@ -34,7 +37,7 @@ def motionless(problem: DualProblem) -> tuple[list[list[list[Fraction]]], list[i
     columns = np.diag(1 / problem.weights)
     program = ConeProgram(size)
     linear, ridge = np.zeros(size), np.zeros(size)
-    ridge[:r] = 1e-7
+    ridge[:r] = _RIDGE
     identity = svec(np.eye(SIZE))
     for number, rows in enumerate(problem.matrices(columns)):
         place = slice(r + 10 * number, r + 10 * (number + 1))
@@ -60,7 +63,7 @@ def motionless(problem: DualProblem) -> tuple[list[list[list[Fraction]]], list[i
     found = solve_with_fallback(program, sparse_diagonal(ridge), linear, problem.solver)
     triangles = found.x[r : r + 10 * bodies].reshape(bodies, 10)
     kernels = [_kernel(problem, body, triangle) for body, triangle in enumerate(triangles)]
-    silent = [c for c, u in zip(problem.role.positive, found.x[first:], strict=True) if u < 0.5]
+    silent = [c for c, u in zip(problem.role.positive, found.x[first:], strict=True) if u < _STILL]
     return kernels, silent
 
 
@@ -68,7 +71,7 @@ def _kernel(problem: DualProblem, body: int, triangle: Floats) -> list[list[Frac
     """Basis of the directions in which the largest S has no part, in echelon form from the last entry on."""
     scale, start = problem.scales[body], problem.role.starts[body]
     eigenvalues, vectors = np.linalg.eigh(unpacked(triangle))
-    hidden = vectors[:, eigenvalues < 0.5]
+    hidden = vectors[:, eigenvalues < _STILL]
     if hidden.shape[1] == 0:
         return []
     matrices = dual_matrix(problem.B[:, start : start + PER_BODY]) * np.outer(scale, scale)
@@ -137,7 +140,17 @@ def refined(points: Floats, matrices: Floats) -> Floats:
         values: Floats = np.einsum("ai,nij,bj->nab", moved, unit, moved).ravel()
         return values
 
-    found = least_squares(residual, points[where], xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    start: Floats = np.asarray(least_squares(residual, points[where], xtol=1e-15, ftol=1e-15, gtol=1e-15).x)
+    jacobian = np.array([(residual(start + d) - residual(start - d)) / 2 for d in np.eye(len(moving))]).T
+    # along directions in which a root is double the derivative vanishes too, and has a simple root
+    _, sizes, directions = np.linalg.svd(jacobian)
+    double = directions[np.append(sizes, np.zeros(len(directions) - len(sizes))) < _DOUBLE * max(sizes.max(), _DOUBLE)]
+
+    def with_slopes(x: Floats) -> Floats:
+        slopes = [(residual(x + d) - residual(x - d)) / 2 for d in double]
+        return np.concatenate([residual(x), *slopes])
+
+    found = least_squares(with_slopes, start, xtol=1e-15, ftol=1e-15, gtol=1e-15)
     better = points.copy()
     better[where] = found.x
     return better

@@ -11,7 +11,7 @@ from echelon.errors import EchelonError, InputError
 from echelon.identify.physics.bounds import Bounds
 from echelon.identify.physics.cones import SOLVED
 from echelon.identify.physics.constraints import linear_limits, roles
-from echelon.identify.physics.inside import put_inside
+from echelon.identify.physics.inside import holds, put_inside
 from echelon.identify.physics.programme import Programme
 from echelon.identify.physics.reference import common_mass, reference
 from echelon.mechanism.values import characteristic_length
@@ -68,10 +68,10 @@ def physical_lift(
     programme = _programme(base, B, target, np.eye(len(target)) / sizes_of(base, target)[:, None], prior, bounds)
     standard, found = programme.fit(B, target, np.ones(len(programme.role.bodies)), 1.0, solver, exact=True)
     if found.status == SOLVED:
+        standard, _ = put_inside(programme, on_pivots(base, B, target, standard), solver)
         standard = on_pivots(base, B, target, standard)
-        inside, step = put_inside(programme, standard, solver)
-        if step == 0.0 and np.allclose(B @ inside, target, rtol=1e-9, atol=1e-9 * np.abs(target).max()):
-            return inside
+        if holds(programme, standard):
+            return standard
     raise InputError(_difference(base, target, prior, bounds, solver))
 
 

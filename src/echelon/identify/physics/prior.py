@@ -97,26 +97,32 @@ def prior_from(base: BaseModel, other: Mechanism, *, tolerance: float = TOLERANC
     totals = _lumped(other, theirs, set(pairs.values()))
     values = np.full(len(mechanism.columns), np.nan)
     findings = _locked(other, set(pairs.values()))
-    size = characteristic_length(mechanism)
     for body, first in mechanism.first_column.items():
-        part, name = mechanism.bodies[body], mechanism.bodies[body].name
+        carried = mechanism.bodies[body].carried
         total = totals.get(pairs[body]) if body in pairs else None
-        if total is None or not np.any(total):
-            if len(part.carried) == PER_BODY:
-                text = f"{other.name} states no inertia for it; it is drawn towards a plain shape only"
-                findings.append(Finding(Severity.NOTE, "no prior", f"body '{name}'", text))
-            continue
-        moved = move(total, np.linalg.inv(ours.frames[body]))
-        if len(part.carried) == PER_BODY:
-            for mend in (repaired, without_placeholder):
-                moved, finding = mend(moved, size, name)
-                findings += [finding] if finding else []
-        values[first : first + len(part.carried)] = moved[list(part.carried)]
+        if total is not None and np.any(total):
+            moved, found = _mended(move(total, np.linalg.inv(ours.frames[body])), mechanism, body)
+            values[first : first + len(carried)] = moved[list(carried)]
+            findings += found
+        elif len(carried) == PER_BODY:
+            text = f"{other.name} states no inertia for it; it is drawn towards a plain shape only"
+            findings.append(Finding(Severity.NOTE, "no prior", f"body '{mechanism.bodies[body].name}'", text))
     stated = {(effect.parameter, effect.unit): effect.value for effect in other.effects}
     for column, effect in enumerate(mechanism.effects, len(values) - len(mechanism.effects)):
         known = stated.get((effect.parameter, effect.unit))
         values[column] = np.nan if known is None else known
     return Prior(other.name, values, tuple(findings))
+
+
+def _mended(values: Floats, mechanism: Mechanism, body: int) -> tuple[Floats, list[Finding]]:
+    """The body as one that can exist, of a size that it can have, and what had to be changed for that."""
+    if len(mechanism.bodies[body].carried) < PER_BODY:
+        return values, []
+    size, name, findings = characteristic_length(mechanism), mechanism.bodies[body].name, []
+    for mend in (repaired, without_placeholder):
+        values, finding = mend(values, size, name)
+        findings += [finding] if finding else []
+    return values, findings
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from echelon.identify.physics.constraints import LinearLimits, Roles
 from echelon.identify.physics.pseudo_inertia import SIZE, factor, margins
 from echelon.identify.physics.reference import Reference, unwhitenings
 from echelon.identify.physics.triangles import SVEC, sparse_diagonal, svec
+from echelon.mechanism.parameter import Parameter
 
 Floats = npt.NDArray[np.float64]
 
@@ -85,7 +86,8 @@ class Programme:
             Weight of ((value − prior)/prior)² of the parameters outside the bodies.
         solver : str
         exact : bool
-            Require design · ζ = target instead.
+            Require design · ζ = target instead; parameters that are not negative by themselves then stay inside, too,
+            by the divergence of a single number, x/x₀ − log(x/x₀) − 1.
 
         Returns
         -------
@@ -94,8 +96,9 @@ class Programme:
         ConeSolution
         """
         bodies, p, k = len(self.role.bodies), self.role.size, len(target)
+        signed = self._signed() if exact else []
         logs = p + PER_BODY * bodies
-        size = logs + _LOGS * bodies + (0 if exact else k)
+        size = logs + _LOGS * bodies + (len(signed) if exact else k)
         program = ConeProgram(size)
         matrix = design @ self.unwhiten
         whole = np.zeros((k, size))
@@ -110,11 +113,43 @@ class Programme:
             linear[[PER_BODY * body + i for i in (0, 3, 5)]] = weight / 2  # tr K = ½ (XX + YY + ZZ) + M
             linear[PER_BODY * body + 9] = weight
             linear[logs + _LOGS * body : logs + _LOGS * (body + 1)] = -weight
-        if not exact:
+        if exact:
+            self._keep_inside(program, linear, signed, size)
+        else:
             diagonal[size - k :] = 2.0
         self._draw(diagonal, linear, matrix, drawing)
         found = solve_with_fallback(program, sparse_diagonal(diagonal), linear, solver)
         return self.unwhiten @ found.x[:p], found
+
+    def _signed(self) -> list[tuple[int, float]]:
+        """Unknowns that only must not be negative, with their sizes."""
+        rows = self.limits.least
+        alone = (np.count_nonzero(rows[:, :-1], axis=1) == 1) & (rows[:, -1] == 0) & (rows[:, :-1].max(axis=1) > 0)
+        columns = {int(np.argmax(row[:-1])) for row in rows[alone]}
+        first, found = PER_BODY * len(self.role.bodies), []
+        for place, column in enumerate(self.others, first):
+            if column in columns:
+                prior = self.reference.values[column]
+                size = prior if np.isfinite(prior) and prior > 0 else self._size(self.role.mechanism.columns[column])
+                found.append((place, float(size)))
+        return found
+
+    def _size(self, parameter: Parameter) -> float:
+        """Size of a parameter outside the bodies: an inertia or a mass as a body's, else 1."""
+        if not len(self.reference.bodies):
+            return 1.0
+        masses, inertias = self.reference.bodies[:, 9], self.reference.bodies[:, [0, 3, 5]].mean(axis=1)
+        return float({"kg": masses, "kg·m²": inertias}.get(parameter.unit, np.ones(1)).mean())
+
+    def _keep_inside(self, program: ConeProgram, linear: Floats, signed: list[tuple[int, float]], size: int) -> None:
+        """log(x/x₀) ≥ u for each signed unknown, with the last variables for u."""
+        for number, (place, scale) in enumerate(signed):
+            u = size - len(signed) + number
+            rows = np.zeros((3, size))
+            rows[0, u], rows[2, place] = 1.0, 1 / scale
+            program.add("exponential", rows, np.array([0.0, 1.0, 0.0]))
+            linear[place] += 1 / scale
+            linear[u] = -1.0
 
     def _draw(self, diagonal: Floats, linear: Floats, matrix: Floats, drawing: float) -> None:
         """Quadratic drawing of the parameters outside the bodies, and rest for what nothing determines."""

@@ -112,14 +112,6 @@ def repaired(body: Floats, size: float, name: str) -> tuple[Floats, Finding | No
     array of shape (10,)
     Finding, optional
     """
-    width = _widest(body)
-    if width > _WIDEST * size:
-        text = (
-            f"the prior's inertia needs a radius of gyration of {width:.2g} m, with links of {size:.2g} m at most; its "
-        )
-        text += "mass and centre are kept, its extent is taken to be that of a plain body"
-        shrunk, _ = repaired(_shrunk(body, _RADIUS * size / width), size, name)
-        return shrunk, Finding(Severity.WARNING, "implausible prior", f"body '{name}'", text)
     root = _scale(body, size)
     inverse = np.diag(1 / np.diagonal(root))
     values, vectors = np.linalg.eigh(inverse @ pseudo_inertia(body) @ inverse)
