@@ -25,6 +25,8 @@ _KINDS = ("zero", "nonnegative", "second_order", "semidefinite", "exponential")
 _UNITS = (1.0, 1e-2, 1e-4, 1e-6)
 """Units of the objective that are tried one after another."""
 _ALMOST = "Almost"
+_PATIENCE = 60.0
+"""Seconds that the first-order solver may take."""
 
 SOLVED, INFEASIBLE, UNBOUNDED, FAILED = "solved", "infeasible", "unbounded", "failed"
 
@@ -189,7 +191,7 @@ def _scs(program: ConeProgram, P: Any, q: Floats, A: Any, b: Floats) -> ConeSolu
         "s": [order(k) for k in program.lengths("semidefinite")],
         "ep": sum(program.lengths("exponential")) // 3,
     }
-    solver = scs.SCS(data, cone, verbose=False, eps_abs=1e-7, eps_rel=1e-7, max_iters=50_000)
+    solver = scs.SCS(data, cone, verbose=False, eps_abs=1e-7, eps_rel=1e-7, max_iters=50_000, time_limit_secs=_PATIENCE)
     found = solver.solve()
     info = found["info"]
     words = {1: SOLVED, 2: FAILED, -1: UNBOUNDED, -2: INFEASIBLE}

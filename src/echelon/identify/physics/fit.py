@@ -65,9 +65,9 @@ def physical_fit(
     prior : array of shape (p,), optional
         Standard parameters to stay near to, nan where unknown; see :func:`echelon.identify.physics.prior.prior_from`.
     prior_weight : float or "auto"
-        Weight of the divergence from the prior, at least that of a plain shape.  ``"auto"`` chooses it from the data of the fit alone: by predicting
-        each of the ``pieces`` from the others, or without pieces by the discrepancy principle
-        (:mod:`echelon.identify.physics.weight`).
+        Weight of the divergence from the prior, at least that of a plain shape.  ``"auto"`` chooses it from the data
+        of the fit alone: by predicting each of the ``pieces`` from the others, or without pieces by the discrepancy
+        principle (:mod:`echelon.identify.physics.weight`).
     prior_name : str
         Name of the prior for the result.
     pieces : sequence of Observation, optional
