@@ -144,6 +144,8 @@ def test_gradient_vanishes_at_the_fit(name: str) -> None:
     triangle = observation.combined(weights)
     fit = physical_fit(base, triangle, prior=prior, prior_weight=10.0)
     assert fit.diagnostics["active"] == []
+    assert repr(fit).startswith(f"PhysicalFit({len(role.bodies)} bodies, misfit ")
+    assert repr(fit).endswith("drawn to prior with weight 10)")
     loss = 2 * (triangle.R @ base.B_float()).T @ (triangle.R @ fit.base - triangle.qty)
     for start, J, J0 in zip(role.starts, *(pseudo_inertia(role.blocks(z)) for z in (fit.standard, prior)), strict=True):
         basis = pseudo_inertia(np.eye(10))

@@ -44,6 +44,9 @@ class Feasibility:
     distance: float = 0.0
     exact: tuple[Fraction, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"Feasibility({self.feasible}: {self.proof})"
+
 
 @dataclass(frozen=True, repr=False)
 class PhysicalFit:
@@ -83,3 +86,8 @@ class PhysicalFit:
     prior_weight: float
     status: str
     diagnostics: Mapping[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        above = self.misfit - self.least_misfit
+        drawn = f", drawn to {self.prior} with weight {self.prior_weight:g}" if self.prior else ""
+        return f"PhysicalFit({len(self.margins)} bodies, misfit {above:.4g} above {self.least_misfit:.4g}{drawn})"
