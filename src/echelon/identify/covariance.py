@@ -6,26 +6,29 @@ residuals' pull g_c = Σ Wᵀ(y − Wζ)/σ² is added up within each, and only 
 Zeger, Biometrika 73, 1986).  Instead of the plain sandwich A⁻¹ (Σ g_c g_cᵀ) A⁻¹, which is too small for few batches,
 each batch is left out in turn: ζ₍c₎ − ζ = −(A − A_c)⁻¹ g_c exactly, so that the jackknife costs no refit (MacKinnon &
 White, J. Econometrics 29, 1985; CR3 of Bell & McCaffrey, Survey Methodology 28, 2002).  One pass over the rows, memory
-for one batch at a time.
+for one batch at a time; or none at all, where the R-factors of batches are there already.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
+from echelon.identify.batches import Batch, total
 from echelon.identify.estimate import Estimate
 from echelon.identify.rows import RowBlock, Rows
 from echelon.identify.solution import Solution, solved
+from echelon.observe.observation import Observation
 from echelon.observe.triangle import column_norms
 
 Floats = npt.NDArray[np.float64]
 
 _METHODS = ("ols", "wls", "irls", "huber")
+_BY_FACTORS = ("ols", "wls", "irls")
 _ALL = 1e-9
 
 
@@ -68,9 +71,48 @@ def clustered(
     length = _length(rows, clusters) if seconds is None else float(seconds)
     if not (np.isfinite(length) and length > 0):
         raise InputError(f"batches of {length} s; expected a positive number of seconds")
-    scores = _Scores.of(rows, estimate)
+    scores = _Scores.of(rows.observation(), rows.units, estimate)
+    return _judged(estimate, scores, _batches(rows, scores, length), length, jackknife)
+
+
+def clustered_by(
+    batches: Sequence[Batch], units: Sequence[str], estimate: Estimate, *, jackknife: bool = True
+) -> Estimate:
+    """The same from the R-factors of batches, without another pass over the rows.
+
+    Parameters
+    ----------
+    batches : sequence of Batch
+        All that the estimate was found from.
+    units : sequence of str
+        SI units of the parameters.
+    estimate : Estimate
+        From :func:`ols`, :func:`wls` or :func:`irls`; of others single rows count.
+    jackknife : bool
+
+    Returns
+    -------
+    Estimate
+        As of :func:`clustered`; ``seconds`` is the median length of the batches.
+
+    Raises
+    ------
+    InputError
+        As of :func:`clustered`.
+    """
+    if estimate.method not in _BY_FACTORS:
+        raise InputError(f"R-factors do not tell the covariance of '{estimate.method}'; expected ols, wls or irls")
+    if len(batches) < 2:
+        raise InputError("all rows lie within one batch: use shorter batches")
+    scores = _Scores.of(total(batches), units, estimate)
+    length = float(np.median([batch.seconds for batch in batches]))
+    return _judged(estimate, scores, _from_factors(batches, scores), length, jackknife)
+
+
+def _judged(estimate: Estimate, scores: _Scores, batches: Iterator[_Batch], length: float, jackknife: bool) -> Estimate:
+    """The estimate with the covariance that its batches make."""
     changes, sums = [], np.zeros(len(estimate.outputs))
-    for batch in _batches(rows, scores, length):
+    for batch in batches:
         changes.append(scores.left_out(batch, jackknife))
         sums += batch.own
     count = len(changes)
@@ -122,13 +164,12 @@ class _Scores:
     squares: Floats  # Σ ψ² of each output, filled while the rows pass
 
     @staticmethod
-    def of(rows: Rows, estimate: Estimate) -> _Scores:
+    def of(observation: Observation, units: Sequence[str], estimate: Estimate) -> _Scores:
         m = len(estimate.outputs)
         weights = np.asarray(estimate.diagnostics["weights"], dtype=float)
         clips = np.asarray(estimate.diagnostics.get("clips", [np.inf] * m), dtype=float)
         slopes = np.asarray(estimate.diagnostics.get("slopes", [1.0] * m), dtype=float)
-        observation = rows.observation()
-        solution = solved(observation, rows.units, weights * np.sqrt(slopes))
+        solution = solved(observation, units, weights * np.sqrt(slopes))
         roots = tuple(
             _pseudo_root(R[:-1, :-1], k) for R, k in zip(observation.factors, observation.counts, strict=True)
         )
@@ -186,6 +227,15 @@ def _pseudo_root(R: Floats, rows: int) -> Floats:
     rank = int(np.sum(singular > np.finfo(float).eps * max(rows, len(R)) * singular[0]))
     root: Floats = (right[:rank] / singular[:rank, None] / scales).T
     return root
+
+
+def _from_factors(batches: Sequence[Batch], scores: _Scores) -> Iterator[_Batch]:
+    """A factor is a set of rows that has the sums of those it was made from."""
+    for given in batches:
+        batch = scores.empty(given.name)
+        for output, R in enumerate(given.observation.factors):
+            scores.add(batch, output, R[:, :-1], R[:, -1])
+        yield batch
 
 
 # -- batches of time ---------------------------------------------------------------------------------------------------

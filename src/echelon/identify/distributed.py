@@ -13,11 +13,12 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from echelon.errors import InputError, MissingExtraError
-from echelon.observe.observation import Observation
+from echelon.identify.batches import Batch, joined
 
 if TYPE_CHECKING:
     from distributed import Client
 
+Common = TypeVar("Common")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -57,34 +58,45 @@ def connect(where: str) -> Iterator[Client]:
         yield client
 
 
-def each(client: Client | None, function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+def each(
+    client: Client | None, function: Callable[[Common, Item], Result], common: Common, items: Iterable[Item]
+) -> Iterator[Result]:
     """Results of a function for all items, in their order; on a cluster, or one after another here.
 
     Parameters
     ----------
     client : distributed.Client, optional
     function : callable
-        Without side effects, because it may run more than once.
+        Of ``common`` and an item; without side effects, because it may run more than once.
+    common : object
+        What every call needs.  It is sent to a worker once, and what a worker compiles for it is used again.
     items : iterable
     """
     if client is None:
-        yield from map(function, items)
+        yield from (function(common, item) for item in items)
         return
-    futures = client.map(function, list(items), pure=False)
-    for future in futures:
-        yield future.result()
+    futures = _mapped(client, function, common, list(items))
+    while futures:
+        # a result that was taken need not be kept by its worker
+        yield futures.pop(0).result()
 
 
 def summed(
-    client: Client | None, function: Callable[[Item], Observation], items: Sequence[Item], groups: int
-) -> list[Observation]:
-    """Observations of all items, merged into so many groups of neighbours.
+    client: Client | None,
+    function: Callable[[Common, Item], tuple[Batch, ...]],
+    common: Common,
+    items: Sequence[Item],
+    groups: int,
+) -> list[tuple[Batch, ...]]:
+    """Batches of all items, merged into so many groups of neighbours.
 
     Parameters
     ----------
     client : distributed.Client, optional
     function : callable
-        Takes in one item.
+        Takes in one item; see :func:`each`.
+    common : object
+        What every call needs.
     items : sequence
     groups : int
         At most so many sums are returned; their own sum is that of all items.
@@ -92,25 +104,48 @@ def summed(
     bounds = [round(k * len(items) / groups) for k in range(groups + 1)]
     parts = [items[low:high] for low, high in pairwise(bounds) if high > low]
     if client is None:
-        return [_tree([function(item) for item in part], merged) for part in parts]
+        return [tree((function(common, item) for item in part), joined) for part in parts]
 
     def merge(a: Any, b: Any) -> Any:
-        return client.submit(merged, a, b, pure=False)
+        return client.submit(joined, a, b, pure=False)
 
-    trees = [_tree(client.map(function, list(part), pure=False), merge) for part in parts]
-    found: list[Observation] = client.gather(trees)
+    trees = [tree(_mapped(client, function, common, part), merge) for part in parts]
+    found: list[tuple[Batch, ...]] = client.gather(trees)
     return found
 
 
-def merged(a: Observation, b: Observation) -> Observation:
-    """The observation of both sets of samples."""
-    return a + b
+def tree(values: Iterable[Any], merge: Callable[[Any, Any], Any]) -> Any:
+    """Merge neighbours pairwise until one value is left, holding no more values than the tree is deep.
+
+    Parameters
+    ----------
+    values : iterable
+        At least one.
+    merge : callable
+        Associative.
+
+    Examples
+    --------
+    >>> tree("abcde", lambda a, b: f"({a}{b})")
+    '(((ab)(cd))e)'
+    """
+    waiting: list[tuple[int, Any]] = []  # how many values were merged into it, a power of two; descending
+    for value in values:
+        size = 1
+        while waiting and waiting[-1][0] == size:
+            value, size = merge(waiting.pop()[1], value), 2 * size
+        waiting.append((size, value))
+    result = waiting.pop()[1]
+    while waiting:
+        result = merge(waiting.pop()[1], result)
+    return result
 
 
-def _tree(values: Sequence[Any], merge: Callable[[Any, Any], Any]) -> Any:
-    """Merge neighbours pairwise until one value is left."""
-    level = list(values)
-    while len(level) > 1:
-        pairs = [merge(a, b) for a, b in zip(level[::2], level[1::2], strict=False)]
-        level = pairs + level[len(pairs) * 2 :]
-    return level[0]
+def _mapped(client: Client, function: Callable[..., Any], common: object, items: Sequence[Any]) -> list[Any]:
+    # the result of a task can be made again if the worker that holds it dies; data that were only sent could not
+    shared = client.submit(_itself, common, pure=False)
+    return list(client.map(function, [shared] * len(items), items, pure=False))
+
+
+def _itself(value: Item) -> Item:
+    return value

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
-from echelon.identify.covariance import clustered
+from echelon.identify.batches import Batch
+from echelon.identify.covariance import clustered, clustered_by
 from echelon.identify.estimate import Estimate
 from echelon.identify.instrumental import instrumental
 from echelon.identify.known import known
@@ -32,6 +36,7 @@ def fitted(
     *,
     prior: Floats | None = None,
     instruments: Rows | None = None,
+    batches: Sequence[Batch] = (),
 ) -> Estimate:
     """Estimate the base parameters as the settings say.
 
@@ -45,6 +50,8 @@ def fitted(
         Base parameters that are believed beforehand, for ridge.
     instruments : Rows, optional
         For the instrumental-variable estimate.
+    batches : sequence of Batch
+        The same rows in stretches of time, for intervals without another pass over the rows.
 
     Raises
     ------
@@ -54,11 +61,13 @@ def fitted(
     rest = known(rows.layout.parameters, rows.units, settings.known) if settings.known else None
     if rest is not None:
         rows, observation = rest.rows(rows), rest.observation(observation)
+        batches = [replace(batch, observation=rest.observation(batch.observation)) for batch in batches]
         prior = None if prior is None else prior[rest.matrix.any(axis=1)]
         instruments = None if instruments is None else rest.rows(instruments)
     estimate = _estimated(settings, rows, observation, prior, instruments)
     if settings.intervals == "clustered" and estimate.method in _CLUSTERED:
-        estimate = clustered(rows, estimate)
+        by_factors = len(batches) > 1 and estimate.method != "huber"
+        estimate = clustered_by(batches, rows.units, estimate) if by_factors else clustered(rows, estimate)
     return estimate if rest is None else rest.restored(estimate)
 
 

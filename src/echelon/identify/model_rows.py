@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
+from echelon.identify.ahead import ahead
 from echelon.identify.rows import RowBlock
 from echelon.logs.samples import Samples
 from echelon.observe.layout import Layout, layout_of, measured
@@ -28,6 +29,9 @@ Floats = npt.NDArray[np.float64]
 _WINDOW = 1 << 14
 """Samples whose regressor is held at once: a few tens of megabytes for an arm, and long against filters."""
 _REACHES = 8  # windows are at least so many times longer than what the filter reaches
+_QUICK = 1 << 13
+"""Entries of a matrix that is factored at once: LAPACK spreads larger ones over threads, which for matrices as slim as
+these wait for one another longer than they work."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -76,24 +80,41 @@ class ModelRows:
 
     def blocks(self) -> Iterator[RowBlock]:
         """All rows, in the order of time, log after log."""
-        segment, end = -1, ("", np.nan)
-        for samples in self.source():
-            _check_outputs(samples, self.layout)
-            begin = samples.start + samples.first / samples.rate
-            follows = samples.source == end[0] and abs(begin - end[1]) < 0.5 / samples.rate
-            segment += not follows
-            stop = len(samples) if samples.stop is None else samples.stop
-            end = (samples.source, samples.start + stop / samples.rate)
-            for window in self._windows(samples):
-                yield self._block(samples, window, segment)
+        numbering = Numbering()
+        for samples in ahead(self.source()):
+            yield from self.blocks_of(samples, numbering.of(samples))
+
+    def blocks_of(self, samples: Samples, segment: int) -> Iterator[RowBlock]:
+        """The rows of some samples, in the order of time.
+
+        Parameters
+        ----------
+        samples : Samples
+        segment : int
+            Number of the uninterrupted stretch that they belong to.
+        """
+        _check_outputs(samples, self.layout)
+        for window in self._windows(samples):
+            yield self._block(samples, window, segment)
 
     def observation(self) -> Observation:
         """The R-factors of all rows."""
         total = _empty(self.layout)
-        for samples in self.source():
+        for samples in ahead(self.source()):
             _check_outputs(samples, self.layout)
-            total = total + (self._fused(samples) if _plain(samples) else self._factored(samples))
+            total = total + (self._fused(samples) if plain(samples) else self._factored(samples))
         return total
+
+    @staticmethod
+    def factored(layout: Layout, blocks: Iterable[RowBlock]) -> Observation:
+        """The R-factors of blocks of rows.
+
+        Parameters
+        ----------
+        layout : Layout
+        blocks : iterable of RowBlock
+        """
+        return reduce(Observation.merged, (observed(layout, block) for block in blocks), _empty(layout))
 
     def stretches(self, count: int) -> list[Observation]:
         """The R-factors of stretches of time, whose sum is :meth:`observation`.
@@ -197,10 +218,28 @@ class ModelRows:
         return self.base.accumulate({**state, "inputs": inputs}, self.symbols, threads=self.threads)
 
     def _factored(self, samples: Samples) -> Observation:
-        total = _empty(self.layout)
-        for window in self._windows(samples):
-            total = total + observed(self.layout, self._block(samples, window, 0))
-        return total
+        return self.factored(self.layout, self.blocks_of(samples, 0))
+
+
+class Numbering:
+    """Counts uninterrupted stretches of samples that arrive piece by piece."""
+
+    def __init__(self) -> None:
+        self._segment, self._end = -1, ("", np.nan)
+
+    def of(self, samples: Samples) -> int:
+        """Number of the stretch to which the next samples belong.
+
+        Parameters
+        ----------
+        samples : Samples
+        """
+        begin = samples.start + samples.first / samples.rate
+        follows = samples.source == self._end[0] and abs(begin - self._end[1]) < 0.5 / samples.rate
+        self._segment += not follows
+        stop = len(samples) if samples.stop is None else samples.stop
+        self._end = (samples.source, samples.start + stop / samples.rate)
+        return self._segment
 
 
 def rows_taken(samples: Samples, values: Floats) -> list[tuple[Floats, Floats]]:
@@ -231,8 +270,18 @@ def rows_taken(samples: Samples, values: Floats) -> list[tuple[Floats, Floats]]:
 def observed(layout: Layout, block: RowBlock) -> Observation:
     """The R-factors of a block of rows."""
     pairs = zip(block.matrices, block.y, strict=True)
-    factors = tuple(upper_triangle(np.column_stack([matrix, y])) for matrix, y in pairs)
+    factors = tuple(_factor(np.column_stack([matrix, y])) for matrix, y in pairs)
     return Observation(layout, factors, tuple(len(y) for y in block.y))
+
+
+def _factor(matrix: Floats) -> Floats:
+    """R of a matrix, a few rows after the other."""
+    rows, n = matrix.shape
+    step = max(_QUICK // n - n, n)
+    R = upper_triangle(matrix[:step])
+    for start in range(step, rows, step):
+        R = upper_triangle(np.vstack([R, matrix[start : start + step]]))
+    return R
 
 
 def _empty(layout: Layout) -> Observation:
@@ -240,7 +289,8 @@ def _empty(layout: Layout) -> Observation:
     return Observation(layout, factors, (0,) * len(layout.outputs))
 
 
-def _plain(samples: Samples) -> bool:
+def plain(samples: Samples) -> bool:
+    """Whether samples need no filter and lose no rows, so that they can be factored without forming rows."""
     return samples.reduction is None and samples.moving is None
 
 

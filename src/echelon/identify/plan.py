@@ -82,7 +82,7 @@ class Plan:
                 if reference:
                     asked = prepare(_along_reference(segment), self.preparation, mechanism)
                     samples = replace(asked, moving=samples.moving, first=samples.first, stop=samples.stop)
-                yield from self._parts(samples, part)
+                yield from self.parts(samples, part)
 
     def rows(self, paths: Sequence[str | Path], part: Part = "all", *, reference: bool = False) -> ModelRows:
         """The rows of some logs, along the measured or the reference positions; they are read again in every pass."""
@@ -102,12 +102,24 @@ class Plan:
         base = replace(self.base, mechanism=replace(self.base.mechanism, reading=None))
         return {**self.__dict__, "base": base}
 
-    def _parts(self, samples: Samples, part: Part) -> Iterator[Samples]:
+    def parts(self, samples: Samples, part: Part) -> Iterator[Samples]:
+        """What is wanted of prepared samples; nothing if they have no such part.
+
+        Parameters
+        ----------
+        samples : Samples
+        part : "all", "first" or "last"
+        """
         if part == "all" or self.holdout == 0:
             if part != "last":
                 yield samples
             return
-        first, last = split(samples, self.holdout)
+        try:
+            first, last = split(samples, self.holdout)
+        except InputError:  # a stretch too short to be split is fitted as a whole
+            if part == "first":
+                yield samples
+            return
         yield first if part == "first" else last
 
 

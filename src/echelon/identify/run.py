@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import cached_property, partial
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,6 @@ import numpy.typing as npt
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.identify.distributed import each, summed
 from echelon.identify.essential import essential
 from echelon.identify.estimate import Estimate
 from echelon.identify.excitation import Excitation, excitation
@@ -27,6 +26,7 @@ from echelon.identify.findings import dampened, fit_findings
 from echelon.identify.fitting import fitted, usable_noise
 from echelon.identify.identification import Identification
 from echelon.identify.minimum_norm import minimum_norm
+from echelon.identify.passes import Passes
 from echelon.identify.physics.bounds import Bounds
 from echelon.identify.physics.feasible import feasibility
 from echelon.identify.physics.fit import physical_fit
@@ -36,7 +36,8 @@ from echelon.identify.plan import Part, Plan
 from echelon.identify.settings import Setup
 from echelon.identify.solution import solved
 from echelon.identify.survey import Survey, survey
-from echelon.identify.validation import Validation, validate
+from echelon.identify.taking import MEMORY
+from echelon.identify.validation import Validation
 from echelon.identify.verdict import overall_verdict
 from echelon.logs.files.open import log_paths
 from echelon.observe.observation import Observation
@@ -59,6 +60,7 @@ def identify(
     *,
     client: Client | None = None,
     on_step: OnStep | None = None,
+    memory: int = MEMORY,
 ) -> Identification:
     """Fit a robot's parameters to logs and validate the model.
 
@@ -75,6 +77,9 @@ def identify(
         Of a Dask cluster, over which the logs are spread.
     on_step : callable, optional
         Is told what is being done.
+    memory : int
+        Bytes of rows that are kept in this process, so that logs need not be read again to be predicted; what goes
+        beyond is read twice, in constant memory.
 
     Returns
     -------
@@ -91,7 +96,7 @@ def identify(
     >>> setup = ec.load_setup("examples/logs/emps.yaml")
     >>> result = ec.identify(setup, ["DATA_EMPS.parquet"])                                  # doctest: +SKIP
     """
-    return _Run(setup, logs, validate_on, client, on_step or (lambda _: None)).result()
+    return _Run(setup, logs, validate_on, client, on_step or (lambda _: None), memory).result()
 
 
 @dataclass
@@ -101,6 +106,7 @@ class _Run:
     validate_on: Paths
     client: Client | None
     step: OnStep
+    memory: int
 
     def result(self) -> Identification:
         self.step("deriving the base parameters")
@@ -169,18 +175,17 @@ class _Run:
         return Plan(self.base, self.setup.columns, found.preparation, holdout)
 
     @cached_property
+    def passes(self) -> Passes:
+        return Passes(self.plan, self.fit_paths, self.client, self.memory)
+
+    @property
     def observation(self) -> Observation:
-        total = self.pieces[0]
-        for piece in self.pieces[1:]:
-            total = total + piece
-        return total
+        return self.passes.observation
 
     @cached_property
     def pieces(self) -> list[Observation]:
         """The data in stretches of time."""
-        if len(self.fit_paths) == 1:
-            return self.plan.stretches(self.fit_paths[0], "first", _PIECES)
-        return summed(self.client, partial(_observed, self.plan), self.fit_paths, _PIECES)
+        return self.passes.pieces(_PIECES)
 
     # -- estimates -------------------------------------------------------------------------------------------------
 
@@ -196,11 +201,18 @@ class _Run:
         settings = self.setup.settings
         if self.seen.rank < self.base.rank and settings.estimator != "ridge" and not settings.known:
             return minimum_norm(self.observation, self.base.units)
-        rows = self.plan.rows(self.fit_paths, "first")
+        passes = self.passes
         instruments = None
         if settings.estimator == "iv":
             instruments = self.plan.rows(self.fit_paths, "first", reference=True)
-        return fitted(settings, rows, self.observation, prior=self.prior_base, instruments=instruments)
+        return fitted(
+            settings,
+            passes.rows(),
+            passes.observation,
+            prior=self.prior_base,
+            instruments=instruments,
+            batches=passes.batches,
+        )
 
     def _essential(self, noise: Floats) -> Estimate | None:
         criterion = self.setup.settings.essential
@@ -267,10 +279,9 @@ class _Run:
         unseen: list[tuple[Path, Part, str]] = [(path, "all", "validation") for path in others]
         if self.plan.holdout:
             unseen = [(path, "last", "validation") for path in fit]
-        first = list(each(self.client, partial(_validated, self.plan, values, self.prior_base, None), seen))
+        first = list(self.passes.validations(values, self.prior_base, seen))
         reference = first[0] if len(first) == 1 else None
-        second = each(self.client, partial(_validated, self.plan, values, self.prior_base, reference), unseen)
-        return (*first, *second)
+        return (*first, *self.passes.validations(values, self.prior_base, unseen, reference))
 
     def _record(self) -> dict[str, Any]:
         """Everything needed to repeat the run, JSON-able."""
@@ -278,19 +289,6 @@ class _Run:
             **asdict(self.setup.settings),
             "setup": self.setup.source,
             "prior": None if self.setup.prior is None else self.setup.prior.name,
-            "columns": [asdict(columns) for columns in self.survey.columns],
+            "columns": [asdict(columns) for columns in self.setup.columns or self.survey.columns],
             "held_out": self.plan.holdout,
         }
-
-
-def _observed(plan: Plan, path: Path) -> Observation:
-    return plan.rows([path], "first").observation()
-
-
-def _validated(
-    plan: Plan, values: Floats, prior: Floats | None, reference: Validation | None, task: tuple[Path, Part, str]
-) -> Validation:
-    path, part, role = task
-    rows = plan.rows([path], part)
-    found = validate(rows, values, role=role, prior_values=prior, identification=reference)
-    return replace(found, source=str(path)) if part == "all" else replace(found, source=f"{path} ({part} part)")
