@@ -1,8 +1,9 @@
 """Data that the fit does not see: held out by time or by trajectory, never by random samples.
 
-Neighbouring samples share their noise, their filters and their place on the trajectory, so that a random sample held
-out is all but known to the fit.  What is held out here is contiguous, and between the two parts lie as many samples as
-filters reach, so that no measured value enters both.
+Neighbouring samples share their noise, their filters and their place on the trajectory, so that a random sample held out
+is all but known to the fit.  What is held out here is contiguous, and each part is filtered on its own: near its ends the
+filter over both sides treats regressor and outputs alike, whatever it lacks, so no measured output enters both parts and
+none is lost.
 """
 
 from __future__ import annotations
@@ -30,12 +31,12 @@ def split(samples: Samples, share: float = SHARE, guard: int = 0) -> tuple[Sampl
     share : float
         Part of its time that is held out, between 0 and 1.
     guard : int
-        Samples on either side that filters of the preparation reach, besides those of ``samples.reduction``.
+        Samples to leave out on either side of the cut.
 
     Returns
     -------
     fit, held : Samples
-        With arrays of their own samples only; ``first`` and ``stop`` leave out what filters spoil at the cut.
+        With arrays of their own samples only.
 
     Raises
     ------
@@ -45,17 +46,16 @@ def split(samples: Samples, share: float = SHARE, guard: int = 0) -> tuple[Sampl
     if not 0 < share < 1 or guard < 0:
         raise InputError(f"a share of {share:g} with a guard of {guard} samples; expected 0 < share < 1, guard ≥ 0")
     stop = len(samples) if samples.stop is None else samples.stop
-    reach = guard + (0 if samples.reduction is None else samples.reduction.reach)
     cut = samples.first + int(np.floor((1 - share) * (stop - samples.first)))
     factor = 1 if samples.reduction is None else samples.reduction.factor
-    if cut - reach - samples.first < factor or stop - cut - reach < factor:
+    if cut - guard - samples.first < factor or stop - cut - guard < factor:
         raise InputError(
-            f"{stop - samples.first} samples cannot be split {1 - share:.0%} to {share:.0%} with {reach} samples "
-            "left out on either side of the cut, which filters spoil; give a longer log, or hold out a log of its own",
+            f"{stop - samples.first} samples cannot be split {1 - share:.0%} to {share:.0%} with {guard} samples "
+            "left out on either side of the cut; give a longer log, or hold out a log of its own",
             source=samples.source,
         )
-    held = replace(_part(samples, cut, len(samples)), first=reach, stop=stop - cut)
-    return replace(_part(samples, 0, cut), stop=cut - reach), held
+    held = replace(_part(samples, cut, len(samples)), first=guard, stop=stop - cut)
+    return replace(_part(samples, 0, cut), stop=cut - guard), held
 
 
 def held_out(

@@ -80,7 +80,7 @@ def read_log(
     log = open_log(path)
     if not outputs:  # a map that has all it names comes before the same without outputs
         columns = [*columns, *(replace(some, outputs={}) for some in columns)]
-    chosen = chosen_columns(log.names, mechanism, columns, log.source)
+    chosen = chosen_columns(log.names, mechanism, columns, log.source, outputs=outputs)
     findings = surplus_columns(chosen, log.names)
     tables = log.tables(_needed(chosen, log.names, log.source))
     table, following = next(tables, None), next(tables, None)
@@ -89,12 +89,19 @@ def read_log(
         recorded = recording(table, chosen, mechanism, symbols)
         findings += check_plausible(recorded, mechanism, chosen)
         faults, usable = examine(recorded, mechanism, whole=whole)
-        parts, more = segments(recorded, mechanism, usable, rate=rate)
+        parts, more = segments(recorded, mechanism, usable, rate=rate, whole=whole)
         yield LogPiece(parts, (*findings, *faults, *more), chosen)
         findings, table, following = (), following, next(tables, None)
 
 
-def chosen_columns(names: Sequence[str], mechanism: Mechanism, columns: Sequence[ColumnMap], source: str) -> ColumnMap:
+def chosen_columns(
+    names: Sequence[str],
+    mechanism: Mechanism,
+    columns: Sequence[ColumnMap],
+    source: str,
+    *,
+    outputs: bool = True,
+) -> ColumnMap:
     """The map whose columns a file has.
 
     Raises
@@ -103,7 +110,7 @@ def chosen_columns(names: Sequence[str], mechanism: Mechanism, columns: Sequence
         If no map fits; says what is missing for the one that fits best.
     """
     if not columns:
-        return guess_columns(names, mechanism, source)
+        return guess_columns(names, mechanism, source, outputs=outputs)
     lacking = [sum(name not in names for name in needed_columns(some)) for some in columns]
     best = columns[lacking.index(min(lacking))]
     _needed(best, names, source)
