@@ -194,21 +194,25 @@ class _Scores:
         """R (ζ − ζ₍c₎), shape (n,), or the plain pull."""
         if not jackknife:
             return batch.pull
+        rest: Floats = np.eye(len(batch.gram)) - batch.gram
+        try:
+            np.linalg.cholesky(rest - _ALL * np.eye(len(rest)))
+        except np.linalg.LinAlgError:
+            raise self._needed(batch) from None
+        return np.asarray(np.linalg.solve(rest, batch.pull), dtype=np.float64)
+
+    def _needed(self, batch: _Batch) -> InputError:
+        """Why a batch cannot be left out: without it something is not determined."""
         shares, directions = np.linalg.eigh(batch.gram)
         if shares[0] > 1 - _ALL:
-            raise InputError("it holds all that the data say: use shorter batches", element=batch.name)
-        if shares[-1] > 1 - _ALL:
-            worst = np.argsort(-np.abs(self.solution.triangle.R.T @ directions[:, -1] / self.solution.triangle.scales))[
-                :3
-            ]
-            names = ", ".join(self.estimate.parameters[k] for k in worst)
-            raise InputError(
-                f"without it the data say nothing of a combination of {names}, so no other batch can confirm it: "
-                "use shorter batches, more data, or jackknife=False",
-                element=batch.name,
-            )
-        change: Floats = directions @ ((directions.T @ batch.pull) / (1 - shares))
-        return change
+            return InputError("it holds all that the data say: use shorter batches", element=batch.name)
+        weight = np.abs(self.solution.triangle.R.T @ directions[:, -1] / self.solution.triangle.scales)
+        names = ", ".join(self.estimate.parameters[k] for k in np.argsort(-weight)[:3])
+        return InputError(
+            f"without it the data say nothing of a combination of {names}, so no other batch can confirm it: "
+            "use shorter batches, more data, or jackknife=False",
+            element=batch.name,
+        )
 
     def inflation(self, sums: Floats) -> Floats:
         """Variance of each output's pull relative to white residuals, shape (m,); 1 for outputs without rows."""

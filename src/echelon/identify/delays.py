@@ -1,10 +1,10 @@
 """Delay of the measured outputs behind positions, found by the model itself.
 
 Torques and positions come from different devices.  A constant delay d between them leaves a residual that no parameters
-explain, so d is where the residuals of the outputs' own least-squares fits are smallest: W stays, y is shifted, and
-‖y‖² − ‖Qᵀy‖² with the Q of W needs no new fit.  Outputs that come over one bus are late together, and a single one with
-many parameters could explain almost anything by a delay of its own; so one delay is sought for all, by the mean of the
-logarithms of their residuals, and taken only where it removes more than noise would.
+explain, so d is where the residuals of the outputs' own least-squares fits are smallest: W stays, y is shifted, and one
+R-factor of W with all the shifted y beside it has the residuals of all fits.  Outputs that come over one bus are late
+together, and a single one with many parameters could explain almost anything by a delay of its own; so one delay is
+sought for all, by the mean of the logarithms of their residuals, and taken only where it removes more than noise would.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.base.model import BaseModel
-from echelon.identify.model_rows import ModelRows, rows_taken
+from echelon.identify.model_rows import ModelRows, factor, rows_taken
 from echelon.logs.preparation import Preparation
 from echelon.logs.prepare import prepare
 from echelon.logs.recording import Segment
@@ -92,11 +92,13 @@ def _rest(matrix: Floats, values: Floats) -> Floats:
     """Squares that no parameters explain, for each column of values."""
     if not len(matrix):
         return np.zeros(values.shape[1])
-    scales = column_norms(matrix)
-    left, singular, _ = np.linalg.svd(matrix / np.where(scales == 0, 1.0, scales), full_matrices=False)
-    explained = left[:, singular > np.finfo(float).eps * len(matrix) * singular.max(initial=0.0)].T @ values
-    rest: Floats = np.sum(values**2, axis=0) - np.sum(explained**2, axis=0)
-    return np.maximum(rest, 0.0)
+    n = matrix.shape[1]
+    R = factor(np.hstack([matrix, values]))
+    scales = column_norms(R[:, :n])
+    left, singular, _ = np.linalg.svd(R[:n, :n] / np.where(scales == 0, 1.0, scales))
+    beyond = left[:, singular <= np.finfo(float).eps * len(matrix) * singular.max(initial=0.0)].T @ R[:n, n:]
+    rest: Floats = np.sum(R[n:, n:] ** 2, axis=0) + np.sum(beyond**2, axis=0)
+    return rest
 
 
 def _best(delays: Floats, squares: Floats) -> tuple[float, float]:

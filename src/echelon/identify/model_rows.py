@@ -8,9 +8,8 @@ fused factorisation, which never forms a row.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, reduce
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -115,26 +114,6 @@ class ModelRows:
         blocks : iterable of RowBlock
         """
         return reduce(Observation.merged, (observed(layout, block) for block in blocks), _empty(layout))
-
-    def stretches(self, count: int) -> list[Observation]:
-        """The R-factors of stretches of time, whose sum is :meth:`observation`.
-
-        Parameters
-        ----------
-        count : int
-            Stretches of each uninterrupted segment; neighbours are merged until about so many are left in all.
-        """
-        found = []
-        for samples in self.source():
-            stop = len(samples) if samples.stop is None else samples.stop
-            cuts = np.linspace(samples.first, stop, count + 1).astype(int)
-            for low, high in pairwise(cuts):
-                if high > low:
-                    part = replace(samples, first=int(low), stop=int(high))
-                    found.append(ModelRows.of(self.base, [part], self.symbols).observation())
-        size = -(-len(found) // count)
-        groups = [found[k : k + size] for k in range(0, len(found), max(size, 1))]
-        return [reduce(Observation.merged, group) for group in groups]
 
     def predict(self, samples: Samples, values: npt.ArrayLike) -> Floats:
         """The outputs at all samples, before any filter.
@@ -270,12 +249,21 @@ def rows_taken(samples: Samples, values: Floats) -> list[tuple[Floats, Floats]]:
 def observed(layout: Layout, block: RowBlock) -> Observation:
     """The R-factors of a block of rows."""
     pairs = zip(block.matrices, block.y, strict=True)
-    factors = tuple(_factor(np.column_stack([matrix, y])) for matrix, y in pairs)
+    factors = tuple(factor(np.column_stack([matrix, y])) for matrix, y in pairs)
     return Observation(layout, factors, tuple(len(y) for y in block.y))
 
 
-def _factor(matrix: Floats) -> Floats:
-    """R of a matrix, a few rows after the other."""
+def factor(matrix: Floats) -> Floats:
+    """R of a matrix, a few rows after the other.
+
+    Parameters
+    ----------
+    matrix : array of shape (rows, n)
+
+    Returns
+    -------
+    array of shape (n, n)
+    """
     rows, n = matrix.shape
     step = max(_QUICK // n - n, n)
     R = upper_triangle(matrix[:step])

@@ -20,7 +20,6 @@ from echelon.logs.prepare import prepare
 from echelon.logs.reading import read_log
 from echelon.logs.recording import Segment
 from echelon.logs.samples import Samples
-from echelon.observe.observation import Observation
 
 Part = Literal["all", "first", "last"]
 """Which part of a log: all of it, what is fitted, or what is held out."""
@@ -92,10 +91,6 @@ class Plan:
                 yield from self.samples(path, part, reference=reference)
 
         return ModelRows(self.base, source, self.symbols)
-
-    def stretches(self, path: str | Path, part: Part, count: int) -> list[Observation]:
-        """R-factors of about so many stretches of time of a log."""
-        return self.rows([path], part).stretches(count)
 
     def __getstate__(self) -> dict[str, object]:
         # what was recorded and compiled here, and how the file was read, is of no use to another process

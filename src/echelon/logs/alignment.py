@@ -80,7 +80,7 @@ class Alignment:
         values = raw_column(self.table, name)
         clock = self.clock(name)
         if clock == self.clock(self.used[0]):
-            return np.asarray(values[self._inside])
+            return np.asarray(values if self._inside.all() else values[self._inside])
         return self._interpolated(name, self._stamps(clock), values)
 
     @cached_property

@@ -30,6 +30,8 @@ Found = list[Finding]
 _FAR_FROM_UNIT = 0.1
 _NOT_UNIT = 1e-3
 _COARSE = 0.3
+_SAMPLED = 101
+"""Of so many samples one is compared first, to tell which channels may be the same."""
 
 
 def examine(recording: Recording, mechanism: Mechanism, *, whole: bool = True) -> tuple[tuple[Finding, ...], Flags]:
@@ -143,7 +145,7 @@ def _constant(
     """Report channels that never change; the others."""
     moving = []
     for channel in channels:
-        values = channel.values[usable]
+        values = channel.values[_rows(usable)]
         if len(values) and np.ptp(values) > 0:
             moving.append(channel)
         elif whole and len(values) > 1:
@@ -157,8 +159,11 @@ def _constant(
 
 
 def _duplicates(recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found) -> None:
-    groups: dict[bytes, list[Series]] = {}
+    alike: dict[bytes, list[Series]] = {}
     for channel in channels:
+        alike.setdefault(channel.values[_rows(usable)][::_SAMPLED].tobytes(), []).append(channel)
+    groups: dict[bytes, list[Series]] = {}
+    for channel in (channel for group in alike.values() if len(group) > 1 for channel in group):
         groups.setdefault(channel.values[usable].tobytes(), []).append(channel)
     for group in groups.values():
         # two joints may well be asked to move alike, but they will not
@@ -207,7 +212,7 @@ def _resolution(recording: Recording, channels: Sequence[Series], usable: Flags,
     for channel in channels:
         if channel.signal != "q":
             continue
-        values = channel.values[usable]
+        values = channel.values[_rows(usable)]
         step = resolution(values)
         if step and step > _COARSE * float(np.sqrt(np.mean(np.diff(values) ** 2))):
             text = f"comes in steps of {step:.4g}, coarse for its motion: derivatives need a low cut-off"
@@ -216,7 +221,7 @@ def _resolution(recording: Recording, channels: Sequence[Series], usable: Flags,
 
 
 def _held(recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found) -> None:
-    count = held([values[usable] for values in _motion(channels)])
+    count = held([values[_rows(usable)] for values in _motion(channels)])
     steps = np.diff(recording.time[usable])
     if count > 1 and np.any(steps > 0):
         rate = round_rate(nominal_period(recording.time[usable]) * count)
@@ -225,6 +230,11 @@ def _held(recording: Recording, channels: Sequence[Series], usable: Flags, findi
             f"steps; resample (rate: {rate:g}), or log at that rate"
         )
         findings.append(Finding(Severity.WARNING, "held", f"{recording.source}, positions", text))
+
+
+def _rows(usable: Flags) -> Flags | slice:
+    """The usable rows; as a slice, which copies nothing, where that is all of them."""
+    return slice(None) if usable.all() else usable
 
 
 def _motion(channels: Sequence[Series]) -> list[Floats]:

@@ -144,7 +144,9 @@ class Plan:
         for column, output in enumerate(self.mechanism.outputs):
             rows = speed_rows(self.mechanism, output, names) if still.get(output.name) else None
             if rows is not None:
-                flags[:, column] = np.abs(qd @ rows.T).min(axis=1) > still[output.name]
+                speeds = (sum(row[k] * qd[:, k] for k in np.flatnonzero(row)) for row in rows)
+                for speed in speeds:
+                    flags[:, column] &= np.abs(speed) > still[output.name]
         return flags
 
     def _still(self) -> Mapping[str, float]:

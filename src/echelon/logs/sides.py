@@ -63,7 +63,7 @@ def joint_coordinates(mechanism: Mechanism, kind: str, given: Given, symbols: Sy
     missing = [name for name in names if name not in found]
     if missing:
         raise InputError(_say_missing(mechanism, kind, missing), element=kind)
-    return np.stack([found[name] for name in names], axis=1)
+    return _columns([found[name] for name in names])
 
 
 def check_names(mechanism: Mechanism, kind: str, given: Iterable[str]) -> None:
@@ -157,7 +157,7 @@ def measured_outputs(mechanism: Mechanism, given: Given, symbols: Symbols = None
         if missing:
             text = f"columns are missing for {listed(o.name for o in missing)}"
             raise InputError(f"{text}; or state in the description that they are not measured", element="output")
-        return np.stack([given[output.name] for output in mechanism.outputs], axis=1)
+        return _columns([given[output.name] for output in mechanism.outputs])
     found = {name: values for name, values in given.items() if name in names}
     used: set[str] = set()
     for output in missing:
@@ -166,7 +166,12 @@ def measured_outputs(mechanism: Mechanism, given: Given, symbols: Symbols = None
     if idle is not None:
         problem = f"no output needs it (outputs: {listed(names)}); leave it out"
         raise InputError(problem, element=f"output of '{idle}'")
-    return np.stack([found[output.name] for output in mechanism.outputs], axis=1)
+    return _columns([found[output.name] for output in mechanism.outputs])
+
+
+def _columns(channels: Sequence[Floats]) -> Floats:
+    """Channels as columns, each of which lies together in memory, because they are looked at one by one."""
+    return np.stack(channels).T
 
 
 def _from_motors(mechanism: Mechanism, output: Output, motors: Given, symbols: Symbols, used: set[str]) -> Floats:

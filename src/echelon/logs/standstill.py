@@ -141,14 +141,17 @@ def pinned(values: Floats, usable: Flags) -> Iterator[tuple[float, Places, Place
     good = values[usable]
     span = float(np.ptp(good))
     low, high = float(good.min()), float(good.max())
-    for limit, next_level in ((high, float(good[good < high].max())), (low, float(good[good > low].min()))):
-        # the level next to the extreme counts as a neighbour, however coarse the sensor is
-        width = max(_BAND * span, 1.5 * abs(limit - next_level))
+    for limit in (high, low):
         at = usable & (np.abs(values - limit) <= 1e-9 * span)
+        if at.sum() < _PINNED:
+            continue
+        # the level next to the extreme counts as a neighbour, however coarse the sensor is
+        next_level = float(good[good < high].max() if limit == high else good[good > low].min())
+        width = max(_BAND * span, 1.5 * abs(limit - next_level))
         near = usable & (np.abs(values - limit) <= width) & ~at
         starts, stops = runs(at)
         long = stops - starts >= _PINNED_RUN
-        if long.any() and at.sum() >= _PINNED and at.sum() > _PILE * near.sum():
+        if long.any() and at.sum() > _PILE * near.sum():
             yield limit, starts[long], stops[long]
 
 
