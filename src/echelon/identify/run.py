@@ -49,7 +49,7 @@ Floats = npt.NDArray[np.float64]
 Paths = Sequence[str | os.PathLike[str]]
 OnStep = Callable[[str], None]
 
-_PIECES = 10
+_PIECES = 5
 """Stretches of the data that are predicted from one another to weigh the prior."""
 
 
