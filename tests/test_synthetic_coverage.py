@@ -24,6 +24,7 @@ from echelon.identify.covariance import clustered
 from echelon.identify.estimate import Estimate
 from echelon.identify.least_squares import ols
 from echelon.identify.model_rows import ModelRows
+from echelon.identify.run import identify
 from echelon.identify.weighted import irls, wls
 from echelon.logs.preparation import Preparation
 from echelon.logs.prepare import prepare
@@ -31,7 +32,8 @@ from echelon.logs.recording import Segment
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
 from rows import ArrayRows
-from simulated import SYSTEMS, System, motion_of
+from simulated import System
+from simulated_systems import SYSTEMS, motion_of
 
 Floats = npt.NDArray[np.float64]
 Hits = npt.NDArray[np.bool_]
@@ -39,7 +41,7 @@ Hits = npt.NDArray[np.bool_]
 SEEDS = 200
 LEVELS = (0.8, 0.95, 0.99)
 MEMORY = 0.9
-"""Correlation of neighbouring samples of coloured noise: 19 of them say as much as one of white noise, if the motion is slow."""
+"""Correlation of neighbouring samples of coloured noise, of which 19 say as much of a slow motion as one white one."""
 
 
 def _only_arms() -> System:
@@ -201,12 +203,13 @@ def test_noise_that_is_taken_for_too_small_does_not_cover() -> None:
 def test_one_noise_for_outputs_of_several_units_does_not_cover() -> None:
     """Newtons and newton metres do not have the same noise, which is what textbook least squares takes for granted."""
     data = trial("wrist sensor")
-    found = hits((ols(data.observation(data.white(seed)), data.units) for seed in range(200)), data.truth).mean(axis=0)
-    assert found.min() < 0.85
-    assert found.mean() > 0.97
+    found = hits((ols(data.observation(data.white(seed)), data.units) for seed in range(SEEDS)), data.truth)
+    rates = found.mean(axis=0)
+    assert rates.min() < 0.9
+    assert np.median(rates) > 0.99
 
 
-# -- noise with a memory ------------------------------------------------------------------------------------------------
+# -- noise with a memory -----------------------------------------------------------------------------------------------
 
 
 def batched(data: Trial, noise: Callable[[int], list[Floats]], seeds: int) -> Iterator[Estimate]:
@@ -241,7 +244,7 @@ def test_intervals_from_batches_cover_noise_with_a_memory(name: str) -> None:
     assert found.mean(axis=0).min() > binom.ppf(1e-4, SEEDS, 0.92) / SEEDS
 
 
-# -- noise in the positions as well --------------------------------------------------------------------------------------
+# -- noise in the positions as well ------------------------------------------------------------------------------------
 
 
 def prepared(system: System, base: BaseModel, seed: int, blur: float, preparation: Preparation) -> ModelRows:
@@ -275,3 +278,21 @@ def test_intervals_cover_with_a_little_noise_in_the_positions(name: str) -> None
 def test_much_noise_in_the_positions_biases() -> None:
     """What the derivatives of noisy positions do to the columns is no noise of the outputs."""
     assert from_positions("wrist sensor", 1e-2, 20).mean() < 0.7
+
+
+# -- from files to results ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_the_whole_way_from_a_log_covers(name: str, tmp_path: Path) -> None:
+    """With every choice left to the pipeline: filters, decimation, batches; the last part of the log is held out."""
+    system, (_, truth) = SYSTEMS[name], model_of(name)
+    setup = system.load(tmp_path)
+    setup = replace(setup, settings=replace(setup.settings, physical=False, essential="none"))
+    motion, mechanism = motion_of(system), setup.mechanism
+    logs = (system.log(motion, tmp_path / f"run{seed}", mechanism, seed) for seed in range(25))
+    rates = hits((identify(setup, [log]).estimate for log in logs), truth).mean(axis=1)
+    # batches that are left out in turn err on the safe side, most where data are poor as in the five-bar's small range
+    assert rates.mean() > 0.94 - 4 * rates.std() / np.sqrt(len(rates))
+    assert 0.92 < rates.mean() < 0.995
