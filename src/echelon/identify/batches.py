@@ -18,6 +18,7 @@ import numpy.typing as npt
 from echelon.errors import InputError
 from echelon.identify.rows import RowBlock
 from echelon.observe.observation import Observation
+from echelon.observe.slim import slim_qr
 
 Floats = npt.NDArray[np.float64]
 
@@ -57,7 +58,7 @@ class Batch:
     def __add__(self, other: Batch) -> Batch:
         """Both, of which the other one follows."""
         sources = (self.sources[0], other.sources[1])
-        whole = self.observation + other.observation
+        whole = stacked(self.observation, other.observation)
         return Batch(sources, self.start, other.stop, self.seconds + other.seconds, whole)
 
     def __repr__(self) -> str:
@@ -180,6 +181,19 @@ def joined(first: Sequence[Batch], second: Sequence[Batch]) -> tuple[Batch, ...]
     return (reduce(Batch.__add__, batches),) if batches else ()
 
 
+def stacked(a: Observation, b: Observation) -> Observation:
+    """The observation of both sets of rows, like their sum, on one thread.
+
+    Parameters
+    ----------
+    a, b : Observation
+        Of the same layout.
+    """
+    factors = tuple(slim_qr().triangle(*pair) for pair in zip(a.factors, b.factors, strict=True))
+    counts = tuple(m + n for m, n in zip(a.counts, b.counts, strict=True))
+    return Observation(a.layout, factors, counts)
+
+
 def total(batches: Sequence[Batch]) -> Observation:
     """The factors of all batches together, merged in a tree, so that rounding does not pile up.
 
@@ -190,6 +204,6 @@ def total(batches: Sequence[Batch]) -> Observation:
     """
     level = [batch.observation for batch in batches]
     while len(level) > 1:
-        pairs = [a + b for a, b in zip(level[::2], level[1::2], strict=False)]
+        pairs = [stacked(a, b) for a, b in zip(level[::2], level[1::2], strict=False)]
         level = pairs + level[2 * len(pairs) :]
     return level[0]

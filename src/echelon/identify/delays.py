@@ -2,9 +2,9 @@
 
 Torques and positions come from different devices.  A constant delay d between them leaves a residual that no parameters
 explain, so d is where the residuals of the outputs' own least-squares fits are smallest: W stays, y is shifted, and one
-R-factor of W with all the shifted y beside it has the residuals of all fits.  Outputs that come over one bus are late
-together, and a single one with many parameters could explain almost anything by a delay of its own; so one delay is
-sought for all, by the mean of the logarithms of their residuals, and taken only where it removes more than noise would.
+R-factor of W gives the residuals of all fits.  Outputs that come over one bus are late together, and a single one with
+many parameters could explain almost anything by a delay of its own; so one delay is sought for all, by the mean of the
+logarithms of their residuals, and taken only where it removes more than noise would.
 """
 
 from __future__ import annotations
@@ -16,11 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.base.model import BaseModel
-from echelon.identify.model_rows import ModelRows, factor, rows_taken
+from echelon.identify.model_rows import ModelRows, rows_taken
 from echelon.logs.preparation import Preparation
 from echelon.logs.prepare import prepare
 from echelon.logs.recording import Segment
 from echelon.logs.samples import Samples
+from echelon.observe.slim import slim_qr
 from echelon.observe.triangle import column_norms
 from echelon.signals.delays import shift_reach, shifted
 
@@ -74,11 +75,17 @@ def _residuals(preparation: Preparation, segments: Sequence[Segment], base: Base
         samples = _inner(prepare(segment, preparation, base.mechanism), float(delays[-1]))
         blocks = list(ModelRows.of(base, [samples]).blocks())
         assert samples.y is not None
-        moved = [rows_taken(samples, shifted(samples.y, delay * samples.rate)) for delay in delays]
         for output in range(count):
             matrices[output] += [block.matrices[output] for block in blocks]
-            values[output].append(np.stack([rows[output][1] for rows in moved], axis=1))
+            values[output].append(_late(samples, samples.y[:, output], output, delays))
     return np.stack([_rest(np.vstack(a), np.vstack(b)) for a, b in zip(matrices, values, strict=True)], axis=1)
+
+
+def _late(samples: Samples, y: Floats, output: int, delays: Floats) -> Floats:
+    """An output's rows with every delay undone, shape (rows, delays)."""
+    moved = np.stack([shifted(y, delay * samples.rate) for delay in delays], axis=1)
+    alone = samples if samples.moving is None else replace(samples, moving=samples.moving[:, [output]])
+    return rows_taken(alone, moved[:, None])[0][1]
 
 
 def _inner(samples: Samples, longest: float) -> Samples:
@@ -92,13 +99,17 @@ def _rest(matrix: Floats, values: Floats) -> Floats:
     """Squares that no parameters explain, for each column of values."""
     if not len(matrix):
         return np.zeros(values.shape[1])
-    n = matrix.shape[1]
-    R = factor(np.hstack([matrix, values]))
-    scales = column_norms(R[:, :n])
-    left, singular, _ = np.linalg.svd(R[:n, :n] / np.where(scales == 0, 1.0, scales))
-    beyond = left[:, singular <= np.finfo(float).eps * len(matrix) * singular.max(initial=0.0)].T @ R[:n, n:]
-    rest: Floats = np.sum(R[n:, n:] ** 2, axis=0) + np.sum(beyond**2, axis=0)
-    return rest
+    R = slim_qr().triangle(matrix)
+    scales = column_norms(R)
+    scales = np.where(scales == 0, 1.0, scales)
+    singular, right = np.linalg.svd(R / scales)[1:]
+    rank = int(np.sum(singular > np.finfo(float).eps * len(matrix) * singular.max(initial=0.0)))
+    basis = matrix @ (right[:rank] / singular[:rank, None] / scales).T
+    rest = values
+    for _ in range(2):  # what rounding leaves of the first projection, the second takes away
+        rest = rest - basis @ (basis.T @ rest)
+    squares: Floats = np.sum(rest**2, axis=0)
+    return squares
 
 
 def _best(delays: Floats, squares: Floats) -> tuple[float, float]:

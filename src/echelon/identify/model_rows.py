@@ -17,20 +17,18 @@ import numpy.typing as npt
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identify.ahead import ahead
+from echelon.identify.batches import stacked
 from echelon.identify.rows import RowBlock
 from echelon.logs.samples import Samples
 from echelon.observe.layout import Layout, layout_of, measured
 from echelon.observe.observation import Observation
-from echelon.observe.triangle import upper_triangle
+from echelon.observe.slim import slim_qr
 
 Floats = npt.NDArray[np.float64]
 
 _WINDOW = 1 << 14
 """Samples whose regressor is held at once: a few tens of megabytes for an arm, and long against filters."""
 _REACHES = 8  # windows are at least so many times longer than what the filter reaches
-_QUICK = 1 << 13
-"""Entries of a matrix that is factored at once: LAPACK spreads larger ones over threads, which for matrices as slim as
-these wait for one another longer than they work."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -101,7 +99,7 @@ class ModelRows:
         total = _empty(self.layout)
         for samples in ahead(self.source()):
             _check_outputs(samples, self.layout)
-            total = total + (self._fused(samples) if plain(samples) else self._factored(samples))
+            total = stacked(total, self._fused(samples) if plain(samples) else self._factored(samples))
         return total
 
     @staticmethod
@@ -113,7 +111,7 @@ class ModelRows:
         layout : Layout
         blocks : iterable of RowBlock
         """
-        return reduce(Observation.merged, (observed(layout, block) for block in blocks), _empty(layout))
+        return reduce(stacked, (observed(layout, block) for block in blocks), _empty(layout))
 
     def predict(self, samples: Samples, values: npt.ArrayLike) -> Floats:
         """The outputs at all samples, before any filter.
@@ -227,13 +225,13 @@ def rows_taken(samples: Samples, values: Floats) -> list[tuple[Floats, Floats]]:
     Parameters
     ----------
     samples : Samples
-    values : array of shape (N, outputs)
-        Signals at all samples, before the filter.
+    values : array of shape (N, outputs, …)
+        Signals at all samples, before the filter; of each output one, or several.
 
     Returns
     -------
     list of (times, values)
-        For each output two arrays of shape (k_i,), in the order of the rows.
+        For each output two arrays of shape (k_i,) and (k_i, …), in the order of the rows.
     """
     reduction, stop = samples.reduction, len(samples) if samples.stop is None else samples.stop
     kept = np.arange(len(samples)) if reduction is None else reduction.kept(len(samples))
@@ -249,27 +247,8 @@ def rows_taken(samples: Samples, values: Floats) -> list[tuple[Floats, Floats]]:
 def observed(layout: Layout, block: RowBlock) -> Observation:
     """The R-factors of a block of rows."""
     pairs = zip(block.matrices, block.y, strict=True)
-    factors = tuple(factor(np.column_stack([matrix, y])) for matrix, y in pairs)
+    factors = tuple(slim_qr().triangle(np.column_stack([matrix, y])) for matrix, y in pairs)
     return Observation(layout, factors, tuple(len(y) for y in block.y))
-
-
-def factor(matrix: Floats) -> Floats:
-    """R of a matrix, a few rows after the other.
-
-    Parameters
-    ----------
-    matrix : array of shape (rows, n)
-
-    Returns
-    -------
-    array of shape (n, n)
-    """
-    rows, n = matrix.shape
-    step = max(_QUICK // n - n, n)
-    R = upper_triangle(matrix[:step])
-    for start in range(step, rows, step):
-        R = upper_triangle(np.vstack([R, matrix[start : start + step]]))
-    return R
 
 
 def _empty(layout: Layout) -> Observation:

@@ -7,7 +7,7 @@ the log again, and then filters predictions alone, a few signals instead of all 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -153,8 +153,8 @@ def take(plan: Plan, path: Path, count: int, memory: int = 0) -> Taken:
         If the log cannot be read or is not one of this robot.
     """
     taking = _Taking(plan, count, memory)
-    for samples in ahead(plan.samples(path)):
-        taking.add(samples)
+    for block in ahead(taking.blocks(ahead(plan.samples(path)))):
+        taking.factor(block)
     return Taken(path, taking.batcher.batches(), taking.kept())
 
 
@@ -163,14 +163,21 @@ class _Taking:
         self._plan, self._memory = plan, memory
         self._model = plan.rows([])
         self.batcher = Batcher(count)
-        parts: tuple[Part, ...] = ("first", "last") if plan.holdout else ("first",)
-        self._blocks: dict[Part, list[RowBlock]] = {part: [] for part in parts}
-        self._numbering = {part: Numbering() for part in parts}
+        self._parts: tuple[Part, ...] = ("first", "last") if plan.holdout else ("first",)
+        self._blocks: dict[Part, list[RowBlock]] = {part: [] for part in self._parts}
+        self._numbering: dict[Part, Numbering] = {part: Numbering() for part in self._parts}
 
-    def add(self, samples: Samples) -> None:
-        for part in ("first", "last") if self._plan.holdout else ("first",):
-            for piece in self._plan.parts(samples, part):
-                self._add(part, piece)
+    def blocks(self, samples: Iterable[Samples]) -> Iterator[RowBlock]:
+        """Rows that are to be factored; those of other samples are kept, or factored without being formed."""
+        for some in samples:
+            for part in self._parts:
+                for piece in self._plan.parts(some, part):
+                    yield from self._blocks_of(part, piece)
+
+    def factor(self, block: RowBlock) -> None:
+        for piece in self.batcher.pieces(block):
+            ends = [time for times in piece.times if times.size for time in (times[0], times[-1])]
+            self.batcher.add(block.source, min(ends), max(ends), observed(self._model.layout, piece))
 
     def kept(self) -> dict[Part, KeptRows]:
         model = self._model
@@ -179,7 +186,7 @@ class _Taking:
             for part, blocks in self._blocks.items()
         }
 
-    def _add(self, part: Part, samples: Samples) -> None:
+    def _blocks_of(self, part: Part, samples: Samples) -> Iterator[RowBlock]:
         if part == "first":
             stop = len(samples) if samples.stop is None else samples.stop
             start = samples.start + samples.first / samples.rate
@@ -193,12 +200,7 @@ class _Taking:
             for block in self._model.blocks_of(samples, self._numbering[part].of(samples)):
                 self._keep(part, block)
                 if part == "first":
-                    self._factor(block)
-
-    def _factor(self, block: RowBlock) -> None:
-        for piece in self.batcher.pieces(block):
-            ends = [time for times in piece.times if times.size for time in (times[0], times[-1])]
-            self.batcher.add(block.source, min(ends), max(ends), observed(self._model.layout, piece))
+                    yield block
 
     def _fused(self, samples: Samples) -> None:
         stop = len(samples) if samples.stop is None else samples.stop
