@@ -169,6 +169,11 @@ class BodyBoundsEntry(Model):
         description="Ellipsoid that holds it: centre and semi-axes, m.",
         examples=[[[0, 0, 0.1], [0.1, 0.1, 0.2]]],
     )
+    extent: Annotated[tuple[Corner, Corner], AS_LIST] | None = Field(
+        None,
+        description="Ellipsoid that holds all of the mass: centre and semi-axes, m.",
+        examples=[[[0, 0, 0.05], [0.08, 0.08, 0.08]]],
+    )
     symmetry: Annotated[tuple[Literal["xy", "xz", "yz", "x", "y", "z"], ...], AS_LIST] = Field(
         (), description="Planes to which, and axes about which, the mass is symmetric.", examples=[["xz"]]
     )

@@ -16,6 +16,8 @@ _MOST = 12
 """Findings of one kind that are shown; of more the first ones and their number."""
 _STRANGER = 0.3
 """R² below which, for every output, the model has nothing to do with the data."""
+_FAR = 5.0
+"""Standard deviations to the nearest robot that noise alone does not bring about."""
 _COSTLY = 1.5
 """Ratio of misfits from which on physical consistency costs more than noise does."""
 
@@ -39,6 +41,7 @@ def fit_findings(
     """
     return [
         *_strangers(validations),
+        *_silent(estimate),
         *_open(estimate, seen),
         *_unconverged(estimate),
         *_unphysical(feasible),
@@ -71,6 +74,13 @@ def _strangers(validations: Sequence[Validation]) -> Iterable[Finding]:
             yield Finding(Severity.WARNING, "stranger", validation.source, text)
 
 
+def _silent(estimate: Estimate) -> Iterable[Finding]:
+    for output, rows in zip(estimate.outputs, estimate.rows, strict=True):
+        if not rows:
+            text = "no row of it is left: it never moves faster than 'still', so nothing was fitted to it"
+            yield Finding(Severity.WARNING, "silent", f"output '{output}'", text)
+
+
 def _open(estimate: Estimate, seen: Excitation) -> Iterable[Finding]:
     n = len(estimate.values)
     if seen.rank < n:
@@ -94,6 +104,8 @@ def _unphysical(feasible: Feasibility | None) -> Iterable[Finding]:
             "no physical robot has the estimated base parameters; the nearest one is "
             f"{feasible.distance:.2g} standard deviations away"
         )
+        if feasible.distance > _FAR:
+            text += ": the model lacks something, or columns are exchanged, or their signs or units wrong"
         yield Finding(Severity.WARNING, "feasibility", "", text)
 
 

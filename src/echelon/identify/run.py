@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.base.classification import Identifiability
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
@@ -113,6 +114,7 @@ class _Run:
         plan = self.plan
         self.step(f"taking in {len(self.fit_paths)} logs")
         observation = self.observation
+        self._check_rows(observation)
         self.step("estimating")
         estimate = self.estimate
         noise = usable_noise(observation, estimate)
@@ -187,6 +189,15 @@ class _Run:
         """The data in stretches of time."""
         return self.passes.pieces(_PIECES)
 
+    def _check_rows(self, observation: Observation) -> None:
+        """Refuse logs that nothing is left of, or that measured nothing."""
+        if any(count and np.any(R[:, -1]) for count, R in zip(observation.counts, observation.factors, strict=True)):
+            return
+        problem = (
+            "no row is left: 'still' is above all speeds" if not any(observation.counts) else "all outputs are zero"
+        )
+        raise InputError(problem, source=", ".join(map(str, self.fit_paths[:3])))
+
     # -- estimates -------------------------------------------------------------------------------------------------
 
     @cached_property
@@ -245,7 +256,10 @@ class _Run:
         if not settings.physical:
             return None
         weights = np.where(np.isfinite(noise), 1 / noise, 0.0)
-        given = {"bodies": settings.bodies, "parameters": settings.parameters, "total_mass": settings.total_mass}
+        alone = {name for name, seen in self.base.classification.items() if seen is Identifiability.ALONE}
+        fixed = {name: (value, value) for name, value in settings.known.items() if name in alone}
+        limits = {**fixed, **settings.parameters}
+        given = {"bodies": settings.bodies, "parameters": limits, "total_mass": settings.total_mass}
         bounds = Bounds.of(self.base.mechanism, {k: v for k, v in given.items() if v}, self.setup.source)
         return physical_fit(
             self.base,

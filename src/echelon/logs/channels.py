@@ -20,6 +20,9 @@ from echelon.mechanism.mechanism import Mechanism
 
 Floats = npt.NDArray[np.float64]
 
+_GAINED = ("A", "V")
+"""What drives report instead of forces."""
+
 _STATES = {"position": "q", "velocity": "qd", "acceleration": "qdd", "reference": "reference"}
 
 
@@ -140,12 +143,19 @@ def _aligned(table: Table, columns: ColumnMap) -> Alignment:
     return aligned
 
 
+def _units(mechanism: Mechanism, kind: str, name: str, channel: Channel) -> Sequence[str] | None:
+    """SI units that a column may be in; currents and voltages become forces by a gain that is stated."""
+    expected = units(mechanism, kind, name)
+    gained = kind == "output" and channel.scale != 1 and expected is not None
+    return (*expected, *_GAINED) if gained and expected is not None else expected
+
+
 def _read(aligned: Alignment, mechanism: Mechanism, kind: str, group: Mapping[str, Channel]) -> dict[str, Floats]:
     """Values by coordinate, output or actuator: scale · (column in SI units) + offset."""
     found = {}
     for name, channel in group.items():
         try:
-            ratio = channel.scale * factor(channel.unit, units(mechanism, kind, name))
+            ratio = channel.scale * factor(channel.unit, _units(mechanism, kind, name, channel))
         except InputError as error:
             where = f"unit of column '{channel.column}' ({kind} of '{name}')"
             raise InputError(error.problem, element=where) from None
