@@ -1,9 +1,9 @@
 """Data that the fit does not see: held out by time or by trajectory, never by random samples.
 
-Neighbouring samples share their noise, their filters and their place on the trajectory, so that a random sample held out
-is all but known to the fit.  What is held out here is contiguous, and each part is filtered on its own: near its ends the
-filter over both sides treats regressor and outputs alike, whatever it lacks, so no measured output enters both parts and
-none is lost.
+Neighbouring samples share their noise, their filters and their place on the trajectory, so that a random sample held
+out is all but known to the fit.  What is held out here is contiguous, and each part is filtered on its own: near its
+ends the filter over both sides treats regressor and outputs alike, whatever it lacks, so no measured output enters both
+parts and none is lost.
 """
 
 from __future__ import annotations
