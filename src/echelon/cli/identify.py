@@ -13,7 +13,7 @@ import typer
 
 from echelon.cli.progress import steps
 from echelon.errors import InputError, one_line
-from echelon.files import write_atomically
+from echelon.files import write_all
 from echelon.identify.run import identify
 from echelon.identify.setup import load_setup
 
@@ -130,7 +130,5 @@ def _write(files: Mapping[str, str], folder: Path) -> list[Path]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"cannot be made: {error.strerror or error}", source=str(folder)) from None
-    paths = [folder / name for name in files]
-    for path, text in zip(paths, files.values(), strict=True):
-        write_atomically(path, text)
-    return paths
+    write_all({folder / name: text for name, text in files.items()})
+    return [folder / name for name in files]

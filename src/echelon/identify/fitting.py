@@ -88,7 +88,7 @@ def _estimated(
         case "wls":
             return wls(observation, units, own_noise(observation), relative=True)
         case "irls":
-            return irls(observation, units)
+            return irls(observation, units, tolerance=1e-6, limit=500)
         case "huber":
             return huber(rows)
         case "tls":

@@ -41,6 +41,7 @@ from echelon.identify.taking import MEMORY
 from echelon.identify.validation import Validation
 from echelon.identify.verdict import overall_verdict
 from echelon.logs.files.open import log_paths
+from echelon.logs.finding import Finding, Severity
 from echelon.observe.observation import Observation
 
 if TYPE_CHECKING:
@@ -126,7 +127,8 @@ class _Run:
         values = {"essential": essential_, "physical": physical}.get(chosen) or estimate
         validations = self._validations(values.base if isinstance(values, PhysicalFit) else values.values)
         feasible = self._feasibility(noise)
-        findings = [*self.survey.findings, *(() if self._prior is None else self._prior.findings)]
+        findings = [Finding(Severity.NOTE, "assumed", self.setup.source, text) for text in self.setup.assumed]
+        findings += [*self.survey.findings, *(() if self._prior is None else self._prior.findings)]
         findings += fit_findings(estimate, self.seen, feasible, physical, validations)
         return Identification(
             self.base,

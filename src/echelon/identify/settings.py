@@ -84,6 +84,8 @@ class Setup:
         Another description of the robot, with inertial values that are believed beforehand.
     robot_file : str, optional
         The URDF or MJCF file that holds the robot, if one does.
+    assumed : tuple of str
+        What was taken for granted where the file is silent, in sentences.
     """
 
     source: str
@@ -93,3 +95,4 @@ class Setup:
     settings: Settings = field(default_factory=Settings)
     prior: Mechanism | None = None
     robot_file: str | None = None
+    assumed: tuple[str, ...] = ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,12 +12,19 @@ from echelon.formats.load import load, read_bytes
 from echelon.identify.settings import Settings, Setup
 from echelon.identify.setup_columns import stated_columns
 from echelon.logs.preparation import Preparation
+from echelon.mechanism.effect import Effect, Side, ready_made
+from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 
 if TYPE_CHECKING:
     from echelon.formats.schema import RobotDescription
     from echelon.formats.schema_log import IdentificationEntry
 
+_ASSUMED = (
+    "the robot file states no friction, so every joint got viscous and Coulomb friction and an offset; a set-up file "
+    "with 'robot' and 'effects' can say otherwise"
+)
+_FRICTION = ("viscous", "coulomb", "offset")
 _DESCRIPTIONS = (".yaml", ".yml", ".json")
 
 
@@ -28,7 +35,7 @@ def load_setup(path: str | os.PathLike[str], *, prior: str | os.PathLike[str] | 
     ----------
     path : path-like
         An Echelon description, whose sections ``log``, ``preparation`` and ``identification`` are read as well; or a
-        bare URDF or MJCF file, for which everything is left to choose.
+        bare URDF or MJCF file, for which everything is left to choose, and whose joints get friction and an offset.
     prior : path-like, optional
         Another description of the robot with inertial values, instead of the one that the file names.
     **reading
@@ -53,7 +60,7 @@ def load_setup(path: str | os.PathLike[str], *, prior: str | os.PathLike[str] | 
     file = Path(path)
     mechanism = load(file, **reading)
     if file.suffix.lower() not in _DESCRIPTIONS:
-        setup = Setup(str(file), mechanism, robot_file=str(file))
+        setup = Setup(str(file), with_friction(mechanism), robot_file=str(file), assumed=(_ASSUMED,))
     else:
         setup = _described(file, mechanism, reading)
     return setup if prior is None else replace(setup, prior=load(prior, **reading))
@@ -78,6 +85,25 @@ def _described(file: Path, mechanism: Mechanism, reading: Mapping[str, Any]) -> 
         stated,
         None if robot.robot is None else str(file.parent / robot.robot.file),
     )
+
+
+def with_friction(mechanism: Mechanism) -> Mechanism:
+    """The mechanism with viscous and Coulomb friction and an offset in the drive of every joint coordinate."""
+    effects = tuple(effect for kind in _FRICTION for effect in _at_every_joint(mechanism, kind))
+    found, reading = replace(mechanism, effects=effects), mechanism.reading
+    if reading is None:
+        return found
+    return replace(found, reading=replace(reading, rebuild=lambda literal: with_friction(reading.rebuild(literal))))
+
+
+def _at_every_joint(mechanism: Mechanism, kind: str) -> Iterator[Effect]:
+    for body in mechanism.bodies:
+        joint = body.joint
+        motions = [m for m in joint.motions if m.name in mechanism.independent_velocities]
+        for k, motion in enumerate(() if joint.kind == "floating" else motions):
+            label = body.label if len(motions) == 1 else f"{body.label}_{k + 1}"
+            slides = motion.kind is MotionKind.TRANSLATION
+            yield from ready_made(kind, motion.name, Side.ACTUATOR, label, sliding=slides)
 
 
 def _preparation(robot: RobotDescription) -> Preparation:
