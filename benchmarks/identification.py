@@ -146,9 +146,7 @@ def fleet(cost: dict[str, float], merge: float, size: float) -> None:
     print(f"{ROBOTS} robots for a year at {RATE:g} Hz, a log an hour, by these figures")
     print(f"  {samples:.3g} samples, {samples * cost['bytes'] / 1e15:.0f} PB of Parquet, {logs:.3g} logs")
     print(f"  {samples * cost['processor'] / 3600:.3g} hours of one processor")
-    print(
-        f"  merges: {logs * merge / 3600:.2g} hours of one processor, at most {logs * size / 1e12:.2g} TB between workers"
-    )
+    print(f"  merges: {logs * merge / 3600:.2g} hours of one processor, up to {logs * size / 1e12:.2g} TB to send")
     print(f"  depth of the tree of one batch: {int(np.ceil(np.log2(logs / 40)))}")
 
 
