@@ -134,7 +134,7 @@ def merging(folder: Path) -> tuple[float, float]:
     seconds = float(np.median([seconds_of(lambda: stacked(whole, whole)) for _ in range(200)]))
     size = sum(R.nbytes for R in whole.factors)
     print(
-        f"{base.rank} base parameters: a merge of two sets of R-factors ({size / 1e3:.0f} kB) takes {1e3 * seconds:.2f} ms"
+        f"{base.rank} base parameters: two sets of R-factors ({size / 1e3:.0f} kB) are merged in {1e3 * seconds:.2f} ms"
     )
     return seconds, size
 
