@@ -1,0 +1,302 @@
+"""Identification from measured logs: the set-ups of examples/ on real robots, judged on data that the fits did not see.
+
+python benchmarks/real_logs.py             identify, print, and write benchmarks/results/real_logs.md
+
+The logs are not part of the project.  They are looked for in the folder that ECHELON_DATA names, by default
+../shared/data beside the project; without them nothing is done.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import platform
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import yaml
+
+import echelon as ec
+from log_tables import column, figures, outputs_table, overall, quality, summary, summary_tables
+from tabular import table
+
+ROOT = Path(__file__).resolve().parent.parent
+EXAMPLES = ROOT / "examples"
+DATA = Path(os.environ.get("ECHELON_DATA", ROOT.parent / "shared" / "data"))
+OUTPUT = ROOT / "benchmarks" / "results" / "real_logs.md"
+
+
+class AbsentError(Exception):
+    """A measured log is not there."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """What one robot's logs gave.
+
+    Attributes
+    ----------
+    title : str
+    summary : list of rows
+        For the table that README and docs quote; see :data:`SUMMARY`.
+    blocks : list of str
+        Markdown: sentences and tables.
+    """
+
+    title: str
+    summary: list[list[str]]
+    blocks: list[str]
+
+
+def log(name: str) -> Path:
+    """A log of the data folder."""
+    path = DATA / name
+    if not path.is_file():
+        raise AbsentError(f"the measured log is not there: {path}")
+    return path
+
+
+def changed(setup: ec.Setup, **settings: Any) -> ec.Setup:
+    """A set-up with other settings."""
+    return replace(setup, settings=replace(setup.settings, **settings))
+
+
+def values(result: ec.Identification) -> dict[str, float]:
+    """Estimated base parameters by the names of their representatives."""
+    return dict(zip(result.estimate.parameters, result.estimate.values.tolist(), strict=True))
+
+
+def interval(result: ec.Identification, name: str) -> str:
+    """A value with its confidence interval."""
+    low, high = result.estimate.interval()[result.estimate.parameters.index(name)]
+    return f"{values(result)[name]:.3f} ({low:.3f} … {high:.3f})"
+
+
+# -- robots ------------------------------------------------------------------------------------------------------------
+
+
+def emps() -> Section:
+    """One drive, one slide."""
+    setup = ec.load_setup(EXAMPLES / "logs" / "emps.yaml")
+    result = ec.identify(setup, [log("emps/data_emps.parquet")], [log("emps/data_emps_pulses.parquet")])
+    published = {"M1": 95.1089, "Fv1": 203.5034, "Fc1": 20.3935, "Fo1": -3.1648}
+    found, std = values(result), dict(zip(result.estimate.parameters, result.estimate.std, strict=True))
+    units = dict(zip(result.estimate.parameters, result.estimate.units, strict=True))
+    rows = [
+        [f"{n} ({units[n]})", f"{found[n]:.5g}", f"{std[n]:.2g}", v, f"{100 * (found[n] / v - 1):+.2f} %"]
+        for n, v in published.items()
+    ]
+    beside = "rms published: 1.94 N fitted, 2.51 N pulses"
+    line = summary("EMPS", "another run, with disturbing pulses", result.validations[1].scores, beside)
+    names = table(["parameter", "value", "standard deviation", "published", "difference"], rows)
+    return Section("EMPS", [line], [names, outputs_table(result.validations)])
+
+
+def tx40() -> Section:
+    """Six joints with a coupled wrist, measured at the motors."""
+    path = log("staubli_tx40/tx40_5kHz.parquet")
+    setup = ec.load_setup(EXAMPLES / "tx40.yaml", prior=log("staubli_tx40/model/tx40_mdh_modified.urdf"))
+    whole = ec.identify(changed(setup, holdout=0.0, physical=False), [path])
+    published = published_tx40()
+    found = values(whole)
+    apart = {name: abs(found[name] - value) / std for name, (value, std) in published.items()}
+    worst = max(apart, key=lambda name: apart[name])
+    held = ec.identify(changed(setup, physical=False), [path])
+    automatic = ec.identify(replace(changed(setup, physical=False), preparation=type(setup.preparation)()), [path])
+    text = (
+        f"With the published preparation, on the whole log: {sum(x <= 2.5 for x in apart.values())} of {len(apart)} "
+        f"published values within 2.5 of their standard deviations (largest {apart[worst]:.2g}, {worst}; median "
+        f"{np.median(list(apart.values())):.2g}), overall rms {overall(whole.validations[0].scores):.4g} N·m "
+        "(published 1.07).  Below, the last 30 % are held out.  The prior is the URDF, whose inertias are nominal and "
+        "which knows no rotors."
+    )
+    plans = {name: plan(result) for name, result in {"published": held, "automatic": automatic}.items()}
+    both = {name: [rms_on(some, r.values, path) for r in (held, automatic)] for name, some in plans.items()}
+    rows = [[name, *(f"{x:.4g} N·m" for x in pair)] for name, pair in both.items()]
+    names = ["held-out rows prepared as", "fit with published preparation", "with automatic preparation"]
+    beside = f"overall {both['published'][0]:.3g} N·m; {both['published'][1]:.3g} when prepared automatically"
+    line = summary("TX40", "last 30 % of the log", held.validations[1].scores, beside)
+    more = "The published preparation and the automatic one, each judged on the held-out rows of both (overall rms):"
+    return Section("Stäubli TX40", [line], [text, outputs_table(held.validations), more, table(names, rows)])
+
+
+def plan(result: ec.Identification) -> Any:
+    """How logs become rows for a model, by the file that is written of it."""
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "model.json"
+        ec.save_identification(result, file)
+        return replace(ec.load_identified(file).plan, holdout=result.settings["held_out"])
+
+
+def rms_on(plan: Any, parameters: np.ndarray, path: Path) -> float:
+    """Over all outputs, of what is held out of a log."""
+    rows = plan.rows([path], "last")
+    residuals = [
+        y - matrix @ parameters[list(columns)]
+        for block in rows.blocks()
+        for y, matrix, columns in zip(block.y, block.matrices, rows.layout.columns, strict=True)
+    ]
+    return float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
+
+
+def published_tx40() -> dict[str, tuple[float, float]]:
+    """Least-squares values and standard deviations by the names of the representatives."""
+    kinds = {"fv": "Fv", "fs": "Fc", "off": "Fo", "Ia": "Ia"}
+    found = {}
+    for expression, value, percent, *_ in csv.reader(log("staubli_tx40/reference/TX40_bp_5.csv").open()):
+        first = re.split(r" [+-] ", expression)[0].strip()
+        kind, axes, number = re.fullmatch(r"(I|m|fv|fs|off|Ia)([xyz]*)(m?\d)", first).groups()
+        stem = axes.upper() if kind == "I" else f"M{axes.upper()}" if kind == "m" else kinds[kind]
+        if number.startswith("m"):  # what motor 6 does to joint 5
+            stem = kind
+        found[stem + number] = (float(value), abs(float(value)) * float(percent) / 100)
+    return found
+
+
+SLOW = "double_pendulum/A0_20220812_061157-PM.parquet"
+FAST = ("A0_20220812_061705-PM", "A0_20220815_traj_11")
+RUNS = ("A0_20220812_055032-PM", *FAST, *(f"A0_20220815_traj_{k:02}" for k in (0, 1, 2, 3, 4, 5, 12, 13)))
+
+
+def pendulum() -> Section:
+    """Two quasi-direct drives, with the published models beside on the same rows."""
+    setup = changed(ec.load_setup(EXAMPLES / "logs" / "double_pendulum.yaml"), physical=False)
+    models = {name: published_pendulum(setup, name) for name in ("1.0", "2.0")}
+    part = {n: ec.identify(changed(replace(setup, prior=m), holdout=1 / 3), [log(SLOW)]) for n, m in models.items()}
+    others = [log(f"double_pendulum/{name}.parquet") for name in RUNS]
+    runs = {n: ec.identify(replace(setup, prior=m), [log(SLOW)], others) for n, m in models.items()}
+    held = {name: result.validations[1].prior_scores for name, result in part.items()}
+    ours = part["1.0"].validations
+    beside = "; ".join(f"model {n}: {figures(column(scores, 'rms'))}" for n, scores in held.items())
+    line = summary("double pendulum", "last third of the log", ours[1].scores, f"rms of {beside}")
+    rows = []
+    for k, run in enumerate(RUNS):
+        both = [result.validations[k + 1] for result in runs.values()]
+        cells = [figures(column(scores, "rms")) for scores in (both[0].scores, *(v.prior_scores for v in both))]
+        rows.append([run, *cells, quality(column(both[0].scores, "r2"))])
+    names = ["run", "rms of the fit", *(f"model {n}" for n in models), "R² of the fit"]
+    moments = [(SLOW.split("/")[1].split(".")[0], part["1.0"])]
+    alone = changed(setup, holdout=0.0)
+    moments += [(run, ec.identify(alone, [log(f"double_pendulum/{run}.parquet")])) for run in FAST]
+    own = table(
+        ["fitted to", "MX1 + l1·M2 (kg·m)", "Fc1 (N·m)"],
+        [[n, interval(r, "MX1"), interval(r, "Fc1")] for n, r in moments],
+    )
+    text = "Fitted to the whole slow run, judged on other runs (joint 1 · joint 2, N·m), published models beside:"
+    more = "Gravity moment and Coulomb friction of joint 1 by fits to single runs, with 95 % intervals:"
+    blocks = [outputs_table(ours), text, table(names, rows), more, own]
+    return Section("Double pendulum", [line], blocks)
+
+
+def published_pendulum(setup: ec.Setup, model: str) -> ec.Mechanism:
+    """A published model of design A.0 as a prior; friction cf atan(100 q̇) is Coulomb friction of cf π/2.
+
+    Its viscous friction has no counterpart in the set-up and is left out.  In the plane only ZZ counts; the other
+    moments are those of a body so flat and thin that it can exist.
+    """
+    p = yaml.safe_load(log(f"double_pendulum/params/design_A.0_model_{model}.yml").read_text())
+    flat = 0.02
+    links = [(p[f"I{k}"], p[f"m{k}"] * p[f"r{k}"], p[f"m{k}"]) for k in (1, 2)]
+    ten = [(2 * flat * zz, 0.0, 0.0, zz, 0.0, zz, mx, 0.0, 0.0, m) for zz, mx, m in links]
+    known = {"Ir": p["Ir"], "Fc1": p["cf1"] * np.pi / 2, "Fc2": p["cf2"] * np.pi / 2}
+    robot = setup.mechanism
+    bodies = tuple(replace(body, inertial=some) for body, some in zip(robot.bodies, ten, strict=True))
+    effects = tuple(replace(effect, value=known.get(effect.parameter, 0.0)) for effect in robot.effects)
+    return replace(robot, name=f"model {model}", bodies=bodies, effects=effects)
+
+
+def panda() -> Section:
+    """Seven joints with torque sensors; two arms."""
+    setup = changed(ec.load_setup(EXAMPLES / "logs" / "panda.yaml"), physical=False)
+    own, other = log("panda_1khz/panda_gaz_exciting_1kHz.parquet"), log("panda_30hz/panda_exciting.parquet")
+    held, whole = ec.identify(setup, [own]), ec.identify(setup, [own], [other])
+    scores = whole.validations[1].scores
+    apart = " · ".join(f"{s.explained:.3f}" for s in scores)
+    independent = "R² of an independent fit: 0.998 · 0.9999 · 0.9999 · 0.9985 · 0.997 · 0.997 · 0.969"
+    lines = [
+        summary("Panda", "last 30 % of the log", held.validations[1].scores, independent),
+        summary("Panda, another arm", "a log of 30 Hz", scores, f"R² apart from a constant: {apart}"),
+    ]
+    blocks = ["Fitted to the first 70 % of the log of 1 kHz:", outputs_table(held.validations)]
+    blocks += ["Fitted to all of it, judged on another arm:", outputs_table(whole.validations)]
+    return Section("Franka Panda", lines, [*blocks, first_joint(setup, whole, other)])
+
+
+def first_joint(setup: ec.Setup, whole: ec.Identification, other: Path) -> str:
+    """What differs between the arms' first joints: only its friction and offset are fitted to the other arm."""
+    ours = values(whole)
+    free = ("Fv1", "Fo1")
+    known = {name: value for name, value in ours.items() if name not in free}
+    # as it was prepared to be predicted: a log of 30 Hz is not decimated
+    prepared = replace(setup, preparation=replace(whole.preparation, decimation=()))
+    found = ec.identify(changed(prepared, known=known, holdout=0.0, essential="none"), [other])
+    theirs = values(found)
+    before, after = whole.validations[1].scores[0], found.validations[0].scores[0]
+    spread = before.rms / np.sqrt(1 - before.r2)
+    return (
+        f"Joint 1 of the other arm: its axis is along gravity and its torque varies by {spread:.2f} N·m only (standard "
+        f"deviation), of which the error of {before.rms:.2f} N·m is {before.rms / spread:.0%}.  With viscous friction and "
+        f"offset of this joint fitted to the other arm and all else kept, friction differs by {theirs['Fv1'] - ours['Fv1']:+.2f} "
+        f"N·m·s/rad and the offset by {theirs['Fo1'] - ours['Fo1']:+.2f} N·m, and the rms falls to {after.rms:.2f} N·m "
+        f"(R² {after.r2:.3f})."
+    )
+
+
+def lwr4() -> Section:
+    """Seven joints, poorly excited: what physics and a prior add."""
+    setup = ec.load_setup(EXAMPLES / "logs" / "lwr4.yaml", prior=log("kuka_lwr4/model/kuka_lwr4.urdf"))
+    first, third = (log(f"kuka_lwr4/lwr4_measurements_{k}.parquet") for k in (1, 3))
+    physical = ec.identify(setup, [first], [third])
+    plain = ec.identify(changed(setup, predict="estimate"), [first], [third]).validations[1].scores
+    unseen = physical.validations[1]
+    prior = figures(column(unseen.prior_scores, "rms"))
+    beside = f"rms of the URDF: {prior}; of least squares: {figures(column(plain, 'rms'))}"
+    line = summary("LWR4+, physical, URDF as prior", "another trajectory", unseen.scores, beside)
+    rows = [
+        [s.output, f"{s.rms:.3g}", f"{p.rms:.3g}", f"{u.rms:.3g}", f"{s.r2:.3f}", f"{p.r2:.3f}", f"{u.r2:.3f}"]
+        for s, p, u in zip(unseen.scores, plain, unseen.prior_scores, strict=True)
+    ]
+    head = ["set 3", "rms of the physical fit", "least squares", "URDF", "R² of the physical fit", "least squares"]
+    fit = physical.physical
+    text = f"Weight of the prior, chosen from the data of the fit: {fit.prior_weight:g}." if fit is not None else ""
+    return Section("KUKA LWR4+", [line], [table([*head, "URDF"], rows), text, outputs_table(physical.validations)])
+
+
+# -- the page ----------------------------------------------------------------------------------------------------------
+
+
+def page(sections: Sequence[Section], versions: Mapping[str, str]) -> str:
+    """All as Markdown."""
+    stated = ", ".join(f"{name} {text}" for name, text in versions.items())
+    lines = [row for section in sections for row in section.summary]
+    head = (
+        f"# Identification from measured logs\n\n{stated}.  Set-ups in examples/; outputs in the order of the joints."
+    )
+    blocks = [head, *summary_tables(lines)]
+    for section in sections:
+        blocks += [f"## {section.title}", *section.blocks]
+    return "\n\n".join(block for block in blocks if block) + "\n"
+
+
+def main() -> None:
+    """Identify all robots and write the page."""
+    try:
+        sections = [robot() for robot in (emps, tx40, pendulum, panda, lwr4)]
+    except AbsentError as error:
+        print(f"skipped: {error} (set ECHELON_DATA to the folder of the logs)")
+        return
+    versions = {"Echelon": ec.__version__, "Python": platform.python_version()}
+    versions |= {name: version(name) for name in ("numpy", "scipy", "cvxpy", "clarabel")}
+    text = page(sections, versions)
+    OUTPUT.write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
