@@ -21,11 +21,11 @@ from time import perf_counter, process_time
 import numpy as np
 
 import echelon as ec
-from echelon.identify.batches import stacked
-from echelon.identify.distributed import connect
-from echelon.identify.run import identify
-from echelon.identify.settings import Setup
-from echelon.identify.setup import load_setup
+from echelon.identification.distributed import connect
+from echelon.identification.identify import identify
+from echelon.identification.rows.batches import stacked
+from echelon.identification.settings import Setup
+from echelon.identification.setup import load_setup
 from echelon.logs.preparation import Preparation
 
 ROOT = Path(__file__).parent.parent
@@ -123,9 +123,9 @@ def processes(folder: Path, logs: int, samples: int) -> None:
 
 def merging(folder: Path) -> tuple[float, float]:
     """Seconds and bytes of one merge of two R-factors."""
-    from echelon.identify.passes import Passes
-    from echelon.identify.plan import Plan
-    from echelon.identify.survey import survey
+    from echelon.identification.passes import Passes
+    from echelon.identification.rows.plan import Plan
+    from echelon.identification.survey import survey
 
     setup, log = panda(), next((folder / "many").iterdir())
     base = ec.base_parameters(setup.mechanism)

@@ -14,11 +14,11 @@ import numpy as np
 
 import echelon as ec
 from echelon.base.model import BaseModel
-from echelon.identify.physics.constraints import roles
-from echelon.identify.physics.feasible import feasibility
-from echelon.identify.physics.fit import physical_fit
-from echelon.identify.physics.nearest import physical_lift
-from echelon.identify.physics.reference import reference
+from echelon.identification.physics.constraints import roles
+from echelon.identification.physics.feasible import feasibility
+from echelon.identification.physics.fit import physical_fit
+from echelon.identification.physics.nearest import physical_lift
+from echelon.identification.physics.reference import reference
 from echelon.observe.observation import Observation
 
 ROBOTS = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.base.model import BaseModel
-from echelon.identify.physics.constraints import Roles
+from echelon.identification.physics.constraints import Roles
 from echelon.inertia.spatial import from_pseudo_inertia
 from echelon.mechanism.values import characteristic_length
 from echelon.observe.observation import Observation

@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 import echelon as ec
-from echelon.identify.estimate import Estimate
-from echelon.identify.excitation import Direction, Excitation
-from echelon.identify.identification import Identification
-from echelon.identify.physics.result import Feasibility, PhysicalFit
-from echelon.identify.validation import Score, Trace, Validation
+from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.excitation.excitation import Direction, Excitation
+from echelon.identification.physics.result import Feasibility, PhysicalFit
+from echelon.identification.result import Identification
+from echelon.identification.validation.validation import Score, Trace, Validation
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.preparation import Preparation
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from echelon.identify.rows import RowBlock
+from echelon.identification.rows.rows import RowBlock
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import upper_triangle

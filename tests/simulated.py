@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 import echelon as ec
 from echelon.base.model import BaseModel
-from echelon.identify.settings import Setup
-from echelon.identify.setup import load_setup
+from echelon.identification.settings import Setup
+from echelon.identification.setup import load_setup
 from echelon.logs.samples import Samples
 from echelon.mechanism.mechanism import Mechanism
 from simulated_logs import write_log

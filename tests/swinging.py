@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 import echelon as ec
-from echelon.identify.settings import Settings, Setup
+from echelon.identification.settings import Settings, Setup
 from echelon.logs.column_map import Channel, ColumnMap
 from echelon.logs.preparation import Preparation
 

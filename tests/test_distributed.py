@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from echelon.errors import InputError
-from echelon.identify.distributed import connect, each, tree
-from echelon.identify.identification import Identification
-from echelon.identify.run import identify
+from echelon.identification.distributed import connect, each, tree
+from echelon.identification.identify import identify
+from echelon.identification.result import Identification
 from swinging import pendulum, write_logs
 from test_streaming import same
 

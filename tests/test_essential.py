@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import echelon as ec
-from echelon.identify.essential import essential
-from echelon.identify.leverage import leverages
+from echelon.identification.estimators.essential import essential
+from echelon.identification.estimators.leverage import leverages
 from rows import ArrayRows
 
 TRUTH = np.array([3.0, 0.0, -2.0, 0.0, 0.5, 0.0])

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from echelon.errors import InputError
-from echelon.identify.estimate import Estimate
-from echelon.identify.least_squares import by_output, ols
-from echelon.identify.solution import solved
-from echelon.identify.total import tls
-from echelon.identify.weighted import irls, own_noise, wls
+from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.estimators.least_squares import by_output, ols
+from echelon.identification.estimators.solution import solved
+from echelon.identification.estimators.total import tls
+from echelon.identification.estimators.weighted import irls, own_noise, wls
 from estimation import METHODS, NOISE, TRUTH, Floats, assert_same, dense, line, scaled, serial
 from rows import ArrayRows
 

@@ -7,10 +7,10 @@ import numpy.typing as npt
 import pytest
 
 from echelon.errors import InputError
-from echelon.identify.covariance import clustered
-from echelon.identify.least_squares import ols
-from echelon.identify.robust import huber
-from echelon.identify.weighted import irls
+from echelon.identification.estimators.covariance import clustered
+from echelon.identification.estimators.least_squares import ols
+from echelon.identification.estimators.robust import huber
+from echelon.identification.estimators.weighted import irls
 from estimation import METHODS, dense, line, serial
 from rows import ArrayRows
 

@@ -9,14 +9,14 @@ import numpy.typing as npt
 import pytest
 from scipy.stats import binom, kstest
 
-from echelon.identify.covariance import clustered
-from echelon.identify.estimate import Estimate
-from echelon.identify.instrumental import instrumental
-from echelon.identify.least_squares import ols
-from echelon.identify.ridge import ridge
-from echelon.identify.robust import huber
-from echelon.identify.total import tls
-from echelon.identify.weighted import irls, wls
+from echelon.identification.estimators.covariance import clustered
+from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.estimators.instrumental import instrumental
+from echelon.identification.estimators.least_squares import ols
+from echelon.identification.estimators.ridge import ridge
+from echelon.identification.estimators.robust import huber
+from echelon.identification.estimators.total import tls
+from echelon.identification.estimators.weighted import irls, wls
 from estimation import NOISE, TRUTH, Floats, serial
 from rows import ArrayRows
 

@@ -7,11 +7,11 @@ import numpy.typing as npt
 import pytest
 
 from echelon.errors import InputError
-from echelon.identify.instrumental import instrumental
-from echelon.identify.least_squares import ols
-from echelon.identify.rows import Rows
-from echelon.identify.total import tls
-from echelon.identify.weighted import irls, wls
+from echelon.identification.estimators.instrumental import instrumental
+from echelon.identification.estimators.least_squares import ols
+from echelon.identification.estimators.total import tls
+from echelon.identification.estimators.weighted import irls, wls
+from echelon.identification.rows.rows import Rows
 from estimation import NOISE, TRUTH, Floats, assert_same, dense, line, scaled, serial
 from observations import SERIAL
 from rows import ArrayRows

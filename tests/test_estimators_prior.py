@@ -9,15 +9,15 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from echelon.errors import InputError
-from echelon.identify.estimate import Estimate
-from echelon.identify.known import Substitution, equal, known
-from echelon.identify.least_squares import ols
-from echelon.identify.minimum_norm import minimum_norm
-from echelon.identify.ridge import ridge
-from echelon.identify.robust import huber
-from echelon.identify.solution import direction_text, open_directions
-from echelon.identify.total import tls
-from echelon.identify.weighted import irls, wls
+from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.estimators.known import Substitution, equal, known
+from echelon.identification.estimators.least_squares import ols
+from echelon.identification.estimators.minimum_norm import minimum_norm
+from echelon.identification.estimators.ridge import ridge
+from echelon.identification.estimators.robust import huber
+from echelon.identification.estimators.solution import direction_text, open_directions
+from echelon.identification.estimators.total import tls
+from echelon.identification.estimators.weighted import irls, wls
 from estimation import NOISE, TRUTH, Floats, assert_same, dense, line, serial, unseen
 from rows import ArrayRows
 

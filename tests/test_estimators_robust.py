@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import least_squares
 
 from echelon.errors import InputError
-from echelon.identify.robust import gaussian_square, huber
-from echelon.identify.weighted import irls
+from echelon.identification.estimators.robust import gaussian_square, huber
+from echelon.identification.estimators.weighted import irls
 from estimation import NOISE, TRUTH, assert_same, dense, line, serial
 from rows import ArrayRows
 

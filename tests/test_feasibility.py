@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 import echelon as ec
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.identify.physics.constraints import Roles, roles
-from echelon.identify.physics.feasible import feasibility
-from echelon.identify.physics.nearest import nearest_physical
-from echelon.identify.physics.pseudo_inertia import is_physical
+from echelon.identification.physics.constraints import Roles, roles
+from echelon.identification.physics.feasible import feasibility
+from echelon.identification.physics.nearest import nearest_physical
+from echelon.identification.physics.pseudo_inertia import is_physical
 from physical import robot
 
 seeds = st.integers(0, 2**32 - 1)

@@ -12,9 +12,9 @@ from arms import body, modified_dh, tree
 from arms import puma560 as puma
 from echelon.formats.description import read_description_data
 from echelon.formats.options import ReadingOptions
-from echelon.identify.gains import drive_gains, gain_names
-from echelon.identify.model_rows import ModelRows
-from echelon.identify.payload import JoinedRows, Payload, loaded_rows, with_zeros
+from echelon.identification.gains.gains import drive_gains, gain_names
+from echelon.identification.gains.payload import JoinedRows, Payload, loaded_rows, with_zeros
+from echelon.identification.rows.model_rows import ModelRows
 from echelon.logs.samples import Samples
 from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.joint import translation

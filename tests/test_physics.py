@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 import echelon as ec
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.identify.physics.bounds import Bounds
-from echelon.identify.physics.constraints import Roles, roles
-from echelon.identify.physics.fit import PLAIN_WEIGHT, physical_fit
-from echelon.identify.physics.nearest import physical_lift
-from echelon.identify.physics.pseudo_inertia import (
+from echelon.identification.physics.bounds import Bounds
+from echelon.identification.physics.constraints import Roles, roles
+from echelon.identification.physics.fit import PLAIN_WEIGHT, physical_fit
+from echelon.identification.physics.nearest import physical_lift
+from echelon.identification.physics.pseudo_inertia import (
     divergence,
     dual_matrix,
     exact_pseudo_inertia,
@@ -28,7 +28,7 @@ from echelon.identify.physics.pseudo_inertia import (
     is_semidefinite,
     margins,
 )
-from echelon.identify.physics.reference import reference
+from echelon.identification.physics.reference import reference
 from echelon.inertia.spatial import from_pseudo_inertia, move, pseudo_inertia
 from physical import body_of_points, observed, robot
 

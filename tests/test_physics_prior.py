@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 import arms
 import echelon as ec
 from echelon.errors import InputError
-from echelon.identify.physics.prior import prior_from
-from echelon.identify.physics.pseudo_inertia import is_physical
+from echelon.identification.physics.prior import prior_from
+from echelon.identification.physics.pseudo_inertia import is_physical
 from echelon.mechanism.joint import Joint, merge, rotation
 from echelon.mechanism.mechanism import GROUND, Body, Mechanism
 from echelon.mechanism.placement import Placement

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.identify.identification import Identification
-from echelon.identify.plan import Plan
-from echelon.identify.run import identify
-from echelon.identify.settings import Setup
-from echelon.identify.setup import load_setup
-from echelon.identify.validation import Validation, validate
+from echelon.identification.identify import identify
+from echelon.identification.result import Identification
+from echelon.identification.rows.plan import Plan
+from echelon.identification.settings import Setup
+from echelon.identification.setup import load_setup
+from echelon.identification.validation.validation import Validation, validate
 from echelon.logs.preparation import Preparation
 
 ROOT = Path(__file__).parent.parent

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from echelon.errors import MissingExtraError
-from echelon.identify.identification import Identification
+from echelon.identification.result import Identification
 from echelon.report.environment import plotly_source
 from echelon.report.page import SECTIONS, report_html
 from echelon.report.payload import script_safe

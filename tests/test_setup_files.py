@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import echelon as ec
-from echelon.identify.settings import Setup
-from echelon.identify.setup import load_setup
+from echelon.identification.settings import Setup
+from echelon.identification.setup import load_setup
 from echelon.logs.column_map import Channel
 
 ROOT = Path(__file__).parent.parent

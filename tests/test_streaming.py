@@ -16,16 +16,16 @@ from hypothesis import strategies as st
 
 import echelon as ec
 from echelon.errors import InputError
-from echelon.identify import model_rows
-from echelon.identify.ahead import ahead
-from echelon.identify.batches import BATCHES, Batcher, grouped, total
-from echelon.identify.covariance import clustered, clustered_by
-from echelon.identify.identification import Identification
-from echelon.identify.passes import Passes
-from echelon.identify.plan import Plan
-from echelon.identify.run import identify
-from echelon.identify.taking import take
-from echelon.identify.weighted import irls
+from echelon.identification.estimators.covariance import clustered, clustered_by
+from echelon.identification.estimators.weighted import irls
+from echelon.identification.identify import identify
+from echelon.identification.passes import Passes
+from echelon.identification.result import Identification
+from echelon.identification.rows import model_rows
+from echelon.identification.rows.ahead import ahead
+from echelon.identification.rows.batches import BATCHES, Batcher, grouped, total
+from echelon.identification.rows.plan import Plan
+from echelon.identification.rows.taking import take
 from echelon.logs.preparation import Preparation
 from echelon.observe.slim import slim_qr
 from swinging import PREPARATION, pendulum, write_log, write_logs
@@ -34,7 +34,7 @@ _PEAK = """
 import resource, sys
 from pathlib import Path
 from swinging import pendulum
-from echelon.identify.run import identify
+from echelon.identification.identify import identify
 identify(pendulum(), sys.argv[1:], memory=0)
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """

@@ -20,12 +20,12 @@ from scipy.signal import lfilter
 from scipy.stats import binom
 
 from echelon.base.model import BaseModel
-from echelon.identify.covariance import clustered
-from echelon.identify.estimate import Estimate
-from echelon.identify.least_squares import ols
-from echelon.identify.model_rows import ModelRows
-from echelon.identify.run import identify
-from echelon.identify.weighted import irls, wls
+from echelon.identification.estimators.covariance import clustered
+from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.estimators.least_squares import ols
+from echelon.identification.estimators.weighted import irls, wls
+from echelon.identification.identify import identify
+from echelon.identification.rows.model_rows import ModelRows
 from echelon.logs.preparation import Preparation
 from echelon.logs.prepare import prepare
 from echelon.logs.recording import Segment

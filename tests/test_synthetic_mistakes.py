@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from echelon.errors import InputError
-from echelon.identify.identification import Identification
-from echelon.identify.run import identify
+from echelon.identification.identify import identify
+from echelon.identification.result import Identification
 from echelon.logs.finding import Finding
 from simulated import TRUE, Motion, System
 from simulated_models import Floats

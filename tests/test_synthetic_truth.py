@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from echelon.identify.model_rows import rows_taken
+from echelon.identification.rows.model_rows import rows_taken
 from generated import compiled, tool
 from simulated import Motion, System
 from simulated_models import Floats

@@ -14,13 +14,13 @@ from scipy.signal import lfilter
 from scipy.stats import chi2, kstest
 
 import echelon as ec
-from echelon.identify.correlation import CorrelationSums
-from echelon.identify.holdout import held_out, held_out_logs, split
-from echelon.identify.model_rows import ModelRows
-from echelon.identify.residuals import correlations, spectrum
-from echelon.identify.traces import TraceKeeper, thinned
-from echelon.identify.validation import Score, Trace, Validation, validate
-from echelon.identify.verdict import Grade, grade, overall_verdict, verdict
+from echelon.identification.rows.holdout import held_out, held_out_logs, split
+from echelon.identification.rows.model_rows import ModelRows
+from echelon.identification.validation.correlation import CorrelationSums
+from echelon.identification.validation.residuals import correlations, spectrum
+from echelon.identification.validation.traces import TraceKeeper, thinned
+from echelon.identification.validation.validation import Score, Trace, Validation, validate
+from echelon.identification.validation.verdict import Grade, grade, overall_verdict, verdict
 from echelon.logs.samples import Samples
 from rows import ArrayRows
 

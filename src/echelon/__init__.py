@@ -7,6 +7,11 @@
 BaseModel(panda: 43 base parameters of 70)
 """
 
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from echelon.base.classification import Identifiability
 from echelon.base.derive import base_parameters, base_structure
 from echelon.base.expression import Expression
@@ -41,14 +46,42 @@ from echelon.results.saved import load_base, save_base
 from echelon.results.verify import verify
 from echelon.version import __version__
 
+if TYPE_CHECKING:  # fitting models to logs needs much that deriving them does not, so it is imported when asked for
+    from echelon.identification.estimators.estimate import Estimate
+    from echelon.identification.gains.gains import drive_gains
+    from echelon.identification.gains.payload import Payload
+    from echelon.identification.identify import identify
+    from echelon.identification.predict import predict_log
+    from echelon.identification.result import Identification
+    from echelon.identification.settings import Setup
+    from echelon.identification.setup import load_setup
+    from echelon.report.page import report_html
+    from echelon.results.identified import load_identified, save_identification
+
+_LATER = {
+    "Estimate": "echelon.identification.estimators.estimate",
+    "Identification": "echelon.identification.result",
+    "Payload": "echelon.identification.gains.payload",
+    "Setup": "echelon.identification.settings",
+    "drive_gains": "echelon.identification.gains.gains",
+    "identify": "echelon.identification.identify",
+    "load_identified": "echelon.results.identified",
+    "load_setup": "echelon.identification.setup",
+    "predict_log": "echelon.identification.predict",
+    "report_html": "echelon.report.page",
+    "save_identification": "echelon.results.identified",
+}
+
 __all__ = [
     "Audit",
     "BaseModel",
     "CertificateError",
     "ClosedFormError",
     "EchelonError",
+    "Estimate",
     "Expression",
     "Identifiability",
+    "Identification",
     "InputError",
     "LinearBase",
     "LinearModel",
@@ -57,7 +90,9 @@ __all__ = [
     "MissingExtraError",
     "NormalEquations",
     "Observation",
+    "Payload",
     "SensorReport",
+    "Setup",
     "SpecialGeometry",
     "Structure",
     "UnknownRelationsError",
@@ -69,14 +104,31 @@ __all__ = [
     "base_structure",
     "convert",
     "convert_columns",
+    "drive_gains",
     "generate",
+    "identify",
     "joint_side",
     "load",
     "load_base",
+    "load_identified",
     "load_linear",
+    "load_setup",
     "match",
+    "predict_log",
+    "report_html",
     "save_base",
+    "save_identification",
     "sensor_report",
     "special_geometry",
     "verify",
 ]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _LATER:
+        raise AttributeError(f"module 'echelon' has no attribute '{name}'")
+    return getattr(import_module(_LATER[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -14,12 +14,12 @@ import typer
 from echelon.cli.progress import steps
 from echelon.errors import InputError, one_line
 from echelon.files import write_all
-from echelon.identify.run import identify
-from echelon.identify.setup import load_setup
+from echelon.identification.identify import identify
+from echelon.identification.setup import load_setup
 
 if TYPE_CHECKING:
-    from echelon.identify.identification import Identification
-    from echelon.identify.settings import Setup
+    from echelon.identification.result import Identification
+    from echelon.identification.settings import Setup
 
 NO_CODE = "none"
 
@@ -94,7 +94,7 @@ def _cluster(where: str | None) -> Any:
 
     if where is None:
         return nullcontext()
-    from echelon.identify.distributed import connect
+    from echelon.identification.distributed import connect
 
     return connect(where)
 

@@ -9,8 +9,8 @@ from rich.table import Table
 from rich.text import Text
 
 from echelon.errors import one_line
-from echelon.identify.identification import Identification
-from echelon.identify.validation import Score, Validation
+from echelon.identification.result import Identification
+from echelon.identification.validation.validation import Score, Validation
 from echelon.logs.finding import Severity
 
 _PARAMETERS = 24

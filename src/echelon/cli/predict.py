@@ -12,7 +12,7 @@ import typer
 from echelon.cli.progress import progress
 from echelon.errors import InputError, MissingExtraError
 from echelon.files import write_atomically
-from echelon.identify.predict import Prediction, predict_log
+from echelon.identification.predict import Prediction, predict_log
 from echelon.results.identified import load_identified
 
 SUMMARY = "echelon.prediction/1"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from echelon.errors import one_line
-from echelon.identify.identification import Identification
+from echelon.identification.result import Identification
 from echelon.report.environment import plotly_source, render
 from echelon.report.payload import payload
 from echelon.report.sections import (

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import one_line
-from echelon.identify.validation import Trace, Validation
+from echelon.identification.validation.validation import Trace, Validation
 from echelon.report.downsampling import Envelope, envelope
 from echelon.report.residuals import residual
 

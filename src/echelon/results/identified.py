@@ -19,9 +19,9 @@ import numpy.typing as npt
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.files import write_atomically
-from echelon.identify.estimate import Estimate
-from echelon.identify.identification import Identification
-from echelon.identify.plan import Plan
+from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.result import Identification
+from echelon.identification.rows.plan import Plan
 from echelon.logs.column_map import Channel, ColumnMap
 from echelon.logs.preparation import Preparation
 from echelon.results.saved import from_json, to_dict

@@ -1,8 +1,8 @@
 """Symmetric finite filters that are computed only where samples remain.
 
 A block of results is a banded matrix times a block of the signal, so the work is done by the fastest routine there is:
-a million samples of 250 columns take about half a second on one processor.  Kaiser's window, because its length has a formula and its
-attenuation can be asked for.
+a million samples of 250 columns take about half a second on one processor.  Kaiser's window, because its length has a
+formula and its attenuation can be asked for.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from echelon.identify.identification import Identification
+from echelon.identification.result import Identification
 from echelon.report.closed_forms import ClosedForms
 from echelon.report.environment import trusted
 

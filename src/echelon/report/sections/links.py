@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from echelon.conventions import PARAMETERS
-from echelon.identify.identification import Identification
+from echelon.identification.result import Identification
 from echelon.report.pose import drawable_pose
 from echelon.report.seen import CLASSES, seen_bodies
 from echelon.report.skeleton import drawing

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from echelon.errors import InputError
-from echelon.identify.identification import Identification
+from echelon.identification.result import Identification
 from echelon.report.closed_forms import ClosedForm, ClosedForms
 from echelon.report.digits import to_place, with_uncertainty
 from echelon.report.environment import trusted

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from echelon.conventions import PARAMETERS, PER_BODY
-from echelon.identify.identification import Identification
-from echelon.identify.physics.result import Feasibility, PhysicalFit
+from echelon.identification.physics.result import Feasibility, PhysicalFit
+from echelon.identification.result import Identification
 from echelon.inertia.convert import convert
 from echelon.mechanism.mechanism import Body, Mechanism
 from echelon.report.closed_forms import ClosedForms

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from echelon.identify.identification import Identification
+from echelon.identification.result import Identification
 from echelon.logs.preparation import Preparation
 
 _UNITS = {"cutoff": "Hz", "output_cutoff": "Hz", "rate": "Hz", "period": "s", "trim": "s", "delays": "s"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from echelon.identify.identification import Identification
+from echelon.identification.result import Identification
 from echelon.report.payload import outputs_of
 
 _OPEN = 12

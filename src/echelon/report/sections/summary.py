@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
-from echelon.identify.identification import Identification
-from echelon.identify.validation import Score, Validation
+from echelon.identification.result import Identification
+from echelon.identification.validation.validation import Score, Validation
 
 _SAME = 0.01  # relative difference of rms below which two models count as equal
 _WHITE = 0.01  # probability below which a residual is called coloured

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from echelon.identify.identification import Identification
+from echelon.identification.result import Identification
 from echelon.report.payload import buckets_for, outputs_of
 
 _OPEN = 12  # plots that are open when the page is

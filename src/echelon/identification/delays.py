@@ -1,0 +1,128 @@
+"""Delay of the measured outputs behind positions, found by the model itself.
+
+Torques and positions come from different devices.  A constant delay d between them leaves a residual that no parameters
+explain, so d is where the residuals of the outputs' own least-squares fits are smallest: W stays, y is shifted, and one
+R-factor of W gives the residuals of all fits.  Outputs that come over one bus are late together, and a single one with
+many parameters could explain almost anything by a delay of its own; so one delay is sought for all, by the mean of the
+logarithms of their residuals, and taken only where it removes more than noise would.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.base.model import BaseModel
+from echelon.identification.rows.model_rows import ModelRows, rows_taken
+from echelon.logs.preparation import Preparation
+from echelon.logs.prepare import prepare
+from echelon.logs.recording import Segment
+from echelon.logs.samples import Samples
+from echelon.observe.slim import slim_qr
+from echelon.observe.triangle import column_norms
+from echelon.signals.delays import shift_reach, shifted
+
+Floats = npt.NDArray[np.float64]
+
+_LONGEST = 0.02
+"""Longest delay that is looked for, s: beyond it the log is at fault."""
+_STEPS = 20
+"""Delays to either side that are tried before the parabola through the best ones."""
+_GAIN = 0.05
+"""Least share of the residual's squares that a delay must remove."""
+_SHORTEST = 10 * _LONGEST
+"""Segments are at least so long, s."""
+_ROWS = 20_000
+"""Rows of each output that are looked at."""
+
+
+def with_delays(preparation: Preparation, segments: Sequence[Segment], base: BaseModel) -> Preparation:
+    """The preparation with delays estimated, where it leaves them open.
+
+    Parameters
+    ----------
+    preparation : Preparation
+        With every other choice made.
+    segments : sequence of Segment
+    base : BaseModel
+    """
+    if preparation.delays is not None:
+        return preparation
+    tried = np.linspace(-_LONGEST, _LONGEST, 2 * _STEPS + 1)
+    squares = _residuals(replace(preparation, delays={}), segments, base, tried)
+    delay, gain = _best(tried, squares)
+    if gain < _GAIN:
+        text = f"none: no common delay would remove {_GAIN:.0%} of the residuals' squares"
+        return replace(preparation, delays={}, reasons={**preparation.reasons, "delays": text})
+    found = {output.name: delay for output in base.mechanism.outputs}
+    text = f"outputs are {1e3 * delay:.2g} ms behind positions: undoing it removes {gain:.0%} of the residuals' squares"
+    return replace(preparation, delays=found, reasons={**preparation.reasons, "delays": text})
+
+
+def _residuals(preparation: Preparation, segments: Sequence[Segment], base: BaseModel, delays: Floats) -> Floats:
+    """Squares of each output's residual for each delay, shape (delays, outputs)."""
+    count = len(base.mechanism.outputs)
+    matrices: list[list[Floats]] = [[] for _ in range(count)]
+    values: list[list[Floats]] = [[] for _ in range(count)]
+    for segment in segments:
+        if len(segment) / segment.rate < _SHORTEST:
+            continue
+        if values[0] and sum(map(len, values[0])) > _ROWS:
+            break
+        samples = _inner(prepare(segment, preparation, base.mechanism), float(delays[-1]))
+        blocks = list(ModelRows.of(base, [samples]).blocks())
+        assert samples.y is not None
+        for output in range(count):
+            matrices[output] += [block.matrices[output] for block in blocks]
+            values[output].append(_late(samples, samples.y[:, output], output, delays))
+    return np.stack([_rest(np.vstack(a), np.vstack(b)) for a, b in zip(matrices, values, strict=True)], axis=1)
+
+
+def _late(samples: Samples, y: Floats, output: int, delays: Floats) -> Floats:
+    """An output's rows with every delay undone, shape (rows, delays)."""
+    moved = np.stack([shifted(y, delay * samples.rate) for delay in delays], axis=1)
+    alone = samples if samples.moving is None else replace(samples, moving=samples.moving[:, [output]])
+    return rows_taken(alone, moved[:, None])[0][1]
+
+
+def _inner(samples: Samples, longest: float) -> Samples:
+    """The samples without those near the ends, which a shift would need values beyond the ends for."""
+    margin = int(np.ceil(longest * samples.rate)) + shift_reach(longest * samples.rate)
+    stop = len(samples) if samples.stop is None else samples.stop
+    return replace(samples, first=max(samples.first, margin), stop=min(stop, len(samples) - margin))
+
+
+def _rest(matrix: Floats, values: Floats) -> Floats:
+    """Squares that no parameters explain, for each column of values."""
+    if not len(matrix):
+        return np.zeros(values.shape[1])
+    R = slim_qr().triangle(matrix)
+    scales = column_norms(R)
+    scales = np.where(scales == 0, 1.0, scales)
+    singular, right = np.linalg.svd(R / scales)[1:]
+    rank = int(np.sum(singular > np.finfo(float).eps * len(matrix) * singular.max(initial=0.0)))
+    basis = matrix @ (right[:rank] / singular[:rank, None] / scales).T
+    rest = values
+    for _ in range(2):  # what rounding leaves of the first projection, the second takes away
+        rest = rest - basis @ (basis.T @ rest)
+    squares: Floats = np.sum(rest**2, axis=0)
+    return squares
+
+
+def _best(delays: Floats, squares: Floats) -> tuple[float, float]:
+    """The delay with the smallest residuals, and the share of the squares at delay zero that it removes."""
+    told = squares[:, (squares > 0).all(axis=0)]
+    if not told.size:
+        return 0.0, 0.0
+    errors = np.log(told).mean(axis=1)
+    least = int(np.argmin(errors))
+    if least in (0, len(delays) - 1):
+        return 0.0, 0.0  # no minimum within reach: something else is wrong
+    before, middle, after = errors[least - 1 : least + 2]
+    bend = before - 2 * middle + after
+    offset = 0.5 * (before - after) / bend if bend > 0 else 0.0
+    step = delays[1] - delays[0]
+    return float(delays[least] + offset * step), float(1 - np.exp(middle - errors[len(delays) // 2]))

@@ -1,0 +1,1 @@
+"""Estimators: values, covariances and diagnostics from R-factors or rows."""

@@ -1,0 +1,218 @@
+"""Parameters that are known, or tied to one another, before the fit.
+
+A payload that was weighed, a rotor inertia from the data sheet, two joints with the same motor: all say ζ = T θ + ζ₀
+with fewer unknowns θ.  Then W ζ − y = (W T) θ − (y − W ζ₀), so a known part moves to the right-hand side and tied
+columns are added up, in the R-factors just as in the rows.  Any estimator runs on the result, and
+:meth:`Substitution.restored` gives the estimate of ζ back, covariance included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.rows.rows import RowBlock, Rows
+from echelon.observe.layout import Layout
+from echelon.observe.observation import Observation
+from echelon.observe.triangle import upper_triangle
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, repr=False)
+class Substitution:
+    """Parameters ζ = T θ + ζ₀ with fewer unknowns θ.
+
+    Attributes
+    ----------
+    parameters, units : tuple of str
+        Of the n parameters ζ.
+    unknowns, unknown_units : tuple of str
+        Of the k unknowns θ.
+    matrix : array of shape (n, k)
+        T.
+    offset : array of shape (n,)
+        ζ₀.
+    """
+
+    parameters: tuple[str, ...]
+    units: tuple[str, ...]
+    unknowns: tuple[str, ...]
+    unknown_units: tuple[str, ...]
+    matrix: Floats
+    offset: Floats
+
+    def observation(self, observation: Observation) -> Observation:
+        """The observation of the unknowns; the known part has moved to the outputs.
+
+        Raises
+        ------
+        InputError
+            If the observation is of other parameters.
+        """
+        layout = self._layout(observation.layout)
+        factors = []
+        for R, old, new in zip(observation.factors, observation.layout.columns, layout.columns, strict=True):
+            factors.append(upper_triangle(np.column_stack(self._moved(R[:, :-1], R[:, -1], old, new))))
+        return Observation(layout, tuple(factors), observation.counts)
+
+    def rows(self, rows: Rows) -> Rows:
+        """Rows of the unknowns.
+
+        Raises
+        ------
+        InputError
+            If the rows are of other parameters.
+        """
+        return _SubstitutedRows(rows, self, self._layout(rows.layout), self.unknown_units, rows.output_units)
+
+    def restored(self, estimate: Estimate) -> Estimate:
+        """The estimate of all parameters; known ones have variance zero.
+
+        Raises
+        ------
+        InputError
+            If the estimate is not one of the unknowns.
+        """
+        if estimate.parameters != self.unknowns:
+            raise InputError("the estimate is not one of the unknowns of this substitution")
+        T = self.matrix
+        # an infinite variance times a zero of T is nothing, not nan
+        finite = np.where(np.isfinite(estimate.covariance), estimate.covariance, 0.0)
+        covariance = T @ finite @ T.T
+        unknown = (T[:, ~np.isfinite(np.diagonal(estimate.covariance))] != 0).any(axis=1)
+        covariance[unknown, unknown] = np.inf
+        known = [label for label, row in zip(self.parameters, T, strict=True) if not row.any()]
+        return replace(
+            estimate,
+            parameters=self.parameters,
+            units=self.units,
+            values=T @ estimate.values + self.offset,
+            covariance=covariance,
+            diagnostics={**estimate.diagnostics, "known": known},
+        )
+
+    def _layout(self, layout: Layout) -> Layout:
+        if layout.parameters != self.parameters:
+            raise InputError("the data are of other parameters than this substitution")
+        columns = tuple(
+            tuple(np.flatnonzero(self.matrix[list(some)].any(axis=0)).tolist()) if some else ()
+            for some in layout.columns
+        )
+        return Layout(layout.outputs, self.unknowns, columns)
+
+    def _moved(self, matrix: Floats, y: Floats, old: tuple[int, ...], new: tuple[int, ...]) -> tuple[Floats, Floats]:
+        part = self.matrix[np.ix_(old, new)]
+        return matrix @ part, y - matrix @ self.offset[list(old)]
+
+    def __repr__(self) -> str:
+        return f"Substitution({len(self.parameters)} parameters by {len(self.unknowns)} unknowns)"
+
+
+@dataclass
+class _SubstitutedRows:
+    """Rows of the unknowns, made from rows of all parameters as they pass."""
+
+    original: Rows
+    substitution: Substitution
+    layout: Layout
+    units: tuple[str, ...]
+    output_units: tuple[str, ...]
+
+    def blocks(self) -> Iterator[RowBlock]:
+        pairs = list(zip(self.original.layout.columns, self.layout.columns, strict=True))
+        for block in self.original.blocks():
+            moved = [
+                self.substitution._moved(matrix, y, old, new)
+                for matrix, y, (old, new) in zip(block.matrices, block.y, pairs, strict=True)
+            ]
+            matrices, y = (tuple(some) for some in zip(*moved, strict=True))
+            yield replace(block, matrices=matrices, y=y)
+
+    def observation(self) -> Observation:
+        return self.substitution.observation(self.original.observation())
+
+
+def known(parameters: Sequence[str], units: Sequence[str], values: Mapping[str, float]) -> Substitution:
+    """Parameters with known values.
+
+    Parameters
+    ----------
+    parameters, units : sequence of str
+        All parameters of the data.
+    values : mapping of str to float
+        Known ones, SI units.
+
+    Raises
+    ------
+    InputError
+        If a name is not among the parameters, a value is not finite, or nothing is left to estimate.
+
+    Examples
+    --------
+    >>> known(("ZZ1", "Fv1", "Fc1"), ("kg·m²", "N·m·s/rad", "N·m"), {"Fv1": 0.2}).unknowns
+    ('ZZ1', 'Fc1')
+    """
+    offset = np.zeros(len(parameters))
+    for label, value in values.items():
+        if not np.isfinite(value):
+            raise InputError(f"the known value {value} is not a finite number", element=f"parameter '{label}'")
+        offset[_place(parameters, label)] = value
+    kept = [k for k, label in enumerate(parameters) if label not in values]
+    if not kept:
+        raise InputError("all parameters are known; nothing is left to estimate")
+    return _substitution(parameters, units, np.eye(len(parameters))[:, kept], kept, offset)
+
+
+def equal(parameters: Sequence[str], units: Sequence[str], groups: Sequence[Sequence[str]]) -> Substitution:
+    """Parameters that have the same value, such as friction of joints with the same drive.
+
+    Parameters
+    ----------
+    parameters, units : sequence of str
+        All parameters of the data.
+    groups : sequence of sequence of str
+        In each group all values are equal; the unknown takes the name of the first.
+
+    Raises
+    ------
+    InputError
+        If a name is not among the parameters or in two groups, or units within a group differ.
+    """
+    first = list(range(len(parameters)))
+    seen: set[int] = set()
+    for group in groups:
+        places = [_place(parameters, label) for label in group]
+        if seen & set(places) or len(set(places)) != len(places):
+            raise InputError("a parameter is named twice", element=f"group {', '.join(group)}")
+        if len({units[k] for k in places}) > 1:
+            raise InputError("parameters with different units cannot be equal", element=f"group {', '.join(group)}")
+        seen |= set(places)
+        for k in places:
+            first[k] = places[0]
+    kept = [k for k, some in enumerate(first) if k == some]
+    matrix = (np.array(first)[:, None] == np.array(kept)).astype(float)
+    return _substitution(parameters, units, matrix, kept, np.zeros(len(parameters)))
+
+
+def _substitution(
+    parameters: Sequence[str], units: Sequence[str], matrix: Floats, kept: list[int], offset: Floats
+) -> Substitution:
+    if len(units) != len(parameters):
+        raise InputError(f"there are {len(units)} units for {len(parameters)} parameters; expected one for each")
+    names, kinds = (tuple(some[k] for k in kept) for some in (parameters, units))
+    return Substitution(tuple(parameters), tuple(units), names, kinds, matrix, offset)
+
+
+def _place(parameters: Sequence[str], label: str) -> int:
+    if label in parameters:
+        return list(parameters).index(label)
+    near = get_close_matches(label, parameters, 3, 0.5)
+    hint = f"did you mean {', '.join(near)}?" if near else f"expected one of {', '.join(parameters)}"
+    raise InputError(f"there is no such parameter; {hint}", element=f"parameter '{label}'")

@@ -1,0 +1,106 @@
+"""One call for every estimator: which one runs, on what, and with which intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.identification.estimators.covariance import clustered, clustered_by
+from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.estimators.instrumental import instrumental
+from echelon.identification.estimators.known import known
+from echelon.identification.estimators.least_squares import ols
+from echelon.identification.estimators.ridge import ridge
+from echelon.identification.estimators.robust import huber
+from echelon.identification.estimators.total import tls
+from echelon.identification.estimators.weighted import irls, noise_floor, own_noise, wls
+from echelon.identification.rows.batches import Batch
+from echelon.identification.rows.rows import Rows
+from echelon.identification.settings import Settings
+from echelon.observe.observation import Observation
+
+Floats = npt.NDArray[np.float64]
+
+_CLUSTERED = ("ols", "wls", "irls", "huber")
+"""Estimators whose covariance can come from batches of time."""
+
+
+def fitted(
+    settings: Settings,
+    rows: Rows,
+    observation: Observation,
+    *,
+    prior: Floats | None = None,
+    instruments: Rows | None = None,
+    batches: Sequence[Batch] = (),
+) -> Estimate:
+    """Estimate the base parameters as the settings say.
+
+    Parameters
+    ----------
+    settings : Settings
+    rows : Rows
+    observation : Observation
+        The R-factors of the same rows.
+    prior : array of shape (n,), optional
+        Base parameters that are believed beforehand, for ridge.
+    instruments : Rows, optional
+        For the instrumental-variable estimate.
+    batches : sequence of Batch
+        The same rows in stretches of time, for intervals without another pass over the rows.
+
+    Raises
+    ------
+    InputError
+        If the data do not determine the parameters, or the estimator lacks a prior or instruments.
+    """
+    rest = known(rows.layout.parameters, rows.units, settings.known) if settings.known else None
+    if rest is not None:
+        rows, observation = rest.rows(rows), rest.observation(observation)
+        batches = [replace(batch, observation=rest.observation(batch.observation)) for batch in batches]
+        prior = None if prior is None else prior[rest.matrix.any(axis=1)]
+        instruments = None if instruments is None else rest.rows(instruments)
+    estimate = _estimated(settings, rows, observation, prior, instruments)
+    if settings.intervals == "clustered" and estimate.method in _CLUSTERED:
+        by_factors = len(batches) > 1 and estimate.method != "huber"
+        estimate = clustered_by(batches, rows.units, estimate) if by_factors else clustered(rows, estimate)
+    return estimate if rest is None else rest.restored(estimate)
+
+
+def usable_noise(observation: Observation, estimate: Estimate) -> Floats:
+    """Standard deviations of the outputs' noise that make good weights: never zero, infinite where unknown."""
+    noise = np.where(np.isfinite(estimate.noise), estimate.noise, np.inf)
+    floor: Floats = np.maximum(noise, noise_floor(observation))
+    return floor
+
+
+def _estimated(
+    settings: Settings, rows: Rows, observation: Observation, prior: Floats | None, instruments: Rows | None
+) -> Estimate:
+    units = rows.units
+    match settings.estimator:
+        case "ols":
+            return ols(observation, units)
+        case "wls":
+            return wls(observation, units, own_noise(observation), relative=True)
+        case "irls":
+            return irls(observation, units, tolerance=1e-6, limit=500)
+        case "huber":
+            return huber(rows)
+        case "tls":
+            return tls(observation, units)
+        case "ridge":
+            if prior is None:
+                raise InputError(
+                    "ridge draws towards prior values, and there are none: give a prior, such as a URDF file"
+                )
+            return ridge(observation, units, prior, weight=settings.prior_weight or "evidence")
+        case "iv":
+            if instruments is None:
+                problem = "instruments are made from reference positions, which the logs lack: give 'reference' columns"
+                raise InputError(problem)
+            return instrumental(rows, instruments)

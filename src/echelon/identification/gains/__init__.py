@@ -1,0 +1,1 @@
+"""Drive gains: motor constants from runs with a known load."""

@@ -1,0 +1,250 @@
+"""Unknown drive gains: motor constants from runs without and with a load that is known.
+
+Currents i instead of torques make the equation homogeneous, 0 = X̄ ζ̄ − i K: every multiple of a solution is one, and
+data tell ratios only.  Something known, a payload that was weighed or one gain, moves to the other side and fixes the
+scale (Gautier and Briot, "Global identification of joint drive gains and dynamic parameters of robots", ASME J. Dynamic
+Systems, Measurement and Control 136, 2014).
+
+Noise sits in the currents, which are columns here, so that plain least squares shrinks the gains.  Solved for the
+currents, i_j = (x̄_jᵀ ζ̄ + known_j)/K_j, the same equation has its noise on the left again; that nonlinear least squares,
+with each drive's own noise, is the maximum likelihood.  It needs nothing but the R-factors, because row by row its
+residual is that of the homogeneous equation over K_j.  Least squares and total least squares are there to compare.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.base.model import BaseModel
+from echelon.errors import InputError
+from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.estimators.known import known as known_parameters
+from echelon.identification.estimators.solution import solved
+from echelon.identification.estimators.total import tls
+from echelon.identification.estimators.weighted import wls
+from echelon.identification.gains.current_fit import fit_currents
+from echelon.identification.gains.payload import Payload
+from echelon.identification.rows.rows import Rows
+from echelon.observe.layout import Layout
+from echelon.observe.observation import Observation
+from echelon.observe.triangle import upper_triangle
+
+Floats = npt.NDArray[np.float64]
+Method = Literal["currents", "ls", "tls"]
+
+_GAIN = re.compile(r"-\s*i(\[.*\])?")
+
+
+@dataclass(frozen=True, repr=False)
+class GainEstimate:
+    """Drive gains, and all that was estimated with them.
+
+    Attributes
+    ----------
+    drives, units : tuple of str
+        Names of the gains, such as ``Kt1``, and their SI units.
+    gains, std : array of shape (k,)
+        A gain that was given has standard deviation 0.
+    estimate : Estimate
+        Base parameters of the robot, gains among them, then those of the payload.
+    scale : str
+        What fixes the common scale, in words.
+    unclear : tuple of str
+        Gains whose 95 % intervals reach zero: the data do not determine them.
+    """
+
+    drives: tuple[str, ...]
+    units: tuple[str, ...]
+    gains: Floats
+    std: Floats
+    estimate: Estimate
+    scale: str
+    unclear: tuple[str, ...]
+
+    def interval(self, level: float = 0.95) -> Floats:
+        """Confidence intervals of the gains, shape (k, 2).
+
+        Parameters
+        ----------
+        level : float
+            Probability that an interval covers the true value.
+        """
+        places = [self.estimate.parameters.index(name) for name in self.drives]
+        return self.estimate.interval(level)[places]
+
+    def __repr__(self) -> str:
+        some = zip(self.drives, self.gains, self.std, self.units, strict=True)
+        return "GainEstimate(" + ", ".join(f"{n} = {g:.4g} ± {s:.2g} {u}" for n, g, s, u in some) + ")"
+
+
+def gain_names(base: BaseModel) -> tuple[str, ...]:
+    """Base parameters that are drive gains: effects that multiply a measured current.
+
+    Parameters
+    ----------
+    base : BaseModel
+    """
+    gains = {e.parameter for e in base.mechanism.effects if e.actions and all(_is_gain(a.term) for a in e.actions)}
+    return tuple(name for name in base.pivots if name in gains)
+
+
+def drive_gains(
+    base: BaseModel,
+    unloaded: Observation | Rows,
+    loaded: Observation | Rows | None = None,
+    payload: Payload | None = None,
+    *,
+    known: Mapping[str, float] | None = None,
+    method: Method = "currents",
+    symbols: Mapping[str, float] | None = None,
+) -> GainEstimate:
+    """Drive gains and base parameters together.
+
+    Parameters
+    ----------
+    base : BaseModel
+        Of the robot, with ``drive_gain`` effects; outputs y are zero where a gain is unknown, currents are inputs.
+    unloaded : Observation or Rows
+        Runs without the payload, in the parameters of ``base``.
+    loaded : Observation or Rows, optional
+        Runs with it, in the parameters of ``base``, then of ``payload.base(base)``: see
+        :func:`echelon.identification.gains.payload.loaded_rows`.
+    payload : Payload, optional
+    known : mapping of str to float, optional
+        Base parameters or gains that are known, by name, SI units.
+    method : "currents", "ls" or "tls"
+        Maximum likelihood with noise in the currents; least squares, whose gains are too small where currents are
+        noisy; or total least squares with errors in all columns alike.
+    symbols : mapping of str to float, optional
+        Values of geometry symbols that replace or complete those of the file.
+
+    Returns
+    -------
+    GainEstimate
+
+    Raises
+    ------
+    InputError
+        If there are no gains, arguments do not fit together, nothing fixes the scale of some drives, or the data do not
+        determine all parameters.
+    """
+    if method not in get_args(Method):
+        raise InputError(f"method is '{method}'; expected one of {', '.join(get_args(Method))}")
+    gains = gain_names(base)
+    if not gains:
+        raise InputError("the model has no drive gains; add effects of type drive_gain, whose inputs are the currents")
+    if (loaded is None) != (payload is None):
+        raise InputError("a loaded run and its payload belong together; give both or neither")
+    free = _observation(unloaded, base.pivots, "the unloaded runs")
+    fixed, units, words = dict(known or {}), base.units, [f"{n} = {v:g}" for n, v in (known or {}).items() if v]
+    if loaded is not None and payload is not None:
+        load = payload.base(base)
+        carrying = _observation(loaded, base.pivots + load.pivots, "the loaded runs")
+        free, units = _extended(free, carrying.layout) + carrying, units + load.units
+        fixed |= _load_values(payload, load, symbols)
+        words.append(f"the payload on {payload.body}, of which {', '.join(payload.known)} known")
+    _check_zero(free, gains)
+    substitution = known_parameters(free.layout.parameters, units, fixed)
+    reduced = substitution.observation(free)
+    _check_scale(reduced, gains)
+    found = _estimate(reduced, substitution.unknown_units, gains, method)
+    return _gains_of(substitution.restored(found), gains, " and ".join(words) or "measured outputs")
+
+
+def _estimate(observation: Observation, units: tuple[str, ...], gains: Sequence[str], method: Method) -> Estimate:
+    if method == "currents":
+        return fit_currents(observation, units, _gain_of_output(observation.layout, gains))
+    # noise of outputs from one plain fit: found again and again it would shrink with the gains
+    plain = wls(observation, units, solved(observation, units).noise)
+    if method == "ls":
+        return replace(plain, method="drive gains (ls)")
+    return replace(tls(observation, units, noise=plain.noise), method="drive gains (tls)")
+
+
+def _gains_of(estimate: Estimate, gains: tuple[str, ...], scale: str) -> GainEstimate:
+    places = [estimate.parameters.index(name) for name in gains]
+    interval = estimate.interval()[places]
+    unclear = tuple(name for name, (low, high) in zip(gains, interval, strict=True) if low < 0 < high)
+    units = tuple(estimate.units[k] for k in places)
+    return GainEstimate(gains, units, estimate.values[places], estimate.std[places], estimate, scale, unclear)
+
+
+# -- data -------------------------------------------------------------------------------------------------------------
+
+
+def _is_gain(term: str) -> bool:
+    return _GAIN.fullmatch(term.strip()) is not None
+
+
+def _observation(data: Observation | Rows, parameters: tuple[str, ...], what: str) -> Observation:
+    found = data if isinstance(data, Observation) else data.observation()
+    if found.layout.parameters != parameters:
+        raise InputError(
+            f"{what} have {len(found.layout.parameters)} parameters; expected {len(parameters)}: "
+            f"{', '.join(parameters[:3])}, … {parameters[-1]} (loaded_rows() puts a payload's beside the robot's)"
+        )
+    return found
+
+
+def _extended(observation: Observation, layout: Layout) -> Observation:
+    """The same rows with more columns, of parameters that they do not depend on."""
+    factors = []
+    for R, old, new in zip(observation.factors, observation.layout.columns, layout.columns, strict=True):
+        full = np.zeros((len(R), len(new) + 1))
+        full[:, [*(new.index(c) for c in old), len(new)]] = R
+        factors.append(upper_triangle(full))
+    return Observation(layout, tuple(factors), observation.counts)
+
+
+def _load_values(payload: Payload, load: BaseModel, symbols: Mapping[str, float] | None) -> dict[str, float]:
+    found = payload.known_values(load, symbols)
+    if not any(found.values()):
+        raise InputError(
+            f"what is known of it ({', '.join(payload.known)}) cannot be told from what is not, or is not seen by any "
+            "output: measure more of its parameters, or put it on a body further out",
+            element=f"payload on '{payload.body}'",
+        )
+    return found
+
+
+def _check_zero(observation: Observation, gains: Sequence[str]) -> None:
+    """Refuse measured values beside unknown gains: currents given twice would be explained by gains of −1."""
+    of_output = _gain_of_output(observation.layout, gains)
+    for label, R, some in zip(observation.layout.outputs, observation.factors, of_output, strict=True):
+        if some and np.abs(R[:, -1]).max(initial=0.0) > 0:
+            raise InputError(
+                "its currents are multiplied by an unknown gain, so its measured value y must be zero",
+                element=f"output '{label}'",
+            )
+
+
+def _gain_of_output(layout: Layout, gains: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """For each output the gains that it depends on."""
+    return tuple(tuple(layout.parameters[c] for c in some if layout.parameters[c] in gains) for some in layout.columns)
+
+
+def _check_scale(observation: Observation, gains: Sequence[str]) -> None:
+    """Refuse drives whose equations stay homogeneous: outputs that share parameters share their scale."""
+    layout = observation.layout
+    groups: list[tuple[set[int], set[int]]] = []
+    for output, columns in enumerate(layout.columns):
+        outputs, parameters = {output}, set(columns)
+        for group in [g for g in groups if g[1] & parameters]:
+            groups.remove(group)
+            outputs |= group[0]
+            parameters |= group[1]
+        groups.append((outputs, parameters))
+    for outputs, parameters in groups:
+        lost = [layout.parameters[c] for c in sorted(parameters) if layout.parameters[c] in gains]
+        if lost and not any(np.abs(observation.factors[k][:, -1]).max(initial=0.0) for k in outputs):
+            raise InputError(
+                f"0 = X ζ − i K holds for every multiple of a solution, so data tell only ratios of "
+                f"{', '.join(lost)} and the masses: add runs with a payload of known mass, or give a known parameter, "
+                "such as one gain from a data sheet"
+            )

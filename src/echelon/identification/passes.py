@@ -1,0 +1,163 @@
+"""Passes over the logs: one for the fit, and another for validation where rows did not fit into memory.
+
+On a cluster both are spread, log by log: what comes back are R-factors of batches and scores, never samples.  From as
+many logs as batches are wanted each log is a part of one batch, and R-factors are merged where they were made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.identification.distributed import each, summed
+from echelon.identification.rows.batches import BATCHES, Batch, grouped, joined, total
+from echelon.identification.rows.plan import Part, Plan
+from echelon.identification.rows.rows import Rows
+from echelon.identification.rows.taking import MEMORY, KeptRows, PredictedRows, Taken, chained, take
+from echelon.identification.validation.traces import LIMIT
+from echelon.identification.validation.validation import Validation, validate
+from echelon.observe.observation import Observation
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+Floats = npt.NDArray[np.float64]
+Task = tuple[Path, Part, str]
+"""A log, the part of it that is judged, and its role."""
+
+_FEWEST = 24
+"""Rows of a trace that are kept at least, however many logs there are."""
+
+
+@dataclass
+class Passes:
+    """Logs that a model is fitted to.
+
+    Attributes
+    ----------
+    plan : Plan
+    paths : sequence of Path
+        At least one.
+    client : distributed.Client, optional
+        Of a cluster over which the logs are spread.
+    memory : int
+        Bytes of rows that are kept in this process.
+    """
+
+    plan: Plan
+    paths: Sequence[Path]
+    client: Client | None = None
+    memory: int = MEMORY
+    _kept: dict[tuple[Path, Part], KeptRows] = field(default_factory=dict, init=False)
+
+    @cached_property
+    def batches(self) -> list[Batch]:
+        """What is fitted, in stretches of time or, of many logs, in groups of logs.
+
+        Raises
+        ------
+        InputError
+            If a log cannot be read, is not one of this robot, or nothing is left of all of them.
+        """
+        count = max(-(-BATCHES // len(self.paths)), 1)
+        function = self._batches_here if self.client is None else _batches
+        if len(self.paths) < BATCHES:
+            parts = each(self.client, partial(function, count), self.plan, self.paths)
+            found = [batch for part in parts for batch in part]
+        else:
+            groups = summed(self.client, partial(function, 1), self.plan, self.paths, BATCHES)
+            found = [batch for group in groups for batch in group]
+        if not found:
+            raise InputError("nothing of the logs is left to fit: filters, gaps or slow motion took all samples")
+        return found
+
+    @cached_property
+    def observation(self) -> Observation:
+        """The R-factors of all that is fitted."""
+        return total(self.batches)
+
+    def pieces(self, count: int) -> list[Observation]:
+        """The same in so many stretches of time, or in fewer.
+
+        Parameters
+        ----------
+        count : int
+        """
+        return [batch.observation for batch in grouped(self.batches, count)]
+
+    def rows(self) -> Rows:
+        """The rows of what is fitted, for methods that go through them again and again."""
+        kept = [self._kept.get((path, "first")) for path in self.paths] if self.batches else []
+        if all(kept):
+            return chained([rows for rows in kept if rows])
+        return self.plan.rows(self.paths, "first")
+
+    def validations(
+        self, values: Floats, prior: Floats | None, tasks: Sequence[Task], reference: Validation | None = None
+    ) -> Iterator[Validation]:
+        """Measured against predicted outputs.
+
+        Parameters
+        ----------
+        values : array of shape (r,)
+            Base parameters of the model.
+        prior : array of shape (r,), optional
+            Of the model one had before.
+        tasks : sequence of (path, part, role)
+        reference : Validation, optional
+            Of the data that were fitted, with which verdicts compare.
+        """
+        judged = _Judged(values, prior, reference, max(LIMIT // max(len(tasks), 1), _FEWEST))
+        function = self._validated_here if self.client is None else _validated
+        return each(self.client, partial(function, judged), self.plan, tasks)
+
+    def _batches_here(self, count: int, plan: Plan, path: Path) -> tuple[Batch, ...]:
+        taken = take(plan, path, count, self.memory)
+        self.memory -= taken.bytes
+        self._kept |= {(path, part): rows for part, rows in taken.kept.items()}
+        return _few(taken, count)
+
+    def _validated_here(self, judged: _Judged, plan: Plan, task: Task) -> Validation:
+        kept = self._kept.get(task[:2])
+        if kept is None:
+            return _validated(judged, plan, task)
+        return judged.validation(kept, judged.values, judged.prior, task)
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """Models to be judged, and how."""
+
+    values: Floats
+    prior: Floats | None
+    reference: Validation | None
+    limit: int
+
+    def validation(self, rows: Rows, values: Floats, prior: Floats | None, task: Task) -> Validation:
+        path, part, role = task
+        found = validate(rows, values, role=role, prior_values=prior, identification=self.reference, limit=self.limit)
+        return replace(found, source=str(path) if part == "all" else f"{path} ({part} part)")
+
+
+def _batches(count: int, plan: Plan, path: Path) -> tuple[Batch, ...]:
+    return _few(take(plan, path, count), count)
+
+
+def _few(taken: Taken, count: int) -> tuple[Batch, ...]:
+    """The batches of a log; where logs are to be merged, at most one."""
+    return joined(taken.batches, ()) if count == 1 else taken.batches
+
+
+def _validated(judged: _Judged, plan: Plan, task: Task) -> Validation:
+    path, part, _ = task
+    models = (judged.values,) if judged.prior is None else (judged.values, judged.prior)
+    rows = PredictedRows(plan.rows([path], part), models)
+    chosen = np.eye(len(models))
+    return judged.validation(rows, chosen[0], chosen[1] if len(models) > 1 else None, task)

@@ -1,0 +1,199 @@
+"""Physical robots for given base parameters: one that has them, and the nearest one where none does."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.base.model import BaseModel
+from echelon.conventions import LENGTH_DEGREE
+from echelon.errors import EchelonError, InputError
+from echelon.identification.physics.bounds import Bounds
+from echelon.identification.physics.cones import SOLVED
+from echelon.identification.physics.constraints import linear_limits, roles
+from echelon.identification.physics.inside import holds, put_inside
+from echelon.identification.physics.programme import Programme
+from echelon.identification.physics.reference import common_mass, reference
+from echelon.mechanism.values import characteristic_length
+
+Floats = npt.NDArray[np.float64]
+
+_WEIGHT = 1e-6
+"""Of the divergence that makes the nearest robot unique, in squared standard deviations."""
+
+
+def physical_lift(
+    base: BaseModel,
+    values: npt.ArrayLike,
+    *,
+    prior: npt.ArrayLike | None = None,
+    bounds: Bounds | None = None,
+    solver: str = "CLARABEL",
+) -> Floats:
+    """Standard parameters of a robot that can exist and has exactly given base parameters.
+
+    Of all such robots it is the one nearest to the prior, by the sum of the bodies' divergences; without a prior,
+    nearest to bodies of a plain shape that explain the values best, which keeps it well inside of what can exist.
+
+    Parameters
+    ----------
+    base : BaseModel
+    values : array of shape (r,)
+        Base parameters, SI units.
+    prior : array of shape (p,), optional
+        Standard parameters, nan where unknown.
+    bounds : Bounds, optional
+    solver : str
+
+    Returns
+    -------
+    array of shape (p,)
+        B ζ equals the values to rounding.
+
+    Raises
+    ------
+    InputError
+        If no robot within the bounds has these base parameters; says how the nearest one differs.
+
+    Examples
+    --------
+    >>> import echelon as ec, numpy as np
+    >>> base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
+    >>> values = base.values(np.tile([2, 0, 0, 2, 0, 2, 0.5, 0, 0, 1.0], 2), symbols={"l1": 1})
+    >>> physical_lift(base, values).shape
+    (20,)
+    """
+    target = checked_values(base, values)
+    B = base.B_float()
+    programme = _programme(base, B, target, np.eye(len(target)) / sizes_of(base, target)[:, None], prior, bounds)
+    standard, found = programme.fit(B, target, np.ones(len(programme.role.bodies)), 1.0, solver, exact=True)
+    if found.status == SOLVED:
+        standard, _ = put_inside(programme, on_pivots(base, B, target, standard), solver)
+        standard = on_pivots(base, B, target, standard)
+        if holds(programme, standard):
+            return standard
+    raise InputError(_difference(base, target, prior, bounds, solver))
+
+
+def nearest_physical(
+    base: BaseModel,
+    values: npt.ArrayLike,
+    covariance: npt.ArrayLike | None = None,
+    *,
+    prior: npt.ArrayLike | None = None,
+    bounds: Bounds | None = None,
+    solver: str = "CLARABEL",
+) -> tuple[Floats, float]:
+    """Standard parameters of the physical robot whose base parameters are nearest to given ones.
+
+    Parameters
+    ----------
+    base : BaseModel
+    values : array of shape (r,)
+    covariance : array of shape (r, r), optional
+        Of the values; distances are in standard deviations (Mahalanobis).  Without it they are relative to the size of
+        the values of the same unit.
+    prior : array of shape (p,), optional
+    bounds : Bounds, optional
+    solver : str
+
+    Returns
+    -------
+    standard : array of shape (p,)
+    distance : float
+
+    Raises
+    ------
+    InputError
+        If values or covariance do not fit, or bounds contradict each other.
+    """
+    target = checked_values(base, values)
+    root = _root(base, target, covariance)
+    B = base.B_float()
+    programme = _programme(base, B, target, root, prior, bounds)
+    weights = np.full(len(programme.role.bodies), _WEIGHT)
+    standard, found = programme.fit(root @ B, root @ target, weights, _WEIGHT, solver)
+    if found.status != SOLVED:
+        raise EchelonError(f"{found.solver} found no nearest physical robot: {found.message}")
+    inside, _ = put_inside(programme, standard, solver)
+    return inside, float(np.linalg.norm(root @ (B @ inside - target)))
+
+
+def checked_values(base: BaseModel, values: npt.ArrayLike) -> Floats:
+    """Base parameters as an array of shape (r,).
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong or values are not finite.
+    """
+    target = np.asarray(values, dtype=float)
+    if target.shape != (base.rank,):
+        raise InputError(f"expected {base.rank} base parameters, got an array of shape {target.shape}")
+    if not np.isfinite(target).all():
+        raise InputError("base parameters must be finite numbers")
+    return target
+
+
+def on_pivots(base: BaseModel, B: Floats, target: Floats, standard: Floats) -> Floats:
+    """The same standard parameters but with the pivots that give the base parameters exactly."""
+    moved = standard.copy()
+    for _ in range(2):  # the second time for what the first one rounded
+        moved[list(base.matrix.pivots)] += target - B @ moved
+    return moved
+
+
+def _programme(
+    base: BaseModel,
+    B: Floats,
+    target: Floats,
+    root: Floats,
+    prior: npt.ArrayLike | None,
+    bounds: Bounds | None,
+) -> Programme:
+    role, limits = roles(base.mechanism), bounds or Bounds()
+    mass = common_mass(role, root @ B, root @ target)
+    return Programme(role, linear_limits(role, limits), reference(role, prior, mass), limits.margin)
+
+
+def _root(base: BaseModel, target: Floats, covariance: npt.ArrayLike | None) -> Floats:
+    """A matrix R with RᵀR the inverse of the covariance, shape (r, r)."""
+    if covariance is None:
+        return np.diag(1 / sizes_of(base, target))
+    matrix = np.asarray(covariance, dtype=float)
+    if matrix.shape != (base.rank, base.rank) or not np.isfinite(matrix).all():
+        raise InputError(f"expected a finite covariance of shape ({base.rank}, {base.rank})")
+    deviations = np.sqrt(np.maximum(np.diagonal(matrix), 0))
+    if not (deviations > 0).all():
+        raise InputError("the covariance has variances that are not positive")
+    correlation = matrix / np.outer(deviations, deviations)
+    eigenvalues, vectors = np.linalg.eigh((correlation + correlation.T) / 2)
+    if eigenvalues[0] <= 0:
+        raise InputError("the covariance is not positive definite")
+    whitened: Floats = (vectors / np.sqrt(eigenvalues)).T / deviations
+    return whitened
+
+
+def sizes_of(base: BaseModel, target: Floats) -> Floats:
+    """Sizes of the base parameters, shape (r,): inertial ones by a common mass and the mechanism's length."""
+    length = characteristic_length(base.mechanism)
+    columns = [base.mechanism.columns[p] for p in base.matrix.pivots]
+    powers = [None if column.kind is None else LENGTH_DEGREE[column.kind] for column in columns]
+    masses = [abs(v) / length**p for v, p in zip(target, powers, strict=True) if p is not None]
+    mass = max(masses, default=1.0) or 1.0
+    others = max((abs(v) for v, p in zip(target, powers, strict=True) if p is None), default=1.0) or 1.0
+    return np.array([others if p is None else mass * length**p for p in powers])
+
+
+def _difference(
+    base: BaseModel, target: Floats, prior: npt.ArrayLike | None, bounds: Bounds | None, solver: str
+) -> str:
+    standard, _ = nearest_physical(base, target, prior=prior, bounds=bounds, solver=solver)
+    change = base.B_float() @ standard - target
+    worst = int(np.argmax(np.abs(change) / sizes_of(base, target)))
+    name, unit = base.pivots[worst], base.units[worst]
+    within = " within the bounds" if bounds is not None else ""
+    return (
+        f"no robot that can exist{within} has these base parameters; the nearest one differs most in [{name}], by "
+        f"{change[worst]:.3g} {unit}: see nearest_physical(), and feasibility() for a proof"
+    )

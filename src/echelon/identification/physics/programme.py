@@ -1,0 +1,224 @@
+"""The cone programme of a physically consistent fit.
+
+Unknown are, for every body, the ten parameters of K = L⁻¹ J L⁻ᵀ where L Lᵀ is the reference body's pseudo-inertia.  In
+these variables the reference is the identity for a gripper of grams and for a torso of tons, so that solvers meet
+neither units nor light links; they fail on them otherwise.  The divergence from the reference is
+tr K − log det K − 4, and log det K ≥ Σ log Zᵢᵢ for a triangular Z with [[K, Z], [Zᵀ, diag Z]] ⪰ 0 (Nesterov &
+Nemirovski; MOSEK Modeling Cookbook, 6.2.3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.conventions import PER_BODY
+from echelon.identification.physics.cones import ConeProgram, ConeSolution, solve_with_fallback
+from echelon.identification.physics.constraints import LinearLimits, Roles
+from echelon.identification.physics.pseudo_inertia import SIZE, factor, margins
+from echelon.identification.physics.reference import Reference, unwhitenings
+from echelon.identification.physics.triangles import SVEC, sparse_diagonal, svec
+from echelon.mechanism.parameter import Parameter
+
+Floats = npt.NDArray[np.float64]
+
+_LOGS = SIZE
+_RIDGE = 1e-12
+"""Relative weight that keeps parameters at rest on which neither data nor a prior say anything."""
+
+
+@dataclass(frozen=True)
+class Programme:
+    """A family of fits to different data with the same constraints.
+
+    Attributes
+    ----------
+    role : Roles
+    limits : LinearLimits
+    reference : Reference
+    margin : float
+        Least eigenvalue of K.
+    """
+
+    role: Roles
+    limits: LinearLimits
+    reference: Reference
+    margin: float = 0.0
+
+    @cached_property
+    def roots(self) -> Floats:
+        """Factors L of the reference bodies, shape (b, 4, 4)."""
+        return factor(self.reference.bodies) if len(self.reference.bodies) else np.zeros((0, SIZE, SIZE))
+
+    @cached_property
+    def others(self) -> list[int]:
+        """Columns outside the pseudo-inertias."""
+        return [*self.role.positive, *self.role.free]
+
+    @cached_property
+    def unwhiten(self) -> Floats:
+        """Standard parameters from the unknowns: ten per body, then the others; shape (p, p)."""
+        matrix = np.zeros((self.role.size, self.role.size))
+        blocks = unwhitenings(self.reference.bodies, self.roots)
+        for number, (start, block) in enumerate(zip(self.role.starts, blocks, strict=True)):
+            place = PER_BODY * number
+            matrix[start : start + PER_BODY, place : place + PER_BODY] = block
+        for number, column in enumerate(self.others):
+            matrix[column, PER_BODY * len(blocks) + number] = 1.0
+        return matrix
+
+    def fit(
+        self, design: Floats, target: Floats, weights: Floats, drawing: float, solver: str, *, exact: bool = False
+    ) -> tuple[Floats, ConeSolution]:
+        """Minimise ‖design · ζ − target‖² + Σ weights · divergence + drawing of the other parameters to their priors.
+
+        Parameters
+        ----------
+        design : array of shape (k, p)
+        target : array of shape (k,)
+        weights : array of shape (b,)
+            Of each body's divergence from its reference.
+        drawing : float
+            Weight of ((value − prior)/prior)² of the parameters outside the bodies.
+        solver : str
+        exact : bool
+            Require design · ζ = target instead; parameters that are not negative by themselves then stay inside, too,
+            by the divergence of a single number, x/x₀ − log(x/x₀) − 1.
+
+        Returns
+        -------
+        standard : array of shape (p,)
+            As the solver left them, so constraints hold to its tolerance; only meaningful if solved.
+        ConeSolution
+        """
+        bodies, p, k = len(self.role.bodies), self.role.size, len(target)
+        signed = self._signed() if exact else []
+        logs = p + PER_BODY * bodies
+        size = logs + _LOGS * bodies + (len(signed) if exact else k)
+        program = ConeProgram(size)
+        matrix = design @ self.unwhiten
+        whole = np.zeros((k, size))
+        whole[:, :p] = matrix
+        if not exact:
+            whole[:, size - k :] = -np.eye(k)
+        program.add("zero", whole, -target)
+        self._add_limits(program, size)
+        self._add_bodies(program, size, p, logs)
+        diagonal, linear = np.zeros(size), np.zeros(size)
+        for body, weight in enumerate(weights):
+            linear[[PER_BODY * body + i for i in (0, 3, 5)]] = weight / 2  # tr K = ½ (XX + YY + ZZ) + M
+            linear[PER_BODY * body + 9] = weight
+            linear[logs + _LOGS * body : logs + _LOGS * (body + 1)] = -weight
+        if exact:
+            self._keep_inside(program, linear, signed, size)
+        else:
+            diagonal[size - k :] = 2.0
+        self._draw(diagonal, linear, matrix, drawing)
+        found = solve_with_fallback(program, sparse_diagonal(diagonal), linear, solver)
+        return self.unwhiten @ found.x[:p], found
+
+    def _signed(self) -> list[tuple[int, float]]:
+        """Unknowns that only must not be negative, with their sizes."""
+        rows = self.limits.least
+        alone = (np.count_nonzero(rows[:, :-1], axis=1) == 1) & (rows[:, -1] == 0) & (rows[:, :-1].max(axis=1) > 0)
+        columns = {int(np.argmax(row[:-1])) for row in rows[alone]}
+        first, found = PER_BODY * len(self.role.bodies), []
+        for place, column in enumerate(self.others, first):
+            if column in columns:
+                prior = self.reference.values[column]
+                size = prior if np.isfinite(prior) and prior > 0 else self._size(self.role.mechanism.columns[column])
+                found.append((place, float(size)))
+        return found
+
+    def _size(self, parameter: Parameter) -> float:
+        """Size of a parameter outside the bodies: an inertia or a mass as a body's, else 1."""
+        if not len(self.reference.bodies):
+            return 1.0
+        masses, inertias = self.reference.bodies[:, 9], self.reference.bodies[:, [0, 3, 5]].mean(axis=1)
+        return float({"kg": masses, "kg·m²": inertias}.get(parameter.unit, np.ones(1)).mean())
+
+    def _keep_inside(self, program: ConeProgram, linear: Floats, signed: list[tuple[int, float]], size: int) -> None:
+        """log(x/x₀) ≥ u for each signed unknown, with the last variables for u."""
+        for number, (place, scale) in enumerate(signed):
+            u = size - len(signed) + number
+            rows = np.zeros((3, size))
+            rows[0, u], rows[2, place] = 1.0, 1 / scale
+            program.add("exponential", rows, np.array([0.0, 1.0, 0.0]))
+            linear[place] += 1 / scale
+            linear[u] = -1.0
+
+    def _draw(self, diagonal: Floats, linear: Floats, matrix: Floats, drawing: float) -> None:
+        """Quadratic drawing of the parameters outside the bodies, and rest for what nothing determines."""
+        first = PER_BODY * len(self.role.bodies)
+        for number, column in enumerate(self.others, first):
+            diagonal[number] = 2 * max(_RIDGE * float(matrix[:, number] @ matrix[:, number]), _RIDGE)
+            prior = self.reference.values[column]
+            if np.isfinite(prior) and prior != 0:
+                diagonal[number] += 2 * drawing / prior**2
+                linear[number] -= 2 * drawing / prior
+
+    def _add_limits(self, program: ConeProgram, size: int) -> None:
+        p = self.role.size
+        for kind, rows in (("zero", self.limits.equal), ("nonnegative", self.limits.least)):
+            moved = np.zeros((len(rows), size))
+            moved[:, :p] = rows[:, :p] @ self.unwhiten
+            scale = np.maximum(np.abs(moved).max(axis=1, initial=0.0), 1e-300)
+            program.add(kind, moved / scale[:, None], rows[:, p] / scale)
+        for cone in self.limits.cones:
+            moved = np.zeros((len(cone), size))
+            moved[:, :p] = cone @ self.unwhiten
+            program.add("second_order", moved / np.abs(moved).max(), np.zeros(len(cone)))
+
+    def _add_bodies(self, program: ConeProgram, size: int, triangles: int, logs: int) -> None:
+        """log det K ≥ Σ u for every body, by a triangle Z of ten numbers and four logarithms u."""
+        from scipy.sparse import coo_array
+
+        for body in range(len(self.role.bodies)):
+            k, z, u = PER_BODY * body, triangles + PER_BODY * body, logs + _LOGS * body
+            rows, columns, values = _determinant_block(k, z)
+            program.add("semidefinite", coo_array((values, (rows, columns)), shape=(36, size)), np.zeros(36))
+            exponential = coo_array(
+                (np.ones(2 * SIZE), ([*range(0, 12, 3), *range(2, 12, 3)], [*range(u, u + 4), *_diagonal_of_z(z)])),
+                shape=(12, size),
+            )
+            program.add("exponential", exponential, np.tile([0.0, 1.0, 0.0], SIZE))
+            if self.margin:
+                identity = svec(np.eye(SIZE))
+                lower = coo_array((SVEC.ravel(), _grid(10, k)), shape=(10, size))
+                program.add("semidefinite", lower, -self.margin * identity)
+
+    def margins(self, values: Floats) -> Floats:
+        """Smallest eigenvalue of every K, shape (b,)."""
+        if not self.role.bodies:
+            return np.zeros(0)
+        return margins(self.role.blocks(values), self.reference.bodies)
+
+
+def _grid(rows: int, first: int) -> tuple[Any, Any]:
+    return np.repeat(np.arange(rows), PER_BODY), np.tile(np.arange(first, first + PER_BODY), rows)
+
+
+def _diagonal_of_z(z: int) -> list[int]:
+    """Z's entries are stored by rows of its lower triangle."""
+    return [z + i * (i + 1) // 2 + i for i in range(SIZE)]
+
+
+def _determinant_block(k: int, z: int) -> tuple[Any, Any, Any]:
+    """svec of [[K, Z], [Zᵀ, diag Z]] in the ten parameters of K from column k and the ten entries of Z from z."""
+    first_rows, first_columns = _grid(PER_BODY, k)
+    rows, columns, values = [*first_rows], [*first_columns], [*SVEC.ravel()]
+    for i in range(SIZE):
+        for j in range(i + 1):
+            upper = SIZE + j  # Z[i, j] stands in row i, column 4 + j
+            rows.append(upper * (upper + 1) // 2 + i)
+            columns.append(z + i * (i + 1) // 2 + j)
+            values.append(np.sqrt(2))
+        corner = SIZE + i
+        rows.append(corner * (corner + 1) // 2 + corner)
+        columns.append(z + i * (i + 1) // 2 + i)
+        values.append(1.0)
+    return rows, columns, values

@@ -1,0 +1,267 @@
+"""Rows of a base model: the regressor at prepared samples, filtered like the outputs, window by window.
+
+Only the entries that are not structurally zero are computed, filtered and kept.  Windows overlap by what the filter
+reaches, so that cutting changes nothing but memory.  Samples that need no filter and lose no rows go straight into the
+fused factorisation, which never forms a row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, reduce
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.base.model import BaseModel
+from echelon.errors import InputError
+from echelon.identification.rows.ahead import ahead
+from echelon.identification.rows.batches import stacked
+from echelon.identification.rows.rows import RowBlock
+from echelon.logs.samples import Samples
+from echelon.observe.layout import Layout, layout_of, measured
+from echelon.observe.observation import Observation
+from echelon.observe.slim import slim_qr
+
+Floats = npt.NDArray[np.float64]
+
+_WINDOW = 1 << 14
+"""Samples whose regressor is held at once: a few tens of megabytes for an arm, and long against filters."""
+_REACHES = 8  # windows are at least so many times longer than what the filter reaches
+
+
+@dataclass(frozen=True, repr=False)
+class ModelRows:
+    """Rows of [W y] of a base model at prepared samples; see :class:`echelon.identification.rows.rows.Rows`.
+
+    Attributes
+    ----------
+    base : BaseModel
+    source : callable
+        Returns the samples, the same ones every time it is called.
+    symbols : mapping of str to float, optional
+        Values of geometry symbols that replace or complete those of the file.
+    threads : int, optional
+    """
+
+    base: BaseModel
+    source: Callable[[], Iterable[Samples]]
+    symbols: Mapping[str, float] | None = None
+    threads: int | None = None
+
+    @staticmethod
+    def of(base: BaseModel, samples: Sequence[Samples], symbols: Mapping[str, float] | None = None) -> ModelRows:
+        """The rows of samples that are in memory."""
+        kept = tuple(samples)
+        return ModelRows(base, lambda: kept, symbols)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI units of the base parameters."""
+        return self.base.units
+
+    @property
+    def output_units(self) -> tuple[str, ...]:
+        """SI units of the outputs."""
+        return tuple(output.unit for output in self.base.mechanism.outputs)
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Outputs, base parameters, and which of them each output can depend on."""
+        if self._dense:
+            outputs = tuple(output.name for output in self.base.mechanism.outputs)
+            parameters = tuple(expression.name for expression in self.base.expressions)
+            return Layout(outputs, parameters, (tuple(range(len(parameters))),) * len(outputs))
+        return layout_of(measured(self.base.evaluated_function("regressor")))[0]
+
+    def blocks(self) -> Iterator[RowBlock]:
+        """All rows, in the order of time, log after log."""
+        numbering = Numbering()
+        for samples in ahead(self.source()):
+            yield from self.blocks_of(samples, numbering.of(samples))
+
+    def blocks_of(self, samples: Samples, segment: int) -> Iterator[RowBlock]:
+        """The rows of some samples, in the order of time.
+
+        Parameters
+        ----------
+        samples : Samples
+        segment : int
+            Number of the uninterrupted stretch that they belong to.
+        """
+        _check_outputs(samples, self.layout)
+        for window in self._windows(samples):
+            yield self._block(samples, window, segment)
+
+    def observation(self) -> Observation:
+        """The R-factors of all rows."""
+        total = _empty(self.layout)
+        for samples in ahead(self.source()):
+            _check_outputs(samples, self.layout)
+            total = stacked(total, self._fused(samples) if plain(samples) else self._factored(samples))
+        return total
+
+    @staticmethod
+    def factored(layout: Layout, blocks: Iterable[RowBlock]) -> Observation:
+        """The R-factors of blocks of rows.
+
+        Parameters
+        ----------
+        layout : Layout
+        blocks : iterable of RowBlock
+        """
+        return reduce(stacked, (observed(layout, block) for block in blocks), _empty(layout))
+
+    def predict(self, samples: Samples, values: npt.ArrayLike) -> Floats:
+        """The outputs at all samples, before any filter.
+
+        Parameters
+        ----------
+        samples : Samples
+        values : array of shape (r,)
+            Base parameters, SI units.
+
+        Returns
+        -------
+        array of shape (N, outputs)
+        """
+        return self.base.predict(
+            samples.q, samples.qd, samples.qdd, values, self.symbols, dict(samples.inputs), threads=self.threads
+        )
+
+    # -- windows -----------------------------------------------------------------------------------------------------
+
+    @property
+    def _dense(self) -> bool:
+        """With loops no entry of the regressor is structurally zero."""
+        return bool(self.base.mechanism.closures)
+
+    def _windows(self, samples: Samples) -> Iterator[tuple[int, int]]:
+        """Stretches of samples that rows are made of, before the overlap; they start where a row may stand."""
+        stop = len(samples) if samples.stop is None else samples.stop
+        factor = 1 if samples.reduction is None else samples.reduction.factor
+        reach = 0 if samples.reduction is None else samples.reduction.reach
+        size = -(-max(_WINDOW, _REACHES * reach) // factor) * factor
+        first = samples.first // factor * factor
+        yield from ((start, min(start + size, stop)) for start in range(first, stop, size))
+
+    def _block(self, samples: Samples, window: tuple[int, int], segment: int) -> RowBlock:
+        """Rows of the samples in a window, output by output."""
+        start, stop = window
+        reduction = samples.reduction
+        margin = 0 if reduction is None else -(-reduction.reach // reduction.factor) * reduction.factor
+        low, high = max(start - margin, 0), min(stop + margin, len(samples))
+        assert samples.y is not None
+        entries, y = self._entries(samples, low, high), samples.y[low:high]
+        kept = np.arange(high - low) if reduction is None else reduction.kept(high - low)
+        if reduction is not None:
+            entries, y = reduction.apply(entries), reduction.apply(y)
+        places = low + kept
+        inside = (places >= max(start, samples.first)) & (places < stop)
+        times, matrices, values = [], [], []
+        for output, columns in enumerate(self._columns):
+            used = inside if samples.moving is None else inside & samples.moving[places, output]
+            times.append(samples.start + places[used] / samples.rate)
+            matrices.append(entries[np.ix_(used, columns)])
+            values.append(y[used, output])
+        return RowBlock(samples.source, segment, tuple(times), tuple(matrices), tuple(values))
+
+    def _entries(self, samples: Samples, low: int, high: int) -> Floats:
+        """Entries of the regressor, shape (high − low, entries)."""
+        q, qd, qdd = (values[low:high] for values in (samples.q, samples.qd, samples.qdd))
+        inputs = {name: values[low:high] for name, values in samples.inputs.items()}
+        if self._dense:
+            dense = self.base.regressor(q, qd, qdd, self.symbols, inputs, threads=self.threads)
+            return dense.reshape(len(q), -1)
+        return self.base.regressor_entries(q, qd, qdd, self.symbols, inputs, threads=self.threads)
+
+    @cached_property
+    def _columns(self) -> tuple[npt.NDArray[np.intp], ...]:
+        """For each output, the entries that are its columns."""
+        count, n = len(self.layout.outputs), len(self.layout.parameters)
+        if self._dense:
+            return tuple(np.arange(output * n, (output + 1) * n) for output in range(count))
+        rows, parameters = self.base.sparsity
+        mine = (np.flatnonzero(rows == output) for output in range(count))
+        return tuple(some[np.argsort(parameters[some])] for some in mine)
+
+    # -- factors -----------------------------------------------------------------------------------------------------
+
+    def _fused(self, samples: Samples) -> Observation:
+        window = slice(samples.first, samples.stop)
+        state = {name: values[window] for name, values in samples.state.items() if name != "inputs"}
+        inputs = {name: values[window] for name, values in samples.inputs.items()}
+        return self.base.accumulate({**state, "inputs": inputs}, self.symbols, threads=self.threads)
+
+    def _factored(self, samples: Samples) -> Observation:
+        return self.factored(self.layout, self.blocks_of(samples, 0))
+
+
+class Numbering:
+    """Counts uninterrupted stretches of samples that arrive piece by piece."""
+
+    def __init__(self) -> None:
+        self._segment, self._end = -1, ("", np.nan)
+
+    def of(self, samples: Samples) -> int:
+        """Number of the stretch to which the next samples belong.
+
+        Parameters
+        ----------
+        samples : Samples
+        """
+        begin = samples.start + samples.first / samples.rate
+        follows = samples.source == self._end[0] and abs(begin - self._end[1]) < 0.5 / samples.rate
+        self._segment += not follows
+        stop = len(samples) if samples.stop is None else samples.stop
+        self._end = (samples.source, samples.start + stop / samples.rate)
+        return self._segment
+
+
+def rows_taken(samples: Samples, values: Floats) -> list[tuple[Floats, Floats]]:
+    """What is left of signals, one for each output, where rows are: filtered like both sides, at the rows' times.
+
+    Parameters
+    ----------
+    samples : Samples
+    values : array of shape (N, outputs, …)
+        Signals at all samples, before the filter; of each output one, or several.
+
+    Returns
+    -------
+    list of (times, values)
+        For each output two arrays of shape (k_i,) and (k_i, …), in the order of the rows.
+    """
+    reduction, stop = samples.reduction, len(samples) if samples.stop is None else samples.stop
+    kept = np.arange(len(samples)) if reduction is None else reduction.kept(len(samples))
+    reduced = values if reduction is None else reduction.apply(values)
+    inside = (kept >= samples.first) & (kept < stop)
+    found = []
+    for output in range(values.shape[1]):
+        used = inside if samples.moving is None else inside & samples.moving[kept, output]
+        found.append((samples.start + kept[used] / samples.rate, reduced[used, output]))
+    return found
+
+
+def observed(layout: Layout, block: RowBlock) -> Observation:
+    """The R-factors of a block of rows."""
+    pairs = zip(block.matrices, block.y, strict=True)
+    factors = tuple(slim_qr().triangle(np.column_stack([matrix, y])) for matrix, y in pairs)
+    return Observation(layout, factors, tuple(len(y) for y in block.y))
+
+
+def _empty(layout: Layout) -> Observation:
+    factors = tuple(np.zeros((size, size)) for size in layout.sizes)
+    return Observation(layout, factors, (0,) * len(layout.outputs))
+
+
+def plain(samples: Samples) -> bool:
+    """Whether samples need no filter and lose no rows, so that they can be factored without forming rows."""
+    return samples.reduction is None and samples.moving is None
+
+
+def _check_outputs(samples: Samples, layout: Layout) -> None:
+    if samples.y is None:
+        names = ", ".join(layout.outputs)
+        raise InputError(f"the log holds no measured outputs; expected {names}", source=samples.source)

@@ -1,0 +1,77 @@
+"""Survey: a first look at the logs, from which everything is chosen that the set-up leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from echelon.base.model import BaseModel
+from echelon.errors import InputError
+from echelon.identification.delays import with_delays
+from echelon.identification.settings import Setup
+from echelon.logs.choices import chosen
+from echelon.logs.column_map import ColumnMap
+from echelon.logs.finding import Finding, Severity
+from echelon.logs.preparation import Preparation
+from echelon.logs.reading import read_log
+from echelon.logs.recording import Segment
+
+_LOGS = 64
+"""Logs that are looked at; of a long log, its first piece."""
+_SAMPLES = 1 << 18
+"""Samples that choices are made from; faults are looked for in all that is read."""
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a first look at the logs decides.
+
+    Attributes
+    ----------
+    preparation : Preparation
+        With every choice made.
+    columns : tuple of ColumnMap
+        What the columns of each kind of log were taken for.
+    findings : tuple of Finding
+    """
+
+    preparation: Preparation
+    columns: tuple[ColumnMap, ...]
+    findings: tuple[Finding, ...]
+
+
+def survey(setup: Setup, base: BaseModel, paths: Sequence[Path]) -> Survey:
+    """Look at the logs and choose what the set-up leaves open.
+
+    Parameters
+    ----------
+    setup : Setup
+    base : BaseModel
+    paths : sequence of Path
+        Logs that the model is fitted to; what is held out has no say.
+
+    Raises
+    ------
+    InputError
+        If a log cannot be read or nothing of it can be used.
+    """
+    segments: list[Segment] = []
+    columns: list[ColumnMap] = []
+    findings: list[Finding] = []
+    for path in paths[:_LOGS]:
+        pieces = read_log(path, setup.mechanism, setup.columns, rate=setup.preparation.rate)
+        piece = next(pieces, None)
+        if piece is None:
+            raise InputError("the log is empty", source=str(path))
+        findings += piece.findings
+        if piece.columns not in columns:
+            columns.append(piece.columns)
+        if sum(map(len, segments)) < _SAMPLES:
+            segments += piece.segments
+    if len(paths) > _LOGS:
+        text = f"of {len(paths)} logs the first {_LOGS} were looked at for faults and choices"
+        findings.append(Finding(Severity.NOTE, "survey", "", text))
+    preparation = replace(chosen(setup.preparation, segments, setup.mechanism), delays=setup.preparation.delays)
+    preparation = with_delays(preparation, segments, base)
+    return Survey(preparation, tuple(columns), tuple(findings))

@@ -1,0 +1,1 @@
+"""Validation: measured against predicted outputs, residuals, verdicts in words."""

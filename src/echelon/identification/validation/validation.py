@@ -1,0 +1,245 @@
+"""Validation: measured against predicted outputs, on data the fit did not see.
+
+What counts is how well a model predicts, never how near its parameters are to others: data say nothing of what they
+cannot see.  One pass over the rows is enough, in memory that does not grow with the log: scores come from sums, and of
+the traces a subset with all peaks is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.identification.rows.rows import RowBlock, Rows
+from echelon.identification.validation.correlation import LAGS, CorrelationSums
+from echelon.identification.validation.traces import LIMIT, TraceKeeper
+from echelon.identification.validation.verdict import verdict
+
+Floats = npt.NDArray[np.float64]
+
+ROLES = ("identification", "validation")
+"""Whether the fit saw the data."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One output of one log, after the filter of both sides.
+
+    Attributes
+    ----------
+    output, unit : str
+    time, measured, predicted : arrays of shape (k,)
+    prior : array of shape (k,), optional
+        Prediction of the model one had before.
+    """
+
+    output: str
+    unit: str
+    time: Floats
+    measured: Floats
+    predicted: Floats
+    prior: Floats | None = None
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well a prediction fits one output.
+
+    Attributes
+    ----------
+    output, unit : str
+    rows : int
+    rms : float
+        Root mean square of measured − predicted, unit of the output.
+    percent : float
+        The same in per cent of the range of the measured values.
+    r2 : float
+        Coefficient of determination 1 − Σ(y − ŷ)² / Σ(y − ȳ)²; nan where y is constant.
+    bias : float
+        Mean of measured − predicted.
+    correlation_time : float
+        Integrated autocorrelation time of the residual, s: how far it is from white.
+    whiteness : float
+        Probability that white noise has autocorrelations this large (Ljung–Box).
+    """
+
+    output: str
+    unit: str
+    rows: int
+    rms: float
+    percent: float
+    r2: float
+    bias: float
+    correlation_time: float
+    whiteness: float
+
+    @property
+    def explained(self) -> float:
+        """R² of what is left when the mean of the residual is taken off, as an offset of the sensor would be."""
+        return self.r2 if self.rms == 0 else 1 - (1 - self.r2) * (1 - (self.bias / self.rms) ** 2)
+
+
+@dataclass(frozen=True)
+class Validation:
+    """A model's predictions of one log.
+
+    Attributes
+    ----------
+    source : str
+        The log.
+    role : str
+        ``"identification"`` or ``"validation"``: whether the fit saw it.
+    scores : tuple of Score
+        Of the model, one per output.
+    prior_scores : tuple of Score
+        Of the prior model on the same data; empty without one.
+    traces : tuple of Trace
+    verdict : str
+        In words.
+    """
+
+    source: str
+    role: str
+    scores: tuple[Score, ...]
+    prior_scores: tuple[Score, ...]
+    traces: tuple[Trace, ...]
+    verdict: str
+
+
+def validate(
+    rows: Rows,
+    values: npt.ArrayLike,
+    *,
+    role: str,
+    prior_values: npt.ArrayLike | None = None,
+    identification: Validation | None = None,
+    limit: int = LIMIT,
+    lags: int = LAGS,
+) -> Validation:
+    """Compare measured and predicted outputs.
+
+    Parameters
+    ----------
+    rows : Rows
+        Of one log, or of several that are judged as one.
+    values : array of shape (n,)
+        Parameters of the model.
+    role : "identification" or "validation"
+        Whether the fit saw these data.
+    prior_values : array of shape (n,), optional
+        Parameters of the model one had before.
+    identification : Validation, optional
+        Of the data that were fitted, which the verdict compares with.
+    limit : int
+        Rows of an output's trace that are kept; of more a subset with all peaks.  Scores are of all rows.
+    lags : int
+        Largest lag of autocorrelations.
+
+    Returns
+    -------
+    Validation
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit, values are not finite, or there are no rows.
+    """
+    if role not in ROLES:
+        raise InputError(f"role is '{role}'; expected 'identification' or 'validation'")
+    zeta = _checked(rows, values, "values")
+    prior = None if prior_values is None else _checked(rows, prior_values, "prior_values")
+    tallies = [_Tally(prior is not None, limit, lags) for _ in rows.layout.outputs]
+    sources: dict[str, None] = {}
+    for block in rows.blocks():
+        sources.setdefault(block.source)
+        for output, tally in enumerate(tallies):
+            tally.add(block, output, rows.layout.columns[output], zeta, prior)
+    if not any(tally.count for tally in tallies):
+        raise InputError("there are no rows to predict: filters, gaps or slow motion left nothing")
+    named = list(zip(tallies, rows.layout.outputs, rows.output_units, strict=True))
+    found = Validation(
+        ", ".join(sources),
+        role,
+        tuple(tally.score(0, output, unit) for tally, output, unit in named),
+        () if prior is None else tuple(tally.score(1, output, unit) for tally, output, unit in named),
+        tuple(tally.trace(output, unit) for tally, output, unit in named),
+        "",
+    )
+    return replace(found, verdict=verdict(found, identification))
+
+
+class _Tally:
+    """What is kept of one output's rows: sums for the scores of model and prior, and a trace."""
+
+    def __init__(self, prior: bool, limit: int, lags: int) -> None:
+        self.count = 0
+        self._mean = self._spread = 0.0
+        self._range = (np.inf, -np.inf)
+        models = 2 if prior else 1
+        self._squares, self._bias = np.zeros(models), np.zeros(models)
+        self._correlations = [CorrelationSums(lags) for _ in range(models)]
+        self._trace = TraceKeeper(limit)
+
+    def add(self, block: RowBlock, output: int, columns: tuple[int, ...], values: Floats, prior: Floats | None) -> None:
+        """Take in an output's rows of a block."""
+        y, matrix, times = block.y[output], block.matrices[output], block.times[output]
+        if not len(y):
+            return
+        chosen = list(columns)
+        predicted = [matrix @ some[chosen] for some in (values, prior) if some is not None]
+        self._measure(y)
+        where: Hashable = (block.source, block.segment)
+        for k, some in enumerate(predicted):
+            residual = y - some
+            self._squares[k] += residual @ residual
+            self._bias[k] += residual.sum()
+            self._correlations[k].add(times, residual, where)
+        self._trace.add(np.stack([times, y, *predicted], axis=1))
+
+    def _measure(self, y: Floats) -> None:
+        """Mean and spread of what is measured, merged without cancellation (Chan, Golub and LeVeque 1983)."""
+        k, mean = len(y), float(y.mean())
+        total, apart = self.count + k, mean - self._mean
+        self._spread += float(np.sum((y - mean) ** 2)) + apart**2 * self.count * k / total
+        self._mean += apart * k / total
+        self._range = (min(self._range[0], float(y.min())), max(self._range[1], float(y.max())))
+        self.count = total
+
+    def score(self, model: int, output: str, unit: str) -> Score:
+        """Of the model (0) or the prior (1)."""
+        nan = float("nan")
+        if not self.count:
+            return Score(output, unit, 0, nan, nan, nan, nan, nan, nan)
+        squares, found = float(self._squares[model]), self._correlations[model].result()
+        rms = float(np.sqrt(squares / self.count))
+        reach = self._range[1] - self._range[0]
+        # a spread within rounding of a constant is none
+        varies = self._spread > (1e-12 * self._mean) ** 2 * self.count
+        return Score(
+            output,
+            unit,
+            self.count,
+            rms,
+            100 * rms / reach if reach > 0 else nan,
+            1 - squares / self._spread if varies else nan,
+            float(self._bias[model]) / self.count,
+            found.time,
+            found.whiteness(),
+        )
+
+    def trace(self, output: str, unit: str) -> Trace:
+        """What is kept to look at."""
+        kept = self._trace.rows(2 + len(self._squares))
+        return Trace(output, unit, kept[:, 0], kept[:, 1], kept[:, 2], kept[:, 3] if len(self._squares) > 1 else None)
+
+
+def _checked(rows: Rows, values: npt.ArrayLike, name: str) -> Floats:
+    found = np.asarray(values, dtype=float)
+    n = len(rows.layout.parameters)
+    if found.shape != (n,) or not np.isfinite(found).all():
+        raise InputError(f"{name} have shape {found.shape}; expected {n} finite numbers, one for each parameter")
+    return found

@@ -1,0 +1,213 @@
+"""Verdicts in words, from how well outputs are predicted.
+
+Every sentence comes from a number and a threshold below, so that the same scores give the same words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from echelon.identification.validation.validation import Score, Validation
+
+GOOD = 0.98
+"""R² from which on a prediction is good: the residual's rms is below a seventh of the output's own spread."""
+USABLE = 0.90
+"""R² from which on it is usable: below a third of the spread, less than friction usually is."""
+OVERFIT = 1.5
+"""Ratio of rms on unseen to fitted data from which on the model does not carry over: the squares have more than
+doubled, beyond what noise and other motions do to a model that holds."""
+BIAS = 0.5
+"""Share of the rms from which on a bias is named: a quarter of the squares is a constant, which an offset would
+remove."""
+WHITE = 0.01
+"""Probability below which a residual is not taken for white noise."""
+PRIOR = 1.05
+"""Ratio of rms from which on one model beats another: 5 % is more than preparation and noise usually change."""
+
+_SHOWN = 8
+
+
+class Grade(IntEnum):
+    """How far a prediction can be used."""
+
+    USELESS = 0
+    POOR = 1
+    USABLE = 2
+    GOOD = 3
+
+
+def grade(score: Score) -> Grade | None:
+    """Grade of one output; None where nothing was measured or it did not vary.
+
+    Parameters
+    ----------
+    score : Score
+    """
+    if not np.isfinite(score.r2):
+        return None
+    if score.r2 <= 0:
+        return Grade.USELESS
+    return Grade.GOOD if score.r2 >= GOOD else Grade.USABLE if score.r2 >= USABLE else Grade.POOR
+
+
+def verdict(validation: Validation, identification: Validation | None = None) -> str:
+    """What the scores of one log say.
+
+    Parameters
+    ----------
+    validation : Validation
+    identification : Validation, optional
+        Of the data that were fitted, to compare with.
+
+    Returns
+    -------
+    str
+        Sentences: what it predicts well and what not, whether it carries over, whether it beats the prior model, and
+        what is left in the residuals.
+    """
+    sentences = [_fit(validation.scores, validation.role)]
+    if identification is not None and validation.role == "validation":
+        sentences += _carries_over(validation.scores, identification.scores)
+    sentences += _against_prior(validation)
+    sentences += _left(validation.scores)
+    return " ".join(sentences)
+
+
+def overall_verdict(validations: Sequence[Validation]) -> str:
+    """What all logs together say: unseen data decide, where there are any.
+
+    An output that moves little in unseen data has a low R² however good the model is; if its residual is no larger than
+    on the data that were fitted, it is judged as there.
+
+    Parameters
+    ----------
+    validations : sequence of Validation
+
+    Returns
+    -------
+    str
+    """
+    unseen = [v for v in validations if v.role == "validation"]
+    judged = unseen or list(validations)
+    fitted = [v for v in validations if v.role == "identification"]
+    graded = [(score, found, v) for v in judged for score in v.scores if (found := _lenient(score, fitted)) is not None]
+    if not graded:
+        return "Nothing can be said: no output varied."
+    worst, lowest, where = min(graded, key=lambda entry: (entry[1], entry[0].r2))
+    words = {
+        Grade.GOOD: "The model predicts every output well",
+        Grade.USABLE: "The model is usable",
+        Grade.POOR: "The model is poor for some outputs",
+        Grade.USELESS: "The model cannot be trusted for some outputs",
+    }
+    kind = "data that the fit did not see" if unseen else "the data it was fitted to"
+    logs = "" if len(judged) == 1 else f" of {len(judged)} logs"
+    text = f"{words[lowest]} on {kind}{logs}; the least is R² {worst.r2:.4g} of {worst.output} ({where.source})"
+    carried = " though its residual is as on the data it was fitted to" if lowest is not grade(worst) else ""
+    text += f"{carried}."
+    if not unseen:
+        text += " Without other data it stays open whether it carries over."
+    worse = [v for v in judged if v.prior_scores and _total(v.prior_scores, v.scores) * PRIOR < 1]
+    if worse:
+        text += f" On {_listed([v.source for v in worse])} the prior model predicts better."
+    return text
+
+
+def _lenient(score: Score, fitted: Sequence[Validation]) -> Grade | None:
+    """Grade of an output, or that of the data it was fitted to if its residual is no larger than there."""
+    own = grade(score)
+    if own is None or own is Grade.USELESS:  # worse than a constant is no question of how much moves
+        return own
+    same = [s for v in fitted for s in v.scores if s.output == score.output and score.rms <= OVERFIT * s.rms]
+    return max([own, *(found for s in same if (found := grade(s)) is not None)])
+
+
+# -- sentences --------------------------------------------------------------------------------------------------------
+
+
+def _fit(scores: Sequence[Score], role: str) -> str:
+    data = "data that the fit did not see" if role == "validation" else "the data it was fitted to"
+    words = {Grade.GOOD: "well", Grade.USABLE: "usably", Grade.POOR: "poorly"}
+    graded = [(s, grade(s)) for s in scores]
+    parts = []
+    for level, word in words.items():
+        some = [s for s, found in graded if found is level]
+        if some and len(some) == len(scores) and len(scores) > 1:
+            parts.append(f"all outputs {word} (R² from {min(s.r2 for s in some):.4g})")
+        elif some:
+            parts.append(f"{_outputs(some)} {word}")
+    useless = [s for s, found in graded if found is Grade.USELESS]
+    if useless:
+        parts.append(f"{_outputs(useless)} worse than a constant would")
+    text = f"On {data} the model predicts {'; '.join(parts)}." if parts else f"On {data} no output varies."
+    silent = [s.output for s, found in graded if found is None]
+    return text + (f" Of {_listed(silent)} nothing can be said: it did not vary." if silent and parts else "")
+
+
+def _carries_over(scores: Sequence[Score], fitted: Sequence[Score]) -> list[str]:
+    known = {s.output: s.rms for s in fitted if s.rms > 0}
+    ratios = {s.output: s.rms / known[s.output] for s in scores if s.output in known and np.isfinite(s.rms)}
+    worse = {name: ratio for name, ratio in ratios.items() if ratio > OVERFIT}
+    if not ratios:
+        return []
+    if not worse:
+        quiet = [s.output for s in scores if s.output in ratios and (grade(s) or Grade.USELESS) < Grade.USABLE]
+        why = f"; R² of {_listed(quiet)} is low because the output varies little here" if quiet else ""
+        return [f"Residuals are as on the data it was fitted to: it carries over{why}."]
+    shown = _listed([f"{name} ({ratio:.2g} times)" for name, ratio in worse.items()])
+    return [f"Residuals are larger than on the data it was fitted to for {shown}: overfitted, or these data hold more."]
+
+
+def _against_prior(validation: Validation) -> list[str]:
+    pairs = [
+        (s.output, prior.rms / s.rms)
+        for s, prior in zip(validation.scores, validation.prior_scores, strict=False)
+        if s.rms > 0 and prior.rms > 0
+    ]
+    if not pairs:
+        return []
+    worse = [name for name, ratio in pairs if ratio * PRIOR < 1]
+    better = [name for name, ratio in pairs if ratio > PRIOR]
+    if not worse and not better:
+        return ["It predicts like the prior model."]
+    some = "every output" if len(better) == len(pairs) else _listed(better)
+    text = f"It beats the prior model on {some}" if better else "It beats the prior model on no output"
+    return [text + (f", which is better on {_listed(worse)}." if worse else ".")]
+
+
+def _left(scores: Sequence[Score]) -> list[str]:
+    found = []
+    biased = [s for s in scores if s.rms > 0 and abs(s.bias) > BIAS * s.rms]
+    if biased:
+        shown = _listed([f"{s.output} ({s.bias:.3g} {s.unit})" for s in biased])
+        found.append(f"Residuals are biased for {shown}: an offset is missing or has drifted.")
+    coloured = [s for s in scores if s.whiteness < WHITE]
+    if coloured:
+        longest = max(coloured, key=lambda s: s.correlation_time)
+        who = "any output" if len(coloured) == len(scores) else _listed([s.output for s in coloured])
+        found.append(
+            f"Residuals are not white for {who} (correlated over up to {longest.correlation_time:.2g} s): "
+            "the model misses something, and intervals that take them for white are too narrow."
+        )
+    return found
+
+
+def _total(prior: Sequence[Score], scores: Sequence[Score]) -> float:
+    """Geometric mean of the ratio of rms, prior to model: outputs of all units count alike."""
+    pairs = zip(prior, scores, strict=True)
+    ratios = [p.rms / s.rms for p, s in pairs if s.rms > 0 and p.rms > 0]
+    return float(np.exp(np.mean(np.log(ratios)))) if ratios else 1.0
+
+
+def _outputs(scores: Sequence[Score]) -> str:
+    return _listed([f"{s.output} (R² {s.r2:.4g})" for s in scores])
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = [*names[:_SHOWN], *(["others"] if len(names) > _SHOWN else [])]
+    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
