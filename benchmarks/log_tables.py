@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+import echelon as ec
 from tabular import table
 
 SUMMARY = ("robot", "unseen data", "rms, % of range", "R²", "rms", "beside")
@@ -62,3 +63,14 @@ def outputs_table(validations: Sequence[Any]) -> str:
             cells += [f"{s.rms:.4g} {s.unit}", f"{s.percent:.2f}", f"{s.r2:.5f}", f"{bias:.2g}"]
             blocks.append(cells + ([f"{v.prior_scores[k].rms:.4g}"] if v.prior_scores else [None] if prior else []))
     return table(head, blocks)
+
+
+def values(result: ec.Identification) -> dict[str, float]:
+    """Estimated base parameters by the names of their representatives."""
+    return dict(zip(result.estimate.parameters, result.estimate.values.tolist(), strict=True))
+
+
+def interval(result: ec.Identification, name: str) -> str:
+    """A value with its confidence interval."""
+    low, high = result.estimate.interval()[result.estimate.parameters.index(name)]
+    return f"{values(result)[name]:.3f} ({low:.3f} … {high:.3f})"

@@ -23,7 +23,7 @@ import numpy as np
 import yaml
 
 import echelon as ec
-from log_tables import column, figures, outputs_table, overall, quality, summary, summary_tables
+from log_tables import column, figures, interval, outputs_table, overall, quality, summary, summary_tables, values
 from tabular import table
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -65,17 +65,6 @@ def log(name: str) -> Path:
 def changed(setup: ec.Setup, **settings: Any) -> ec.Setup:
     """A set-up with other settings."""
     return replace(setup, settings=replace(setup.settings, **settings))
-
-
-def values(result: ec.Identification) -> dict[str, float]:
-    """Estimated base parameters by the names of their representatives."""
-    return dict(zip(result.estimate.parameters, result.estimate.values.tolist(), strict=True))
-
-
-def interval(result: ec.Identification, name: str) -> str:
-    """A value with its confidence interval."""
-    low, high = result.estimate.interval()[result.estimate.parameters.index(name)]
-    return f"{values(result)[name]:.3f} ({low:.3f} … {high:.3f})"
 
 
 # -- robots ------------------------------------------------------------------------------------------------------------
@@ -239,12 +228,12 @@ def first_joint(setup: ec.Setup, whole: ec.Identification, other: Path) -> str:
     theirs = values(found)
     before, after = whole.validations[1].scores[0], found.validations[0].scores[0]
     spread = before.rms / np.sqrt(1 - before.r2)
+    friction, offset = (theirs[name] - ours[name] for name in free)
     return (
         f"Joint 1 of the other arm: its axis is along gravity and its torque varies by {spread:.2f} N·m only (standard "
-        f"deviation), of which the error of {before.rms:.2f} N·m is {before.rms / spread:.0%}.  With viscous friction and "
-        f"offset of this joint fitted to the other arm and all else kept, friction differs by {theirs['Fv1'] - ours['Fv1']:+.2f} "
-        f"N·m·s/rad and the offset by {theirs['Fo1'] - ours['Fo1']:+.2f} N·m, and the rms falls to {after.rms:.2f} N·m "
-        f"(R² {after.r2:.3f})."
+        f"deviation), of which the error of {before.rms:.2f} N·m is {before.rms / spread:.0%}.  With viscous friction "
+        f"and offset of this joint fitted to the other arm and all else kept, friction differs by {friction:+.2f} "
+        f"N·m·s/rad and the offset by {offset:+.2f} N·m, and the rms falls to {after.rms:.2f} N·m (R² {after.r2:.3f})."
     )
 
 
