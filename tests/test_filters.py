@@ -170,3 +170,20 @@ def test_what_reductions_are_made_of() -> None:
         reduction("fir", 60, RATE, (10,))
     with pytest.raises(InputError, match="less than 50 Hz"):
         reduction("butterworth", 60, RATE, (10,))
+
+
+@pytest.mark.parametrize(("edge", "rate", "factor"), [(1.8, 1000.0, 20), (3.0, 5000.0, 100), (2.0, 1000.0, 24)])
+def test_narrow_bands_take_two_filters_with_the_response_of_one(edge: float, rate: float, factor: int) -> None:
+    narrow, whole = reduction("fir", edge, rate, (factor,)), finite(edge, rate, factor)
+    assert isinstance(narrow, Stages)
+    assert narrow.factor == factor
+    count = 3 * len(whole.taps)
+    assert np.array_equal(narrow.kept(count), whole.kept(count))
+    times = np.arange(count) / rate
+    middle = slice(len(whole.kept(count)) // 3, -len(whole.kept(count)) // 3)
+    for share, passes in [(0.2, True), (0.95, True), (1.55, False), (4.0, False), (0.4 * rate / edge, False)]:
+        wave = np.cos(2 * np.pi * share * edge * times)[:, None]
+        kept = np.abs(narrow.apply(wave) - (wave[narrow.kept(count)] if passes else 0.0))[middle]
+        assert kept.max() < 3e-4
+    products = sum(len(stage.taps) / stage.factor for stage in narrow.stages)  # type: ignore[attr-defined]
+    assert products < len(whole.taps) / factor / 5

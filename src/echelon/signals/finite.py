@@ -99,7 +99,9 @@ class Finite:
         return band
 
 
-def finite(cutoff: float, rate: float, factor: int = 1, attenuation: float = ATTENUATION) -> Finite:
+def finite(
+    cutoff: float, rate: float, factor: int = 1, attenuation: float = ATTENUATION, *, width: float | None = None
+) -> Finite:
     """A symmetric finite low-pass by Kaiser's window, with decimation.
 
     What lies below the cut-off passes; what lies above one and a half times the cut-off, or would be folded below it
@@ -115,6 +117,8 @@ def finite(cutoff: float, rate: float, factor: int = 1, attenuation: float = ATT
         Decimation.
     attenuation : float
         Least attenuation in the stop-band and largest error in the pass-band, dB.
+    width : float, optional
+        Of the transition from what passes to what does not, Hz; half the cut-off, or what decimation leaves, if less.
 
     Raises
     ------
@@ -124,7 +128,8 @@ def finite(cutoff: float, rate: float, factor: int = 1, attenuation: float = ATT
     from scipy.signal import firwin, kaiser_beta
 
     check_cutoff(cutoff, rate / factor)
-    width = min(WIDEST * cutoff, rate / factor - 2 * cutoff)
+    if width is None:
+        width = min(WIDEST * cutoff, rate / factor - 2 * cutoff)
     half = ceil((attenuation - 7.95) / (2.285 * 2 * np.pi * width / rate) / 2)  # Kaiser's formula
     taps = firwin(2 * half + 1, cutoff + width / 2, window=("kaiser", kaiser_beta(attenuation)), fs=rate)
     taps = (taps + taps[::-1]) / 2

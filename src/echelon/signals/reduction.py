@@ -20,13 +20,18 @@ import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.signals.filters import FAR, ZeroPhase, butterworth, chebyshev, check_cutoff
-from echelon.signals.finite import finite
+from echelon.signals.finite import WIDEST, finite
 
 Floats = npt.NDArray[np.float64]
 Places = npt.NDArray[np.intp]
 
 PASSED = 0.8
 """Share of the band below half the rate after decimation that is kept where no cut-off is given."""
+
+_MOST_TAPS = 40
+"""Products per sample and column beyond which two filters are worth it."""
+_ROOM = 5.0
+"""Rate after the first of two filters, relative to the cut-off: wide enough for a short first filter."""
 
 
 class Reduction(Protocol):
@@ -195,9 +200,24 @@ def reduction(kind: str, cutoff: float, rate: float, factors: Sequence[int]) -> 
     total = prod(factors)
     edge = cutoff if isfinite(cutoff) else PASSED * rate / total / 2
     if kind == "fir":
-        return finite(edge, rate, total)
+        return _finite_stages(edge, rate, total)
     check_cutoff(edge, rate / total)
     return Recursive(butterworth(edge, rate), total)
+
+
+def _finite_stages(edge: float, rate: float, total: int) -> Reduction:
+    """One filter, or for a narrow band two: a short one that decimates, then a sharp one at the low rate.
+
+    The first leaves the second's transition band alone, so together they attenuate as one filter would.
+    """
+    whole = finite(edge, rate, total)
+    stop = (1 + WIDEST) * edge
+    first = max((k for k in range(1, total + 1) if total % k == 0 and rate / k >= _ROOM * edge), default=1)
+    if len(whole.taps) <= _MOST_TAPS * total or first == 1:
+        return whole
+    return Stages(
+        (finite(stop, rate, first, width=rate / first - 2 * stop), finite(edge, rate / first, total // first))
+    )
 
 
 def _chebyshev_stages(cutoff: float, rate: float, factors: Sequence[int]) -> Reduction:
