@@ -8,7 +8,7 @@ so ρ is the norm of the residual that no ζ can remove, and R has the singular 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -155,8 +155,14 @@ def positive(R: Floats) -> Floats:
     """A triangle with its rows' signs chosen so that the diagonal is not negative."""
     signs = np.where(np.diagonal(R) < 0, -1.0, 1.0)
     # zeros below the diagonal written anew, so that none of them is −0
-    result: Floats = np.triu(R * signs[:, None])
+    result: Floats = np.where(_upper(*R.shape), R * signs[:, None], 0.0)
     return result
+
+
+@lru_cache(maxsize=64)
+def _upper(rows: int, columns: int) -> npt.NDArray[np.bool_]:
+    """Where a triangle is not structurally zero: long logs make thousands of triangles of few sizes."""
+    return np.triu(np.ones((rows, columns), dtype=bool))
 
 
 def _condition(values: Floats) -> float:
