@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import echelon as ec
 from echelon.errors import InputError
 from echelon.logs.choices import at_rate, chosen
-from echelon.logs.plan import Plan
 from echelon.logs.preparation import Preparation
-from echelon.logs.prepare import prepare, prepare_windows
+from echelon.logs.prepare import prepare
 from echelon.logs.recording import Segment
-from echelon.logs.samples import Samples
+from echelon.logs.settled import Settled
 from echelon.logs.speeds import rubs, speed_rows
 from echelon.signals.reduction import Identity
 
@@ -63,39 +58,6 @@ def simulated(base: ec.BaseModel, count: int = 12000, noise: float = 0.0, seed: 
     q = q + noise * random.standard_normal(q.shape)
     y = y + 1000 * noise * random.standard_normal(y.shape)
     return Segment("run.csv", 2.0, RATE, {"q": q, "y": y}), values
-
-
-def reduced(samples: Samples) -> dict[str, np.ndarray]:
-    """What remains after reduction, as whoever builds rows sees it."""
-    filters = samples.reduction or Identity()
-    kept = filters.kept(len(samples))
-    counts = (kept >= samples.first) & (kept < (len(samples) if samples.stop is None else samples.stop))
-    found = {"time": samples.start + kept[counts] / samples.rate}
-    for name, values in (("qd", samples.qd), ("qdd", samples.qdd), ("y", samples.y), ("q2", samples.q**2)):
-        found[name] = filters.apply(values)[counts]
-    if samples.moving is not None:
-        found["moving"] = samples.moving[kept[counts]]
-    return found
-
-
-def joined(windows: Iterable[Samples]) -> dict[str, np.ndarray]:
-    parts = [reduced(window) for window in windows]
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-
-
-def pieces(segment: Segment, cuts: Iterable[int]) -> list[Segment]:
-    """The same stretch as several segments."""
-    edges = [0, *sorted(set(cuts)), len(segment)]
-    return [
-        replace(
-            segment,
-            start=segment.start + a / segment.rate,
-            signals={name: values[a:b] for name, values in segment.signals.items()},
-            inputs={name: values[a:b] for name, values in segment.inputs.items()},
-        )
-        for a, b in pairwise(edges)
-        if b > a
-    ]
 
 
 # -- states and samples ------------------------------------------------------------------------------------------------
@@ -180,7 +142,7 @@ def test_trim_and_too_little_data(pendulum: ec.Mechanism) -> None:
     plain, trimmed = (prepare(segment, replace(FIXED, trim=trim), pendulum) for trim in (0.0, 1.5))
     assert trimmed.start == pytest.approx(plain.start + 1.5)
     assert len(plain) - len(trimmed) == 2 * 750
-    needed = Plan(FIXED, pendulum, RATE).needed
+    needed = Settled(FIXED, pendulum, RATE).needed
     short = Segment("run.csv", 0.0, RATE, {"q": q[: needed - 1]})
     with pytest.raises(InputError, match=rf"run\.csv: .* has {needed - 1} samples.* need {needed} "):
         prepare(short, FIXED, pendulum)
@@ -222,84 +184,6 @@ def test_with_loops_the_independent_coordinates_are_enough() -> None:
     assert np.array_equal(whole.qd, few.qd)
 
 
-# -- windows -----------------------------------------------------------------------------------------------------------
-
-VARIANTS = [
-    FIXED,
-    replace(FIXED, output_filter="chebyshev", output_cutoff=float("inf"), decimation=(5, 2)),
-    replace(FIXED, output_filter="butterworth", decimation=(7,), still=0.8, trim=0.3),
-    replace(FIXED, derivative="savitzky_golay", cutoff=12.0, delays={"j2": 0.0107}),
-    replace(FIXED, cutoff=float("inf"), output_cutoff=float("inf"), decimation=()),
-]
-
-
-@pytest.mark.parametrize("settings_", VARIANTS)
-@settings(max_examples=6, deadline=None)
-@given(cuts=st.lists(st.integers(1, 5999), max_size=8), window=st.integers(300, 4000))
-def test_windows_have_the_rows_of_the_whole(
-    pendulum: ec.Mechanism, settings_: Preparation, cuts: list[int], window: int
-) -> None:
-    q = curves(np.arange(6000) / RATE)[0]
-    y = np.random.default_rng(1).standard_normal((6000, 2)).cumsum(axis=0)
-    segment = Segment("run", 2.0, RATE, {"q": q, "y": y})
-    whole = reduced(prepare(segment, settings_, pendulum))
-    parts = joined(prepare_windows(pieces(segment, cuts), settings_, pendulum, window))
-    for name, values in whole.items():
-        assert parts[name].shape == values.shape
-        if name == "moving":
-            assert np.mean(parts[name] != values) < 1e-3
-        else:
-            assert np.abs(parts[name] - values).max() <= 1e-8 * np.abs(values).max(), name
-
-
-def test_windows_of_quaternions_whose_sign_jumps() -> None:
-    tree = ec.load(ROOT / "examples" / "floating_tree.yaml")
-    t = np.arange(6000) / RATE
-    q = np.tile(np.sin(t)[:, None], (1, len(tree.positions)))
-    turns = Rotation.from_rotvec(np.outer(np.sin(t), [1.0, 2.0, -1.0])).as_quat(scalar_first=True)
-    signs = np.where(np.random.default_rng(0).random((6000, 1)) < 0.5, 1, -1)
-    q[:, 3:7], q[:, 7:11] = turns * signs, turns
-    segment = Segment("run", 0.0, RATE, {"q": q, "y": q[:, :13]})
-    whole = reduced(prepare(segment, FIXED, tree))
-    parts = joined(prepare_windows(pieces(segment, [1000, 3333]), FIXED, tree, 700))
-    for name, values in whole.items():
-        assert np.abs(parts[name] - values).max() <= 1e-8 * np.abs(values).max(), name
-
-
-def test_a_stream_is_never_held_whole(pendulum: ec.Mechanism) -> None:
-    """A window comes before the stream goes on, and none is much longer than asked for."""
-    arrived = 0
-    step = 1000
-
-    def stream() -> Iterable[Segment]:
-        nonlocal arrived
-        for k in range(60):
-            arrived += step
-            yield Segment("run", k * step / RATE, RATE, {"q": curves(np.arange(k * step, (k + 1) * step) / RATE)[0]})
-
-    plan = Plan(FIXED, pendulum, RATE)
-    most = 2048 + 2 * plan.outer + 12
-    done = 0
-    for samples in prepare_windows(stream(), FIXED, pendulum, 2048):
-        assert len(samples) <= most
-        done += samples.stop - samples.first
-        assert arrived - done < 2048 + plan.outer + 2 * plan.inner + 2 * step + 12
-    assert done == 60000 - 2 * plan.spoilt
-
-
-def test_gaps_separate_stretches_and_short_ones_are_left_out(pendulum: ec.Mechanism) -> None:
-    q = curves(np.arange(9000) / RATE)[0]
-    first, short, last = pieces(Segment("run", 0.0, RATE, {"q": q, "y": q}), [4000, 4050])
-    moved = [first, replace(short, start=short.start + 5), replace(last, start=last.start + 9)]
-    parts = joined(prepare_windows(moved, FIXED, pendulum, 1500))
-    expected = [reduced(prepare(segment, FIXED, pendulum)) for segment in (moved[0], moved[2])]
-    assert np.allclose(parts["time"], np.concatenate([part["time"] for part in expected]))
-    assert np.allclose(parts["qdd"], np.concatenate([part["qdd"] for part in expected]), atol=1e-8)
-    with pytest.raises(InputError, match="has 50 samples"):
-        list(prepare_windows([moved[1]], FIXED, pendulum))
-    assert list(prepare_windows([], FIXED, pendulum)) == []
-
-
 # -- periods -----------------------------------------------------------------------------------------------------------
 
 
@@ -319,8 +203,6 @@ def test_a_mean_period_has_less_noise(pendulum: ec.Mechanism) -> None:
     assert one.start + one.first / one.rate == pytest.approx(0.0, abs=1e-9)
     deviation = np.std(one.y[one.first : one.stop] - qd[: round(period * RATE)])
     assert deviation == pytest.approx(1e-3 / np.sqrt(periods), rel=0.1)
-    whole = joined(prepare_windows(pieces(segment, [7000]), settings_, pendulum))
-    assert np.allclose(whole["qd"], reduced(one)["qd"])
 
 
 # -- settings from the data --------------------------------------------------------------------------------------------

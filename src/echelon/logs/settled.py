@@ -29,7 +29,7 @@ MEMORY = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Settled:
     """Settings with a mechanism and a rate.
 
     Attributes
