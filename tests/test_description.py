@@ -19,6 +19,7 @@ from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
 from echelon.formats.schema import json_schema
 from echelon.mechanism.mechanism import Mechanism
+from echelon.results.identified_record import json_schema as identified_schema
 from echelon.results.record import json_schema as result_schema
 from oracles import float_regressor, random_states
 
@@ -163,9 +164,9 @@ def test_round_trip(robot: Callable[[], Mechanism]) -> None:
     jsonschema.validate(json.loads(text), json_schema())
 
 
-@pytest.mark.parametrize("file", ["robot", "base_model"])
+@pytest.mark.parametrize("file", ["robot", "base_model", "identified"])
 def test_published_schemas_are_up_to_date(file: str) -> None:
-    expected = {"robot": json_schema, "base_model": result_schema}[file]()
+    expected = {"robot": json_schema, "base_model": result_schema, "identified": identified_schema}[file]()
     path = ROOT / f"schemas/{file}.schema.json"
     assert json.loads(path.read_text()) == expected, "run: echelon schema ... > schemas/..."
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from echelon.formats.options import ReadingOptions
 from echelon.identification.gains.gains import drive_gains, gain_names
 from echelon.identification.gains.payload import JoinedRows, Payload, loaded_rows, with_zeros
 from echelon.identification.rows.model_rows import ModelRows
+from echelon.identification.settings import Setup
+from echelon.logs.column_map import Channel, ColumnMap
 from echelon.logs.samples import Samples
 from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.joint import translation
@@ -322,3 +325,36 @@ def test_rows_of_other_outputs_or_times_do_not_join() -> None:
     late = ArrayRows.of(W, W[..., 0], parameters=["b"], times=np.arange(5.0))
     with pytest.raises(ec.InputError, match="different times"):
         list(JoinedRows(one, late).blocks())
+
+
+# -- from files -------------------------------------------------------------------------------------------------------
+
+
+def written(samples: Samples, path: Path) -> Path:
+    """A log of positions and currents."""
+    t = np.arange(len(samples)) / samples.rate
+    columns = {"t": t, **{f"q{k + 1}": q for k, q in enumerate(samples.q.T)}}
+    columns |= {f"i{k + 1}": current for k, current in enumerate(samples.inputs.values())}
+    np.savez(path, **columns)
+    return path
+
+
+def test_gains_from_logs(three: Truth, tmp_path: Path) -> None:
+    names = three.base.mechanism.velocities
+    columns = ColumnMap(
+        Channel("t"),
+        positions={name: Channel(f"q{k}") for k, name in enumerate(names, start=1)},
+        inputs={name: Channel(f"i{k}") for k, name in enumerate(names, start=1)},
+    )
+    setup = Setup("elbow.yaml", three.base.mechanism, (columns,))
+    free, carrying = (
+        written(three.run(seed, 1e-3, loaded=loaded, count=4000), tmp_path / f"run{seed}.npz")
+        for seed, loaded in ((1, False), (2, True))
+    )
+    found = ec.gains_from_logs(setup, [free], [carrying], ec.Payload("link3", {"M": LOAD[9]}))
+    assert found.drives == gain_names(three.base)
+    np.testing.assert_allclose(found.gains, three.gains, rtol=0.02)
+    with pytest.raises(ec.InputError, match="give both or neither"):
+        ec.gains_from_logs(setup, [free], [carrying])
+    with pytest.raises(ec.InputError, match=r"common factor|ratios"):
+        ec.gains_from_logs(setup, [free])

@@ -17,9 +17,9 @@ PUBLIC = [
     "Identifiability", "Identification", "InputError", "LinearBase", "LinearModel", "Match", "Mechanism",
     "MissingExtraError", "NormalEquations", "Observation", "Payload", "SensorReport", "Setup", "SpecialGeometry",
     "Structure", "UnknownRelationsError", "Verdict", "__version__", "assembly_modes", "audit", "base_parameters",
-    "base_structure", "convert", "convert_columns", "drive_gains", "generate", "identify", "joint_side", "load",
-    "load_base", "load_identified", "load_linear", "load_setup", "match", "predict_log", "report_html", "save_base",
-    "save_identification", "sensor_report", "special_geometry", "verify",
+    "base_structure", "convert", "convert_columns", "drive_gains", "gains_from_logs", "generate", "identify",
+    "joint_side", "load", "load_base", "load_identified", "load_linear", "load_setup", "match", "predict_log",
+    "report_html", "save_base", "save_identification", "sensor_report", "special_geometry", "verify",
 ]  # fmt: skip
 
 

@@ -48,6 +48,7 @@ from echelon.version import __version__
 
 if TYPE_CHECKING:  # fitting models to logs needs much that deriving them does not, so it is imported when asked for
     from echelon.identification.estimators.estimate import Estimate
+    from echelon.identification.gains.from_logs import gains_from_logs
     from echelon.identification.gains.gains import drive_gains
     from echelon.identification.gains.payload import Payload
     from echelon.identification.identify import identify
@@ -64,6 +65,7 @@ _LATER = {
     "Payload": "echelon.identification.gains.payload",
     "Setup": "echelon.identification.settings",
     "drive_gains": "echelon.identification.gains.gains",
+    "gains_from_logs": "echelon.identification.gains.from_logs",
     "identify": "echelon.identification.identify",
     "load_identified": "echelon.results.identified",
     "load_setup": "echelon.identification.setup",
@@ -105,6 +107,7 @@ __all__ = [
     "convert",
     "convert_columns",
     "drive_gains",
+    "gains_from_logs",
     "generate",
     "identify",
     "joint_side",

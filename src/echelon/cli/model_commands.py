@@ -49,6 +49,7 @@ class Schema(StrEnum):
 
     DESCRIPTION = "description"
     BASE_MODEL = "base-model"
+    IDENTIFIED = "identified"
 
 
 @app.command(epilog="Example: echelon derive panda.urdf --format json -o panda.json")
@@ -194,6 +195,8 @@ def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print."
 
     if which is Schema.DESCRIPTION:
         from echelon.formats.schema import json_schema
+    elif which is Schema.IDENTIFIED:
+        from echelon.results.identified_record import json_schema
     else:
         from echelon.results.record import json_schema
     typer.echo(json.dumps(json_schema(), indent=2))

@@ -174,7 +174,7 @@ class BodyBoundsEntry(Model):
         description="Ellipsoid that holds all of the mass: centre and semi-axes, m.",
         examples=[[[0, 0, 0.05], [0.08, 0.08, 0.08]]],
     )
-    symmetry: Annotated[tuple[Literal["xy", "xz", "yz", "x", "y", "z"], ...], AS_LIST] = Field(
+    symmetry: Annotated[tuple[Literal["xy", "xz", "yz", "x", "y", "z"], ...], BeforeValidator(_stages)] = Field(
         (), description="Planes to which, and axes about which, the mass is symmetric.", examples=[["xz"]]
     )
 

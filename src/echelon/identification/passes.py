@@ -114,7 +114,8 @@ class Passes:
         reference : Validation, optional
             Of the data that were fitted, with which verdicts compare.
         """
-        judged = _Judged(values, prior, reference, max(LIMIT // max(len(tasks), 1), _FEWEST))
+        limit = max(LIMIT // max(len(tasks), 1), _FEWEST)
+        judged = _Judged(values, prior, reference, limit, self.plan.holdout > 0)
         function = self._validated_here if self.client is None else _validated
         return each(self.client, partial(function, judged), self.plan, tasks)
 
@@ -139,11 +140,12 @@ class _Judged:
     prior: Floats | None
     reference: Validation | None
     limit: int
+    parted: bool
 
     def validation(self, rows: Rows, values: Floats, prior: Floats | None, task: Task) -> Validation:
         path, part, role = task
         found = validate(rows, values, role=role, prior_values=prior, identification=self.reference, limit=self.limit)
-        return replace(found, source=str(path) if part == "all" else f"{path} ({part} part)")
+        return replace(found, source=f"{path} ({part} part)" if self.parted and part != "all" else str(path))
 
 
 def _batches(count: int, plan: Plan, path: Path) -> tuple[Batch, ...]:

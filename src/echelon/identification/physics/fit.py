@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
@@ -89,7 +88,6 @@ def physical_fit(
     EchelonError
         If no solver finds an answer.
     """
-    start = perf_counter()
     if tuple(triangle.parameters) != tuple(base.pivots):
         raise InputError("the triangle's columns are not the base parameters of this model")
     problem = _Problem.of(base, triangle, bounds, prior, solver)
@@ -114,7 +112,6 @@ def physical_fit(
         diagnostics={
             "solver": found.solver,
             "iterations": found.iterations,
-            "seconds": perf_counter() - start,
             "active": active(programme, standard, problem.matrix(triangle.R)),
             "divergence": dict(zip(names, map(float, apart), strict=True)),
             "step_inside": step,

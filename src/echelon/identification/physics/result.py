@@ -72,7 +72,7 @@ class PhysicalFit:
     status : str
         Of the solver.
     diagnostics : mapping
-        JSON-able: solver, iterations, seconds, active bounds, …
+        JSON-able: solver, iterations, active bounds, …
     """
 
     parameters: tuple[str, ...]

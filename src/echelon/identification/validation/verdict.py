@@ -175,8 +175,8 @@ def _against_prior(validation: Validation) -> list[str]:
     better = [name for name, ratio in pairs if ratio > PRIOR]
     if not worse and not better:
         return ["It predicts like the prior model."]
-    some = "every output" if len(better) == len(pairs) else _listed(better)
-    text = f"It beats the prior model on {some}" if better else "It beats the prior model on no output"
+    some = "every output" if len(better) == len(pairs) else _listed(better) if better else "no output"
+    text = f"It beats the prior model on {some}"
     return [text + (f", which is better on {_listed(worse)}." if worse else ".")]
 
 
