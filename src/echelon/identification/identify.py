@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.base.classification import Identifiability
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
@@ -24,11 +23,11 @@ from echelon.identification.estimators.essential import essential
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.minimum_norm import minimum_norm
 from echelon.identification.estimators.solution import solved
+from echelon.identification.estimators.weighted import own_noise
 from echelon.identification.excitation.excitation import Excitation, excitation
 from echelon.identification.findings import dampened, fit_findings
 from echelon.identification.fitting import fitted, usable_noise
 from echelon.identification.passes import Passes
-from echelon.identification.physics.bounds import Bounds
 from echelon.identification.physics.feasible import feasibility
 from echelon.identification.physics.fit import physical_fit
 from echelon.identification.physics.prior import Prior, prior_from
@@ -37,6 +36,7 @@ from echelon.identification.result import Identification
 from echelon.identification.rows.plan import Part, Plan
 from echelon.identification.rows.taking import MEMORY
 from echelon.identification.settings import Setup
+from echelon.identification.setup import stated_bounds
 from echelon.identification.survey import Survey, survey
 from echelon.identification.validation.validation import Validation
 from echelon.identification.validation.verdict import overall_verdict
@@ -205,8 +205,6 @@ class _Run:
     @cached_property
     def seen(self) -> Excitation:
         """What the data show, with outputs weighted by their own noise."""
-        from echelon.identification.estimators.weighted import own_noise
-
         return excitation(self.observation, 1 / own_noise(self.observation), self.base)
 
     @cached_property
@@ -258,11 +256,7 @@ class _Run:
         if not settings.physical:
             return None
         weights = np.where(np.isfinite(noise), 1 / noise, 0.0)
-        alone = {name for name, seen in self.base.classification.items() if seen is Identifiability.ALONE}
-        fixed = {name: (value, value) for name, value in settings.known.items() if name in alone}
-        limits = {**fixed, **settings.parameters}
-        given = {"bodies": settings.bodies, "parameters": limits, "total_mass": settings.total_mass}
-        bounds = Bounds.of(self.base.mechanism, {k: v for k, v in given.items() if v}, self.setup.source)
+        bounds = stated_bounds(self.setup, self.base)
         return physical_fit(
             self.base,
             self.observation.combined(weights),
@@ -301,10 +295,11 @@ class _Run:
 
     def _record(self) -> dict[str, Any]:
         """Everything needed to repeat the run, JSON-able."""
+        setup = self.setup
         return {
-            **asdict(self.setup.settings),
-            "setup": self.setup.source,
-            "prior": None if self.setup.prior is None else self.setup.prior.name,
-            "columns": [asdict(columns) for columns in self.setup.columns or self.survey.columns],
+            **asdict(setup.settings),
+            "setup": setup.source,
+            "prior": None if setup.prior is None else setup.prior.name,
+            "columns": [asdict(columns) for columns in setup.columns or self.survey.columns],
             "held_out": self.plan.holdout,
         }

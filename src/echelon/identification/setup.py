@@ -8,7 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from echelon.base.classification import Identifiability
+from echelon.base.model import BaseModel
 from echelon.formats.load import load, read_bytes
+from echelon.identification.physics.bounds import Bounds
 from echelon.identification.settings import Settings, Setup
 from echelon.identification.setup_columns import stated_columns
 from echelon.logs.preparation import Preparation
@@ -126,3 +129,24 @@ def _settings(entry: IdentificationEntry) -> Settings:
         intervals=entry.intervals,
         level=entry.level,
     )
+
+
+def stated_bounds(setup: Setup, base: BaseModel) -> Bounds:
+    """Bounds of the physical fit that a set-up states; known parameters that are seen alone are fixed.
+
+    Parameters
+    ----------
+    setup : Setup
+    base : BaseModel
+
+    Raises
+    ------
+    InputError
+        If a body or a parameter does not exist, or a range is none.
+    """
+    settings = setup.settings
+    alone = {name for name, seen in base.classification.items() if seen is Identifiability.ALONE}
+    fixed = {name: (value, value) for name, value in settings.known.items() if name in alone}
+    limits = {**fixed, **settings.parameters}
+    given = {"bodies": settings.bodies, "parameters": limits, "total_mass": settings.total_mass}
+    return Bounds.of(base.mechanism, {key: value for key, value in given.items() if value}, setup.source)
