@@ -281,7 +281,7 @@ def main() -> None:
         print(f"skipped: {error} (set ECHELON_DATA to the folder of the logs)")
         return
     versions = {"Echelon": ec.__version__, "Python": platform.python_version()}
-    versions |= {name: version(name) for name in ("numpy", "scipy", "cvxpy", "clarabel")}
+    versions |= {name: version(name) for name in ("numpy", "scipy", "clarabel")}
     text = page(sections, versions)
     OUTPUT.write_text(text, encoding="utf-8")
     print(text)

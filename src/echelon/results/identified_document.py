@@ -18,7 +18,7 @@ from echelon.identification.result import Identification
 from echelon.results.saved import to_dict
 from echelon.version import __version__
 
-_COMPUTED_WITH = ("numpy", "scipy", "sympy", "python-flint", "llvmlite", "cvxpy", "clarabel", "pyarrow")
+_COMPUTED_WITH = ("numpy", "scipy", "sympy", "python-flint", "llvmlite", "clarabel", "scs", "pyarrow")
 _BLOCK = 1 << 20
 
 

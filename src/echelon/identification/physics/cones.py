@@ -177,7 +177,7 @@ def _clarabel(program: ConeProgram, P: Any, q: Floats, A: Any, b: Floats) -> Con
 
 def _scs(program: ConeProgram, P: Any, q: Floats, A: Any, b: Floats) -> ConeSolution:
     try:
-        import scs  # type: ignore[import-untyped]
+        import scs
     except ImportError:
         raise MissingExtraError("scs", "identify") from None
     from scipy.sparse import csc_matrix
