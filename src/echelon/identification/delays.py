@@ -35,8 +35,8 @@ _GAIN = 0.05
 """Least share of the residual's squares that a delay must remove."""
 _SHORTEST = 10 * _LONGEST
 """Segments are at least so long, s."""
-_ROWS = 20_000
-"""Rows of each output that are looked at."""
+_SAMPLES = 50_000
+"""Samples that are looked at: a delay shows in any motion, and some ten seconds of it are enough."""
 
 
 def with_delays(preparation: Preparation, segments: Sequence[Segment], base: BaseModel) -> Preparation:
@@ -67,18 +67,23 @@ def _residuals(preparation: Preparation, segments: Sequence[Segment], base: Base
     count = len(base.mechanism.outputs)
     matrices: list[list[Floats]] = [[] for _ in range(count)]
     values: list[list[Floats]] = [[] for _ in range(count)]
+    left = _SAMPLES
     for segment in segments:
-        if len(segment) / segment.rate < _SHORTEST:
+        if len(segment) / segment.rate < _SHORTEST or left <= 0:
             continue
-        if values[0] and sum(map(len, values[0])) > _ROWS:
-            break
-        samples = _inner(prepare(segment, preparation, base.mechanism), float(delays[-1]))
+        begun, left = _beginning(segment, left), left - len(segment)
+        samples = _inner(prepare(begun, preparation, base.mechanism), float(delays[-1]))
         blocks = list(ModelRows.of(base, [samples]).blocks())
         assert samples.y is not None
         for output in range(count):
             matrices[output] += [block.matrices[output] for block in blocks]
             values[output].append(_late(samples, samples.y[:, output], output, delays))
     return np.stack([_rest(np.vstack(a), np.vstack(b)) for a, b in zip(matrices, values, strict=True)], axis=1)
+
+
+def _beginning(segment: Segment, count: int) -> Segment:
+    signals, inputs = ({name: some[:count] for name, some in of.items()} for of in (segment.signals, segment.inputs))
+    return replace(segment, signals=signals, inputs=inputs)
 
 
 def _late(samples: Samples, y: Floats, output: int, delays: Floats) -> Floats:
