@@ -133,7 +133,7 @@ PENDULUM = "double_pendulum/A0_20220812_061157-PM.parquet"
 
 @pytest.fixture(scope="module")
 def pendulum() -> tuple[Setup, Identification]:
-    setup = changed(load_setup(EXAMPLES / "logs" / "double_pendulum.yaml"), holdout=1 / 3, physical=False)
+    setup = changed(load_setup(EXAMPLES / "logs" / "double_pendulum.yaml"), holdout=1 / 3)
     return setup, identify(setup, [log(PENDULUM)])
 
 
@@ -159,6 +159,18 @@ def test_pendulum_on_the_last_third(pendulum: tuple[Setup, Identification]) -> N
         theirs = validate(rows, published_pendulum(result.base, model), role="validation")
         assert all(ours < published for ours, published in zip(rms(unseen), rms(theirs), strict=True)), model
     assert values(result)["Ir"] == 6.0719e-5
+
+
+@pytest.mark.parametrize("run", ["A0_20220812_061705-PM", "A0_20220815_traj_11"])
+def test_pendulum_on_fast_runs(pendulum: tuple[Setup, Identification], run: str) -> None:
+    """Swings up, with the largest torques of all other runs."""
+    setup, result = pendulum
+    plan = Plan(result.base, setup.columns, result.preparation)
+    rows = plan.rows([log(f"double_pendulum/{run}.parquet")])
+    ours = np.linalg.norm(rms(validate(rows, result.values, role="validation")))
+    for model in ("1.0", "2.1"):
+        theirs = validate(rows, published_pendulum(result.base, model), role="validation")
+        assert ours < np.linalg.norm(rms(theirs)), model
 
 
 # -- Panda -------------------------------------------------------------------------------------------------------------
