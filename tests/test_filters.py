@@ -11,7 +11,7 @@ from scipy import signal
 from echelon.errors import InputError
 from echelon.signals.filters import NEAR, butterworth, chebyshev, lowpass
 from echelon.signals.finite import finite
-from echelon.signals.reduction import Identity, Stages, reduction
+from echelon.signals.reduction import Stages, reduction
 
 RATE = 1000.0
 INF = float("inf")
@@ -160,7 +160,6 @@ def test_what_reductions_are_made_of() -> None:
     assert reduction("fir", INF, RATE, ()) is None
     assert reduction("chebyshev", INF, RATE, (1, 1)) is None
     assert isinstance(reduction("chebyshev", INF, RATE, (10, 10)), Stages)
-    assert Identity(3).apply(np.arange(7.0)).tolist() == [0, 3, 6]
     with pytest.raises(InputError, match="fir, butterworth or chebyshev"):
         reduction("bessel", INF, RATE, ())
     with pytest.raises(InputError, match="whole numbers"):

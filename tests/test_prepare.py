@@ -18,7 +18,6 @@ from echelon.logs.prepare import prepare
 from echelon.logs.recording import Segment
 from echelon.logs.settled import Settled
 from echelon.logs.speeds import rubs, speed_rows
-from echelon.signals.reduction import Identity
 
 ROOT = Path(__file__).parent.parent
 DATA = Path(os.environ.get("ECHELON_DATA", ROOT.parent / "shared" / "data"))
@@ -86,7 +85,8 @@ def test_parameters_come_back_without_a_setting_made(pendulum: ec.Mechanism, noi
     base = ec.base_parameters(pendulum)
     segment, values = simulated(base, noise=noise)
     found = prepare(segment, chosen(OPEN, [segment], pendulum), pendulum)
-    filters = found.reduction or Identity()
+    assert found.reduction is not None
+    filters = found.reduction
     regressor = filters.apply(base.regressor(found.q, found.qd, found.qdd))
     keep = np.ones(regressor.shape[:2], bool) if found.moving is None else found.moving[filters.kept(len(found))]
     estimate = np.linalg.lstsq(regressor[keep], filters.apply(found.y)[keep], rcond=None)[0]

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from scipy.stats import chi2, kstest
 
 import echelon as ec
-from echelon.identification.rows.holdout import held_out, held_out_logs, split
+from echelon.identification.rows.holdout import split
 from echelon.identification.rows.model_rows import ModelRows
 from echelon.identification.validation.correlation import CorrelationSums
 from echelon.identification.validation.residuals import correlations, spectrum
@@ -367,22 +367,8 @@ def test_split_keeps_the_share(share: float, guard: int) -> None:
     assert held.first == guard
 
 
-def test_short_segments_are_fitted() -> None:
-    fit, held = held_out([samples(count=4), samples("b")], guard=3)
-    assert [s.source for s in fit] == ["a", "b"]
-    assert [s.source for s in held] == ["b"]
+def test_what_cannot_be_split_is_refused() -> None:
     with pytest.raises(ec.InputError, match="4 samples cannot be split"):
-        held_out([samples(count=4)], guard=3)
+        split(samples(count=4), guard=3)
     with pytest.raises(ec.InputError, match="share"):
         split(samples(), 1.0)
-
-
-def test_split_by_log() -> None:
-    logs = [samples("a"), samples("b", 50), samples("a"), samples("c", 70)]
-    fit, held = held_out_logs(logs, 0.25)
-    assert [s.source for s in fit] == ["a", "b", "a"]
-    assert [s.source for s in held] == ["c"]
-    assert [s.source for s in held_out_logs(logs, 0.4)[1]] == ["b", "c"]
-    assert [s.source for s in held_out_logs(logs, 0.99)[1]] == ["b", "c"]
-    with pytest.raises(ec.InputError, match="one log only"):
-        held_out_logs([samples()])

@@ -69,31 +69,6 @@ def _every(factor: int, count: int) -> Places:
 
 
 @dataclass(frozen=True, eq=False)
-class Identity:
-    """No filter and no decimation, or decimation alone.
-
-    Attributes
-    ----------
-    factor : int
-    """
-
-    factor: int = 1
-
-    @property
-    def reach(self) -> int:
-        """Samples on either side that a result depends on: none."""
-        return 0
-
-    def kept(self, count: int) -> Places:
-        """Which of so many samples remain."""
-        return _every(self.factor, count)
-
-    def apply(self, values: Floats) -> Floats:
-        """The values at the samples that remain."""
-        return np.array(values[:: self.factor], dtype=np.float64)
-
-
-@dataclass(frozen=True, eq=False)
 class Recursive:
     """A recursive filter forwards and backwards, then decimation.
 

@@ -8,7 +8,6 @@ parts and none is lost.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -56,77 +55,6 @@ def split(samples: Samples, share: float = SHARE, guard: int = 0) -> tuple[Sampl
         )
     held = replace(_part(samples, cut, len(samples)), first=guard, stop=stop - cut)
     return replace(_part(samples, 0, cut), stop=cut - guard), held
-
-
-def held_out(
-    segments: Sequence[Samples], share: float = SHARE, guard: int = 0
-) -> tuple[tuple[Samples, ...], tuple[Samples, ...]]:
-    """The last share of every segment; segments that are too short to be split are fitted as a whole.
-
-    Parameters
-    ----------
-    segments : sequence of Samples
-    share, guard
-        As for :func:`split`.
-
-    Returns
-    -------
-    fit, held : tuple of Samples
-
-    Raises
-    ------
-    InputError
-        If the share or guard is out of range, or all segments are too short.
-    """
-    fit: list[Samples] = []
-    held: list[Samples] = []
-    last = InputError("there are no samples to split")
-    for samples in segments:
-        try:
-            first, second = split(samples, share, guard)
-        except InputError as error:
-            last = error
-            fit.append(samples)
-        else:
-            fit.append(first)
-            held.append(second)
-    if not held:
-        raise last
-    return tuple(fit), tuple(held)
-
-
-def held_out_logs(segments: Sequence[Samples], share: float = SHARE) -> tuple[tuple[Samples, ...], tuple[Samples, ...]]:
-    """Whole logs, the last ones: trajectories that the fit has not seen at all.
-
-    Parameters
-    ----------
-    segments : sequence of Samples
-        Of several logs, told apart by ``source``.
-    share : float
-        Part of the samples that is held out, as nearly as whole logs allow; at least one log, and not all.
-
-    Returns
-    -------
-    fit, held : tuple of Samples
-
-    Raises
-    ------
-    InputError
-        If the share is out of range, or there is one log only.
-    """
-    if not 0 < share < 1:
-        raise InputError(f"the share to hold out is {share:g}; expected a number between 0 and 1")
-    sizes: dict[str, int] = {}
-    for samples in segments:
-        stop = len(samples) if samples.stop is None else samples.stop
-        sizes[samples.source] = sizes.get(samples.source, 0) + stop - samples.first
-    if len(sizes) < 2:
-        raise InputError("there is one log only; hold out a part of its time instead")
-    names = list(sizes)
-    after = np.cumsum([sizes[name] for name in reversed(names)])[:-1] / max(sum(sizes.values()), 1)
-    count = 1 + int(np.argmin(np.abs(after - share)))
-    last = set(names[-count:])
-    return tuple(s for s in segments if s.source not in last), tuple(s for s in segments if s.source in last)
 
 
 def _part(samples: Samples, begin: int, end: int) -> Samples:
