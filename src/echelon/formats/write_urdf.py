@@ -6,7 +6,7 @@ inertial and the joints that follow.  A joint of several motions becomes several
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from math import atan2, cos, hypot, sin
@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.exact.polynomial import as_polynomial
-from echelon.formats.intent import numeric_value
 from echelon.formats.write_effects import joint_effects
 from echelon.formats.write_notes import head_comment, listed, rotor_notes
 from echelon.formats.write_urdf_file import DYNAMICS, FORMAT, inertial_lines
@@ -26,7 +25,7 @@ from echelon.inertia.spatial import move
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import GROUND, Body, Mechanism
 from echelon.mechanism.placement import ORIGIN, Placement
-from echelon.mechanism.values import known_values
+from echelon.mechanism.values import known_values, placement_matrix
 
 Floats = npt.NDArray[np.float64]
 
@@ -163,7 +162,7 @@ class _Generator:
         total = np.eye(4)
         for step in steps:
             assert isinstance(step, Placement), "the caller takes the motions out"
-            total = total @ _homogeneous(step, self.known)
+            total = total @ placement_matrix(step, self.known)
         return total
 
     def _notes(self) -> Iterator[str]:
@@ -204,15 +203,6 @@ def _floats(mechanism: Mechanism, index: int) -> bool:
     plain = [step.axis for step in first[:3] if isinstance(step, Motion) and step.sign > 0] == [0, 1, 2]
     alone = sum(b.parent == GROUND and b.joint.kind != ROTOR for b in mechanism.bodies) == 1
     return body.parent == GROUND and alone and plain and kinds == _FLOATING == tuple(m.kind for m in body.joint.motions)
-
-
-def _homogeneous(placement: Placement, known: Mapping[str, float]) -> Floats:
-    matrix = np.eye(4)
-    values = dict(known)
-    for i in range(3):
-        matrix[i, :3] = [numeric_value(entry, values) for entry in placement.rotation[i]]
-        matrix[i, 3] = numeric_value(placement.translation[i], values)
-    return matrix
 
 
 def _rpy(r: Floats) -> tuple[float, float, float]:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+import numpy as np
+import numpy.typing as npt
+
 from echelon.errors import InputError
-from echelon.exact.polynomial import float_generators
+from echelon.exact.polynomial import Polynomial, float_generators
 from echelon.mechanism.mechanism import Mechanism, setup_expressions
 from echelon.mechanism.placement import Placement
 
@@ -48,6 +51,25 @@ def all_symbols(mechanism: Mechanism) -> set[str]:
 def known_values(mechanism: Mechanism) -> dict[str, float]:
     """Values of the symbols that have one."""
     return {name: s.value for name, s in mechanism.symbols.items() if s.value is not None}
+
+
+def placement_matrix(placement: Placement, symbols: Mapping[str, float]) -> npt.NDArray[np.float64]:
+    """A placement as a homogeneous matrix, shape (4, 4).
+
+    Parameters
+    ----------
+    placement : Placement
+    symbols : mapping of str to float
+        Values of the symbols that occur in it, SI units.
+    """
+
+    def number(entry: Polynomial) -> float:
+        return entry.evaluate(float_generators(entry.generators(), symbols), float)
+
+    matrix = np.eye(4)
+    matrix[:3, :3] = [[number(entry) for entry in row] for row in placement.rotation]
+    matrix[:3, 3] = [number(entry) for entry in placement.translation]
+    return matrix
 
 
 def characteristic_length(mechanism: Mechanism) -> float:

@@ -17,14 +17,13 @@ import numpy.typing as npt
 from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
 from echelon.errors import InputError
-from echelon.exact.polynomial import Polynomial, float_generators
 from echelon.identification.physics.reference import repaired, without_placeholder
 from echelon.inertia.spatial import move
 from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.placement import Placement
-from echelon.mechanism.values import all_symbols, characteristic_length, symbol_values
+from echelon.mechanism.values import all_symbols, characteristic_length, placement_matrix, symbol_values
 
 Floats = npt.NDArray[np.float64]
 
@@ -164,7 +163,7 @@ class _Posed:
             found = []
             for step in body.joint.steps:
                 if isinstance(step, Placement):
-                    frame = frame @ _numeric(step, symbols)
+                    frame = frame @ placement_matrix(step, symbols)
                 else:
                     found.append(_Axis(frame, step))
             frames.append(frame)
@@ -182,16 +181,6 @@ class _Posed:
 def _used(mechanism: Mechanism) -> set[str]:
     needed = {name for body in mechanism.bodies for name in body.joint.symbols()}
     return needed & all_symbols(mechanism)
-
-
-def _numeric(placement: Placement, symbols: Mapping[str, float]) -> Floats:
-    def number(entry: Polynomial) -> float:
-        return entry.evaluate(float_generators(entry.generators(), symbols), float)
-
-    matrix = np.eye(4)
-    matrix[:3, :3] = [[number(entry) for entry in row] for row in placement.rotation]
-    matrix[:3, 3] = [number(entry) for entry in placement.translation]
-    return matrix
 
 
 def _matched(mechanism: Mechanism, other: Mechanism) -> dict[int, int]:
