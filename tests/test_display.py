@@ -35,6 +35,7 @@ SHOWN: dict[str, Callable[[], ec.BaseModel]] = {
     "double_pendulum": lambda: ec.base_parameters(arms.double_pendulum()),
     "inclined": lambda: ec.base_parameters(arms.inclined()),
     "slanted": lambda: ec.base_parameters(arms.slanted()),
+    "tx40": lambda: ec.base_parameters(ec.load(Path(__file__).parent.parent / "examples" / "tx40.yaml")),
     "panda_masses": lambda: ec.base_parameters(arms.panda(), prefer=("M",)),
 }
 

@@ -115,9 +115,11 @@ class LatexStyle:
     times, minus = r"\,", "-"
 
     def parameter(self, name: str) -> str:
-        """E.g. ``XX_{3}``."""
-        kind = next(k for k in sorted(PARAMETERS, key=len, reverse=True) if name.startswith(k))
-        return f"\\mathit{{{kind}}}_{{{_escape(name[len(kind) :])}}}"
+        """E.g. ``XX_{3}``; of an effect's parameter all before the digits at its end, such as ``Fv_{1}``."""
+        inertial = (k for k in sorted(PARAMETERS, key=len, reverse=True) if name.startswith(k))
+        kind = next(inertial, re.sub(r"[0-9]+$", "", name) or name)
+        rest = name[len(kind) :]
+        return f"\\mathit{{{_escape(kind)}}}" + (f"_{{{_escape(rest)}}}" if rest else "")
 
     def generator(self, name: str, exponent: int) -> str:
         """A power, with the name's digits as index."""
