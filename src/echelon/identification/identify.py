@@ -229,7 +229,10 @@ class _Run:
         criterion = self.setup.settings.essential
         if criterion == "none" or self.seen.rank < self.base.rank:
             return None
-        return essential(self.observation, self.base.units, noise, criterion=criterion)
+        # residuals that resemble their neighbours say less than their number
+        inflation = [value for value in self.estimate.diagnostics.get("inflation", {}).values() if np.isfinite(value)]
+        correlation = max(1.0, float(np.mean(inflation))) if inflation else 1.0
+        return essential(self.observation, self.base.units, noise, criterion=criterion, correlation=correlation)
 
     # -- physics ---------------------------------------------------------------------------------------------------
 
