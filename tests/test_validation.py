@@ -16,8 +16,7 @@ from scipy.stats import chi2, kstest
 import echelon as ec
 from echelon.identification.rows.holdout import split
 from echelon.identification.rows.model_rows import ModelRows
-from echelon.identification.validation.correlation import CorrelationSums
-from echelon.identification.validation.residuals import correlations, spectrum
+from echelon.identification.validation.correlation import LAGS, Correlations, CorrelationSums
 from echelon.identification.validation.traces import TraceKeeper, thinned
 from echelon.identification.validation.validation import Score, Trace, Validation, validate
 from echelon.identification.validation.verdict import Grade, grade, overall_verdict, verdict
@@ -30,6 +29,13 @@ def direct(e: np.ndarray, present: np.ndarray, lag: int) -> float:
     centred = np.where(present, e - e[present].mean(), 0)
     pairs = np.sum(present[lag:] & present[: len(e) - lag])
     return float(np.sum(centred[lag:] * centred[: len(e) - lag]) / pairs / np.mean(centred[present] ** 2))
+
+
+def correlations(times: np.ndarray, residuals: np.ndarray, lags: int = LAGS) -> Correlations:
+    """Of one stretch of rows."""
+    sums = CorrelationSums(lags)
+    sums.add(times, residuals)
+    return sums.result()
 
 
 # -- residuals --------------------------------------------------------------------------------------------------------
@@ -96,27 +102,6 @@ def test_ljung_box_by_its_formula_and_its_level() -> None:
     p = [correlations(t, rng.normal(size=len(t)), lags=30).whiteness() for _ in range(300)]
     assert kstest(p, "uniform").pvalue > 1e-3
     assert correlations(t, np.sin(0.3 * t)).whiteness() < 1e-10
-
-
-def test_spectrum_integrates_to_the_variance_and_finds_a_line() -> None:
-    rng = np.random.default_rng(5)
-    t = 0.005 * np.arange(20_000)
-    e = rng.normal(size=20_000) + 2 * np.sin(2 * np.pi * 12.5 * t) + 7
-    keep = np.ones(20_000, dtype=bool)
-    keep[9000:9400] = False
-    found = spectrum(t[keep], e[keep])
-    assert found.frequency[np.argmax(found.density)] == pytest.approx(12.5, abs=0.2)
-    assert np.trapezoid(found.density, found.frequency) == pytest.approx(1 + 2, rel=0.05)
-    # white noise has the density 2 σ²/rate
-    assert np.median(found.density) == pytest.approx(2 / 200, rel=0.1)
-    with pytest.raises(ec.InputError, match="at least 8 rows"):
-        spectrum(np.arange(20.0) ** 2, np.zeros(20))
-
-
-@pytest.mark.parametrize("times", [[0.0, 1.0, 1.0], [0.0, 1.0]])
-def test_residuals_need_ascending_times(times: list[float]) -> None:
-    with pytest.raises(ec.InputError, match=r"ascend|equal length"):
-        correlations(times, [1.0, 2.0, 3.0])
 
 
 # -- scores -----------------------------------------------------------------------------------------------------------
