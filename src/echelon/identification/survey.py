@@ -20,7 +20,7 @@ from echelon.logs.recording import Segment
 _LOGS = 64
 """Logs that are looked at; of a long log, its first piece."""
 _SAMPLES = 1 << 18
-"""Samples that choices are made from; faults are looked for in all that is read."""
+"""Samples that choices are made from; faults are looked for in the first piece of every log."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,8 @@ def survey(setup: Setup, base: BaseModel, paths: Sequence[Path]) -> Survey:
     setup : Setup
     base : BaseModel
     paths : sequence of Path
-        Logs that the model is fitted to; what is held out has no say.
+        Logs that the model is fitted to.  Logs that are held out have no say; the held-out end of a log that is
+        fitted to does, in filters and delays, not in parameters.
 
     Raises
     ------
