@@ -58,16 +58,6 @@ def divided(polynomial: Polynomial, divisor: Polynomial, order: Sequence[str]) -
     return _leave(quotient, order), _leave(rest, order)
 
 
-def leading_monomial(polynomial: Polynomial, order: Sequence[str]) -> Monomial:
-    """The first monomial in lexicographic order."""
-
-    def key(monomial: Monomial) -> tuple[int, ...]:
-        powers = dict(monomial)
-        return tuple(powers.get(name, 0) for name in order)
-
-    return max(polynomial.terms, key=key)
-
-
 def _primitive(polynomial: Polynomial) -> tuple[Polynomial, Fraction]:
     """The polynomial with coprime integer coefficients, the first one positive, and the number taken out."""
     coefficients = [Fraction(c) for _, c in polynomial.sorted_terms() if not isinstance(c, Surd)]

@@ -147,10 +147,6 @@ def factor(unit: str, quantity: str | Sequence[str] | None) -> float:
     return float(found.factor)
 
 
-def _dimension(si: str) -> Dimension:
-    return _parsed(si, (si,)).dimension
-
-
 def _valid(wanted: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(text for si in wanted for text in _QUANTITIES.get(si, ("", (si,)))[1]))
 
