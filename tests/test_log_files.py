@@ -12,7 +12,6 @@ import sys
 import tracemalloc
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,58 +19,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import scipy.io
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
-from scipy.sparse import issparse
 
 from echelon.errors import InputError, MissingExtraError
-from echelon.logs.files.csv import CsvFile
-from echelon.logs.files.mat import MatFile
-from echelon.logs.files.mat_elements import Group, Unread, Value, variables
-from echelon.logs.files.npz import NpzFile
 from echelon.logs.files.open import log_paths, open_log, read_table
 from echelon.logs.files.parquet import ParquetFile
-from echelon.logs.table import LogFile
+from log_tables import joined, same, text
 
 ROOT = Path(__file__).parent.parent
 DATA = Path(os.environ.get("ECHELON_DATA", ROOT.parent / "shared" / "data"))
 RANDOM = np.random.default_rng(5)
-MATLAB = Path(scipy.io.__file__).parent / "matlab" / "tests" / "data"
 SAMPLES = {name: RANDOM.normal(size=500) * 10.0**exponent for exponent, name in enumerate(("t", "q1", "q2", "tau"))}
-
-
-@pytest.fixture(params=["pyarrow", "numpy"])
-def parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
-    """Text is parsed with pyarrow, and as if it were not installed."""
-    if request.param == "numpy":
-        monkeypatch.setitem(sys.modules, "pyarrow", None)
-    return str(request.param)
-
-
-def text(directory: Path, content: str | bytes, name: str = "run.csv") -> Path:
-    path = directory / name
-    path.write_bytes(content.encode() if isinstance(content, str) else content)
-    return path
-
-
-def joined(log: LogFile, names: list[str] | None = None, rows: int = 1 << 17) -> dict[str, npt.NDArray[np.float64]]:
-    """All pieces of a log, after checking that each is as long as it may be and begins where the last one ended."""
-    pieces = list(log.tables(names, rows))
-    first = 0
-    for piece in pieces:
-        lengths = {len(values) for values in piece.columns.values()}
-        assert len(lengths) == 1
-        assert piece.first == first
-        (length,) = lengths
-        assert 0 < length <= rows
-        first += length
-    return {name: np.concatenate([piece.columns[name] for piece in pieces]) for name in pieces[0].columns}
-
-
-def same(found: Mapping[str, npt.ArrayLike], expected: Mapping[str, npt.ArrayLike]) -> None:
-    assert list(found) == list(expected)
-    for name, values in expected.items():
-        np.testing.assert_array_equal(found[name], values, err_msg=name)
 
 
 def write(path: Path, columns: Mapping[str, npt.NDArray[np.float64]] = SAMPLES) -> Path:
@@ -175,113 +132,6 @@ def test_a_missing_file_suggests_its_neighbour(tmp_path: Path) -> None:
         open_log(tmp_path / "run_l.csv")
     with pytest.raises(InputError, match="cannot be read"):
         open_log("a\0b.csv")
-
-
-# -- text --------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.usefixtures("parser")
-@pytest.mark.parametrize(
-    ("content", "expected"),
-    [
-        ("t,q\n0,1.5\n1,-2e-3\n", {"t": [0, 1], "q": [1.5, -0.002]}),
-        ("0,1.5\n1,2\n", {"0": [0, 1], "1": [1.5, 2]}),
-        ("0,1.5\n1,2", {"0": [0, 1], "1": [1.5, 2]}),
-        ("t;q\r\n0,25;1,5\r\n1;2\r\n", {"t": [0.25, 1], "q": [1.5, 2]}),
-        ("t;q\n0.25;1.5\n", {"t": [0.25], "q": [1.5]}),
-        ("t\tq\n0,5\t1\n", {"t": [0.5], "q": [1]}),
-        ("t q\n  0   1.5\n 1\t2 \n", {"t": [0, 1], "q": [1.5, 2]}),
-        ("1,5 2,5\n3,5 4\n", {"0": [1.5, 3.5], "1": [2.5, 4]}),
-        ("\ufefft,q\n0,1\n", {"t": [0], "q": [1]}),
-        ("\ufeff0,1\n2,3\n", {"0": [0, 2], "1": [1, 3]}),
-        ('"time, s","joint ""1"""\n0,"1.5"\n', {"time, s": [0], 'joint "1"': [1.5]}),
-        ('time "joint 1"\n0 1.5\n', {"time": [0], "joint 1": [1.5]}),
-        ("# a log\n#\n# t q\n0 1\n", {"t": [0], "q": [1]}),
-        ("# recorded today by me\n0 1\n", {"0": [0], "1": [1]}),
-        ("# robot\nt,q\n0,1\n# pause\n\n1,2\n", {"t": [0, 1], "q": [1, 2]}),
-        ("t,q\n0,\n1,nan\n2,NA\n,3\n", {"t": [0, 1, 2, np.nan], "q": [np.nan, np.nan, np.nan, 3]}),
-        ("t,on\n0,true\n1,False\n", {"t": [0, 1], "on": [1, 0]}),
-        ("t,q\n0,inf\n1,-Infinity\n+2,+.5\n", {"t": [0, 1, 2], "q": [np.inf, -np.inf, 0.5]}),
-        ("t,,q\n0,1,2\n", {"t": [0], "1": [1], "q": [2]}),
-        ("q\n1.5\n\n2.5\n", {"q": [1.5, 2.5]}),
-        ("1.5\n2.5\n", {"0": [1.5, 2.5]}),
-    ],
-)
-def test_layouts_of_text(content: str, expected: dict[str, list[float]], tmp_path: Path) -> None:
-    log = CsvFile(text(tmp_path, content))
-    assert log.names == tuple(expected)
-    same(joined(log), expected)
-    same(joined(log, rows=1), expected)
-
-
-@pytest.mark.usefixtures("parser")
-@pytest.mark.parametrize(
-    ("content", "problem"),
-    [
-        ("t,q\n0,1\n1,AUTO\n", r"line 3, column 'q': 'AUTO' is no number"),
-        (
-            "t,q\n2026-03-01 12:00:00,1\n",
-            r"column 't': '2026-03-01 12:00:00' is no number; times have to be in seconds",
-        ),
-        ("t,q\n0,1_000\n", r"line 2, column 'q': '1_000' is no number"),
-        ("t,q\n0,0x10\n", r"line 2, column 'q': '0x10' is no number"),
-        ("t;q\n0;1.234,5\n", r"line 2, column 'q': '1.234,5' is no number"),
-        ("# log\nt,q\n0,1\n\n2\n", r"line 5: has 1 cell where the file has 2 columns"),
-        ("t,q\n0,1\n0,1,\n", r"line 3: has 3 cells where the file has 2 columns"),
-        ("t q\n0 1\n0 1 2\n", r"line 3: has 3 cells where the file has 2 columns"),
-        ("t,q,t\n0,1,2\n", r"line 1, column 't': columns 0 and 2 have the same name"),
-        ("t,q\n", "holds the names of columns but no numbers"),
-        ("# nothing\n\n", "holds no numbers: all lines are blank or comments"),
-        ("t,q\n0,1\n".encode("utf-16"), "is UTF-16 text; save it as UTF-8"),
-        ("t,Gelenk °\n0,1\n".encode("latin-1"), r"line 1: byte 0xb0 is no UTF-8 text"),
-        (b"t,q\n0,1\n\0\0", "is no text"),
-        ("t,q\r0,1\r", "carriage returns inside lines"),
-        ("1" * (2 << 20), "a line is longer than 1 MB"),
-    ],
-)
-def test_text_that_is_no_log(content: str | bytes, problem: str, tmp_path: Path) -> None:
-    path = text(tmp_path, content)
-    with pytest.raises(InputError, match=problem) as caught:
-        read_table(path)
-    assert str(caught.value).startswith(f"{path}: ")
-
-
-@pytest.mark.usefixtures("parser")
-def test_text_that_nobody_asks_for_may_stand_beside_numbers(tmp_path: Path) -> None:
-    path = text(tmp_path, "t,mode,q\n" + "".join(f"{k},AUTO,{k / 8}\n" for k in range(100)))
-    same(read_table(path, ["q", "t"]).columns, {"q": np.arange(100) / 8, "t": np.arange(100)})
-    with pytest.raises(InputError, match=r"line 2, column 'mode': 'AUTO' is no number"):
-        read_table(path)
-
-
-@pytest.mark.usefixtures("parser")
-def test_lines_are_counted_over_pieces(tmp_path: Path) -> None:
-    path = text(tmp_path, "# log\nt,q\n" + "0,1\n" * 50 + "# pause\n" + "0,1\n" * 20 + "0,x\n")
-    with pytest.raises(InputError, match=r"line 74, column 'q': 'x' is no number"):
-        list(CsvFile(path).tables(rows=7))
-
-
-NUMBERS = st.floats(allow_nan=True, allow_infinity=True) | st.integers(-(10**30), 10**30)
-STYLES = {"repr": repr, "short": lambda value: f"{value:.3g}", "exponent": lambda value: f"{value:+.17E}"}
-
-
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    rows=st.lists(st.tuples(NUMBERS, NUMBERS, st.none() | NUMBERS), min_size=1, max_size=12),
-    delimiter=st.sampled_from([",", ";", "\t", ", "]),
-    style=st.sampled_from(sorted(STYLES)),
-    newline=st.sampled_from(["\n", "\r\n"]),
-)
-def test_numbers_are_read_as_python_reads_them(
-    parser: str, rows: list[tuple[Any, ...]], delimiter: str, style: str, newline: str, tmp_path: Path
-) -> None:
-    cells = [["" if value is None else STYLES[style](value) for value in row] for row in rows]
-    if delimiter in (";", "\t"):
-        cells = [[cell.replace(".", ",") for cell in row] for row in cells]
-    content = newline.join(delimiter.join(row) for row in [["a", "b", "c"], *cells]) + newline
-    found = read_table(text(tmp_path, content, f"{parser}.csv")).columns
-    expected = np.array([[float(cell.replace(",", ".") or "nan") for cell in row] for row in cells])
-    np.testing.assert_array_equal(np.column_stack([found["a"], found["b"], found["c"]]), expected)
 
 
 # -- Parquet -----------------------------------------------------------------------------------------------------------
@@ -404,135 +254,6 @@ def test_real_logs(file: str, tmp_path: Path) -> None:
     rows = np.column_stack(list(expected.values()))
     np.savetxt(tmp_path / "run.txt", rows, fmt="%.17g", header=" ".join(expected))
     same(read_table(tmp_path / "run.txt").columns, expected)
-
-
-# -- NumPy and MATLAB --------------------------------------------------------------------------------------------------
-
-
-def test_arrays_of_an_archive(tmp_path: Path) -> None:
-    path = tmp_path / "run.npz"
-    q, cube = RANDOM.normal(size=(2, 10, 2))[0], RANDOM.normal(size=(10, 2, 2)).astype(np.float32)
-    records = np.zeros(10, dtype=[("x", ">i4"), ("v", "f8", (2,)), ("label", "U3"), ("deep", [("y", "?")])])
-    records["x"], records["v"], records["deep"]["y"] = np.arange(10), q, True
-    np.savez(
-        path, t=np.arange(10), q=q, cube=cube, records=records, gear=np.ones(3), turned=q.T, label=np.array(["a"] * 10),
-        rate=100.0, objects=np.array([{}] * 10), wide=np.zeros((10, 5000)), day=np.zeros(10, "datetime64[s]"),
-    )  # fmt: skip
-    log = NpzFile(path)
-    expected = {
-        "t": np.arange(10), "q[0]": q[:, 0], "q[1]": q[:, 1],
-        **{f"cube[{j}][{k}]": cube[:, j, k] for j in range(2) for k in range(2)},
-        "records.x": np.arange(10), "records.v[0]": q[:, 0], "records.v[1]": q[:, 1], "records.deep.y": np.ones(10),
-    }  # fmt: skip
-    same(joined(log), expected)
-    same(joined(log, rows=3), expected)
-    for name, problem in {
-        "gear": "has 3 rows where most arrays of the file have 10",
-        "turned[0]": "has 2 rows where most arrays of the file have 10; transpose it",
-        "label": "holds text, not real numbers",
-        "rate": "is a single value, not a value per row",
-        "objects": "holds Python objects, not real numbers",
-        "wide[0]": "has 5000 columns; at most 4096 are read",
-        "day": "holds dates or spans of time",
-        "q": r"has 2 columns; name one of them, such as 'q\[0\]'",
-    }.items():
-        with pytest.raises(InputError, match=rf"column '{name.replace('[', chr(92) + '[')}': {problem}"):
-            list(log.tables([name]))
-
-
-@pytest.mark.parametrize(
-    ("array", "names"),
-    [
-        (np.arange(5.0), ("0",)),
-        (np.arange(15).reshape(5, 3), ("0", "1", "2")),
-        (np.asfortranarray(np.arange(15).reshape(5, 3)), ("0", "1", "2")),
-        (np.arange(20).reshape(5, 2, 2), ("0[0]", "0[1]", "1[0]", "1[1]")),
-        (np.zeros(5, dtype=[("t", "f8"), ("q", "f4", (2,))]), ("t", "q[0]", "q[1]")),
-    ],
-)
-def test_a_single_array(array: npt.NDArray[Any], names: tuple[str, ...], tmp_path: Path) -> None:
-    np.save(tmp_path / "run.npy", array)
-    log = NpzFile(tmp_path / "run.npy")
-    assert log.names == names
-    found = np.column_stack(list(joined(log, rows=2).values()))
-    if array.dtype.names is None:
-        np.testing.assert_array_equal(found, array.reshape(5, -1))
-
-
-def test_pickles_are_never_loaded(tmp_path: Path) -> None:
-    np.save(tmp_path / "run.npy", np.array([{}, {}]), allow_pickle=True)
-    with pytest.raises(InputError, match="pickled Python objects, which are not loaded: they can run code"):
-        NpzFile(tmp_path / "run.npy")
-    np.savez(tmp_path / "run.npz", a=np.array([{}, {}]), b="x")
-    with pytest.raises(InputError, match=r"no arrays of numbers.*: 'a' holds Python objects.*; 'b' is a single value"):
-        NpzFile(tmp_path / "run.npz")
-
-
-@pytest.mark.parametrize("version", ["4", "5"])
-def test_matlab_files(version: str, tmp_path: Path) -> None:
-    path = tmp_path / "run.mat"
-    q = RANDOM.normal(size=(10, 3))
-    content: dict[str, Any] = {"t": np.arange(10.0), "column": q[:, :1], "q": q, "gear": np.ones(3), "rate": 5.0}
-    expected = {"t": np.arange(10), "column": q[:, 0], "q[0]": q[:, 0], "q[1]": q[:, 1], "q[2]": q[:, 2]}
-    if version == "5":
-        cell = np.empty(2, dtype=object)
-        cell[:] = [np.arange(10) * 2.0, "text"]
-        content |= {"log": {"tau": q[:, 1], "deep": {"f": q[:, :2]}}, "cell": cell, "empty": np.zeros((0, 0))}
-        expected |= {
-            "log.tau": q[:, 1],
-            "log.deep.f[0]": q[:, 0],
-            "log.deep.f[1]": q[:, 1],
-            "cell[0]": np.arange(10) * 2,
-        }
-    scipy.io.savemat(path, content, format=version)
-    log = MatFile(path)
-    same(joined(log), expected)
-    same(joined(log, rows=4), expected)
-    with pytest.raises(InputError, match=r"column 'gear': has 3 rows where most arrays of the file have 10"):
-        list(log.tables(["gear"]))
-
-
-def same_as_scipy(found: Value, expected: Any) -> bool:
-    """Whether a value of a MAT file is what scipy makes of it."""
-    if isinstance(found, Unread):
-        return expected.dtype.kind not in "biuf" or expected.dtype.names is not None or issparse(expected)
-    if not isinstance(found, Group):
-        return found.shape == expected.shape and np.array_equal(found, expected, equal_nan=True)
-    flat = [tuple(entry) if found.fields else (entry,) for entry in expected.ravel(order="F")]
-    members = [member for entry in flat for member in entry]
-    return (expected.dtype.names or ()) == found.fields and all(
-        same_as_scipy(own, other) for own, other in zip(found.members, members, strict=True)
-    )
-
-
-def matlab_files() -> list[Path]:
-    """Of versions 5 to 7; without names that scipy changes or refuses, and a struct that it fills with nothing."""
-    strange = ("nasty_duplicate_fieldnames", "bad_miutf8_array_name", "test_empty_struct")
-    starts = {path: path.read_bytes()[:520] for path in sorted(MATLAB.glob("*.mat")) if path.stem not in strange}
-    return [path for path, start in starts.items() if 0 not in start[:4] and b"\x89HDF" not in start]
-
-
-@pytest.mark.parametrize("path", matlab_files(), ids=lambda path: path.stem)
-@pytest.mark.filterwarnings("ignore")
-def test_files_that_matlab_wrote(path: Path) -> None:
-    """The files with which scipy tests its own reader, where it brings them along."""
-    try:
-        expected = {name: value for name, value in scipy.io.loadmat(path).items() if not name.startswith("__")}
-    except Exception:
-        with pytest.raises(InputError):
-            MatFile(path)
-        return
-    found = dict(variables(path.read_bytes()))
-    assert all(same_as_scipy(found[name], value) for name, value in expected.items() if name != "None")
-
-
-def test_matlab_files_of_version_7_3_say_how_to_save_them(tmp_path: Path) -> None:
-    header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n"
-    for content in (header, header[512:]):
-        with pytest.raises(
-            InputError, match=r"version 7\.3, which is not read; save it in MATLAB with  save\(…, '-v7'\)"
-        ):
-            open_log(text(tmp_path, content, "run.mat"))
 
 
 # -- logs of any kind --------------------------------------------------------------------------------------------------
