@@ -182,7 +182,7 @@ def pendulum() -> Section:
         [[n, interval(r, "MX1"), interval(r, "Fc1")] for n, r in moments],
     )
     text = (
-        "Fitted to the whole slow run, judged on other runs (joint 1 · joint 2, N·m), published models beside; the last "
+        "Fitted to the whole slow run, judged on others (joint 1 · joint 2, N·m), published models beside; the last "
         "columns compare the rms of both joints.  In all but the first two runs 99 % of the torques are below 0.9 N·m; "
         "in the last one torques are commands."
     )
