@@ -38,6 +38,16 @@ def test_a_good_log_gives_no_finding(tmp_path: Path) -> None:
     assert result.verdict.startswith(GOOD)
 
 
+def test_faults_of_a_log_that_only_validates_are_named(tmp_path: Path) -> None:
+    setup, motion = ARM.load(tmp_path), motion_of(ARM)
+    holed = motion.y.copy()
+    holed[200:220, 1] = np.nan
+    good = ARM.log(motion, tmp_path / "good", setup.mechanism)
+    bad = ARM.log(replace(motion, y=holed), tmp_path / "bad", setup.mechanism)
+    (fault,) = of_kind(identify(setup, [good], [bad]), "not finite")
+    assert str(bad) in fault.where
+
+
 # -- poor excitation ---------------------------------------------------------------------------------------------------
 
 

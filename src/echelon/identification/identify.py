@@ -170,7 +170,7 @@ class _Run:
 
     @cached_property
     def survey(self) -> Survey:
-        return survey(self.setup, self.base, self._paths[0])
+        return survey(self.setup, self.base, *self._paths)
 
     @cached_property
     def plan(self) -> Plan:

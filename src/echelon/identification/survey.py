@@ -14,7 +14,7 @@ from echelon.logs.choices import chosen
 from echelon.logs.column_map import ColumnMap
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.preparation import Preparation
-from echelon.logs.reading import read_log
+from echelon.logs.reading import LogPiece, read_log
 from echelon.logs.recording import Segment
 
 _LOGS = 64
@@ -41,7 +41,7 @@ class Survey:
     findings: tuple[Finding, ...]
 
 
-def survey(setup: Setup, base: BaseModel, paths: Sequence[Path]) -> Survey:
+def survey(setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequence[Path] = ()) -> Survey:
     """Look at the logs and choose what the set-up leaves open.
 
     Parameters
@@ -49,8 +49,10 @@ def survey(setup: Setup, base: BaseModel, paths: Sequence[Path]) -> Survey:
     setup : Setup
     base : BaseModel
     paths : sequence of Path
-        Logs that the model is fitted to.  Logs that are held out have no say; the held-out end of a log that is
-        fitted to does, in filters and delays, not in parameters.
+        Logs that the model is fitted to.  The held-out end of such a log has a say in filters and delays, not in
+        parameters.
+    unseen : sequence of Path
+        Logs that are held out: their faults are named, they have no say in anything.
 
     Raises
     ------
@@ -61,18 +63,24 @@ def survey(setup: Setup, base: BaseModel, paths: Sequence[Path]) -> Survey:
     columns: list[ColumnMap] = []
     findings: list[Finding] = []
     for path in paths[:_LOGS]:
-        pieces = read_log(path, setup.mechanism, setup.columns, rate=setup.preparation.rate)
-        piece = next(pieces, None)
-        if piece is None:
-            raise InputError("the log is empty", source=str(path))
+        piece = _first_piece(setup, path)
         findings += piece.findings
         if piece.columns not in columns:
             columns.append(piece.columns)
         if sum(map(len, segments)) < _SAMPLES:
             segments += piece.segments
-    if len(paths) > _LOGS:
-        text = f"of {len(paths)} logs the first {_LOGS} were looked at for faults and choices"
+    for path in unseen[:_LOGS]:
+        findings += _first_piece(setup, path).findings
+    if max(len(paths), len(unseen)) > _LOGS:
+        text = f"of {len(paths)} logs that are fitted and {len(unseen)} others the first {_LOGS} each were looked at"
         findings.append(Finding(Severity.NOTE, "survey", "", text))
     preparation = replace(chosen(setup.preparation, segments, setup.mechanism), delays=setup.preparation.delays)
     preparation = with_delays(preparation, segments, base)
     return Survey(preparation, tuple(columns), tuple(findings))
+
+
+def _first_piece(setup: Setup, path: Path) -> LogPiece:
+    piece = next(read_log(path, setup.mechanism, setup.columns, rate=setup.preparation.rate), None)
+    if piece is None:
+        raise InputError("the log is empty", source=str(path))
+    return piece
