@@ -1,12 +1,17 @@
-"""Functions that are rational in others, written out: |x| = sign(x)·x, tan = sin/cos, tanh x = (e²ˣ − 1)/(e²ˣ + 1).
+"""Programs with some functions in the place of others.
 
-Programs keep these functions whole, because in floating point they are faster and do not overflow.  For exact work only
-sine, cosine, exponential, logarithm, square root and sign remain.
+Functions that are rational in others are written out for exact work: |x| = sign(x)·x, tan = sin/cos,
+tanh x = (e²ˣ − 1)/(e²ˣ + 1), so that only sine, cosine, exponential, logarithm, square root and sign remain.  Programs
+keep them whole otherwise, because in floating point they are faster and do not overflow.
+
+Functions that jump are smoothed for optimisation: sign(x) becomes tanh(x/w), and |x| = x·tanh(x/w).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from functools import partial
 
 from echelon.errors import InputError
 from echelon.program.operations import Op
@@ -29,14 +34,40 @@ def written_out(program: Program, outputs: Sequence[int]) -> tuple[Program, list
     InputError
         If an output divides by zero everywhere.
     """
+    return _rewritten(program, outputs, _WRITTEN_OUT, _in_rational_terms)
+
+
+def smoothed(program: Program, outputs: Sequence[int], width: float) -> tuple[Program, list[int]]:
+    """The same outputs without jumps; the program itself if it has none.
+
+    Parameters
+    ----------
+    program : Program
+    outputs : sequence of int
+    width : float
+        Where a sign is 0.76 instead of 1.
+
+    Returns
+    -------
+    (Program, list of int)
+        A program and its outputs.
+    """
+    return _rewritten(program, outputs, (Op.SIGN, Op.ABS), partial(_gradual, 1 / Fraction(width)))
+
+
+Rule = Callable[[Program, Op, Scalar], Scalar]
+"""What stands for a function of a scalar."""
+
+
+def _rewritten(program: Program, outputs: Sequence[int], ops: Sequence[Op], rule: Rule) -> tuple[Program, list[int]]:
     needed = program.needed(outputs)
-    if not any(program.ops[n] in _WRITTEN_OUT for n in needed):
+    if not any(program.ops[n] in ops for n in needed):
         return program, list(outputs)
     copy = Program()
     new: dict[int, int] = {}
     for node in needed:
         try:
-            new[node] = _copied(program, node, copy, new)
+            new[node] = _copied(program, node, copy, new, rule)
         except ZeroDivisionError:
             raise InputError("division by zero") from None
     for group in program.unit_groups:
@@ -49,7 +80,7 @@ def _input(program: Program, node: int, copy: Program) -> Scalar:
     return copy.input(program.inputs[node].name, program.inputs[node].role)
 
 
-def _copied(program: Program, node: int, copy: Program, new: dict[int, int]) -> int:
+def _copied(program: Program, node: int, copy: Program, new: dict[int, int], rule: Rule) -> int:
     op = Op(program.ops[node])
     if op is Op.INPUT:
         return _input(program, node, copy).node
@@ -59,10 +90,10 @@ def _copied(program: Program, node: int, copy: Program, new: dict[int, int]) -> 
     if op in (Op.ADD, Op.SUB, Op.MUL, Op.DIV):
         operation = {Op.ADD: copy.add, Op.SUB: copy.subtract, Op.MUL: copy.multiply, Op.DIV: copy.divide}[op]
         return operation(a, new[program.rhs[node]])
-    return copy.negate(a) if op is Op.NEG else _function(copy, op, Scalar(copy, a)).node
+    return copy.negate(a) if op is Op.NEG else rule(copy, op, Scalar(copy, a)).node
 
 
-def _function(copy: Program, op: Op, x: Scalar) -> Scalar:
+def _in_rational_terms(copy: Program, op: Op, x: Scalar) -> Scalar:
     if op is Op.ABS:
         return copy.function(Op.SIGN, x) * x
     if op is Op.TAN:
@@ -70,4 +101,11 @@ def _function(copy: Program, op: Op, x: Scalar) -> Scalar:
     if op is Op.TANH:
         square = copy.function(Op.EXP, 2 * x)
         return (square - 1) / (square + 1)
+    return copy.function(op, x)
+
+
+def _gradual(inverse: Fraction, copy: Program, op: Op, x: Scalar) -> Scalar:
+    if op in (Op.SIGN, Op.ABS):
+        sign = copy.function(Op.TANH, x * inverse)
+        return sign if op is Op.SIGN else x * sign
     return copy.function(op, x)

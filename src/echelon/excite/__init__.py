@@ -1,0 +1,1 @@
+"""Exciting trajectories: motions that make every base parameter visible, within a robot's limits."""

@@ -1,0 +1,84 @@
+"""B-splines: motions with local control, from rest to rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from echelon.excite.families.basis import Basis, Floats
+
+DEGREE = 5
+"""Quintic: jerks are continuous."""
+
+
+@dataclass(frozen=True)
+class Splines(Basis):
+    """B-splines with given breakpoints, all derivatives of interest continuous inside.
+
+    Attributes
+    ----------
+    breaks : tuple of float
+        From 0 to the duration, s.
+    degree : int
+    """
+
+    breaks: tuple[float, ...]
+    degree: int = DEGREE
+
+    @property
+    def duration(self) -> float:  # type: ignore[override]
+        """The last breakpoint."""
+        return self.breaks[-1]
+
+    @property
+    def size(self) -> int:
+        """Pieces and degree together."""
+        return len(self.breaks) - 1 + self.degree
+
+    @property
+    def frequency(self) -> float:
+        """Of a motion that turns in every piece, Hz."""
+        return 0.5 / float(np.min(np.diff(self.breaks)))
+
+    @property
+    def periodic(self) -> bool:
+        """A spline does not end as it began."""
+        return False
+
+    def values(self, t: Floats, order: int = 0) -> Floats:
+        """Derivatives of all functions, shape (N, size)."""
+        if order > self.degree:
+            return np.zeros((len(t), self.size))
+        spline = BSpline(self._knots, np.eye(self.size), self.degree)
+        found: Floats = np.asarray(spline(np.clip(t, 0.0, self.duration), nu=order))
+        return found
+
+    def bounds(self, coefficients: Floats, order: int) -> Floats:
+        """The largest control point of the derivative, in whose convex hull it stays, shape (n,)."""
+        if order > self.degree:
+            return np.zeros(coefficients.shape[1])
+        points: Floats = np.asarray(coefficients)
+        knots, degree = self._knots, self.degree
+        for _ in range(order):
+            spans = knots[degree + 1 : degree + len(points)] - knots[1 : len(points)]
+            points = degree * np.diff(points, axis=0) / spans[:, None]
+            knots, degree = knots[1:-1], degree - 1
+        return np.abs(points).max(axis=0)
+
+    @property
+    def _knots(self) -> Floats:
+        return np.concatenate([[0.0] * self.degree, self.breaks, [self.duration] * self.degree])
+
+
+def uniform_splines(duration: float, pieces: int) -> Splines:
+    """B-splines of pieces of one length.
+
+    Parameters
+    ----------
+    duration : float
+        s.
+    pieces : int
+    """
+    return Splines(tuple(np.linspace(0.0, duration, pieces + 1).tolist()))

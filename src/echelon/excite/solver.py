@@ -1,0 +1,254 @@
+"""One start of the solver: IPOPT through CasADi, with exact gradients and a memory of the best motion so far."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import MissingExtraError
+from echelon.excite.problem import Problem
+
+if TYPE_CHECKING:
+    import casadi
+
+Floats = npt.NDArray[np.float64]
+OnStep = Callable[[int, float], None]
+"""Told the number of an iteration and the best value so far."""
+
+FEASIBLE = 1e-6
+"""Violation at the samples, relative to a limit's range, that counts as none: limits are drawn in by much more."""
+
+_OPTIONS = {
+    "ipopt.hessian_approximation": "limited-memory",
+    "ipopt.limited_memory_max_history": 20,
+    "ipopt.mu_strategy": "adaptive",
+    "ipopt.linear_solver": "mumps",
+    "ipopt.sb": "yes",
+    "ipopt.print_level": 0,
+    "ipopt.honor_original_bounds": "yes",
+    "print_time": False,
+}
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """When a start ends.
+
+    Attributes
+    ----------
+    tolerance : float
+        Relative change of the criterion and of optimality that ends it.
+    iterations : int
+        At most so many.
+    seconds : float, optional
+        At most so long; what is best by then is the result.
+    """
+
+    tolerance: float = 1e-3
+    iterations: int = 500
+    seconds: float | None = None
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Where a start ended.
+
+    Attributes
+    ----------
+    x : array, optional
+        The best coefficients that kept all constraints at the samples; None if none did.
+    value : float
+        Their criterion.
+    status : str
+        ``"converged"``, ``"time"``, ``"iterations"``, ``"infeasible"`` or the solver's own word.
+    iterations : int
+    history : tuple of float
+        The criterion of the best motion so far, each time it became better: descending.
+    seconds : float
+    """
+
+    x: Floats | None
+    value: float
+    status: str
+    iterations: int
+    history: tuple[float, ...]
+    seconds: float
+
+
+_STATUS = {
+    "Solve_Succeeded": "converged",
+    "Solved_To_Acceptable_Level": "converged",
+    "Maximum_CpuTime_Exceeded": "time",
+    "Maximum_WallTime_Exceeded": "time",
+    "User_Requested_Stop": "time",
+    "Maximum_Iterations_Exceeded": "iterations",
+    "Infeasible_Problem_Detected": "infeasible",
+}
+
+
+@dataclass
+class _Best:
+    """The best motion so far."""
+
+    problem: Problem
+    x: Floats | None = None
+    value: float = np.inf
+    history: list[float] = field(default_factory=list)
+
+    def offer(self, x: Floats, value: float) -> None:
+        if value < self.value and self.problem.violation(x) <= FEASIBLE:
+            self.x, self.value = x.copy(), value
+            self.history.append(value)
+
+
+class _Known:
+    """The last evaluations, because a solver asks for a value and its gradient one after the other."""
+
+    def __init__(self, function: Callable[[Floats], Any]) -> None:
+        self._function, self._x, self._found = function, np.zeros(0), None
+
+    def __call__(self, x: Floats) -> Any:
+        if not np.array_equal(x, self._x):
+            self._found, self._x = self._function(x), x.copy()
+        return self._found
+
+
+def solve(problem: Problem, start: Floats, options: SolverOptions, on_step: OnStep | None = None) -> Solution:
+    """Minimise from one starting point.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : array of shape (problem.size,)
+    options : SolverOptions
+    on_step : callable, optional
+
+    Raises
+    ------
+    MissingExtraError
+        If CasADi is not installed.
+    """
+    try:
+        import casadi
+    except ImportError:
+        raise MissingExtraError("casadi", "excite") from None
+    begun = perf_counter()
+    best = _Best(problem)
+    evaluate = _Known(problem.value_and_gradient)
+    best.offer(start, evaluate(start)[0])
+    A, low, high = problem.linear
+    rows = problem.constrained(start).size
+    x = casadi.MX.sym("x", problem.size)
+    objective = _callback(casadi, "criterion", problem.size, 1, evaluate)
+    parts = [casadi.mtimes(_sparse(casadi, A), x)]
+    if rows:
+        both = _Known(lambda v: (problem.constrained(v), problem.slopes(v)))
+        constraints = _callback(casadi, "constraints", problem.size, rows, both)
+        parts.append(constraints(x))
+    watch = _watch(casadi, problem.size, A.shape[0] + rows, best, options, begun, on_step)
+    settings = _OPTIONS | {
+        "ipopt.tol": options.tolerance,
+        "ipopt.acceptable_tol": 10 * options.tolerance,
+        "ipopt.acceptable_obj_change_tol": options.tolerance,
+        "ipopt.acceptable_iter": 5,
+        "ipopt.max_iter": options.iterations,
+        "iteration_callback": watch,
+    }
+    solver = casadi.nlpsol("excite", "ipopt", {"x": x, "f": objective(x), "g": casadi.vertcat(*parts)}, settings)
+    least, most = problem.bounds
+    result = solver(x0=start, lbg=np.concatenate([low, least]), ubg=np.concatenate([high, most]))
+    found = np.asarray(result["x"]).ravel()
+    best.offer(found, evaluate(found)[0])
+    stats = solver.stats()
+    status = _STATUS.get(stats["return_status"], stats["return_status"].replace("_", " ").lower())
+    return Solution(best.x, best.value, status, stats["iter_count"], tuple(best.history), perf_counter() - begun)
+
+
+def _sparse(casadi: Any, matrix: Any) -> Any:
+    columns = matrix.tocsc()
+    pattern = casadi.Sparsity(*columns.shape, columns.indptr.tolist(), columns.indices.tolist())
+    return casadi.DM(pattern, columns.data)
+
+
+def _callback(casadi: Any, name: str, unknowns: int, size: int, evaluate: Callable[[Floats], Any]) -> Any:
+    """A function of ours with its Jacobian, for CasADi."""
+
+    class Jacobian(casadi.Callback):  # type: ignore[misc]
+        def __init__(self, name: str, options: Any) -> None:
+            casadi.Callback.__init__(self)
+            self.construct(name, options)
+
+        def get_n_in(self) -> int:
+            return 2
+
+        def get_sparsity_in(self, i: int) -> Any:
+            return casadi.Sparsity.dense(unknowns if i == 0 else size, 1)
+
+        def get_sparsity_out(self, _: int) -> Any:
+            return casadi.Sparsity.dense(size, unknowns)
+
+        def eval(self, given: Any) -> Any:
+            return [np.reshape(evaluate(np.asarray(given[0]).ravel())[1], (size, unknowns))]
+
+    class Value(casadi.Callback):  # type: ignore[misc]
+        def __init__(self) -> None:
+            casadi.Callback.__init__(self)
+            self.construct(name, {})
+
+        def get_sparsity_in(self, _: int) -> Any:
+            return casadi.Sparsity.dense(unknowns, 1)
+
+        def get_sparsity_out(self, _: int) -> Any:
+            return casadi.Sparsity.dense(size, 1)
+
+        def eval(self, given: Any) -> Any:
+            return [evaluate(np.asarray(given[0]).ravel())[0]]
+
+        def has_jacobian(self) -> bool:
+            return True
+
+        def get_jacobian(self, name: str, _in: Any, _out: Any, options: Any) -> Any:
+            self._jacobian = Jacobian(name, options)
+            return self._jacobian
+
+    return Value()
+
+
+def _watch(
+    casadi: Any, unknowns: int, rows: int, best: _Best, options: SolverOptions, begun: float, on_step: OnStep | None
+) -> Any:
+    """What follows the iterations: remembers the best, reports, and stops when time is up."""
+    sizes = {"x": unknowns, "f": 1, "g": rows, "lam_x": unknowns, "lam_g": rows, "lam_p": 0}
+
+    class Watch(casadi.Callback):  # type: ignore[misc]
+        def __init__(self) -> None:
+            casadi.Callback.__init__(self)
+            self.count = 0
+            self.construct("watch", {})
+
+        def get_n_in(self) -> int:
+            return int(casadi.nlpsol_n_out())
+
+        def get_n_out(self) -> int:
+            return 1
+
+        def get_name_in(self, i: int) -> str:
+            return str(casadi.nlpsol_out(i))
+
+        def get_sparsity_in(self, i: int) -> Any:
+            return casadi.Sparsity.dense(sizes[casadi.nlpsol_out(i)], 1)
+
+        def eval(self, given: Any) -> Any:
+            best.offer(np.asarray(given[0]).ravel(), float(given[1]))
+            self.count += 1
+            if on_step is not None:
+                on_step(self.count, best.value)
+            late = options.seconds is not None and perf_counter() - begun > options.seconds
+            return [1 if late else 0]
+
+    return Watch()
