@@ -47,6 +47,8 @@ from echelon.results.verify import verify
 from echelon.version import __version__
 
 if TYPE_CHECKING:  # fitting models to logs needs much that deriving them does not, so it is imported when asked for
+    from echelon.excite.excite import exciting_trajectory
+    from echelon.excite.result import ExcitingTrajectory
     from echelon.identification.estimators.estimate import Estimate
     from echelon.identification.gains.from_logs import gains_from_logs
     from echelon.identification.gains.gains import drive_gains
@@ -64,6 +66,8 @@ _LATER = {
     "Identification": "echelon.identification.result",
     "Payload": "echelon.identification.gains.payload",
     "Setup": "echelon.identification.settings",
+    "ExcitingTrajectory": "echelon.excite.result",
+    "exciting_trajectory": "echelon.excite.excite",
     "drive_gains": "echelon.identification.gains.gains",
     "gains_from_logs": "echelon.identification.gains.from_logs",
     "identify": "echelon.identification.identify",
@@ -81,6 +85,7 @@ __all__ = [
     "ClosedFormError",
     "EchelonError",
     "Estimate",
+    "ExcitingTrajectory",
     "Expression",
     "Identifiability",
     "Identification",
@@ -107,6 +112,7 @@ __all__ = [
     "convert",
     "convert_columns",
     "drive_gains",
+    "exciting_trajectory",
     "gains_from_logs",
     "generate",
     "identify",

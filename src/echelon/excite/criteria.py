@@ -24,42 +24,32 @@ are smooth.  The result is a bound of the condition number, and reported is the 
 
 @dataclass(frozen=True)
 class Criterion:
-    """A function of the information matrix.
+    """A function of the information matrix that is minimised.
 
     Attributes
-    ----------
-    name : str
-    evaluate : callable
-        From F of shape (r, r) to the value and the slope.
-    """
-
-    name: str
-    evaluate: Callable[[Floats], Slope]
-
-
-def criterion(name: Name, scales: Floats) -> Criterion:
-    """A criterion by name.
-
-    Parameters
     ----------
     name : "d_optimal", "a_optimal" or "condition"
         Minus log det of F per parameter, the logarithm of the trace of its inverse, or of the condition number of the
         observation matrix, which is smoothed.
     scales : array of shape (r,)
-        Units in which parameters are measured: one of size ``scales[k]`` counts as one.  Of no influence on the first.
+        Units in which parameters are measured: one of size ``scales[k]`` counts as one.  Of no influence on where the
+        first one is least.
     """
-    functions: dict[str, Callable[[Floats], Slope]] = {
-        "d_optimal": _d_optimal,
-        "a_optimal": _a_optimal,
-        "condition": _condition,
-    }
-    function = functions[name]
 
-    def evaluate(F: Floats) -> Slope:
-        value, slope = function(F * np.outer(scales, scales))
-        return value, slope * np.outer(scales, scales)
+    name: Name
+    scales: Floats
 
-    return Criterion(name, evaluate)
+    def evaluate(self, F: Floats) -> Slope:
+        """The value, and the slope M of shape (r, r).
+
+        Parameters
+        ----------
+        F : array of shape (r, r)
+            Information matrix.
+        """
+        units = np.outer(self.scales, self.scales)
+        value, slope = _FUNCTIONS[self.name](F * units)
+        return value, slope * units
 
 
 def condition_number(F: Floats) -> float:
@@ -100,3 +90,10 @@ def _spectrum(F: Floats) -> tuple[Floats, Floats]:
     """Eigenvalues, ascending, and eigenvectors; what is lost in rounding counts as the least that is not."""
     values, vectors = np.linalg.eigh(F)
     return np.maximum(values, np.finfo(float).eps * max(float(values[-1]), np.finfo(float).tiny)), vectors
+
+
+_FUNCTIONS: dict[str, Callable[[Floats], Slope]] = {
+    "d_optimal": _d_optimal,
+    "a_optimal": _a_optimal,
+    "condition": _condition,
+}

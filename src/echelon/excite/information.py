@@ -34,7 +34,7 @@ class Information:
     """
 
     def __init__(self, regressor: StateRegressor, basis: Basis, times: Floats, weights: Floats, prior: Floats) -> None:
-        self._regressor, self._weights, self._prior = regressor, weights, prior
+        self._regressor, self.weights, self.prior = regressor, weights, prior
         self._phi = tuple(np.ascontiguousarray(basis.values(times, order)) for order in range(3))
         self._rows = regressor.rows
 
@@ -47,19 +47,20 @@ class Information:
         """
         state = {name: phi @ coefficients for name, phi in zip(("q", "qd", "qdd"), self._phi, strict=True)}
         entries = self._regressor.entries(state)
-        F = self._prior.copy()
-        for rows, weight in zip(self._rows, self._weights, strict=True):
+        F = self.prior.copy()
+        for rows, weight in zip(self._rows, self.weights, strict=True):
             block = entries[:, rows.entries]
             F[np.ix_(rows.columns, rows.columns)] += weight * (block.T @ block)
         return Seen(self, state, entries, F)
 
     def _gradient(self, seen: Seen, slope: Floats) -> Floats:
         adjoint = np.empty_like(seen.entries)
-        for rows, weight in zip(self._rows, self._weights, strict=True):
+        for rows, weight in zip(self._rows, self.weights, strict=True):
             part = slope[np.ix_(rows.columns, rows.columns)] * (2 * weight)
             adjoint[:, rows.entries] = seen.entries[:, rows.entries] @ part
         pulled = self._regressor.pulled(seen.state, adjoint)
-        return np.sum([phi.T @ part for phi, part in zip(self._phi, pulled, strict=True)], axis=0)
+        total: Floats = np.hstack([phi.T for phi in self._phi]) @ np.vstack(pulled)
+        return total
 
 
 @dataclass(frozen=True)

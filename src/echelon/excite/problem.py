@@ -6,7 +6,7 @@ whether it does is found out afterwards (:mod:`echelon.excite.verification`), no
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy.typing as npt
 from scipy import sparse
 
 from echelon.excite.constraints.motion import MotionLimit
+from echelon.excite.constraints.narrowed import selected
 from echelon.excite.constraints.state import StateConstraint
 from echelon.excite.criteria import Criterion
 from echelon.excite.families.basis import Basis
@@ -28,7 +29,7 @@ _FAR = 1e6
 """Size of a motion, SI units, that is certainly beyond some limit."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Problem:
     """Minimise a criterion within limits.
 
@@ -156,7 +157,8 @@ class Problem:
             alone = np.zeros(self.shape)
             alone[:, j] = rng.normal(size=len(alone))
             size = np.abs(A @ alone.ravel()).max(initial=0.0)
-            away += (self.shrunk((rest + alone * (_FAR / max(size, 1e-300))).ravel()) - rest.ravel()).reshape(self.shape)
+            largest = self.shrunk((rest + alone * (_FAR / max(size, 1e-300))).ravel())
+            away += largest.reshape(self.shape) - rest
         return self.shrunk((rest + away).ravel(), share)
 
     def shrunk(self, x: Floats, share: float = 1.0) -> Floats:
@@ -170,16 +172,49 @@ class Problem:
         return rest + share * max(largest, 0.0) * (x - rest)
 
     def violation(self, x: Floats) -> float:
-        """The largest violation at the samples, relative to the size of what is limited."""
+        """The largest violation at the samples, relative to the range of what is limited."""
         A, low, high = self.linear
-        found = [_beyond(A @ x, low, high)]
-        if self.constraints:
-            found.append(_beyond(self.constrained(x), *self.bounds))
-        return max(found)
+        found = _beyond(A @ x, low, high).max(initial=0.0)
+        for broken in self.violations(x):
+            found = max(found, broken.max(initial=0.0))
+        return float(found)
+
+    def violations(self, x: Floats) -> list[Floats]:
+        """Of every constraint, the largest relative violation of each of its functions at the samples."""
+        state = self.state(x)
+        return [_beyond(c.values(*state), c.low, c.high).max(axis=0, initial=0.0) for c in self.constraints]
+
+    # -- parts of the problem ----------------------------------------------------------------------------------------
+
+    def first(self) -> Problem:
+        """The problem with limits of positions and velocities only, which bind in every good motion."""
+        return replace(self, limits=tuple(limit for limit in self.limits if limit.order < 2), constraints=())
+
+    def extended(self, part: Problem, x: Floats) -> Problem | None:
+        """A part of this problem with the limits that a motion breaks added to it; None if it breaks none.
+
+        Parameters
+        ----------
+        part : Problem
+        x : array of shape (size,)
+        """
+        A, low, high = self.linear
+        over = _beyond(A @ x, low, high).reshape(len(self.limits), -1).max(axis=1, initial=0.0)
+        limits = tuple(limit for limit, v in zip(self.limits, over, strict=True) if v > BROKEN or limit in part.limits)
+        asked = {label for constraint in part.constraints for label in constraint.labels}
+        chosen = [
+            np.array([v > BROKEN or label in asked for label, v in zip(c.labels, broken, strict=True)])
+            for c, broken in zip(self.constraints, self.violations(x), strict=True)
+        ]
+        constraints = tuple(selected(c, some) for c, some in zip(self.constraints, chosen, strict=True) if some.any())
+        more = len(limits) > len(part.limits) or sum(map(int, (c.sum() for c in chosen))) > len(asked)
+        return replace(self, limits=limits, constraints=constraints) if more else None
 
 
-def _beyond(values: Floats, low: Floats, high: Floats) -> float:
-    span = np.where(np.isfinite(high - low), high - low, np.maximum(np.abs(values), 1.0))
-    over = np.maximum(low - values, values - high) / span
-    return float(np.max(over, initial=0.0))
+BROKEN = 1e-6
+"""Violation at a sample, relative to a limit's range, that counts: limits are kept between samples with more room."""
 
+
+def _beyond(values: Floats, low: Floats, high: Floats) -> Floats:
+    span = np.where(np.isfinite(high - low), high - low, np.maximum(np.minimum(np.abs(low), np.abs(high)), 1.0))
+    return np.maximum(np.maximum(low - values, values - high), 0.0) / np.maximum(span, 1e-300)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +17,12 @@ import numpy.typing as npt
 from echelon.dynamics.arguments import STATE
 from echelon.dynamics.functions import robot_function
 from echelon.errors import InputError
+from echelon.excite.constraints.state import smooth_function
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import symbol_values
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Argument, Function
-from echelon.program.rewriting import smoothed
 from echelon.program.tape import Scalar
 
 Floats = npt.NDArray[np.float64]
@@ -77,7 +78,7 @@ class StateRegressor:
         if any(argument.name == "inputs" for argument in function.arguments):
             labels = next(a.labels for a in function.arguments if a.name == "inputs")
             raise InputError(f"effects need the measured inputs of {', '.join(labels)}, which no trajectory fixes")
-        self.function = function if smooth is None else _smooth(function, smooth)
+        self.function = function if smooth is None else smooth_function(function, smooth)
         self._symbols = _symbols(mechanism, self.function, symbols)
         self._entries = Kernel(self.function, sparse=True)
         self._pullback = Kernel(pullback(self.function))
@@ -92,7 +93,7 @@ class StateRegressor:
         """The entries of each output."""
         indices = np.array(list(self.function.entries), dtype=np.intp).reshape(-1, 2)
         cuts = np.searchsorted(indices[:, 0], np.arange(self.function.shape[0] + 1)).tolist()
-        return [Rows(slice(a, b), indices[a:b, 1]) for a, b in zip(cuts, cuts[1:], strict=False)]
+        return [Rows(slice(a, b), indices[a:b, 1]) for a, b in pairwise(cuts)]
 
     def entries(self, state: Mapping[str, Floats]) -> Floats:
         """Values of all entries, shape (N, size)."""
@@ -139,19 +140,6 @@ def _ordered(function: Function) -> Function:
     return Function(
         function.name, function.program, function.arguments, entries, function.axes, function.units, function.meaning
     )
-
-
-def _smooth(function: Function, width: float) -> Function:
-    """The same function with signs that change gradually."""
-    nodes = [node for argument in function.arguments for node in argument.nodes]
-    program, new = smoothed(function.program, [*function.entries.values(), *nodes], width)
-    outputs, inputs = new[: len(function.entries)], iter(new[len(function.entries) :])
-    arguments = tuple(
-        Argument(a.name, tuple(next(inputs) for _ in a.nodes), a.labels, a.units, a.meaning, a.uniform)
-        for a in function.arguments
-    )
-    entries = dict(zip(function.entries, outputs, strict=True))
-    return Function(function.name, program, arguments, entries, function.axes, function.units, function.meaning)
 
 
 def _symbols(mechanism: Mechanism, function: Function, symbols: Mapping[str, float] | None) -> dict[str, Floats]:

@@ -4,28 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from importlib import import_module
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import MissingExtraError
-from echelon.excite.problem import Problem
-
-if TYPE_CHECKING:
-    import casadi
+from echelon.excite.problem import BROKEN, Problem
 
 Floats = npt.NDArray[np.float64]
 OnStep = Callable[[int, float], None]
 """Told the number of an iteration and the best value so far."""
 
-FEASIBLE = 1e-6
-"""Violation at the samples, relative to a limit's range, that counts as none: limits are drawn in by much more."""
-
 _OPTIONS = {
     "ipopt.hessian_approximation": "limited-memory",
-    "ipopt.limited_memory_max_history": 20,
+    "ipopt.limited_memory_max_history": 8,
     "ipopt.mu_strategy": "adaptive",
     "ipopt.linear_solver": "mumps",
     "ipopt.sb": "yes",
@@ -45,39 +40,31 @@ class SolverOptions:
         Relative change of the criterion and of optimality that ends it.
     iterations : int
         At most so many.
-    seconds : float, optional
-        At most so long; what is best by then is the result.
+    deadline : float
+        Time of ``perf_counter`` at which it ends; what is best by then is the result.
     """
 
-    tolerance: float = 1e-3
+    tolerance: float = 1e-4
     iterations: int = 500
-    seconds: float | None = None
+    deadline: float = np.inf
 
 
 @dataclass(frozen=True)
-class Solution:
-    """Where a start ended.
+class Ended:
+    """Where the solver ended.
 
     Attributes
     ----------
-    x : array, optional
-        The best coefficients that kept all constraints at the samples; None if none did.
-    value : float
-        Their criterion.
+    x : array of shape (problem.size,)
+        The last iterate, which keeps the limits that the solver knew of if it converged.
     status : str
         ``"converged"``, ``"time"``, ``"iterations"``, ``"infeasible"`` or the solver's own word.
     iterations : int
-    history : tuple of float
-        The criterion of the best motion so far, each time it became better: descending.
-    seconds : float
     """
 
-    x: Floats | None
-    value: float
+    x: Floats
     status: str
     iterations: int
-    history: tuple[float, ...]
-    seconds: float
 
 
 _STATUS = {
@@ -92,8 +79,18 @@ _STATUS = {
 
 
 @dataclass
-class _Best:
-    """The best motion so far."""
+class Best:
+    """The best motion so far.
+
+    Attributes
+    ----------
+    problem : Problem
+        Whose limits it keeps, all of them, whatever the solver knows of.
+    x : array, optional
+    value : float
+    history : list of float
+        Values, each time a better one was found.
+    """
 
     problem: Problem
     x: Floats | None = None
@@ -101,7 +98,8 @@ class _Best:
     history: list[float] = field(default_factory=list)
 
     def offer(self, x: Floats, value: float) -> None:
-        if value < self.value and self.problem.violation(x) <= FEASIBLE:
+        """Take a motion if it is better and keeps all limits at the samples."""
+        if value < self.value and self.problem.violation(x) <= BROKEN:
             self.x, self.value = x.copy(), value
             self.history.append(value)
 
@@ -118,7 +116,7 @@ class _Known:
         return self._found
 
 
-def solve(problem: Problem, start: Floats, options: SolverOptions, on_step: OnStep | None = None) -> Solution:
+def solve(problem: Problem, start: Floats, options: SolverOptions, best: Best, on_step: OnStep | None = None) -> Ended:
     """Minimise from one starting point.
 
     Parameters
@@ -126,6 +124,8 @@ def solve(problem: Problem, start: Floats, options: SolverOptions, on_step: OnSt
     problem : Problem
     start : array of shape (problem.size,)
     options : SolverOptions
+    best : Best
+        Is offered every iterate.
     on_step : callable, optional
 
     Raises
@@ -133,24 +133,18 @@ def solve(problem: Problem, start: Floats, options: SolverOptions, on_step: OnSt
     MissingExtraError
         If CasADi is not installed.
     """
-    try:
-        import casadi
-    except ImportError:
-        raise MissingExtraError("casadi", "excite") from None
-    begun = perf_counter()
-    best = _Best(problem)
+    casadi = _casadi()
     evaluate = _Known(problem.value_and_gradient)
-    best.offer(start, evaluate(start)[0])
     A, low, high = problem.linear
-    rows = problem.constrained(start).size
+    least, most = problem.bounds
     x = casadi.MX.sym("x", problem.size)
     objective = _callback(casadi, "criterion", problem.size, 1, evaluate)
     parts = [casadi.mtimes(_sparse(casadi, A), x)]
-    if rows:
+    if least.size:
         both = _Known(lambda v: (problem.constrained(v), problem.slopes(v)))
-        constraints = _callback(casadi, "constraints", problem.size, rows, both)
+        constraints = _callback(casadi, "constraints", problem.size, least.size, both)
         parts.append(constraints(x))
-    watch = _watch(casadi, problem.size, A.shape[0] + rows, best, options, begun, on_step)
+    watch = _watch(casadi, problem.size, A.shape[0] + least.size, best, options, on_step)
     settings = _OPTIONS | {
         "ipopt.tol": options.tolerance,
         "ipopt.acceptable_tol": 10 * options.tolerance,
@@ -160,13 +154,19 @@ def solve(problem: Problem, start: Floats, options: SolverOptions, on_step: OnSt
         "iteration_callback": watch,
     }
     solver = casadi.nlpsol("excite", "ipopt", {"x": x, "f": objective(x), "g": casadi.vertcat(*parts)}, settings)
-    least, most = problem.bounds
     result = solver(x0=start, lbg=np.concatenate([low, least]), ubg=np.concatenate([high, most]))
     found = np.asarray(result["x"]).ravel()
     best.offer(found, evaluate(found)[0])
     stats = solver.stats()
     status = _STATUS.get(stats["return_status"], stats["return_status"].replace("_", " ").lower())
-    return Solution(best.x, best.value, status, stats["iter_count"], tuple(best.history), perf_counter() - begun)
+    return Ended(found, status, int(stats["iter_count"]))
+
+
+def _casadi() -> Any:
+    try:
+        return import_module("casadi")
+    except ImportError:
+        raise MissingExtraError("casadi", "excite") from None
 
 
 def _sparse(casadi: Any, matrix: Any) -> Any:
@@ -219,9 +219,7 @@ def _callback(casadi: Any, name: str, unknowns: int, size: int, evaluate: Callab
     return Value()
 
 
-def _watch(
-    casadi: Any, unknowns: int, rows: int, best: _Best, options: SolverOptions, begun: float, on_step: OnStep | None
-) -> Any:
+def _watch(casadi: Any, unknowns: int, rows: int, best: Best, options: SolverOptions, on_step: OnStep | None) -> Any:
     """What follows the iterations: remembers the best, reports, and stops when time is up."""
     sizes = {"x": unknowns, "f": 1, "g": rows, "lam_x": unknowns, "lam_g": rows, "lam_p": 0}
 
@@ -248,7 +246,6 @@ def _watch(
             self.count += 1
             if on_step is not None:
                 on_step(self.count, best.value)
-            late = options.seconds is not None and perf_counter() - begun > options.seconds
-            return [1 if late else 0]
+            return [int(perf_counter() > options.deadline)]
 
     return Watch()

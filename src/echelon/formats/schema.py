@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
+from echelon.formats.schema_excite import ExcitationEntry
 from echelon.formats.schema_joints import Frame, Joint, Model
 from echelon.formats.schema_log import IdentificationEntry, LogEntry, PreparationEntry
 from echelon.formats.schema_loops import LoopEntry
@@ -258,6 +259,9 @@ class RobotDescription(Model):
     )
     identification: IdentificationEntry = Field(
         IdentificationEntry.model_construct(), description="What is fitted to logs, and how."
+    )
+    excitation: ExcitationEntry = Field(
+        ExcitationEntry.model_construct(), description="What the motion that is recorded for it looks like."
     )
     robot: RobotFile | None = Field(
         None, description="Instead of a geometry: a robot file that this adds to.", examples=[{"file": "arm.urdf"}]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from echelon.formats.schema_excite import ExcitationEntry
 from echelon.logs.column_map import ColumnMap
 from echelon.logs.preparation import Preparation
 from echelon.mechanism.mechanism import Mechanism
@@ -86,6 +87,8 @@ class Setup:
         The URDF or MJCF file that holds the robot, if one does.
     assumed : tuple of str
         What was taken for granted where the file is silent, in sentences.
+    excitation : ExcitationEntry
+        What a trajectory has to keep that excites the parameters; see :func:`echelon.exciting_trajectory`.
     """
 
     source: str
@@ -96,3 +99,4 @@ class Setup:
     prior: Mechanism | None = None
     robot_file: str | None = None
     assumed: tuple[str, ...] = ()
+    excitation: ExcitationEntry = field(default_factory=lambda: ExcitationEntry.model_validate({}))

@@ -87,6 +87,7 @@ def _described(file: Path, mechanism: Mechanism, reading: Mapping[str, Any]) -> 
         _settings(entry),
         stated,
         None if robot.robot is None else str(file.parent / robot.robot.file),
+        excitation=robot.excitation,
     )
 
 

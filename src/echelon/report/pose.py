@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from echelon.dynamics.kinematics import moved
 from echelon.errors import EchelonError
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
@@ -15,7 +16,7 @@ from echelon.mechanism.values import symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.spatial import Mat, Vec, add, apply, transposed
+from echelon.regressor.spatial import Mat, Vec, apply
 from echelon.regressor.steps import Recorder, Step
 
 Floats = npt.NDArray[np.float64]
@@ -142,8 +143,7 @@ class _Frame:
     axis: Vec
 
     def after(self, step: Step) -> _Frame:
-        shift = self.shift if step.shift is None else add(self.shift, apply(self.rotation, step.shift))
-        rotation = self.rotation if step.rotation is None else _product(self.rotation, step.rotation)
+        rotation, shift = moved((self.rotation, self.shift), step)
         axis = self.axis
         if step.freedoms and all(entry.is_zero for entry in axis):
             first = step.freedoms[0]
@@ -155,11 +155,6 @@ class _Frame:
 def _start(program: Program) -> _Frame:
     zero, one = program.zero, program.one
     return _Frame(((one, zero, zero), (zero, one, zero), (zero, zero, one)), (zero, zero, zero), (zero, zero, zero))
-
-
-def _product(left: Mat, right: Mat) -> Mat:
-    columns = transposed(right)
-    return transposed((apply(left, columns[0]), apply(left, columns[1]), apply(left, columns[2])))
 
 
 def _evaluated(

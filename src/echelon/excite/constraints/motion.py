@@ -13,7 +13,7 @@ ORDERS = ("position", "velocity", "acceleration", "jerk")
 """What is limited, by the order of the derivative."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MotionLimit:
     """low ≤ weights · d^order q/dt^order ≤ high, for a coordinate or, through a transmission, for an actuator.
 

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from echelon.dynamics.arguments import STATE
+from echelon.machine.kernel import Kernel
+from echelon.program.derivatives import derivatives
+from echelon.program.function import Argument, Function
+from echelon.program.intervals import Interval, interval_values
+from echelon.program.rewriting import smoothed
+
 Floats = npt.NDArray[np.float64]
 Slopes = tuple[Floats | None, Floats | None, Floats | None]
 """Derivatives by q, q̇ and q̈, each of shape (N, m, n); None where there are none."""
+
+_CELLS = 256  # intervals that are worked on together: every operation keeps its result
 
 
 class StateConstraint(Protocol):
@@ -36,3 +48,119 @@ class StateConstraint(Protocol):
 
     def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
         """Their derivatives."""
+
+
+@dataclass(frozen=True)
+class StateLimits:
+    """Limits of recorded functions, such as torques and coordinates of points.
+
+    Attributes
+    ----------
+    function : Function
+        Of some of ``q``, ``qd`` and ``qdd`` and of uniform arguments; of shape (m,).
+    uniform : mapping of str to array
+        Values of the uniform arguments.
+    labels, units : tuple of str
+    low, high : array of shape (m,)
+    smooth : float, optional
+        Velocity within which dry friction changes sign gradually in what the solver sees, rad/s or m/s.
+    """
+
+    function: Function
+    uniform: Mapping[str, Floats]
+    labels: tuple[str, ...]
+    units: tuple[str, ...]
+    low: Floats
+    high: Floats
+    smooth: float | None = None
+
+    def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """The functions at states of shape (N, n), shape (N, m)."""
+        found: Floats = self._kernels[0](self._given(q, qd, qdd))
+        return found
+
+    def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
+        """Their derivatives by q, q̇ and q̈, each of shape (N, m, n)."""
+        found = self._kernels[1](self._given(q, qd, qdd))
+        parts: dict[str, Floats] = {}
+        place = 0
+        for argument in self._states:
+            parts[argument.name] = found[:, :, place : place + len(argument)]
+            place += len(argument)
+        return parts.get("q"), parts.get("qd"), parts.get("qdd")
+
+    def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
+        """Bounds of the functions while states stay in intervals, without smoothing.
+
+        Parameters
+        ----------
+        ranges : mapping of str to (array, array)
+            Least and largest ``q``, ``qd``, ``qdd``, of shape (cells, n).
+
+        Returns
+        -------
+        low, high : arrays of shape (cells, m)
+        """
+        cells = len(ranges["q"][0])
+        parts = [self._enclosed(ranges, slice(k, k + _CELLS)) for k in range(0, cells, _CELLS)]
+        return np.concatenate([low for low, _ in parts]), np.concatenate([high for _, high in parts])
+
+    def _enclosed(self, ranges: Mapping[str, Interval], cells: slice) -> Interval:
+        inputs: dict[int, Interval] = {}
+        for argument in self.function.arguments:
+            if argument.uniform:
+                exact = [(np.asarray(v), np.asarray(v)) for v in self.uniform[argument.name]]
+                inputs |= dict(zip(argument.nodes, exact, strict=True))
+            else:
+                low, high = ranges[argument.name]
+                inputs |= {node: (low[cells, k], high[cells, k]) for k, node in enumerate(argument.nodes)}
+        found = interval_values(self.function.program, self.function.outputs, inputs)
+        count = len(ranges["q"][0][cells])
+        low, high = np.zeros((count, len(self.labels))), np.zeros((count, len(self.labels)))
+        for (row,), (least, largest) in zip(self.function.entries, found, strict=True):
+            low[:, row], high[:, row] = least, largest
+        return low, high
+
+    def _given(self, q: Floats, qd: Floats, qdd: Floats) -> dict[str, npt.ArrayLike]:
+        states = dict(zip(STATE, (q, qd, qdd), strict=True))
+        return {**{a.name: states[a.name] for a in self._states}, **self.uniform}
+
+    @property
+    def _states(self) -> list[Argument]:
+        return [argument for argument in self.function.arguments if argument.name in STATE]
+
+    @cached_property
+    def _kernels(self) -> tuple[Kernel, Kernel]:
+        function = self.function if self.smooth is None else smooth_function(self.function, self.smooth)
+        return Kernel(function), Kernel(state_slopes(function))
+
+
+def state_slopes(function: Function) -> Function:
+    """Derivatives of a function of shape (m,) by all its states, one after another: of shape (m, states)."""
+    states = [argument for argument in function.arguments if argument.name in STATE]
+    inputs = [node for argument in states for node in argument.nodes]
+    rows = [row for (row,) in function.entries]
+    found = derivatives(function.program, function.outputs, inputs, reverse=True)
+    entries: dict[tuple[int, ...], int] = {(rows[i], j): node for (i, j), node in found.items()}
+    axis = tuple(f"{argument.name}[{label}]" for argument in states for label in argument.labels)
+    return Function(f"{function.name}_slopes", function.program, function.arguments, entries, (*function.axes, axis))
+
+
+def smooth_function(function: Function, width: float) -> Function:
+    """The same function with signs that change gradually.
+
+    Parameters
+    ----------
+    function : Function
+    width : float
+        See :func:`echelon.program.rewriting.smoothed`.
+    """
+    nodes = [node for argument in function.arguments for node in argument.nodes]
+    program, new = smoothed(function.program, [*function.entries.values(), *nodes], width)
+    outputs, inputs = new[: len(function.entries)], iter(new[len(function.entries) :])
+    arguments = tuple(
+        Argument(a.name, tuple(next(inputs) for _ in a.nodes), a.labels, a.units, a.meaning, a.uniform)
+        for a in function.arguments
+    )
+    entries = dict(zip(function.entries, outputs, strict=True))
+    return Function(function.name, program, arguments, entries, function.axes, function.units, function.meaning)

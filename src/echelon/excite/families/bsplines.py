@@ -65,7 +65,8 @@ class Splines(Basis):
             spans = knots[degree + 1 : degree + len(points)] - knots[1 : len(points)]
             points = degree * np.diff(points, axis=0) / spans[:, None]
             knots, degree = knots[1:-1], degree - 1
-        return np.abs(points).max(axis=0)
+        largest: Floats = np.abs(points).max(axis=0)
+        return largest
 
     @property
     def _knots(self) -> Floats:

@@ -52,10 +52,12 @@ class Fourier(Basis):
     def bounds(self, coefficients: Floats, order: int) -> Floats:
         """Sum of the amplitudes, shape (n,)."""
         pairs = coefficients[1:].reshape(self.harmonics, 2, -1)
-        amplitudes = np.linalg.norm(pairs, axis=1)
-        total: Floats = self._rates**order @ amplitudes + (np.abs(coefficients[0]) if order == 0 else 0.0)
+        amplitudes: Floats = np.vstack([np.abs(coefficients[:1]), np.linalg.norm(pairs, axis=1)])
+        rates: Floats = np.append(0.0, self._rates)
+        total: Floats = np.asarray(rates**order) @ amplitudes
         return total
 
     @property
     def _rates(self) -> Floats:
-        return 2 * np.pi / self.duration * np.arange(1, self.harmonics + 1)
+        found: Floats = 2 * np.pi / self.duration * np.arange(1.0, self.harmonics + 1)
+        return found

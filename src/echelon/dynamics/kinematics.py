@@ -1,0 +1,164 @@
+"""Kinematics: where the frames of all bodies are in the base frame, and their derivatives by the positions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.machine.kernel import Kernel
+from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.values import symbol_values
+from echelon.program.derivatives import derivatives
+from echelon.program.function import Argument, Function
+from echelon.program.operations import Op
+from echelon.program.tape import Program
+from echelon.regressor.spatial import Mat, Vec, add, apply, transposed
+from echelon.regressor.steps import Recorder, Step
+
+Floats = npt.NDArray[np.float64]
+
+_ENTRIES = 12  # of a frame: its rotation's rows, each followed by a coordinate of its origin
+
+
+class Kinematics:
+    """Frames of the bodies of a mechanism, in machine code.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Without loops, or given at closed positions.
+    symbols : mapping of str to float, optional
+        Values of geometry symbols that replace or complete those of the mechanism.
+
+    Examples
+    --------
+    >>> import echelon as ec
+    >>> arm = Kinematics(ec.load("examples/double_pendulum.yaml"))
+    >>> arm.frames(np.array([[0.0, 0.0]]))[0, 1].round(3)
+    array([[1. , 0. , 0. , 0.3],
+           [0. , 1. , 0. , 0. ],
+           [0. , 0. , 1. , 0. ]])
+    """
+
+    def __init__(self, mechanism: Mechanism, symbols: Mapping[str, float] | None = None) -> None:
+        self.mechanism = mechanism
+        self._given = symbols
+        self._program = Program()
+        self._argument = _positions(mechanism, self._program)
+        self._nodes = [
+            entry.node
+            for rotation, shift in body_frames(Recorder(mechanism, self._program))
+            for row, x in zip(rotation, shift, strict=True)
+            for entry in (*row, x)
+        ]
+
+    def frames(self, q: npt.ArrayLike) -> Floats:
+        """Frames of all bodies in the base frame.
+
+        Parameters
+        ----------
+        q : array of shape (N, positions)
+
+        Returns
+        -------
+        array of shape (N, bodies, 3, 4)
+            Rotation, whose columns are the body's axes, and origin, m.
+        """
+        found = self._values({"q": q, **self._symbols})
+        return found.reshape(len(found), -1, 3, 4)
+
+    def slopes(self, q: npt.ArrayLike) -> Floats:
+        """Derivatives of all frames by the positions.
+
+        Parameters
+        ----------
+        q : array of shape (N, positions)
+
+        Returns
+        -------
+        array of shape (N, bodies, 3, 4, positions)
+        """
+        found = self._derivatives({"q": q, **self._symbols})
+        return found.reshape(len(found), -1, 3, 4, len(self._argument))
+
+    @cached_property
+    def _values(self) -> Kernel:
+        entries: dict[tuple[int, ...], int] = {
+            (k,): node for k, node in enumerate(self._nodes) if node != self._program.zero.node
+        }
+        return Kernel(self._function("frames", entries, (self._labels,)))
+
+    @cached_property
+    def _derivatives(self) -> Kernel:
+        found = derivatives(self._program, self._nodes, self._argument.nodes)
+        entries: dict[tuple[int, ...], int] = dict(found.items())
+        return Kernel(self._function("frame_slopes", entries, (self._labels, self._argument.labels)))
+
+    @cached_property
+    def _labels(self) -> tuple[str, ...]:
+        return tuple(f"{body.name}[{k}]" for body in self.mechanism.bodies for k in range(_ENTRIES))
+
+    def _function(
+        self, name: str, entries: Mapping[tuple[int, ...], int], axes: tuple[tuple[str, ...], ...]
+    ) -> Function:
+        arguments = (self._argument, *self._symbol_arguments)
+        return Function(name, self._program, arguments, entries, axes)
+
+    @cached_property
+    def _symbol_arguments(self) -> tuple[Argument, ...]:
+        used = [n for n in self._program.needed(self._nodes) if self._program.ops[n] == Op.INPUT]
+        nodes = [n for n in used if self._program.inputs[n].role == "symbol"]
+        if not nodes:
+            return ()
+        names = tuple(self._program.inputs[n].name for n in nodes)
+        return (Argument("symbols", tuple(nodes), names, ("SI",) * len(nodes), "geometry", uniform=True),)
+
+    @cached_property
+    def _symbols(self) -> dict[str, Floats]:
+        if not self._symbol_arguments:
+            return {}
+        known = symbol_values(self.mechanism, self._symbol_arguments[0].labels, self._given)
+        return {"symbols": np.array(list(known.values()))}
+
+
+def _positions(mechanism: Mechanism, program: Program) -> Argument:
+    nodes = tuple(program.input(f"q[{name}]").node for name in mechanism.positions)
+    return Argument("q", nodes, mechanism.positions, ("SI",) * len(nodes), "positions")
+
+
+def body_frames(recorder: Recorder) -> list[tuple[Mat, Vec]]:
+    """Record rotation and origin of every body's frame in the base frame.
+
+    Parameters
+    ----------
+    recorder : Recorder
+    """
+    frames: list[tuple[Mat, Vec]] = []
+    for index, body in enumerate(recorder.mechanism.bodies):
+        frame = _base(recorder.program) if body.parent == GROUND else frames[body.parent]
+        for step in recorder.steps(index):
+            frame = moved(frame, step)
+        frames.append(frame)
+    return frames
+
+
+def moved(frame: tuple[Mat, Vec], step: Step) -> tuple[Mat, Vec]:
+    """A frame behind one more step."""
+    rotation, shift = frame
+    if step.shift is not None:
+        shift = add(shift, apply(rotation, step.shift))
+    return (rotation if step.rotation is None else product(rotation, step.rotation)), shift
+
+
+def product(left: Mat, right: Mat) -> Mat:
+    """Matrix product."""
+    columns = transposed(right)
+    return transposed((apply(left, columns[0]), apply(left, columns[1]), apply(left, columns[2])))
+
+
+def _base(program: Program) -> tuple[Mat, Vec]:
+    zero, one = program.zero, program.one
+    return ((one, zero, zero), (zero, one, zero), (zero, zero, one)), (zero, zero, zero)

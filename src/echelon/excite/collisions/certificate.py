@@ -1,0 +1,159 @@
+"""Certified clearances: distances that no time falls below, not only no sample.
+
+Between two bodies whose points move against each other with at most some speed, a distance can fall from its value at a
+time no faster than that.  So a measured distance vouches for an interval about its time; where the interval is too long
+for what is to be shown, it is halved (conservative advancement: B. Mirtich, PhD thesis, Berkeley, 1996).  Speeds are
+bounded by those of the joints, times levers that hold at any pose (:mod:`echelon.excite.collisions.levers`); those of
+the joints by the bounds of the trajectory's family, and near a time by the speed there and the bound of accelerations.
+Measured distances count only as far as a pair of parallel planes between the shapes confirms them
+(:mod:`echelon.excite.collisions.supports`), so apart from the rounding of single sums the bounds are rigorous.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.excite.collisions.constraint import Clearance
+from echelon.excite.collisions.levers import Levers
+from echelon.excite.collisions.supports import plane_gaps
+from echelon.excite.trajectory import Trajectory
+
+Floats = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.intp]
+
+_FIRST = 64  # intervals to begin with
+_BATCH = 4096  # intervals that are looked at together
+_SPARE = 0.25  # share of the room above the clearance that a bound may give away
+
+
+@dataclass(frozen=True)
+class LeastClearances:
+    """Bounds of the smallest distances of a trajectory.
+
+    Attributes
+    ----------
+    labels : tuple of str
+        ``"distance of link2 and link5"``.
+    bounds : array of shape (m,)
+        No distance is smaller at any time, m; at most the reach.
+    found : array of shape (m,)
+        The smallest distance that was measured, m; the reach where none was smaller.
+    times : array of shape (m,)
+        When, s; 0 where none was smaller than the reach.
+    """
+
+    labels: tuple[str, ...]
+    bounds: Floats
+    found: Floats
+    times: Floats
+
+
+def least_clearances(clearance: Clearance, trajectory: Trajectory, tolerance: float = 1e-3) -> LeastClearances:
+    """Lower bounds of all distances over all times of a trajectory.
+
+    A bound is within the tolerance of the smallest distance, or within a quarter of what lies between this and the
+    clearance that is required: exact where it matters, quick where it does not.
+
+    Parameters
+    ----------
+    clearance : Clearance
+    trajectory : Trajectory
+        Of all positions of the mechanism.
+    tolerance : float
+        m.
+
+    Returns
+    -------
+    LeastClearances
+
+    Raises
+    ------
+    InputError
+        If the trajectory is not one of the mechanism's positions, or the tolerance is not positive.
+    """
+    if trajectory.coordinates != clearance.mechanism.positions:
+        wanted, got = ", ".join(clearance.mechanism.positions), ", ".join(trajectory.coordinates)
+        raise InputError(f"the trajectory must move the positions {wanted}, in this order; it moves {got}")
+    if not (np.isfinite(tolerance) and tolerance > 0):
+        raise InputError(f"the tolerance must be a positive distance in m, got {tolerance}")
+    return _Search(clearance, trajectory, tolerance).run()
+
+
+class _Search:
+    """Intervals of time, each for a pair of shapes, that are halved until their bounds are good enough."""
+
+    def __init__(self, clearance: Clearance, trajectory: Trajectory, tolerance: float) -> None:
+        self.clearance, self.trajectory, self.tolerance = clearance, trajectory, tolerance
+        basis, coefficients = trajectory.basis, trajectory.coefficients
+        self.most = [basis.bounds(coefficients, order) for order in range(3)]
+        levers = Levers(clearance.mechanism, self.most[0], clearance.symbols)
+        shapes, pairs = clearance.shapes, clearance.pairs.tolist()
+        n = len(clearance.mechanism.positions)
+        self.levers = np.array([levers.between(shapes[i], shapes[j]) for i, j in pairs]).reshape(-1, n)
+        count = len(clearance.bodies)
+        self.bounds, self.found = np.full(count, clearance.reach), np.full(count, clearance.reach)
+        self.times = np.zeros(count)
+
+    def run(self) -> LeastClearances:
+        """Halve intervals until none is left."""
+        half = self.trajectory.duration / (2 * _FIRST)
+        middle = np.repeat(half * (1 + 2 * np.arange(_FIRST)), len(self.levers))
+        pair = np.tile(np.arange(len(self.levers)), _FIRST)
+        while len(middle):
+            parts = [slice(k, k + _BATCH) for k in range(0, len(middle), _BATCH)]
+            left = np.concatenate([self._examined(middle[part], pair[part], half) for part in parts])
+            half /= 2
+            middle = np.concatenate([middle[left] - half, middle[left] + half])
+            order = np.argsort(middle, kind="stable")
+            middle, pair = middle[order], np.tile(pair[left], 2)[order]
+        return LeastClearances(self.clearance.labels, self.bounds, self.found, self.times)
+
+    def _examined(self, middle: Floats, pair: Integers, half: float) -> npt.NDArray[np.bool_]:
+        """Bound distances over intervals about some times; True for those that have to be halved."""
+        times, at = np.unique(middle, return_inverse=True)
+        places = self.clearance.places(self.trajectory(times))
+        falls = half * np.einsum("kn,kn->k", self.levers[pair], self._speeds(times, half)[at])
+        lower = self.clearance.balls.gaps(places, self.clearance.pairs)[at, pair]
+        group = self.clearance.groups[pair]
+        asked = np.flatnonzero(lower - falls < self._goals()[group])
+        lower[asked] = np.maximum(lower[asked], self._measured(places, times, at[asked], pair[asked]))
+        # half of the tolerance ends every search, also where a distance could not be confirmed
+        good = (lower - falls >= self._goals()[group]) | (falls <= self.tolerance / 2)
+        np.minimum.at(self.bounds, group[good], (lower - falls)[good])
+        return np.asarray(~good)
+
+    def _speeds(self, times: Floats, half: float) -> Floats:
+        """What no |q̇| exceeds in intervals about some times, shape (times, n)."""
+        near = np.abs(self.trajectory(times, 1)) + half * self.most[2]
+        return np.minimum(near, self.most[1])
+
+    def _goals(self) -> Floats:
+        """Bounds that are good enough, by what was found so far; they never rise."""
+        spare = np.abs(self.found - self.clearance.clearance)
+        return np.asarray(self.found - np.maximum(self.tolerance, _SPARE * spare))
+
+    def _measured(self, places: Floats, times: Floats, at: Integers, pair: Integers) -> Floats:
+        """Confirmed distances of pairs of shapes at some of the times; smallest ones are kept."""
+        ends, shapes = self.clearance.pairs[pair], self.clearance.shapes
+        # nothing is further away than this
+        far = 2 * float(np.abs(places[..., 3]).max() + self.clearance.balls.size) + self.clearance.reach
+        measured = self.clearance.engine.measure(places, np.column_stack([at, ends]), far)
+        self._keep(measured.distances, times[at], self.clearance.groups[pair])
+        lower = np.empty(len(pair))
+        for one in np.unique(pair).tolist():
+            i, j = self.clearance.pairs[one]
+            some = np.flatnonzero(pair == one)
+            both = places[at[some], i], places[at[some], j]
+            lower[some] = plane_gaps(shapes[i], shapes[j], both, measured.points[some])
+        return lower
+
+    def _keep(self, distances: Floats, times: Floats, groups: Integers) -> None:
+        order = np.argsort(distances, kind="stable")
+        group, first = np.unique(groups[order], return_index=True)
+        least, when = distances[order][first], times[order][first]
+        better = least < self.found[group]
+        self.found[group[better]], self.times[group[better]] = least[better], when[better]

@@ -1,0 +1,290 @@
+"""Clearances as constraints of the state: smallest distances between bodies, and their exact derivatives.
+
+The distance of two convex solids changes as that of their nearest points does when these ride on the bodies: moving
+along the surfaces changes nothing in first order.  So its derivative is n · (∂p₂/∂q − ∂p₁/∂q) with the unit normal n
+from the first to the second, and with the derivatives of the frames it is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.dynamics.kinematics import Kinematics
+from echelon.errors import InputError
+from echelon.excite.collisions.engine import Engine
+from echelon.excite.collisions.pairs import body_name, checked_pairs
+from echelon.excite.collisions.shapes import Shape
+from echelon.excite.collisions.supports import Balls
+from echelon.excite.constraints.state import Slopes
+from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.mechanism import Mechanism
+
+Floats = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.intp]
+
+REACH = 0.2
+"""How far beyond the clearance distances are measured, m: enough to be warned before a limit is near."""
+
+_TOUCHING = 1e-12  # m, below which points do not tell a normal
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """For every state and pair of bodies, its nearest pair of shapes.
+
+    Attributes
+    ----------
+    distances : array of shape (N, m)
+        m, at most the reach.
+    pairs : array of shape (N, m)
+        Which pair of shapes it is.
+    points : array of shape (N, m, 2, 3)
+        On the first and the second, in the base frame, m; zero beyond the reach.
+    places : array of shape (N, shapes, 3, 4)
+        Frames of the shapes.
+    """
+
+    distances: Floats
+    pairs: Integers
+    points: Floats
+    places: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """Bodies stay a distance apart; a :class:`echelon.excite.constraints.state.StateConstraint`.
+
+    Made by :func:`clearance_of`.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+    shapes : tuple of Shape
+    pairs : array of shape (P, 2)
+        Indices of shapes that are checked, pairs of the same bodies next to each other.
+    clearance : float
+        Least distance, m.
+    reach : float
+        Larger distances are not told apart: values stop here and slopes are zero, m.
+    symbols : mapping of str to float, optional
+        Values of geometry symbols.
+    notes : tuple of str
+        Which pairs were left out because they touch at the reference pose.
+    """
+
+    mechanism: Mechanism
+    shapes: tuple[Shape, ...]
+    pairs: Integers
+    clearance: float
+    reach: float
+    symbols: Mapping[str, float] | None = None
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def bodies(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of bodies, −1 for the world: what the values belong to."""
+        carriers = ((self.shapes[i].body, self.shapes[j].body) for i, j in self.pairs.tolist())
+        return tuple(dict.fromkeys(carriers))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """``"distance of link2 and link5"``."""
+        names = [[body_name(self.mechanism, body) for body in pair] for pair in self.bodies]
+        return tuple(f"distance of {first} and {second}" for first, second in names)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Metres."""
+        return ("m",) * len(self.bodies)
+
+    @property
+    def low(self) -> Floats:
+        """The clearance, shape (m,)."""
+        return np.full(len(self.bodies), self.clearance)
+
+    @property
+    def high(self) -> Floats:
+        """None: ∞, shape (m,)."""
+        return np.full(len(self.bodies), np.inf)
+
+    def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:  # noqa: ARG002
+        """Smallest distances of the pairs of bodies.
+
+        Parameters
+        ----------
+        q : array of shape (N, n)
+            All positions of the mechanism, rad or m.
+        qd, qdd : array of shape (N, n)
+            Not used.
+
+        Returns
+        -------
+        array of shape (N, m)
+            m; negative where shapes overlap, at most the reach.
+        """
+        return self.nearest(q).distances
+
+    def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:  # noqa: ARG002
+        """Derivatives of the distances by the positions, zero beyond the reach.
+
+        Returns
+        -------
+        array of shape (N, m, n), None, None
+            m per rad or m.
+        """
+        found = self.nearest(q)
+        states, columns = np.nonzero(found.distances < self.reach)
+        slopes = np.zeros((*found.distances.shape, np.shape(q)[1]))
+        if len(states):
+            frames, moved = self.kinematics.frames(q), self.kinematics.slopes(q)
+            points, distances = found.points[states, columns], found.distances[states, columns]
+            normals = _normals(points, distances)
+            for side, sign in ((0, -1.0), (1, 1.0)):
+                carriers = np.array(self.bodies)[columns, side]
+                some = np.flatnonzero(carriers >= 0)  # the world does not move
+                at, on, n = states[some], carriers[some], sign * normals[some]
+                arms = points[some, side] - frames[at, on, :, 3]
+                inside = np.einsum("kij,ki->kj", frames[at, on, :, :3], arms)
+                lever = np.concatenate([inside, np.ones((len(some), 1))], axis=1)
+                slopes[at, columns[some]] += np.einsum("ki,kicj,kc->kj", n, moved[at, on], lever)
+        return slopes, None, None
+
+    def nearest(self, q: Floats) -> Nearest:
+        """The nearest shapes of all pairs of bodies.
+
+        Parameters
+        ----------
+        q : array of shape (N, n)
+            rad or m.
+        """
+        places = self.places(q)
+        asked = np.argwhere(self.balls.gaps(places, self.pairs) < self.reach)
+        measured = self.engine.measure(places, np.column_stack([asked[:, 0], self.pairs[asked[:, 1]]]), self.reach)
+        distances = np.full((len(places), len(self.pairs)), self.reach)
+        distances[asked[:, 0], asked[:, 1]] = np.minimum(measured.distances, self.reach)
+        points = np.zeros((*distances.shape, 2, 3))
+        points[asked[:, 0], asked[:, 1]] = measured.points
+        if not self.bodies:
+            return Nearest(distances, np.zeros(distances.shape, dtype=np.intp), points, places)
+        ends = [*self.starts[1:].tolist(), len(self.pairs)]
+        least = np.column_stack(
+            [a + distances[:, a:b].argmin(axis=1) for a, b in zip(self.starts.tolist(), ends, strict=True)]
+        )
+        rows = np.arange(len(places))[:, None]
+        return Nearest(distances[rows, least], least, points[rows, least], places)
+
+    def places(self, q: Floats) -> Floats:
+        """Frames of all shapes in the base frame, shape (N, shapes, 3, 4)."""
+        return self.engine.places(self.kinematics.frames(q))
+
+    # -- parts -----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Frames of the bodies."""
+        return Kinematics(self.mechanism, self.symbols)
+
+    @cached_property
+    def engine(self) -> Engine:
+        """What measures distances."""
+        return Engine(self.shapes)
+
+    @cached_property
+    def balls(self) -> Balls:
+        """Balls that hold the shapes."""
+        return Balls(self.shapes)
+
+    @cached_property
+    def groups(self) -> Integers:
+        """For every pair of shapes, the index of its pair of bodies, shape (P,)."""
+        index = {pair: k for k, pair in enumerate(self.bodies)}
+        carriers = [(self.shapes[i].body, self.shapes[j].body) for i, j in self.pairs.tolist()]
+        return np.array([index[pair] for pair in carriers], dtype=np.intp)
+
+    @cached_property
+    def starts(self) -> Integers:
+        """The first pair of shapes of every pair of bodies, shape (m,)."""
+        return np.searchsorted(self.groups, np.arange(len(self.bodies)))
+
+
+def clearance_of(
+    mechanism: Mechanism,
+    shapes: Sequence[Shape],
+    clearance: float,
+    exclude: Sequence[tuple[str, str]] = (),
+    *,
+    reach: float | None = None,
+    symbols: Mapping[str, float] | None = None,
+    reference: npt.ArrayLike | None = None,
+    ignore_touching: bool = False,
+) -> Clearance:
+    """The constraint that bodies stay a distance apart from each other and from what is around them.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Joints with a single coordinate each.
+    shapes : sequence of Shape
+        Of the robot and of the world.
+    clearance : float
+        Least distance, m; 0 to forbid overlaps only.
+    exclude : sequence of (str, str)
+        Names of bodies, links or shapes that are not checked against each other.
+    reach : float, optional
+        Distances are measured up to it, m; by default 0.2 m beyond the clearance.
+    symbols : mapping of str to float, optional
+        Values of geometry symbols that replace or complete those of the mechanism.
+    reference : array of shape (n,), optional
+        A pose, rad or m; all zero without it.
+    ignore_touching : bool
+        Leave out pairs of shapes that are nearer than the clearance at the reference pose; a note lists them.
+
+    Returns
+    -------
+    Clearance
+
+    Raises
+    ------
+    InputError
+        If an argument does not fit the mechanism.
+    MissingExtraError
+        If MuJoCo, which measures the distances, is not installed.
+    """
+    if not (np.isfinite(clearance) and clearance >= 0):
+        raise InputError(f"the clearance must be a distance in m, 0 or more, got {clearance}")
+    farthest = clearance + REACH if reach is None else reach
+    if not (np.isfinite(farthest) and farthest > clearance):
+        raise InputError(f"the reach must be larger than the clearance of {clearance} m, got {farthest}")
+    balls = [motion.name for motion in mechanism.motions if motion.kind is MotionKind.BALL]
+    if balls:
+        raise InputError(f"clearances are for joints with single coordinates; '{balls[0]}' rotates freely")
+    pairs = checked_pairs(mechanism, shapes, exclude)
+    found = Clearance(mechanism, tuple(shapes), pairs, float(clearance), float(farthest), symbols)
+    return _without_touching(found, reference) if ignore_touching else found
+
+
+def _without_touching(clearance: Clearance, reference: npt.ArrayLike | None) -> Clearance:
+    count = len(clearance.mechanism.positions)
+    pose = np.zeros(count) if reference is None else np.asarray(reference, dtype=float)
+    if pose.shape != (count,):
+        raise InputError(f"the reference pose needs {count} positions, got shape {pose.shape}")
+    places, pairs = clearance.places(pose[None]), clearance.pairs
+    asked = np.column_stack([np.zeros(len(pairs), dtype=np.intp), pairs])
+    near = clearance.engine.measure(places, asked, clearance.reach).distances < clearance.clearance
+    names = [(clearance.shapes[i].name, clearance.shapes[j].name) for i, j in pairs[near].tolist()]
+    notes = tuple(f"'{a}' and '{b}' are not checked: they are too near at the reference pose" for a, b in names)
+    return replace(clearance, pairs=pairs[~near], notes=notes)
+
+
+def _normals(points: Floats, distances: Floats) -> Floats:
+    """Unit vectors from the first to the second body; zero where shapes just touch and have no derivative."""
+    apart = points[:, 1] - points[:, 0]
+    lengths = np.linalg.norm(apart, axis=1, keepdims=True)
+    # of overlapping shapes the points lie the other way round
+    signs = np.where(distances < 0, -1.0, 1.0)[:, None]
+    return np.where(lengths > _TOUCHING, signs * apart / np.maximum(lengths, _TOUCHING), 0.0)

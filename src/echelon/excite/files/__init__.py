@@ -1,0 +1,1 @@
+"""Files of trajectories: coefficients as JSON, samples as tables, and messages of ROS 2."""

@@ -1,0 +1,89 @@
+"""One start with limits that are asked for when they are broken.
+
+Most limits of accelerations, jerks and torques never bind, and every one costs the solver a row at every sample.  So
+the first solution knows of positions and velocities only; what it breaks is added, and the search goes on from the best
+motion that keeps everything.
+"""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import MissingExtraError
+from echelon.excite.problem import Problem
+from echelon.excite.solver import Best, SolverOptions, solve
+
+Floats = npt.NDArray[np.float64]
+
+_ROUNDS = 8
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Where a start ended.
+
+    Attributes
+    ----------
+    x : array, optional
+        The best coefficients that kept all limits at the samples; None if none did.
+    value : float
+        Their criterion.
+    status : str
+        See :class:`echelon.excite.solver.Ended`.
+    iterations : int
+    history : tuple of float
+        The criterion of the best motion so far, each time it became better: descending.
+    seconds : float
+    """
+
+    x: Floats | None
+    value: float
+    status: str
+    iterations: int
+    history: tuple[float, ...]
+    seconds: float
+
+
+def solve_lazily(problem: Problem, start: Floats, options: SolverOptions) -> Solution:
+    """Minimise from one starting point.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : array of shape (problem.size,)
+    options : SolverOptions
+
+    Notes
+    -----
+    Linear algebra runs in one thread: matrices are small, threads that wait for each other cost more than they bring,
+    and the order of additions is the same wherever it runs.
+    """
+    begun = perf_counter()
+    with _one_thread():
+        best = Best(problem)
+        best.offer(start, problem.value(start))
+        part, iterations, status = problem.first(), 0, ""
+        for _ in range(_ROUNDS):
+            left = replace(options, iterations=max(options.iterations - iterations, 1))
+            ended = solve(part, start, left, best)
+            iterations, status = iterations + ended.iterations, ended.status
+            more = problem.extended(part, ended.x)
+            if more is None or status == "time" or iterations >= options.iterations:
+                break
+            part = more
+            start = problem.shrunk(ended.x, 0.9) if best.x is None else best.x
+    return Solution(best.x, best.value, status, iterations, tuple(best.history), perf_counter() - begun)
+
+
+def _one_thread() -> AbstractContextManager[object]:
+    try:
+        from threadpoolctl import threadpool_limits
+    except ImportError:
+        raise MissingExtraError("threadpoolctl", "excite") from None
+    limits: AbstractContextManager[object] = threadpool_limits(1)
+    return limits

@@ -1,0 +1,135 @@
+"""Poses that keep all limits: where motions can start, and which limits are in each other's way where there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+from scipy.stats import qmc
+
+from echelon.errors import InputError
+from echelon.excite.constraints.state import StateConstraint
+
+Floats = npt.NDArray[np.float64]
+
+_TRIED = 512  # poses, a power of two as Sobol's sequence wants
+_REFINED = 24  # the best of them, from which broken limits are minimised
+_KEPT = 1e-9  # what rounding may leave of a broken limit, relative to its size
+
+
+def start_pose(
+    wanted: Floats | None, low: Floats, high: Floats, constraints: Sequence[StateConstraint], seed: int
+) -> Floats:
+    """A pose at rest that keeps all limits, the middle of the ranges if that is one.
+
+    Parameters
+    ----------
+    wanted : array of shape (n,), optional
+        The pose that the set-up states; NaN for what it leaves open.
+    low, high : array of shape (n,)
+        Position limits.
+    constraints : sequence of StateConstraint
+    seed : int
+        Of the poses that are tried.
+
+    Raises
+    ------
+    InputError
+        If there is none; names the limits that are broken.
+    """
+    middle = np.where(np.isfinite(low) & np.isfinite(high), (low + high) / 2, np.clip(0.0, low, high))
+    stated = np.full(len(low), np.nan) if wanted is None else wanted
+    pose: Floats = np.where(np.isnan(stated), middle, stated)
+    outside = np.flatnonzero((pose < low) | (pose > high))
+    if len(outside):
+        raise InputError(f"the centre of coordinate number {outside[0] + 1} is outside of its position limits")
+    if not broken(pose[None], constraints)[0].any():
+        return pose
+    if not np.isnan(stated).any():
+        names = _names(constraints, broken(pose[None], constraints)[0])
+        raise InputError(f"the pose at which motions start breaks the limits of {names}", element="centre")
+    return _searched(pose, np.isnan(stated), low, high, constraints, seed)
+
+
+def broken(poses: Floats, constraints: Sequence[StateConstraint]) -> Floats:
+    """How far each function is beyond its limits at rest, 0 if it is not: shape (poses, functions)."""
+    still = np.zeros_like(poses)
+    parts = [np.zeros((len(poses), 0))]
+    for constraint in constraints:
+        values = constraint.values(poses, still, still)
+        over = np.maximum(np.maximum(constraint.low - values, values - constraint.high), 0.0)
+        size = np.where(np.isfinite(constraint.high), np.abs(constraint.high), np.abs(constraint.low))
+        parts.append(np.where(over > _KEPT * np.maximum(size, 1.0), over, 0.0))
+    return np.hstack(parts)
+
+
+def _searched(
+    pose: Floats,
+    free: npt.NDArray[np.bool_],
+    low: Floats,
+    high: Floats,
+    constraints: Sequence[StateConstraint],
+    seed: int,
+) -> Floats:
+    least, most = np.where(np.isfinite(low), low, pose - np.pi), np.where(np.isfinite(high), high, pose + np.pi)
+    unit = qmc.Sobol(len(pose), rng=np.random.default_rng(seed)).random(_TRIED)
+    poses = np.where(free, least + (most - least) * unit, pose)
+    over = broken(poses, constraints)
+    # of the poses that keep everything the one nearest to the middle
+    good = np.flatnonzero(~over.any(axis=1))
+    if len(good):
+        away = np.linalg.norm((poses[good] - pose) / np.maximum(most - least, 1e-300), axis=1)
+        return np.asarray(poses[good[int(np.argmin(away))]])
+    scale = np.maximum(over.max(axis=0), 1e-300)
+    for k in np.argsort(np.sum(over / scale, axis=1))[:_REFINED]:
+        found = _refined(poses[k], free, least, most, constraints, scale)
+        if not broken(found[None], constraints)[0].any():
+            return found
+    raise InputError(_conflict(over > 0, constraints), element="limits")
+
+
+def _refined(
+    pose: Floats,
+    free: npt.NDArray[np.bool_],
+    low: Floats,
+    high: Floats,
+    constraints: Sequence[StateConstraint],
+    scale: Floats,
+) -> Floats:
+    """The pose moved to where less is broken."""
+
+    def residuals(x: Floats) -> Floats:
+        full = pose.copy()
+        full[free] = x
+        found: Floats = broken(full[None], constraints)[0] / scale
+        return found
+
+    found = least_squares(residuals, np.clip(pose[free], low[free], high[free]), bounds=(low[free], high[free]))
+    result = pose.copy()
+    result[free] = found.x
+    return result
+
+
+def _conflict(over: npt.NDArray[np.bool_], constraints: Sequence[StateConstraint]) -> str:
+    """Which limits no pose keeps, alone or in pairs."""
+    labels = _labels(constraints)
+    start = f"none of {len(over)} poses within the position limits keeps"
+    never = [labels[k] for k in np.flatnonzero(over.all(axis=0))]
+    if never:
+        return f"{start} the limits of {', '.join(never[:6])}"
+    for i, j in combinations(np.flatnonzero(over.any(axis=0)).tolist(), 2):
+        if np.all(over[:, i] | over[:, j]):
+            return f"{start} the limits of {labels[i]} and of {labels[j]} together"
+    some = [labels[k] for k in np.flatnonzero(over.any(axis=0))]
+    return f"{start} all limits together: {', '.join(some[:8])}"
+
+
+def _labels(constraints: Sequence[StateConstraint]) -> list[str]:
+    return [label for constraint in constraints for label in constraint.labels]
+
+
+def _names(constraints: Sequence[StateConstraint], over: Floats) -> str:
+    return ", ".join(label for label, value in zip(_labels(constraints), over, strict=True) if value > 0)

@@ -1,0 +1,116 @@
+"""What a trajectory reaches at any time: margins that hold between samples too.
+
+Limits of the motion: between samples a function exceeds the larger one by at most h²/8 times the bound of its second
+derivative, which follows from the coefficients.  Limits of the state: q, q̇ and q̈ stay in intervals around the middle of
+a short cell of time, and interval arithmetic over the recorded function bounds what it does there; cells are halved
+where that bound says too little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.excite.constraints.motion import MotionLimit
+from echelon.excite.constraints.state import StateLimits
+from echelon.excite.margins import Margin
+from echelon.excite.trajectory import Trajectory
+from echelon.program.intervals import Interval
+
+Floats = npt.NDArray[np.float64]
+
+_SHARP = 1e-3
+"""Share of a limit's range by which bounds may be wider than what is reached."""
+_COARSE, _MOST = 200, 1_000_000
+"""Samples of a limit of the motion, at least and at most."""
+_PER_PERIOD = 40  # cells per period of the highest frequency, at first
+_HALVINGS = 12
+
+
+def motion_margins(trajectory: Trajectory, limits: Iterable[MotionLimit]) -> list[Margin]:
+    """How far positions and their derivatives stay from limits.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    limits : iterable of MotionLimit
+    """
+    found = []
+    for limit in limits:
+        combined = trajectory.coefficients @ limit.weights[:, None]
+        curvature = float(trajectory.basis.bounds(combined, limit.order + 2)[0])
+        span = limit.high - limit.low
+        size = span if np.isfinite(span) else max(abs(x) for x in (limit.low, limit.high) if np.isfinite(x))
+        step = np.sqrt(8 * _SHARP * size / curvature) if curvature > 0 and size > 0 else np.inf
+        count = int(np.clip(trajectory.duration / step, _COARSE, _MOST))
+        times = np.linspace(0.0, trajectory.duration, count + 1)
+        values = trajectory.basis.values(times, limit.order) @ combined
+        more = curvature * (trajectory.duration / count) ** 2 / 8
+        least, largest = float(values.min()) - more, float(values.max()) + more
+        found.append(Margin(limit.label, limit.unit, limit.low, limit.high, least, largest))
+    return found
+
+
+def state_margins(trajectory: Trajectory, limits: StateLimits) -> list[Margin]:
+    """How far functions of the state stay from limits.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    limits : StateLimits
+    """
+    least, largest = reach(trajectory, limits)
+    return [
+        Margin(*fields)
+        for fields in zip(
+            *(limits.labels, limits.units, limits.low.tolist(), limits.high.tolist()),
+            *(least.tolist(), largest.tolist()),
+            strict=True,
+        )
+    ]
+
+
+def reach(trajectory: Trajectory, limits: StateLimits) -> tuple[Floats, Floats]:
+    """Bounds of functions of the state at any time, each of shape (m,).
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    limits : StateLimits
+    """
+    count = max(int(np.ceil(_PER_PERIOD * trajectory.basis.frequency * trajectory.duration)), 1)
+    edges = np.linspace(0.0, trajectory.duration, count + 1)
+    middles, halves = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
+    far = [trajectory.basis.bounds(trajectory.coefficients, order) for order in range(2, 5)]
+    span = limits.high - limits.low
+    tolerance = _SHARP * np.where(np.isfinite(span), span, np.maximum(np.abs(np.nan_to_num(limits.low)), 1.0))
+    m = len(limits.labels)
+    least, largest = np.full(m, np.inf), np.full(m, -np.inf)  # of cells that need not be halved
+    reached_low, reached_high = np.full(m, np.inf), np.full(m, -np.inf)
+    for halving in range(_HALVINGS + 1):
+        points = limits.enclosures(_ranges(trajectory, middles, 0 * halves, far))
+        reached_low = np.minimum(reached_low, points[0].min(axis=0))
+        reached_high = np.maximum(reached_high, points[1].max(axis=0))
+        low, high = limits.enclosures(_ranges(trajectory, middles, halves, far))
+        vague = np.any((high > reached_high + tolerance) | (low < reached_low - tolerance), axis=1)
+        vague &= halving < _HALVINGS
+        least = np.minimum(least, low[~vague].min(axis=0, initial=np.inf))
+        largest = np.maximum(largest, high[~vague].max(axis=0, initial=-np.inf))
+        if not vague.any():
+            break
+        halves = np.repeat(halves[vague] / 2, 2)
+        middles = np.repeat(middles[vague], 2) + halves * np.tile([-1.0, 1.0], len(halves) // 2)
+    return least, largest
+
+
+def _ranges(trajectory: Trajectory, middles: Floats, halves: Floats, far: Sequence[Floats]) -> dict[str, Interval]:
+    """Intervals of q, q̇ and q̈ in cells of time, by Taylor's theorem: shapes (cells, n)."""
+    h = halves[:, None]
+    found: dict[str, Interval] = {}
+    for order, name in enumerate(("q", "qd", "qdd")):
+        centre = trajectory(middles, order)
+        reach = h * np.abs(trajectory(middles, order + 1)) + h**2 / 2 * far[order]
+        found[name] = (centre - reach, centre + reach)
+    return found

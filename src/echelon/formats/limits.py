@@ -1,0 +1,285 @@
+"""The limits of joints that robot files state.
+
+A mechanism carries what its base parameters depend on, and limits are not of that kind.  So they are read from the file
+again, and only when motions are designed.  What a file leaves unsaid stays unknown: zeros that stand where a format
+demands a number are not taken for limits.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from echelon.errors import InputError
+from echelon.formats.literal import LiteralTree
+from echelon.formats.load import read_bytes
+from echelon.formats.xml import parse_xml
+from echelon.mechanism.mechanism import Mechanism
+
+Interval = tuple[float, float]
+
+_DESCRIPTIONS = (".yaml", ".yml", ".json")
+_FREE: Interval = (-math.inf, math.inf)
+_MOVING = ("revolute", "continuous", "prismatic")
+_ENDS = ("lower", "upper")
+_LARGEST = ("velocity", "acceleration", "deceleration", "jerk", "effort")
+_SOFT = ("soft_lower_limit", "soft_upper_limit")
+
+
+@dataclass(frozen=True)
+class StatedLimits:
+    """What a robot file states about one coordinate; None where it is silent.
+
+    Attributes
+    ----------
+    position : (float, float), optional
+        Lowest and highest position, rad or m; one end is infinite where the file limits the other only.
+    velocity : float, optional
+        Largest speed, rad/s or m/s.
+    acceleration : float, optional
+        Largest acceleration, rad/s² or m/s².
+    jerk : float, optional
+        Largest jerk, rad/s³ or m/s³.
+    effort : float, optional
+        Largest torque or force that acts on the joint in both directions, N·m or N.
+    notes : tuple of str
+        What stands in the file and was not taken for a limit.
+    """
+
+    position: Interval | None = None
+    velocity: float | None = None
+    acceleration: float | None = None
+    jerk: float | None = None
+    effort: float | None = None
+    notes: tuple[str, ...] = ()
+
+
+def stated_limits(path: str | os.PathLike[str], mechanism: Mechanism) -> dict[str, StatedLimits]:
+    """The limits that a robot file states, by velocity coordinate.
+
+    Parameters
+    ----------
+    path : path-like
+        The file that the mechanism was read from: URDF or MJCF, or an Echelon description, which states limits only
+        through the robot file that it adds to.
+    mechanism : Mechanism
+
+    Returns
+    -------
+    dict
+        Coordinates of single-axis joints that move and about which the file says anything, in the mechanism's order;
+        coupled ones included.  Positions are the mechanism's coordinates, so that of a coupled joint counts without
+        the constant part of its coupling.
+
+    Raises
+    ------
+    InputError
+        If a limit is no number or a range is empty; names the joint.
+    MissingExtraError
+        If the file is MJCF and the package ``mujoco`` is not installed.
+
+    Notes
+    -----
+    URDF: ``limit``, narrowed by the soft limits of ``safety_controller``.  Zero or less as a velocity, acceleration,
+    jerk or effort means that it is unknown, and so does a ``limit`` with neither end of the range.
+
+    MJCF: ranges of joints, and the forces that the actuators of a joint can exert together: ``forcerange`` times gear,
+    or ``ctrlrange`` times gain and gear for motors, within the joint's ``actuatorfrcrange``.  Actuators that act
+    through tendons, sites or cranks are not counted.
+    """
+    file = Path(path)
+    data = read_bytes(file)
+    if file.suffix.lower() in _DESCRIPTIONS:
+        return _of_description(file, data, mechanism)
+    root = parse_xml(data, str(file))
+    names = [motion.name for motion in mechanism.motions if len(motion.velocities) == 1]
+    found = _of_mjcf(file, data) if root.tag == "mujoco" else _of_urdf(root, str(file))
+    offsets = _offsets(file, data, root.tag, mechanism)
+    said = {name: _counted_from(offsets.get(name, 0.0), found[name]) for name in names if name in found}
+    return {name: limits for name, limits in said.items() if limits != StatedLimits()}
+
+
+def _of_description(file: Path, data: bytes, mechanism: Mechanism) -> dict[str, StatedLimits]:
+    from echelon.formats.description_check import check_document
+    from echelon.formats.description_text import read_text
+
+    robot = check_document(read_text(data, str(file))).robot
+    return {} if robot is None else stated_limits(file.parent / robot.file, mechanism)
+
+
+# -- coupled coordinates ----------------------------------------------------------------------------------------------
+
+
+def _offsets(file: Path, data: bytes, tag: str, mechanism: Mechanism) -> dict[str, float]:
+    """The constant parts of couplings: a file counts them as part of a joint's position, a mechanism does not."""
+    if not mechanism.dependent:
+        return {}
+    couplings = {coupling.dependent: coupling for coupling in _tree(file, data, tag).couplings}
+
+    def total(name: str) -> float:
+        if name not in couplings:
+            return 0.0
+        return float(couplings[name].ratio) * total(couplings[name].leader) + float(couplings[name].offset)
+
+    return {name: total(name) for name in mechanism.dependent}
+
+
+def _tree(file: Path, data: bytes, tag: str) -> LiteralTree:
+    if tag == "mujoco":
+        from echelon.formats.mjcf import read_mjcf
+
+        return read_mjcf(data, str(file), file.parent)
+    from echelon.formats.urdf import read_urdf
+
+    return read_urdf(data, str(file))
+
+
+def _counted_from(offset: float, limits: StatedLimits) -> StatedLimits:
+    if limits.position is None:
+        return limits
+    low, high = limits.position
+    return replace(limits, position=(low - offset, high - offset))
+
+
+# -- URDF -------------------------------------------------------------------------------------------------------------
+
+
+def _of_urdf(root: Any, source: str) -> dict[str, StatedLimits]:
+    joints = [joint for joint in root.findall("joint") if joint.get("type") in _MOVING]
+    return {str(joint.get("name")): _of_joint(joint, source) for joint in joints}
+
+
+def _of_joint(joint: Any, source: str) -> StatedLimits:
+    where = f"joint '{joint.get('name')}'"
+    stated = _numbers(joint.find("limit"), (*_ENDS, *_LARGEST), source, f"{where} limit")
+    soft = _numbers(joint.find("safety_controller"), _SOFT, source, f"{where} safety_controller")
+    unknown = [f"{key} {stated[key]:g}" for key in _LARGEST if stated.get(key, 1.0) <= 0]
+    if len(soft) == len(_SOFT) and not any(soft.values()):
+        unknown, soft = [*unknown, "soft limits 0"], {}
+    notes = [f"{where}: {value} counts as not stated" for value in unknown]
+    position = None
+    if joint.get("type") != "continuous":
+        position = _range_of_joint(stated, soft, source, where)
+        if stated and position is None and not any(key in stated for key in _ENDS):
+            notes.append(f"{where}: it states neither lower nor upper, and counts as free rather than as stuck at 0")
+
+    def least(*keys: str) -> float | None:
+        return min((stated[key] for key in keys if 0 < stated.get(key, 0.0) < math.inf), default=None)
+
+    return StatedLimits(
+        position,
+        least("velocity"),
+        least("acceleration", "deceleration"),
+        least("jerk"),
+        least("effort"),
+        tuple(notes),
+    )
+
+
+def _range_of_joint(stated: Mapping[str, float], soft: Mapping[str, float], source: str, where: str) -> Interval | None:
+    low, high = _FREE
+    if "lower" in stated or "upper" in stated:  # the format says that either is 0 where it is absent
+        low, high = stated.get("lower", 0.0), stated.get("upper", 0.0)
+    low, high = max(low, soft.get(_SOFT[0], low)), min(high, soft.get(_SOFT[1], high))
+    if low > high:
+        problem = f"its positions have an empty range: the lowest is {low:g} and the highest {high:g}"
+        raise InputError(problem, source=source, element=where)
+    return None if (low, high) == _FREE else (low, high)
+
+
+def _numbers(element: Any, keys: Sequence[str], source: str, where: str) -> dict[str, float]:
+    """The attributes that are there; infinite where a file says so, which some do instead of saying nothing."""
+    found: dict[str, float] = {}
+    for key in keys:
+        text = None if element is None else element.get(key)
+        if text is None:
+            continue
+        try:
+            found[key] = float(text)
+        except ValueError:
+            found[key] = math.nan
+        if math.isnan(found[key]):
+            raise InputError(f"needs a number, found '{text}'", source=source, element=f"{where} {key}")
+    return found
+
+
+# -- MJCF -------------------------------------------------------------------------------------------------------------
+
+
+def _of_mjcf(file: Path, data: bytes) -> dict[str, StatedLimits]:
+    from echelon.formats.mjcf_equality import take_equalities
+    from echelon.formats.mjcf_spec import compile_spec, import_mujoco, parse_spec
+
+    kinds = import_mujoco().mjtJoint
+    single = (int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE))
+    spec = parse_spec(data, str(file), file.parent)
+    take_equalities(spec, str(file))
+    forces = _actuator_forces(spec)  # before compiling, which removes them
+    model = compile_spec(spec, str(file), file.parent).model
+    found = {}
+    for index in range(model.njnt):
+        if int(model.jnt_type[index]) not in single:
+            continue
+        name = str(model.joint(index).name)
+        low, high = (float(end) for end in model.jnt_range[index]) if model.jnt_limited[index] else _FREE
+        if math.isnan(low) or math.isnan(high):
+            raise InputError("needs a range of two numbers", source=str(file), element=f"joint '{name}' range")
+        force = forces.get(name, _FREE)
+        if model.jnt_actfrclimited[index]:
+            force = _clamped(force, [float(end) for end in model.jnt_actfrcrange[index]])
+        effort = min(-force[0], force[1])
+        found[name] = StatedLimits(
+            None if (low, high) == _FREE else (low, high),
+            effort=effort if 0 < effort < math.inf else None,
+            notes=(f"joint '{name}': its actuators push one way only, so they limit no effort here",) * (effort <= 0),
+        )
+    return found
+
+
+def _actuator_forces(spec: Any) -> dict[str, Interval]:
+    """The forces that the actuators of each joint can exert on it together."""
+    from echelon.formats.mjcf_spec import import_mujoco
+
+    kinds = import_mujoco().mjtTrn
+    found: dict[str, Interval] = {}
+    for actuator in spec.actuators:
+        gear = float(actuator.gear[0])
+        if gear and actuator.trntype in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
+            low, high = sorted(gear * end for end in _actuator_force(actuator, spec.compiler.autolimits))
+            before = found.get(str(actuator.target), (0.0, 0.0))
+            found[str(actuator.target)] = (before[0] + low, before[1] + high)
+    return found
+
+
+def _actuator_force(actuator: Any, automatic: bool) -> Interval:
+    """The least and the largest force of an actuator, before its gear."""
+    from echelon.formats.mjcf_spec import import_mujoco
+
+    mujoco = import_mujoco()
+    # the force of a motor is its control times a gain; that of other actuators depends on the state as well
+    is_motor = (
+        actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED
+        and actuator.biastype == mujoco.mjtBias.mjBIAS_NONE
+        and actuator.dyntype == mujoco.mjtDyn.mjDYN_NONE
+    )
+
+    def limited(flag: int, ends: Sequence[float]) -> bool:
+        stated = automatic and any(ends)
+        return bool(flag == mujoco.mjtLimited.mjLIMITED_TRUE or (flag == mujoco.mjtLimited.mjLIMITED_AUTO and stated))
+
+    force = _FREE
+    if is_motor and limited(actuator.ctrllimited, actuator.ctrlrange):
+        low, high = sorted(float(actuator.gainprm[0]) * float(end) for end in actuator.ctrlrange)
+        force = (low, high)
+    if limited(actuator.forcelimited, actuator.forcerange):
+        force = _clamped(force, [float(end) for end in actuator.forcerange])
+    return force
+
+
+def _clamped(interval: Interval, to: Sequence[float]) -> Interval:
+    low, high = (min(max(end, to[0]), to[1]) for end in interval)
+    return (low, high)

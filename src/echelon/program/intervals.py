@@ -1,0 +1,142 @@
+"""Interval arithmetic on programs: bounds of every output while inputs stay in intervals.
+
+What a function reaches between two samples follows from where its inputs are between them, without derivatives and
+without trust in the samples.  Bounds are widened by a relative 1e-14 at every operation, which covers rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.program.operations import Op
+from echelon.program.tape import Program
+
+Floats = npt.NDArray[np.float64]
+Interval = tuple[Floats, Floats]
+"""Least and largest values, of one shape."""
+
+_ROUNDING = 1e-14
+_MONOTONIC = {Op.EXP: np.exp, Op.TANH: np.tanh, Op.ATAN: np.arctan, Op.SIGN: np.sign}
+
+
+def interval_values(program: Program, outputs: Sequence[int], inputs: Mapping[int, Interval]) -> list[Interval]:
+    """Bounds of outputs.
+
+    Parameters
+    ----------
+    program : Program
+    outputs : sequence of int
+        Nodes.
+    inputs : mapping of int to (array, array)
+        Least and largest value of every input that the outputs need, of any shapes that broadcast.
+
+    Returns
+    -------
+    list of (array, array)
+        For each output; infinite where a divisor, or the argument of a root, logarithm or tangent, may be where the
+        function has no value.
+
+    Raises
+    ------
+    InputError
+        If an input is missing.
+
+    Examples
+    --------
+    >>> program = Program()
+    >>> x = program.input("x")
+    >>> ((low, high),) = interval_values(program, [(x * x - x).node], {x.node: (np.array(0.0), np.array(1.0))})
+    >>> float(low.round(3)), float(high.round(3))
+    (-1.0, 1.0)
+    """
+    found: dict[int, Interval] = {}
+    for node in program.needed(outputs):
+        op = Op(program.ops[node])
+        if op is Op.INPUT:
+            if node not in inputs:
+                raise InputError(f"the range of '{program.inputs[node].name}' is missing")
+            found[node] = inputs[node]
+        elif op is Op.CONSTANT:
+            value = np.asarray(float(program.constants[node]))
+            found[node] = _widened(value, value)
+        else:
+            found[node] = _operation(program, op, node, found)
+    return [found[node] for node in outputs]
+
+
+def _operation(program: Program, op: Op, node: int, found: Mapping[int, Interval]) -> Interval:
+    a = found[program.lhs[node]]
+    if op is Op.NEG:
+        return -a[1], -a[0]
+    if op in (Op.ADD, Op.SUB, Op.MUL, Op.DIV):
+        b = found[program.rhs[node]]
+        if op is Op.ADD:
+            return _widened(a[0] + b[0], a[1] + b[1])
+        if op is Op.SUB:
+            return _widened(a[0] - b[1], a[1] - b[0])
+        if op is Op.DIV:
+            return _product(a, _inverse(b))
+        return _square(a) if program.lhs[node] == program.rhs[node] else _product(a, b)
+    return _function(op, a)
+
+
+def _function(op: Op, a: Interval) -> Interval:
+    low, high = a
+    if op in _MONOTONIC:
+        return _widened(_MONOTONIC[op](low), _MONOTONIC[op](high))
+    if op is Op.ABS:
+        least = np.where((low <= 0) & (high >= 0), 0.0, np.minimum(np.abs(low), np.abs(high)))
+        return least, np.maximum(np.abs(low), np.abs(high))
+    if op is Op.COS:
+        return _cosine(low, high)
+    if op is Op.SIN:
+        return _cosine(low - np.pi / 2, high - np.pi / 2)
+    function, bad = _PARTIAL[op](low, high)
+    with np.errstate(all="ignore"):
+        least, largest = _widened(function(low), function(high))
+    return np.where(bad, -np.inf, least), np.where(bad, np.inf, largest)
+
+
+_PARTIAL: Mapping[Op, Callable[[Floats, Floats], tuple[Any, npt.NDArray[np.bool_]]]] = {
+    Op.LOG: lambda low, _: (np.log, low <= 0),
+    Op.SQRT: lambda low, _: (np.sqrt, low < 0),
+    Op.TAN: lambda low, high: (np.tan, np.floor(low / np.pi - 0.5) != np.floor(high / np.pi - 0.5)),
+}
+"""Functions without a value somewhere, and whether they may meet such a place."""
+
+
+def _cosine(low: Floats, high: Floats) -> Interval:
+    # 1 is reached where a multiple of 2π lies between, −1 where an odd multiple of π does
+    ends = np.cos(low), np.cos(high)
+    top = np.floor(high / (2 * np.pi) + 1e-12) >= np.ceil(low / (2 * np.pi) - 1e-12)
+    bottom = np.floor((high - np.pi) / (2 * np.pi) + 1e-12) >= np.ceil((low - np.pi) / (2 * np.pi) - 1e-12)
+    least, largest = np.minimum(*ends) - _ROUNDING, np.maximum(*ends) + _ROUNDING
+    return np.where(bottom, -1.0, np.maximum(least, -1.0)), np.where(top, 1.0, np.minimum(largest, 1.0))
+
+
+def _product(a: Interval, b: Interval) -> Interval:
+    with np.errstate(invalid="ignore"):  # 0 · ∞: the other products say what is unbounded
+        ends = np.stack(np.broadcast_arrays(a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]))
+    ends = np.where(np.isnan(ends), 0.0, ends)
+    return _widened(ends.min(axis=0), ends.max(axis=0))
+
+
+def _square(a: Interval) -> Interval:
+    low, high = _function(Op.ABS, a)
+    return _widened(low * low, high * high)
+
+
+def _inverse(b: Interval) -> Interval:
+    through = (b[0] <= 0) & (b[1] >= 0)
+    with np.errstate(divide="ignore"):
+        low, high = _widened(1 / b[1], 1 / b[0])
+    return np.where(through, -np.inf, low), np.where(through, np.inf, high)
+
+
+def _widened(low: Floats, high: Floats) -> Interval:
+    return low - _ROUNDING * np.abs(low), high + _ROUNDING * np.abs(high)

@@ -1,0 +1,1 @@
+"""A page about an exciting trajectory, to be looked at before anything moves."""

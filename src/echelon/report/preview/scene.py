@@ -1,0 +1,222 @@
+"""The moving robot: where its bodies are in every picture of an animation, ready to be projected by a script.
+
+A body goes from its frame to those of the bodies that it carries.  A last body, whose length nobody states, goes on as
+its parent came when all joints are at zero, and turns with its frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.dynamics.kinematics import Kinematics
+from echelon.errors import EchelonError, one_line
+from echelon.excite.result import ExcitingTrajectory
+from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.mechanism import GROUND, Body, Mechanism
+from echelon.report.pose import Pose, pose_at
+from echelon.report.preview.packed import packed
+
+Floats = npt.NDArray[np.float64]
+
+_RATE = 30.0
+"""Pictures per second; fewer where a page would become too large.  Between them a script interpolates."""
+_BYTES = 500_000  # of all pictures together, about
+_NUMBERS, _PER_NUMBER = 10, 4 * 4 / 3  # of a body in a picture, and bytes of each in base 64
+_STUB = 0.12  # length of a last body, of the robot's extent
+_STILL = 1e-9  # of the robot's extent, and rad, below which a body counts as not moving
+_VIEWS, ELEVATION = 12, 0.4  # directions that are tried, and how far they look down, rad
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A robot in motion, in the base frame.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+    time : array of shape (N,)
+        s.
+    q, qd : array of shape (N, n)
+        Of the trajectory's coordinates.
+    origins : array of shape (N, bodies, 3)
+        Of the bodies' frames, m.
+    axes : array of shape (N, bodies, 3)
+        Direction of each joint's first freedom; zero for joints that do not move.
+    tips : array of shape (N, last bodies, 3)
+        Where drawings of the last bodies end, m.
+    last : tuple of int
+        The last bodies.
+    still : array of shape (bodies,) of bool
+        Bodies that do not move.
+    up : array of shape (3,)
+        Against gravity; z without gravity.
+    extent : float
+        Size of what the robot's bodies sweep, m.
+    """
+
+    mechanism: Mechanism
+    time: Floats
+    q: Floats
+    qd: Floats
+    origins: Floats
+    axes: Floats
+    tips: Floats
+    last: tuple[int, ...]
+    still: npt.NDArray[np.bool_]
+    up: Floats
+    extent: float
+
+
+def scene(found: ExcitingTrajectory) -> Scene:
+    """Where everything is, picture by picture.
+
+    Parameters
+    ----------
+    found : ExcitingTrajectory
+
+    Raises
+    ------
+    InputError
+        If a length has no value.
+    """
+    mechanism, trajectory = found.base.mechanism, found.trajectory
+    zero = pose_at(mechanism, dict.fromkeys(mechanism.positions, 0.0))
+    columns = [trajectory.coordinates.index(name) for name in mechanism.positions]
+    at_zero = Kinematics(mechanism).frames(np.zeros((1, len(columns))))[0]
+    time = _times(trajectory.duration, len(mechanism.bodies))
+    q, qd = trajectory(time), trajectory(time, 1)
+    frames = Kinematics(mechanism).frames(q[:, columns])
+    turns, origins = frames[..., :3], frames[..., 3]
+    cloud = np.vstack([origins.reshape(-1, 3), np.zeros((1, 3))])
+    extent = float(np.linalg.norm(np.ptp(cloud, axis=0))) or 1.0
+    carriers = {body.parent for body in mechanism.bodies}
+    last = tuple(i for i in range(len(mechanism.bodies)) if i not in carriers)
+    ends = [_STUB * extent * _ahead(mechanism.bodies[i], i, zero, at_zero[..., :3], extent) for i in last]
+    tips = np.stack([origins[:, i] + turns[:, i] @ end for i, end in zip(last, ends, strict=True)], axis=1)
+    moved = np.ptp(origins, axis=0).max(axis=1) / extent + np.ptp(turns, axis=0).max(axis=(1, 2))
+    axes = _axes(mechanism, zero, at_zero[..., :3], turns)
+    return Scene(mechanism, time, q, qd, origins, axes, tips, last, moved < _STILL, zero.up, extent)
+
+
+def context(found: ExcitingTrajectory) -> dict[str, Any]:
+    """What the section says beside its picture.
+
+    Parameters
+    ----------
+    found : ExcitingTrajectory
+    """
+    try:
+        view = scene(found)
+    except EchelonError as error:
+        return {"problem": str(error)}
+    heights = view.origins @ view.up
+    lowest = int(heights.min(axis=0).argmin())
+    return {
+        "problem": "",
+        "rate": round((len(view.time) - 1) / max(found.trajectory.duration, 1e-300), 1),
+        "below": max(-float(heights.min()), 0.0) if heights.min() < -1e-6 * view.extent else 0.0,
+        "lowest": view.mechanism.bodies[lowest].name,
+        "still": [body.name for body, still in zip(view.mechanism.bodies, view.still, strict=True) if still],
+        "floats": not view.mechanism.gravity,
+        "coordinates": list(zip(found.trajectory.coordinates, found.trajectory.units, strict=True)),
+    }
+
+
+def payload(found: ExcitingTrajectory) -> dict[str, Any] | None:
+    """All pictures, JSON-able; None where a length has no value.
+
+    Parameters
+    ----------
+    found : ExcitingTrajectory
+    """
+    try:
+        view = scene(found)
+    except EchelonError:
+        return None
+    bodies = [
+        {
+            "name": one_line(body.name),
+            "parent": body.parent,
+            "joint": _kind(body),
+            "still": bool(still),
+            "last": view.last.index(i) if i in view.last else None,
+        }
+        for i, (body, still) in enumerate(zip(view.mechanism.bodies, view.still, strict=True))
+    ]
+    return {
+        "bodies": bodies,
+        "pictures": len(view.time),
+        "duration": float(view.time[-1]),
+        "coordinates": [one_line(name) for name in found.trajectory.coordinates],
+        "units": [one_line(unit) for unit in found.trajectory.units],
+        "up": view.up.tolist(),
+        "turn": _turn(view),
+        "elevation": ELEVATION,
+        "origins": packed(view.origins),
+        "axes": packed(view.axes),
+        "tips": packed(view.tips),
+        "q": packed(view.q),
+        "qd": packed(view.qd),
+    }
+
+
+def sides(up: Floats) -> tuple[Floats, Floats]:
+    """Two unit vectors perpendicular to a third and to each other; a script derives the same ones."""
+    side = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 1.0, 0.0])
+    side /= np.linalg.norm(side)
+    return side, np.cross(side, up)
+
+
+def _times(duration: float, bodies: int) -> Floats:
+    """Times of the pictures."""
+    most = int(_BYTES / (_NUMBERS * _PER_NUMBER * max(bodies, 1)))
+    return np.linspace(0.0, duration, min(int(np.ceil(_RATE * duration)), most) + 1)
+
+
+def _ahead(body: Body, index: int, zero: Pose, turns: Floats, extent: float) -> Floats:
+    """Direction of a last body, in its own frame."""
+    before = np.zeros(3) if body.parent == GROUND else zero.origins[body.parent]
+    direction = zero.origins[index] - before
+    if np.linalg.norm(direction) < 1e-6 * extent:
+        direction = zero.axes[index] if np.linalg.norm(zero.axes[index]) else zero.up
+    found: Floats = turns[index].T @ direction / np.linalg.norm(direction)
+    return found
+
+
+def _axes(mechanism: Mechanism, zero: Pose, at_zero: Floats, turns: Floats) -> Floats:
+    """Joint axes over time: the first freedom of a joint is fixed in the parent, behind constant placements."""
+    axes = np.empty((len(turns), len(mechanism.bodies), 3))
+    for index, body in enumerate(mechanism.bodies):
+        if body.parent == GROUND:
+            axes[:, index] = zero.axes[index]
+        else:
+            axes[:, index] = turns[:, body.parent] @ (at_zero[body.parent].T @ zero.axes[index])
+    return axes
+
+
+def _kind(body: Body) -> str:
+    """How a joint is drawn."""
+    kinds = [motion.kind for motion in body.joint.motions]
+    if not kinds:
+        return "fixed"
+    return "slide" if kinds[0] is MotionKind.TRANSLATION else "turn"
+
+
+def _turn(view: Scene) -> float:
+    """Direction of view around the vertical, rad, from which the motion spreads widest."""
+    side, front = sides(view.up)
+    cloud = np.vstack([view.origins.reshape(-1, 3), view.tips.reshape(-1, 3), np.zeros((1, 3))]) / view.extent
+    angles = [np.pi * (k + 0.25) / _VIEWS for k in range(_VIEWS)]
+
+    def spread(angle: float) -> float:
+        right = np.cos(angle) * side + np.sin(angle) * front
+        high = np.cos(ELEVATION) * view.up + np.sin(ELEVATION) * np.cross(view.up, right)
+        flat = cloud @ np.stack([right, high]).T
+        values = np.linalg.svd(flat - flat.mean(axis=0), compute_uv=False)
+        return round(float(values[0] * values[1]), 6)  # rounded, so that the view is the same everywhere
+
+    return float(max(angles, key=spread))

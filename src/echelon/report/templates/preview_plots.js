@@ -1,0 +1,137 @@
+// Plots of joint motion, conditioning and starts; tables that can be sorted.
+(() => {
+  const { data } = preview;
+  const plain = (text) => text.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
+  const axis = (title, more = {}) => {
+    const c = preview.colours();
+    return { title: { text: title, font: { size: 12 }, standoff: 6 }, gridcolor: c.line, zerolinecolor: c.soft, zerolinewidth: 0.7, linecolor: c.soft, exponentformat: "power", ...more };
+  };
+  const layout = (height, more) => ({
+    height, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: preview.colours().ink, size: 11 },
+    margin: { l: 62, r: 12, t: 8, b: 40 }, showlegend: false, hovermode: "x unified", hoverlabel: { font: { size: 11 } },
+    modebar: { bgcolor: "rgba(0,0,0,0)", color: preview.colours().soft, activecolor: preview.colours().ink }, ...more,
+    ...(preview.printing ? { width: 700 } : {}), // px of a page, which no script can measure
+  });
+  // the buttons are listed one by one, so that none that talks to a server is among them
+  const calm = { responsive: true, displaylogo: false, typesetMath: false };
+  const options = { motion: { ...calm, modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]] }, other: { ...calm, displayModeBar: false } };
+  const line = (name, x, y, color, more = {}) => ({ type: "scatter", mode: "lines", name, x, y, line: { color, width: 1.6 }, hovertemplate: "%{y:.4g}", ...more });
+
+  // -- joint motion --------------------------------------------------------------------------------------------
+  const { motion } = data;
+  const signals = motion.coordinates.map((coordinate) => coordinate.orders.map((order) => ({
+    ...order, time: [...preview.floats(order.time)], values: [...preview.floats(order.values)],
+  })));
+  const choice = document.getElementById("coordinate");
+  const domains = [[0.7, 1], [0.36, 0.66], [0.02, 0.32]];
+  const dashed = (row, value, color) => ({ type: "line", xref: "paper", x0: 0, x1: 1, yref: "y" + (row ? row + 1 : ""), y0: value, y1: value, line: { color, width: 1.3, dash: "dash" } });
+  const share = (order) => {
+    const { low, high } = order, centre = (low + high) / 2;
+    return order.values.map((value) => 100 * (value - centre) / ((high - low) / 2));
+  };
+  function motionPlot() {
+    const c = preview.colours(), lines = [], shapes = [], chosen = choice.value;
+    const axes = { xaxis: axis("time / s", { anchor: "y3", range: [0, motion.duration] }) };
+    domains.forEach((domain, row) => {
+      const y = row ? "y" + (row + 1) : "y", key = "yaxis" + (row ? row + 1 : "");
+      if (chosen === "all") {
+        signals.forEach((orders, k) => {
+          const order = orders[row];
+          if (order.low === null || order.high === null) return;
+          lines.push(line(plain(motion.coordinates[k].name), order.time, share(order), preview.colour(k), { yaxis: y, hovertemplate: "%{y:.1f} %", showlegend: row === 0, legendgroup: String(k) }));
+        });
+        shapes.push(dashed(row, 100, c.limit), dashed(row, -100, c.limit));
+        axes[key] = axis(motion.titles[row] + " / %", { domain, range: [-112, 112], dtick: 50 });
+      } else {
+        const order = signals[chosen][row];
+        lines.push(line(motion.titles[row], order.time, order.values, c.accent, { yaxis: y }));
+        const limits = [order.low, order.high].filter((value) => value !== null);
+        limits.forEach((value) => shapes.push(dashed(row, value, c.limit)));
+        const shown = order.values.filter(Number.isFinite).concat(limits);
+        const least = shown.reduce((a, b) => Math.min(a, b), Infinity), most = shown.reduce((a, b) => Math.max(a, b), -Infinity);
+        const room = 0.08 * (most - least || 1);
+        axes[key] = axis(motion.titles[row] + " / " + plain(order.unit), { domain, range: [least - room, most + room] });
+      }
+    });
+    return [lines, layout(preview.printing ? 480 : 620, {
+      ...axes, shapes, showlegend: chosen === "all", legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" },
+      margin: { l: 62, r: 12, t: 34, b: 40 }, hoversubplots: "axis",
+    })];
+  }
+  const head = document.querySelector(".playhead"), motionNode = document.querySelector("[data-plot=motion]");
+  function placeHead() {
+    const full = motionNode._fullLayout, x = full && full.xaxis;
+    head.hidden = !x || !x.l2p || !preview.onStage || preview.time < x.range[0] || preview.time > x.range[1];
+    if (head.hidden) return;
+    head.style.left = full._size.l + x.l2p(preview.time) + "px";
+    head.style.top = full._size.t + "px";
+    head.style.height = full._size.h + "px";
+  }
+  preview.onStage = Boolean(data.robot);
+  preview.onTime(placeHead);
+
+  // -- the others ----------------------------------------------------------------------------------------------
+  function conditioningPlot() {
+    const { time, condition } = data.conditioning;
+    return [[line("condition number", time, condition, preview.colours().accent, { mode: "lines+markers", marker: { size: 4 } })], layout(260, {
+      xaxis: axis("time / s", { range: [0, motion.duration * 1.01] }), yaxis: axis("condition number", { type: "log", dtick: 1 }), hovermode: "closest",
+    })];
+  }
+  function startsPlot() {
+    const lines = data.starts.filter((start) => start.history.length).map((start, k) =>
+      line("start " + start.seed, start.history.map((_, i) => i + 1), start.history, preview.colour(k), { line: { color: preview.colour(k), width: 1.6, shape: "hv" }, hovertemplate: "%{y:.5g}" }));
+    return [lines, layout(280, { xaxis: axis("number of the improvement"), yaxis: axis("best criterion so far"), showlegend: lines.length > 1, legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" }, margin: { l: 62, r: 12, t: 34, b: 40 } })];
+  }
+  const kinds = { motion: motionPlot, conditioning: conditioningPlot, starts: startsPlot };
+  function draw(node) {
+    const kind = node.dataset.plot;
+    if (kind === "conditioning" && !data.conditioning.time.length) {
+      node.classList.add("empty");
+      node.textContent = "At no time are all base parameters seen.";
+      return;
+    }
+    const [lines, shape] = kinds[kind]();
+    const fresh = !node.classList.contains("js-plotly-plot");
+    Plotly.react(node, lines, shape, options[kind] || options.other);
+    if (kind !== "motion") return;
+    if (fresh) {
+      node.on("plotly_afterplot", placeHead);
+      node.on("plotly_click", (event) => {
+        if (!preview.onStage) return;
+        preview.pause();
+        preview.setTime(Math.min(Math.max(Number(event.points[0].x), 0), motion.duration));
+      });
+    }
+    placeHead();
+  }
+  const plots = [...document.querySelectorAll("[data-plot]")], drawn = new Set();
+  const watcher = new IntersectionObserver((entries) => entries.forEach((entry) => {
+    if (!entry.isIntersecting || drawn.has(entry.target)) return;
+    drawn.add(entry.target);
+    draw(entry.target);
+  }), { rootMargin: "600px" });
+  plots.forEach((node) => watcher.observe(node));
+  choice.addEventListener("change", () => draw(motionNode));
+  preview.looks.push(() => (preview.printing ? plots : drawn).forEach((node) => { drawn.add(node); draw(node); }));
+
+  // -- tables --------------------------------------------------------------------------------------------------
+  const key = (row, k) => row.cells[k].dataset.key;
+  const number = (row, k) => {
+    const x = parseFloat(key(row, k).replace("inf", "Infinity"));
+    return Number.isNaN(x) ? -Infinity : x;
+  };
+  document.querySelectorAll("table.sortable").forEach((table) => {
+    const rows = [...table.tBodies[0].rows];
+    table.tHead.addEventListener("click", (event) => {
+      const cell = event.target.closest("th"), button = cell && cell.querySelector("button");
+      if (!button) return;
+      const k = cell.cellIndex, rising = cell.getAttribute("aria-sort") !== "ascending";
+      [...table.tHead.rows[0].cells].forEach((other) => other.hasAttribute("aria-sort") && other.setAttribute("aria-sort", "none"));
+      cell.setAttribute("aria-sort", rising ? "ascending" : "descending");
+      const order = button.dataset.sort === "text"
+        ? (a, b) => key(a, k).localeCompare(key(b, k), "en", { numeric: true })
+        : (a, b) => number(a, k) - number(b, k) || 0;
+      table.tBodies[0].append(...[...rows].sort(rising ? order : (a, b) => order(b, a)));
+    });
+  });
+})();
