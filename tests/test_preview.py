@@ -1,4 +1,4 @@
-"""The preview of a trajectory: its numbers are those of the result, names stay text, and it needs nothing but itself."""
+"""The preview of a trajectory: its numbers are those of the result, names stay text, and nothing is loaded."""
 
 from __future__ import annotations
 
@@ -247,7 +247,7 @@ def test_margins_by_urgency() -> None:
     near = [r for r in rows if r[1] == "● near"]
     assert ["torque of j2", "● near", "0.125", "N·m", "0.156"] in [r[:5] for r in near]
     assert [r[1] for r in rows] == sorted((r[1] for r in rows), key=["✗ broken", "● near", "kept"].index)
-    assert rows[2:2 + len(near)] == near
+    assert rows[2 : 2 + len(near)] == near
     assert "∞" in next(r for r in rows if r[0] == "height of hand")[5]
 
 

@@ -37,8 +37,9 @@ const byId = (id) => document.getElementById(id), canvas = byId("robot-view");
 const seen = async () => { await wait(200); return canvas.toDataURL(); };
 const value = () => Number(byId("time").value);
 const now = () => [...document.querySelectorAll(".now .q")].map((node) => node.textContent);
-const key = (node, name) => node.dispatchEvent(new KeyboardEvent("keydown", { key: name, bubbles: true, cancelable: true }));
-const pointer = (kind, x, y) => canvas.dispatchEvent(new PointerEvent(kind, { pointerId: 1, clientX: x, clientY: y, bubbles: true }));
+const key = (node, name) => node.dispatchEvent(new KeyboardEvent("keydown", { key: name, bubbles: true }));
+const pointer = (kind, clientX, clientY) =>
+  canvas.dispatchEvent(new PointerEvent(kind, { pointerId: 1, clientX, clientY }));
 async function drive() {
   await wait(1500);
   canvas.setPointerCapture = () => {};
@@ -192,7 +193,8 @@ def test_no_wider_than_its_window(driven: dict) -> None:
 def test_fits_narrow_screens(width: int, tmp_path: Path) -> None:
     """Inside a frame, because windows cannot be that narrow."""
     measure = """<script>
-      setTimeout(() => parent.postMessage(document.documentElement.scrollWidth - innerWidth, "*"), 2000);</script></body>"""
+      setTimeout(() => parent.postMessage(document.documentElement.scrollWidth - innerWidth, "*"), 2000);
+      </script></body>"""
     (tmp_path / "inner.html").write_text(html_of("broken").replace("</body>", measure), encoding="utf-8")
     outer = f"""<!DOCTYPE html><html><head></head><body>
       <script>addEventListener("message", (event) => {{ document.title = event.data; }});</script>

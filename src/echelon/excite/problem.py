@@ -14,13 +14,13 @@ import numpy.typing as npt
 from scipy import sparse
 
 from echelon.excite.constraints.motion import MotionLimit
-from echelon.excite.constraints.narrowed import selected
 from echelon.excite.constraints.state import StateConstraint
 from echelon.excite.criteria import Criterion
 from echelon.excite.families.basis import Basis
 from echelon.excite.information import Information
 
 Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
 _PER_PERIOD = 20
 """Constrained samples per period of the highest frequency: between them a sine rises by 1.2 % of its amplitude."""
@@ -46,6 +46,8 @@ class Problem:
         Drawn in.
     centre : array of shape (n,)
         A pose that keeps all limits.
+    asked : tuple of array of bool, shape (grid, m), optional
+        For each constraint, at which samples which of its functions are asked for; all of them if omitted.
     """
 
     basis: Basis
@@ -55,6 +57,7 @@ class Problem:
     limits: tuple[MotionLimit, ...]
     constraints: tuple[StateConstraint, ...]
     centre: Floats
+    asked: tuple[Flags, ...] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -115,29 +118,38 @@ class Problem:
         C = x.reshape(self.shape)
         return self.phi[0] @ C, self.phi[1] @ C, self.phi[2] @ C
 
+    @cached_property
+    def _rows(self) -> list[tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]]:
+        """For each constraint, samples and functions that are asked for."""
+        if self.asked is None:
+            masks = [np.ones((len(self.grid), len(c.labels)), dtype=bool) for c in self.constraints]
+        else:
+            masks = list(self.asked)
+        return [(rows, columns) for rows, columns in map(np.nonzero, masks)]
+
     def constrained(self, x: Floats) -> Floats:
-        """Values of all constraints at all samples, one after another."""
+        """Values of all constraints that are asked for, one after another."""
         state = self.state(x)
-        return np.concatenate([c.values(*state).ravel() for c in self.constraints]) if self.constraints else np.zeros(0)
+        parts = [c.values(*state)[rows] for c, rows in zip(self.constraints, self._rows, strict=True)]
+        return np.concatenate([np.zeros(0), *parts])
 
     def slopes(self, x: Floats) -> Floats:
         """Their derivatives by the coefficients, shape (values, unknowns)."""
         state = self.state(x)
-        found = []
-        for constraint in self.constraints:
-            parts = constraint.slopes(*state)  # of shape (N, m, n), by q, q̇ and q̈
-            total = sum(
-                np.einsum("ik,imj->imkj", self.phi[order], part) for order, part in enumerate(parts) if part is not None
-            )
-            found.append(np.asarray(total).reshape(-1, self.size))
+        found = [np.zeros((0, self.size))]
+        for constraint, (rows, columns) in zip(self.constraints, self._rows, strict=True):
+            total = np.zeros((len(rows), *self.shape))
+            for order, part in enumerate(constraint.slopes(*state)):
+                if part is not None:
+                    total += self.phi[order][rows][:, :, None] * part[rows, columns][:, None, :]
+            found.append(total.reshape(-1, self.size))
         return np.concatenate(found)
 
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
-        """Least and largest values of the constraints."""
-        rows = len(self.grid)
-        low = [np.tile(c.low, rows) for c in self.constraints]
-        high = [np.tile(c.high, rows) for c in self.constraints]
+        """Least and largest values of the constraints that are asked for."""
+        low = [c.low[columns] for c, (_, columns) in zip(self.constraints, self._rows, strict=True)]
+        high = [c.high[columns] for c, (_, columns) in zip(self.constraints, self._rows, strict=True)]
         return np.concatenate([np.zeros(0), *low]), np.concatenate([np.zeros(0), *high])
 
     # -- starting points -------------------------------------------------------------------------------------------
@@ -172,26 +184,25 @@ class Problem:
         return rest + share * max(largest, 0.0) * (x - rest)
 
     def violation(self, x: Floats) -> float:
-        """The largest violation at the samples, relative to the range of what is limited."""
+        """The largest violation of any limit at the samples, relative to its range; negative if there is room."""
         A, low, high = self.linear
-        found = _beyond(A @ x, low, high).max(initial=0.0)
-        for broken in self.violations(x):
-            found = max(found, broken.max(initial=0.0))
-        return float(found)
+        found = [_beyond(A @ x, low, high), *(over.ravel() for over in self.violations(x))]
+        return float(np.max(np.concatenate(found), initial=-np.inf))
 
     def violations(self, x: Floats) -> list[Floats]:
-        """Of every constraint, the largest relative violation of each of its functions at the samples."""
+        """Of every constraint the same, of each function at each sample, shape (grid, m)."""
         state = self.state(x)
-        return [_beyond(c.values(*state), c.low, c.high).max(axis=0, initial=0.0) for c in self.constraints]
+        return [_beyond(c.values(*state), c.low, c.high) for c in self.constraints]
 
     # -- parts of the problem ----------------------------------------------------------------------------------------
 
     def first(self) -> Problem:
         """The problem with limits of positions and velocities only, which bind in every good motion."""
-        return replace(self, limits=tuple(limit for limit in self.limits if limit.order < 2), constraints=())
+        nothing = tuple(np.zeros((len(self.grid), len(c.labels)), dtype=bool) for c in self.constraints)
+        return replace(self, limits=tuple(limit for limit in self.limits if limit.order < 2), asked=nothing)
 
     def extended(self, part: Problem, x: Floats) -> Problem | None:
-        """A part of this problem with the limits that a motion breaks added to it; None if it breaks none.
+        """A part of this problem with what a motion breaks, or nearly breaks, added to it; None if it breaks nothing.
 
         Parameters
         ----------
@@ -199,22 +210,25 @@ class Problem:
         x : array of shape (size,)
         """
         A, low, high = self.linear
-        over = _beyond(A @ x, low, high).reshape(len(self.limits), -1).max(axis=1, initial=0.0)
+        over = _beyond(A @ x, low, high).reshape(len(self.limits), -1).max(axis=1, initial=-np.inf)
         limits = tuple(limit for limit, v in zip(self.limits, over, strict=True) if v > BROKEN or limit in part.limits)
-        asked = {label for constraint in part.constraints for label in constraint.labels}
-        chosen = [
-            np.array([v > BROKEN or label in asked for label, v in zip(c.labels, broken, strict=True)])
-            for c, broken in zip(self.constraints, self.violations(x), strict=True)
-        ]
-        constraints = tuple(selected(c, some) for c, some in zip(self.constraints, chosen, strict=True) if some.any())
-        more = len(limits) > len(part.limits) or sum(map(int, (c.sum() for c in chosen))) > len(asked)
-        return replace(self, limits=limits, constraints=constraints) if more else None
+        assert part.asked is not None
+        violations = self.violations(x)
+        broken = [v > BROKEN for v in violations]
+        new = any(np.any(b & ~old) for b, old in zip(broken, part.asked, strict=True))
+        if not new and len(limits) == len(part.limits):
+            return None
+        near = (old | ((v > -_NEAR) & b.any(axis=0)) for v, b, old in zip(violations, broken, part.asked, strict=True))
+        return replace(self, limits=limits, asked=tuple(near))
 
 
+_NEAR = 0.1
+"""Room at a sample, relative to a limit's range, below which it is asked for together with those that are broken."""
 BROKEN = 1e-6
 """Violation at a sample, relative to a limit's range, that counts: limits are kept between samples with more room."""
 
 
 def _beyond(values: Floats, low: Floats, high: Floats) -> Floats:
     span = np.where(np.isfinite(high - low), high - low, np.maximum(np.minimum(np.abs(low), np.abs(high)), 1.0))
-    return np.maximum(np.maximum(low - values, values - high), 0.0) / np.maximum(span, 1e-300)
+    found: Floats = np.maximum(low - values, values - high) / np.maximum(span, 1e-300)
+    return found

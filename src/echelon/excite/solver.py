@@ -23,6 +23,9 @@ _OPTIONS = {
     "ipopt.limited_memory_max_history": 8,
     "ipopt.mu_strategy": "adaptive",
     "ipopt.linear_solver": "mumps",
+    # quasi-definite systems need no scaling, which takes as long as their factorisation
+    "ipopt.mumps_permuting_scaling": 0,
+    "ipopt.mumps_scaling": 0,
     "ipopt.sb": "yes",
     "ipopt.print_level": 0,
     "ipopt.honor_original_bounds": "yes",

@@ -23,6 +23,8 @@ Floats = npt.NDArray[np.float64]
 
 _SHARP = 1e-3
 """Share of a limit's range by which bounds may be wider than what is reached."""
+_SHARE = 0.25
+"""The same as a share of the distance to the limit, where that is more."""
 _COARSE, _MOST = 200, 1_000_000
 """Samples of a limit of the motion, at least and at most."""
 _PER_PERIOD = 40  # cells per period of the highest frequency, at first
@@ -84,17 +86,15 @@ def reach(trajectory: Trajectory, limits: StateLimits) -> tuple[Floats, Floats]:
     edges = np.linspace(0.0, trajectory.duration, count + 1)
     middles, halves = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
     far = [trajectory.basis.bounds(trajectory.coefficients, order) for order in range(2, 5)]
-    span = limits.high - limits.low
-    tolerance = _SHARP * np.where(np.isfinite(span), span, np.maximum(np.abs(np.nan_to_num(limits.low)), 1.0))
     m = len(limits.labels)
     least, largest = np.full(m, np.inf), np.full(m, -np.inf)  # of cells that need not be halved
-    reached_low, reached_high = np.full(m, np.inf), np.full(m, -np.inf)
+    met = np.full(m, np.inf), np.full(m, -np.inf)
     for halving in range(_HALVINGS + 1):
         points = limits.enclosures(_ranges(trajectory, middles, 0 * halves, far))
-        reached_low = np.minimum(reached_low, points[0].min(axis=0))
-        reached_high = np.maximum(reached_high, points[1].max(axis=0))
+        met = np.minimum(met[0], points[0].min(axis=0)), np.maximum(met[1], points[1].max(axis=0))
         low, high = limits.enclosures(_ranges(trajectory, middles, halves, far))
-        vague = np.any((high > reached_high + tolerance) | (low < reached_low - tolerance), axis=1)
+        below, above = _tolerances(limits, *met)
+        vague = np.any((high > met[1] + above) | (low < met[0] - below), axis=1)
         vague &= halving < _HALVINGS
         least = np.minimum(least, low[~vague].min(axis=0, initial=np.inf))
         largest = np.maximum(largest, high[~vague].max(axis=0, initial=-np.inf))
@@ -103,6 +103,14 @@ def reach(trajectory: Trajectory, limits: StateLimits) -> tuple[Floats, Floats]:
         halves = np.repeat(halves[vague] / 2, 2)
         middles = np.repeat(middles[vague], 2) + halves * np.tile([-1.0, 1.0], len(halves) // 2)
     return least, largest
+
+
+def _tolerances(limits: StateLimits, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """By how much bounds may be wider than what was met: far from a limit by much."""
+    span = limits.high - limits.low
+    sharp = _SHARP * np.where(np.isfinite(span), span, np.maximum(np.abs(np.nan_to_num(limits.low, neginf=0.0)), 1.0))
+    room = np.nan_to_num(low - limits.low, posinf=np.inf), np.nan_to_num(limits.high - high, posinf=np.inf)
+    return np.maximum(sharp, _SHARE * room[0]), np.maximum(sharp, _SHARE * room[1])
 
 
 def _ranges(trajectory: Trajectory, middles: Floats, halves: Floats, far: Sequence[Floats]) -> dict[str, Interval]:

@@ -1,7 +1,7 @@
 """The moving robot: where its bodies are in every picture of an animation, ready to be projected by a script.
 
 A body goes from its frame to those of the bodies that it carries.  A last body, whose length nobody states, goes on as
-its parent came when all joints are at zero, and turns with its frame.
+its parent came when all joints are at zero, or as it slides, and turns with its frame.
 """
 
 from __future__ import annotations
@@ -86,10 +86,11 @@ def scene(found: ExcitingTrajectory) -> Scene:
     mechanism, trajectory = found.base.mechanism, found.trajectory
     zero = pose_at(mechanism, dict.fromkeys(mechanism.positions, 0.0))
     columns = [trajectory.coordinates.index(name) for name in mechanism.positions]
-    at_zero = Kinematics(mechanism).frames(np.zeros((1, len(columns))))[0]
+    kinematics = Kinematics(mechanism)
+    at_zero = kinematics.frames(np.zeros((1, len(columns))))[0]
     time = _times(trajectory.duration, len(mechanism.bodies))
     q, qd = trajectory(time), trajectory(time, 1)
-    frames = Kinematics(mechanism).frames(q[:, columns])
+    frames = kinematics.frames(q[:, columns])
     turns, origins = frames[..., :3], frames[..., 3]
     cloud = np.vstack([origins.reshape(-1, 3), np.zeros((1, 3))])
     extent = float(np.linalg.norm(np.ptp(cloud, axis=0))) or 1.0
@@ -181,7 +182,7 @@ def _ahead(body: Body, index: int, zero: Pose, turns: Floats, extent: float) -> 
     """Direction of a last body, in its own frame."""
     before = np.zeros(3) if body.parent == GROUND else zero.origins[body.parent]
     direction = zero.origins[index] - before
-    if np.linalg.norm(direction) < 1e-6 * extent:
+    if _kind(body) in ("slide", "screw") or np.linalg.norm(direction) < 1e-6 * extent:
         direction = zero.axes[index] if np.linalg.norm(zero.axes[index]) else zero.up
     found: Floats = turns[index].T @ direction / np.linalg.norm(direction)
     return found
@@ -203,7 +204,7 @@ def _kind(body: Body) -> str:
     kinds = [motion.kind for motion in body.joint.motions]
     if not kinds:
         return "fixed"
-    return "slide" if kinds[0] is MotionKind.TRANSLATION else "turn"
+    return {MotionKind.TRANSLATION: "slide", MotionKind.SCREW: "screw"}.get(kinds[0], "turn")
 
 
 def _turn(view: Scene) -> float:

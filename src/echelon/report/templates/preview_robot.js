@@ -58,11 +58,25 @@
   // -- camera --------------------------------------------------------------------------------------------------
   const begin = { turn: robot.turn, tilt: robot.elevation, zoom: 1 };
   const camera = { ...begin };
-  let wide = 1, tall = 1, look;
+  let wide = 1, tall = 1, fit = 1, look;
+  // everything that is seen from the first view, as large as there is room for
+  function measure() {
+    const own = { ...camera };
+    Object.assign(camera, begin); fit = 1; aim();
+    let least = 0.5;
+    for (const values of [all.origins, all.tips]) {
+      for (let k = 0; k < values.length; k += 3) {
+        const at = look.place(values.slice(k, k + 3));
+        least = Math.max(least, Math.abs(at.x - wide / 2) / (0.44 * wide), Math.abs(at.y - tall / 2) / (0.42 * tall));
+      }
+    }
+    fit = 1 / least;
+    Object.assign(camera, own);
+  }
   function aim() {
     const right = add(times(side, Math.cos(camera.turn)), front, Math.sin(camera.turn)), away = cross(up, right);
     const above = add(times(up, Math.cos(camera.tilt)), away, Math.sin(camera.tilt));
-    const scale = camera.zoom * 0.44 * Math.min(wide, tall) / reach, far = 6 * reach;
+    const scale = fit * camera.zoom * 0.44 * Math.min(wide, tall) / reach, far = 6 * reach;
     const toward = cross(right, above);
     look = {
       toward, scale,
@@ -172,6 +186,7 @@
     wide = canvas.clientWidth || 900; tall = canvas.clientHeight || 400;
     if (canvas.width !== Math.round(wide * ratio) || canvas.height !== Math.round(tall * ratio)) {
       canvas.width = Math.round(wide * ratio); canvas.height = Math.round(tall * ratio);
+      measure();
     }
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     aim();
@@ -192,9 +207,8 @@
   }
   let waiting = false;
   const later = () => {
-    if (waiting) return;
+    if (!waiting) requestAnimationFrame(() => { waiting = false; draw(); });
     waiting = true;
-    requestAnimationFrame(() => { waiting = false; draw(); });
   };
 
   // -- time ----------------------------------------------------------------------------------------------------
@@ -207,10 +221,7 @@
     clock.textContent = time.toFixed(2) + " s";
     slider.setAttribute("aria-valuetext", time.toFixed(2) + " seconds");
     const q = between(states.q, width, time), qd = between(states.qd, width, time);
-    rows.forEach((row, k) => {
-      row.querySelector(".q").textContent = minus(q[k]);
-      row.querySelector(".qd").textContent = minus(qd[k]);
-    });
+    rows.forEach((row, k) => row.querySelectorAll(".q, .qd").forEach((cell, i) => { cell.textContent = minus((i ? qd : q)[k]); }));
     later();
   });
   let running = false, before = null;
