@@ -47,8 +47,12 @@ from echelon.results.verify import verify
 from echelon.version import __version__
 
 if TYPE_CHECKING:  # fitting models to logs needs much that deriving them does not, so it is imported when asked for
-    from echelon.excite.excite import exciting_trajectory
+    from echelon.excite.excite import exciting_trajectory, judged_trajectory
+    from echelon.excite.files.reading import read_trajectory
+    from echelon.excite.files.writing import write_trajectory
+    from echelon.excite.known import information_of_logs
     from echelon.excite.result import ExcitingTrajectory
+    from echelon.excite.trajectory import Trajectory
     from echelon.identification.estimators.estimate import Estimate
     from echelon.identification.gains.from_logs import gains_from_logs
     from echelon.identification.gains.gains import drive_gains
@@ -59,23 +63,30 @@ if TYPE_CHECKING:  # fitting models to logs needs much that deriving them does n
     from echelon.identification.settings import Setup
     from echelon.identification.setup import load_setup
     from echelon.report.page import report_html
+    from echelon.report.preview.page import preview_html
     from echelon.results.identified import load_identified, save_identification
 
 _LATER = {
     "Estimate": "echelon.identification.estimators.estimate",
+    "ExcitingTrajectory": "echelon.excite.result",
     "Identification": "echelon.identification.result",
     "Payload": "echelon.identification.gains.payload",
     "Setup": "echelon.identification.settings",
-    "ExcitingTrajectory": "echelon.excite.result",
-    "exciting_trajectory": "echelon.excite.excite",
+    "Trajectory": "echelon.excite.trajectory",
     "drive_gains": "echelon.identification.gains.gains",
+    "exciting_trajectory": "echelon.excite.excite",
     "gains_from_logs": "echelon.identification.gains.from_logs",
     "identify": "echelon.identification.identify",
+    "information_of_logs": "echelon.excite.known",
+    "judged_trajectory": "echelon.excite.excite",
     "load_identified": "echelon.results.identified",
     "load_setup": "echelon.identification.setup",
     "predict_log": "echelon.identification.predict",
+    "preview_html": "echelon.report.preview.page",
+    "read_trajectory": "echelon.excite.files.reading",
     "report_html": "echelon.report.page",
     "save_identification": "echelon.results.identified",
+    "write_trajectory": "echelon.excite.files.writing",
 }
 
 __all__ = [
@@ -102,6 +113,7 @@ __all__ = [
     "Setup",
     "SpecialGeometry",
     "Structure",
+    "Trajectory",
     "UnknownRelationsError",
     "Verdict",
     "__version__",
@@ -116,7 +128,9 @@ __all__ = [
     "gains_from_logs",
     "generate",
     "identify",
+    "information_of_logs",
     "joint_side",
+    "judged_trajectory",
     "load",
     "load_base",
     "load_identified",
@@ -124,12 +138,15 @@ __all__ = [
     "load_setup",
     "match",
     "predict_log",
+    "preview_html",
+    "read_trajectory",
     "report_html",
     "save_base",
     "save_identification",
     "sensor_report",
     "special_geometry",
     "verify",
+    "write_trajectory",
 ]
 
 

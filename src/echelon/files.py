@@ -12,13 +12,13 @@ from echelon.errors import InputError
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 
 
-def write_all(contents: Mapping[Path, str]) -> None:
+def write_all(contents: Mapping[Path, str | bytes]) -> None:
     """Write several files that belong together: none appears before all of them are written.
 
     Parameters
     ----------
-    contents : mapping of Path to str
-        Text by path.
+    contents : mapping of Path to str or bytes
+        By path; text is written as UTF-8.
 
     Raises
     ------
@@ -38,6 +38,34 @@ def write_all(contents: Mapping[Path, str]) -> None:
     finally:
         for temporary in written.values():
             temporary.unlink(missing_ok=True)
+
+
+def written_into(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]:
+    """Write files into a directory, which is made if need be: all of them or none.
+
+    Parameters
+    ----------
+    folder : Path
+    contents : mapping of str to str or bytes
+        By name.
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    InputError
+        If it is a file, or something cannot be written.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError("is not a directory; several files are written", source=str(folder))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be made: {error.strerror or error}", source=str(folder)) from None
+    write_all({folder / name: content for name, content in contents.items()})
+    return [folder / name for name in contents]
 
 
 def write_atomically(

@@ -13,7 +13,7 @@ import typer
 
 from echelon.cli.progress import steps
 from echelon.errors import InputError, one_line
-from echelon.files import write_all
+from echelon.files import written_into
 from echelon.identification.identify import identify
 from echelon.identification.setup import load_setup
 
@@ -66,7 +66,7 @@ def run_identify(request: IdentifyRequest, *, as_json: bool) -> None:
         result = identify(setup, request.logs, request.validate, client=client, on_step=step)
         step("writing")
         files = {} if request.output is None else _files(result, setup, request.target)
-    paths = [] if request.output is None else _write(files, request.output)
+    paths = [] if request.output is None else written_into(request.output, files)
     if as_json:
         from echelon.results.identified import identification_to_json
 
@@ -121,14 +121,3 @@ def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
 
 
 FUNCTIONS = ("inverse_dynamics", "regressor", "mass_matrix", "gravity")
-
-
-def _write(files: Mapping[str, str], folder: Path) -> list[Path]:
-    if folder.exists() and not folder.is_dir():
-        raise InputError("is not a directory; several files are written", source=str(folder))
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot be made: {error.strerror or error}", source=str(folder)) from None
-    write_all({folder / name: text for name, text in files.items()})
-    return [folder / name for name in files]

@@ -6,10 +6,10 @@ import os
 import sys
 from io import TextIOWrapper
 
-from echelon.cli import log_commands, model_commands  # commands put themselves on the application
+from echelon.cli import excite_commands, log_commands, model_commands  # commands put themselves on the application
 from echelon.cli.app import app
 
-__all__ = ["app", "log_commands", "main", "model_commands"]
+__all__ = ["app", "excite_commands", "log_commands", "main", "model_commands"]
 
 BAD_INPUT, INTERNAL, INTERRUPTED = 2, 70, 130
 

@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
-from echelon.excite.criteria import condition_number, log_det
-from echelon.excite.design import Design, changed, designed, sample_times
+from echelon.excite.design import designed
 from echelon.excite.lazy import Solution
-from echelon.excite.pullback import StateRegressor
-from echelon.excite.result import ExcitingTrajectory, Shown, Start
+from echelon.excite.result import ExcitingTrajectory, Start
 from echelon.excite.safety import safe
+from echelon.excite.showing import shown
 from echelon.excite.starts import solutions
+from echelon.excite.task import Task, changed, task_of
 from echelon.excite.trajectory import Trajectory
+from echelon.excite.verification import margins_of
 from echelon.identification.settings import Setup
 from echelon.machine.kernel import processors
 from echelon.version import __version__
 
 Floats = npt.NDArray[np.float64]
 OnStep = Callable[[str], None]
-
-_MOMENTS = 40  # at which conditioning is reported
 
 
 def exciting_trajectory(
@@ -73,8 +72,9 @@ def exciting_trajectory(
     """
     step = on_step or (lambda _: None)
     step("deriving the base parameters")
-    design = designed(setup, changed(setup.excitation, changes, setup.source), _information(known))
-    entry = design.entry
+    task = task_of(setup, changed(setup.excitation, changes, setup.source))
+    entry, prior = task.entry, _information(known)
+    design = designed(task, prior)
     step(f"optimising from {entry.starts} starts")
 
     def ended(k: int, solution: Solution) -> None:
@@ -83,64 +83,52 @@ def exciting_trajectory(
     found = solutions(design.problem, entry.starts, entry.seed, entry.seconds, jobs or processors(), ended)
     step("checking all limits at every time")
     x, margins = safe(design, [s for s in found if s.x is not None])
-    trajectory = trajectory_of(design, x)
+    trajectory = design.trajectory(x)
     starts = tuple(Start(k, s.status, s.value, s.iterations, s.seconds, s.history) for k, s in enumerate(found))
+    centre = dict(zip(task.mechanism.velocities, design.centre.tolist(), strict=True))
     return ExcitingTrajectory(
         trajectory,
-        design.base,
-        design.held,
+        task.base,
+        task.held,
         entry.criterion,
-        shown(design, trajectory),
+        shown(task, trajectory, prior),
         tuple(margins),
         starts,
-        design.findings,
-        _record(design),
+        task.findings,
+        {**record(task), "centre": centre},
     )
 
 
-def trajectory_of(design: Design, x: Floats) -> Trajectory:
-    """The trajectory with these coefficients."""
-    mechanism = design.mechanism
-    units = {limit.name: limit.unit for limit in design.limits.motion if limit.order == 0}
-    names = mechanism.velocities
-    return Trajectory(
-        names, tuple(units.get(n, "rad") for n in names), design.problem.basis, x.reshape(design.problem.shape)
-    )
-
-
-def shown(design: Design, trajectory: Trajectory, known: Floats | None = None) -> Shown:
-    """What a trajectory shows, with friction as it is and not smoothed.
+def judged_trajectory(setup: Setup, trajectory: Trajectory, **changes: Any) -> ExcitingTrajectory:
+    """Judge a trajectory made elsewhere by the limits and the criterion of a set-up.
 
     Parameters
     ----------
-    design : Design
+    setup : Setup
     trajectory : Trajectory
-        Of the design's coordinates.
-    known : array of shape (r, r), optional
-        Information that there was before; that of the design if omitted.
+        Of the coordinates that the set-up lets move, in its order; see :func:`read_trajectory`.
+    **changes
+        Fields of the section ``excitation`` that replace those of the set-up.
+
+    Returns
+    -------
+    ExcitingTrajectory
+        Without starts; whether it is safe, it says itself.
+
+    Raises
+    ------
+    InputError
+        If it moves other coordinates.
     """
-    base = design.base
-    regressor = StateRegressor(base.mechanism, base.matrix.pivots)
-    prior = design.problem.information.prior if known is None else known
-    times = sample_times(trajectory.duration, design.entry.rate)
-    entries = regressor.entries(dict(zip(("q", "qd", "qdd"), trajectory.states(times), strict=True)))
-    F, moments = prior.copy(), []
-    cuts = np.unique(np.linspace(0, len(times), _MOMENTS + 1).astype(int)[1:])
-    for first, end in zip([0, *cuts[:-1].tolist()], cuts.tolist(), strict=True):
-        for rows, weight in zip(regressor.rows, design.problem.information.weights, strict=True):
-            block = entries[first:end, rows.entries]
-            F[np.ix_(rows.columns, rows.columns)] += weight * (block.T @ block)
-        moments.append((float(times[end - 1]), _scaled_condition(F)))
-    singular = not np.isfinite(_scaled_condition(F))
-    std = np.full(base.rank, np.inf) if singular else np.sqrt(np.diag(np.linalg.inv(F)))
-    return Shown(condition_number(F), _scaled_condition(F), log_det(F), tuple(std.tolist()), tuple(moments))
-
-
-def _scaled_condition(F: Floats) -> float:
-    sizes = np.sqrt(np.diag(F))
-    if np.any(sizes <= 0):
-        return float("inf")
-    return condition_number(F / np.outer(sizes, sizes))
+    task = task_of(setup, changed(setup.excitation, changes, setup.source))
+    if trajectory.coordinates != task.mechanism.velocities:
+        moves, should = ", ".join(trajectory.coordinates), ", ".join(task.mechanism.velocities)
+        raise InputError(f"the trajectory moves {moves}; the set-up lets {should} move", source=setup.source)
+    margins = tuple(margins_of(trajectory, task))
+    seen = shown(task, trajectory)
+    return ExcitingTrajectory(
+        trajectory, task.base, task.held, task.entry.criterion, seen, margins, (), task.findings, record(task)
+    )
 
 
 def _information(known: npt.ArrayLike | None) -> Floats | None:
@@ -152,11 +140,11 @@ def _information(known: npt.ArrayLike | None) -> Floats | None:
     return F
 
 
-def _record(design: Design) -> Mapping[str, Any]:
+def record(task: Task) -> dict[str, Any]:
+    """What is needed to do the same again."""
     return {
         "echelon": __version__,
-        "setup": design.setup.source,
-        "excitation": design.entry.model_dump(mode="json"),
-        "centre": dict(zip(design.mechanism.velocities, design.centre.tolist(), strict=True)),
-        "seed": design.entry.seed,
+        "setup": task.setup.source,
+        "excitation": task.entry.model_dump(mode="json"),
+        "seed": task.entry.seed,
     }

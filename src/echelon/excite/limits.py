@@ -42,6 +42,8 @@ class ResolvedLimits:
     efforts : tuple of EffortLimit
     low, high : array of shape (n,)
         Positions of the coordinates that move; infinite where the set-up says so.
+    units : tuple of str
+        Of these coordinates, ``"rad"`` or ``"m"``.
     findings : tuple of Finding
         Defaults that were taken.
     """
@@ -50,7 +52,15 @@ class ResolvedLimits:
     efforts: tuple[EffortLimit, ...]
     low: Floats
     high: Floats
+    units: tuple[str, ...]
     findings: tuple[Finding, ...]
+
+    @property
+    def middle(self) -> Floats:
+        """The middle of the ranges; of unlimited ones, what is next to zero."""
+        both = np.isfinite(self.low) & np.isfinite(self.high)
+        with np.errstate(invalid="ignore"):
+            return np.where(both, (self.low + self.high) / 2, np.clip(0.0, self.low, self.high))
 
 
 def resolved_limits(
@@ -101,7 +111,9 @@ class _Resolver:
         limits += self._of_drives()
         low, high = (np.array([positions[name][k] for name in self.names]) for k in (0, 1))
         kept = tuple(limit for limit in limits if isfinite(limit.low) or isfinite(limit.high))
-        return ResolvedLimits(kept, tuple(self._efforts()), low, high, tuple(self._findings()))
+        return ResolvedLimits(
+            kept, tuple(self._efforts()), low, high, tuple(self.units.values()), tuple(self._findings())
+        )
 
     # -- names -----------------------------------------------------------------------------------------------------
 

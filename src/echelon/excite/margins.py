@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
 ACTIVE = 0.02
 """Share of a limit's range within which it counts as active."""
@@ -33,13 +34,14 @@ class Margin:
     @property
     def margin(self) -> float:
         """Distance to the nearer end, negative if the limit is broken."""
-        return min(self.least - self.low, self.high - self.largest)
+        below = inf if self.low == -inf else self.least - self.low
+        return min(below, inf if self.high == inf else self.high - self.largest)
 
     @property
     def relative(self) -> float:
         """The margin as a share of the limit's range, or of its size where it has one end only."""
         span = self.high - self.low
-        size = span if abs(span) < float("inf") else abs(self.low if abs(self.low) < float("inf") else self.high)
+        size = span if abs(span) < inf else abs(self.low if abs(self.low) < inf else self.high)
         return self.margin / size if size else self.margin
 
     @property

@@ -12,6 +12,7 @@ from scipy.stats import qmc
 
 from echelon.errors import InputError
 from echelon.excite.constraints.state import StateConstraint
+from echelon.excite.limits import ResolvedLimits
 
 Floats = npt.NDArray[np.float64]
 
@@ -20,17 +21,14 @@ _REFINED = 24  # the best of them, from which broken limits are minimised
 _KEPT = 1e-9  # what rounding may leave of a broken limit, relative to its size
 
 
-def start_pose(
-    wanted: Floats | None, low: Floats, high: Floats, constraints: Sequence[StateConstraint], seed: int
-) -> Floats:
+def start_pose(wanted: Floats, limits: ResolvedLimits, constraints: Sequence[StateConstraint], seed: int) -> Floats:
     """A pose at rest that keeps all limits, the middle of the ranges if that is one.
 
     Parameters
     ----------
-    wanted : array of shape (n,), optional
+    wanted : array of shape (n,)
         The pose that the set-up states; NaN for what it leaves open.
-    low, high : array of shape (n,)
-        Position limits.
+    limits : ResolvedLimits
     constraints : sequence of StateConstraint
     seed : int
         Of the poses that are tried.
@@ -40,18 +38,18 @@ def start_pose(
     InputError
         If there is none; names the limits that are broken.
     """
-    middle = np.where(np.isfinite(low) & np.isfinite(high), (low + high) / 2, np.clip(0.0, low, high))
-    stated = np.full(len(low), np.nan) if wanted is None else wanted
-    pose: Floats = np.where(np.isnan(stated), middle, stated)
+    low, high = limits.low, limits.high
+    pose: Floats = np.where(np.isnan(wanted), limits.middle, wanted)
     outside = np.flatnonzero((pose < low) | (pose > high))
     if len(outside):
-        raise InputError(f"the centre of coordinate number {outside[0] + 1} is outside of its position limits")
+        name = limits.motion[outside[0]].name if limits.motion else ""
+        raise InputError(f"the centre of '{name}' is outside of its position limits", element="centre")
     if not broken(pose[None], constraints)[0].any():
         return pose
-    if not np.isnan(stated).any():
+    if not np.isnan(wanted).any():
         names = _names(constraints, broken(pose[None], constraints)[0])
         raise InputError(f"the pose at which motions start breaks the limits of {names}", element="centre")
-    return _searched(pose, np.isnan(stated), low, high, constraints, seed)
+    return _searched(pose, np.isnan(wanted), low, high, constraints, seed)
 
 
 def broken(poses: Floats, constraints: Sequence[StateConstraint]) -> Floats:

@@ -28,6 +28,8 @@ from echelon.program.tape import Scalar
 Floats = npt.NDArray[np.float64]
 
 ADJOINT = "adjoint"
+MOVING = (*STATE, "v")
+"""Arguments by which there are derivatives; ``v``, the virtual velocities, only with loops."""
 
 
 @dataclass(frozen=True)
@@ -112,12 +114,13 @@ def pullback(function: Function) -> Function:
     Parameters
     ----------
     function : Function
-        Any function of ``q``, ``qd``, ``qdd``; its program is extended.
+        Any function of some of ``q``, ``qd``, ``qdd`` and ``v``; its program is extended.
 
     Returns
     -------
     Function
-        With one more argument, ``adjoint``, one entry for each of the function's; of shape (3 n,).
+        With one more argument, ``adjoint``, one entry for each of the function's; its result has one entry for each of
+        those that the function's states have together, in their order.
     """
     program = function.program
     labels = [",".join(map(str, index)) for index in function.entries]
@@ -125,11 +128,11 @@ def pullback(function: Function) -> Function:
     total = program.zero
     for weight, node in zip(weights, function.entries.values(), strict=True):
         total = total + weight * Scalar(program, node)
-    states = {a.name: a for a in function.arguments if a.name in STATE}
-    inputs = [node for name in STATE for node in states[name].nodes]
+    states = [a for name in MOVING for a in function.arguments if a.name == name]
+    inputs = [node for argument in states for node in argument.nodes]
     found = derivatives(program, [total.node], inputs, reverse=True)
     adjoint = Argument(ADJOINT, tuple(w.node for w in weights), tuple(labels), ("1",) * len(labels), "weights")
-    axis = tuple(f"{name}[{label}]" for name in STATE for label in states[name].labels)
+    axis = tuple(f"{argument.name}[{label}]" for argument in states for label in argument.labels)
     arguments = (*function.arguments, adjoint)
     return Function(f"{function.name}_pullback", program, arguments, {(j,): n for (_, j), n in found.items()}, (axis,))
 

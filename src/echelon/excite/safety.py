@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.excite.constraints.narrowed import narrowed
-from echelon.excite.constraints.state import StateLimits
 from echelon.excite.design import Design
 from echelon.excite.lazy import Solution, solve_lazily
 from echelon.excite.margins import Margin
 from echelon.excite.problem import Problem
 from echelon.excite.solver import SolverOptions
-from echelon.excite.trajectory import Trajectory
-from echelon.excite.verification import motion_margins, state_margins
+from echelon.excite.verification import margins_of, motion_margins
 
 Floats = npt.NDArray[np.float64]
 
@@ -49,7 +48,7 @@ def safe(design: Design, solutions: Sequence[Solution]) -> tuple[Floats, list[Ma
             if x is None:
                 break
             x = _within(problem, x, design)
-            margins = all_margins(design, x)
+            margins = margins_of(design.trajectory(x), design.task)
             broken = [margin for margin in margins if not margin.kept]
             if not broken:
                 return x, margins
@@ -58,30 +57,15 @@ def safe(design: Design, solutions: Sequence[Solution]) -> tuple[Floats, list[Ma
             x = solve_lazily(problem, problem.shrunk(x, _BACK), SolverOptions(iterations=_ITERATIONS)).x
         problem = design.problem
     reason = f"the limits of {worst} are broken between samples" if worst else "no start found a motion that keeps them"
-    raise InputError(f"no trajectory keeps all limits: {reason}", source=design.setup.source, element="excitation")
-
-
-def all_margins(design: Design, x: Floats) -> list[Margin]:
-    """Margins of all limits at every time."""
-    trajectory = _trajectory(design, x)
-    found = motion_margins(trajectory, design.limits.motion)
-    for constraint in design.constraints:
-        if isinstance(constraint, StateLimits):
-            found += state_margins(trajectory, constraint)
-    return found
-
-
-def _trajectory(design: Design, x: Floats) -> Trajectory:
-    names = design.mechanism.velocities
-    return Trajectory(names, ("",) * len(names), design.problem.basis, x.reshape(design.problem.shape))
+    raise InputError(f"no trajectory keeps all limits: {reason}", source=design.task.setup.source, element="excitation")
 
 
 def _within(problem: Problem, x: Floats, design: Design) -> Floats:
     """The motion drawn towards its centre by the little that limits of the motion are exceeded between samples."""
     rest = problem.at_rest.ravel()
-    still = motion_margins(_trajectory(design, rest), design.limits.motion)
+    still = motion_margins(design.trajectory(rest), design.task.limits.motion)
     for _ in range(_ROUNDS):  # bounds are wider than what is reached by less than what is added each time
-        share = min(map(_share, still, motion_margins(_trajectory(design, x), design.limits.motion)), default=1.0)
+        share = min(map(_share, still, motion_margins(design.trajectory(x), design.task.limits.motion)), default=1.0)
         if share >= 1:
             break
         x = rest + (share - _LITTLE) * (x - rest)
@@ -99,11 +83,11 @@ def _share(still: Margin, moving: Margin) -> float:
 
 def _drawn_in(problem: Problem, margins: Sequence[Margin], design: Design) -> Problem:
     """The problem with tighter limits where they were broken."""
-    states = list(margins[len(design.limits.motion) :])
+    states = list(margins[len(design.task.limits.motion) :])
     constraints = []
     for constraint in problem.constraints:
         own, states = states[: len(constraint.labels)], states[len(constraint.labels) :]
-        below = _MORE * np.array([max(m.low - m.least, 0.0) for m in own])
-        above = _MORE * np.array([max(m.largest - m.high, 0.0) for m in own])
+        below = _MORE * np.array([max(m.low - m.least, 0.0) if m.low > -inf else 0.0 for m in own])
+        above = _MORE * np.array([max(m.largest - m.high, 0.0) if m.high < inf else 0.0 for m in own])
         constraints.append(narrowed(constraint, below, above))
     return replace(problem, constraints=tuple(constraints))

@@ -153,6 +153,8 @@ def solve(problem: Problem, start: Floats, options: SolverOptions, best: Best, o
         "ipopt.acceptable_tol": 10 * options.tolerance,
         "ipopt.acceptable_obj_change_tol": options.tolerance,
         "ipopt.acceptable_iter": 5,
+        "ipopt.constr_viol_tol": BROKEN / 10,
+        "ipopt.acceptable_constr_viol_tol": BROKEN / 10,
         "ipopt.max_iter": options.iterations,
         "iteration_callback": watch,
     }

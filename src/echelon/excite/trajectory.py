@@ -50,8 +50,7 @@ class Trajectory:
         -------
         array of shape (N, n)
         """
-        found: Floats = self.basis.values(np.atleast_1d(np.asarray(t, dtype=float)), order) @ self.coefficients
-        return found
+        return self.basis.motion(np.atleast_1d(np.asarray(t, dtype=float)), self.coefficients, order)
 
     def times(self, rate: float, repeats: int = 1) -> Floats:
         """Sampling times from 0 to the end, both included.

@@ -13,9 +13,12 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from echelon.excite.collisions.certificate import least_clearances
+from echelon.excite.collisions.constraint import Clearance
 from echelon.excite.constraints.motion import MotionLimit
 from echelon.excite.constraints.state import StateLimits
 from echelon.excite.margins import Margin
+from echelon.excite.task import Task
 from echelon.excite.trajectory import Trajectory
 from echelon.program.intervals import Interval
 
@@ -25,10 +28,44 @@ _SHARP = 1e-3
 """Share of a limit's range by which bounds may be wider than what is reached."""
 _SHARE = 0.25
 """The same as a share of the distance to the limit, where that is more."""
+_TOUCH = 0.05
+"""Share of the clearance by which a distance may be larger than its bound."""
 _COARSE, _MOST = 200, 1_000_000
 """Samples of a limit of the motion, at least and at most."""
-_PER_PERIOD = 40  # cells per period of the highest frequency, at first
+_PER_PERIOD = 10  # cells per period of the highest frequency, at first
 _HALVINGS = 12
+
+
+def margins_of(trajectory: Trajectory, task: Task) -> list[Margin]:
+    """How far a trajectory stays from all limits, first those of the motion, then those of the state in their order.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    task : Task
+    """
+    found = motion_margins(trajectory, task.limits.motion)
+    for constraint in task.constraints:
+        if isinstance(constraint, StateLimits):
+            found += state_margins(trajectory, constraint)
+        elif isinstance(constraint, Clearance):
+            found += clearance_margins(trajectory, constraint)
+    return found
+
+
+def clearance_margins(trajectory: Trajectory, clearance: Clearance) -> list[Margin]:
+    """How near bodies come to each other.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    clearance : Clearance
+    """
+    least = least_clearances(clearance, trajectory, _TOUCH * clearance.clearance or _TOUCH)
+    return [
+        Margin(label, "m", clearance.clearance, np.inf, bound, np.inf)
+        for label, bound in zip(least.labels, least.bounds.tolist(), strict=True)
+    ]
 
 
 def motion_margins(trajectory: Trajectory, limits: Iterable[MotionLimit]) -> list[Margin]:
@@ -48,7 +85,7 @@ def motion_margins(trajectory: Trajectory, limits: Iterable[MotionLimit]) -> lis
         step = np.sqrt(8 * _SHARP * size / curvature) if curvature > 0 and size > 0 else np.inf
         count = int(np.clip(trajectory.duration / step, _COARSE, _MOST))
         times = np.linspace(0.0, trajectory.duration, count + 1)
-        values = trajectory.basis.values(times, limit.order) @ combined
+        values = trajectory.basis.motion(times, combined, limit.order)
         more = curvature * (trajectory.duration / count) ** 2 / 8
         least, largest = float(values.min()) - more, float(values.max()) + more
         found.append(Margin(limit.label, limit.unit, limit.low, limit.high, least, largest))

@@ -58,6 +58,18 @@ class Basis(ABC):
         array of shape (N, size)
         """
 
+    def motion(self, t: Floats, coefficients: Floats, order: int = 0) -> Floats:
+        """Derivatives of combinations, shape (N, n).
+
+        Parameters
+        ----------
+        t : array of shape (N,)
+        coefficients : array of shape (size, n)
+        order : int
+        """
+        found: Floats = self.values(t, order) @ coefficients
+        return found
+
     @abstractmethod
     def bounds(self, coefficients: Floats, order: int) -> Floats:
         """Bounds that no derivative of a combination exceeds at any time, by its coefficients alone.
@@ -111,6 +123,10 @@ class Recombined(Basis):
         """Derivatives of all functions."""
         found: Floats = self.inner.values(t, order) @ self.matrix
         return found
+
+    def motion(self, t: Floats, coefficients: Floats, order: int = 0) -> Floats:
+        """Derivatives of combinations."""
+        return self.inner.motion(t, self.matrix @ coefficients, order)
 
     def bounds(self, coefficients: Floats, order: int) -> Floats:
         """Bounds of a derivative."""

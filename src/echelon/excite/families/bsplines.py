@@ -49,9 +49,13 @@ class Splines(Basis):
 
     def values(self, t: Floats, order: int = 0) -> Floats:
         """Derivatives of all functions, shape (N, size)."""
+        return self.motion(t, np.eye(self.size), order)
+
+    def motion(self, t: Floats, coefficients: Floats, order: int = 0) -> Floats:
+        """Derivatives of combinations; at every time few functions are not zero."""
         if order > self.degree:
-            return np.zeros((len(t), self.size))
-        spline = BSpline(self._knots, np.eye(self.size), self.degree)
+            return np.zeros((len(t), coefficients.shape[1]))
+        spline = BSpline(self._knots, coefficients, self.degree)
         found: Floats = np.asarray(spline(np.clip(t, 0.0, self.duration), nu=order))
         return found
 

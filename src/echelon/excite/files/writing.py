@@ -35,12 +35,28 @@ def write_trajectory(trajectory: Trajectory, path: str | os.PathLike[str], rate:
     MissingExtraError
         If a package that writes it is not installed.
     """
-    kind = kind_of(path)
+    write_atomically(path, trajectory_content(trajectory, kind_of(path), rate, repeats))
+
+
+def trajectory_content(trajectory: Trajectory, kind: str, rate: float, repeats: int = 1) -> str | bytes:
+    """What a trajectory's file holds.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    kind : str
+        One of :data:`echelon.excite.files.reading.SUFFIXES`.
+    rate, repeats : float, int
+        See :func:`write_trajectory`.
+
+    Raises
+    ------
+    InputError
+        If the rate is not valid, or a motion that is not periodic is to be repeated.
+    MissingExtraError
+        If a package that makes it is not installed.
+    """
     check_repeats(trajectory, repeats)
-    write_atomically(path, _content(trajectory, kind, rate, repeats))
-
-
-def _content(trajectory: Trajectory, kind: str, rate: float, repeats: int) -> str | bytes:
     if kind == ".json":
         return text_of(trajectory_to_json(trajectory))
     samples = sampled(trajectory, rate, repeats)

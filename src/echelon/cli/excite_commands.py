@@ -1,0 +1,125 @@
+"""Commands about exciting trajectories.
+
+Only typer is imported here; each command imports what it needs when it runs, so that ``--help`` is instant.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from echelon.cli.app import app
+from echelon.cli.options import AsJson, EveryLink, Floating, Gravity, Massless, Tolerance, reading
+
+
+class CriterionName(StrEnum):
+    """What is optimised."""
+
+    D_OPTIMAL = "d_optimal"
+    A_OPTIMAL = "a_optimal"
+    CONDITION = "condition"
+
+
+class FamilyName(StrEnum):
+    """Functions of time."""
+
+    FOURIER = "fourier"
+    BSPLINE = "bspline"
+    SUM = "sum"
+
+
+SetupFile = Annotated[
+    Path, typer.Argument(help="Robot description with its sensors and the section 'excitation'; or URDF, MJCF.")
+]
+Prior = Annotated[
+    Path | None, typer.Option(help="The same robot with inertial values, for torques (URDF, MJCF, description).")
+]
+
+
+@app.command(epilog="Example: echelon excite ur10.yaml -o motion/ --duration 10 --criterion condition")
+def excite(
+    setup: SetupFile,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Directory for trajectory.json, samples and preview.html.")
+    ] = None,
+    duration: Annotated[float | None, typer.Option(help="Length of the motion, or of its period, s.")] = None,
+    family: Annotated[FamilyName | None, typer.Option(help="Functions of time.")] = None,
+    harmonics: Annotated[int | None, typer.Option(min=1, help="Of Fourier series.")] = None,
+    pieces: Annotated[int | None, typer.Option(min=1, help="Of B-splines.")] = None,
+    criterion: Annotated[CriterionName | None, typer.Option(help="What is optimised.")] = None,
+    move: Annotated[list[str] | None, typer.Option(help="A coordinate that moves; may be repeated.")] = None,
+    starts: Annotated[int | None, typer.Option(min=1, help="Random starts; the best one counts.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Of the random starts.")] = None,
+    seconds: Annotated[float | None, typer.Option(help="Time limit of each start.")] = None,
+    jobs: Annotated[int | None, typer.Option(min=1, help="Starts that run at the same time.")] = None,
+    complement: Annotated[
+        list[Path] | None, typer.Option(help="A log at hand, which the trajectory complements; may be repeated.")
+    ] = None,
+    prior: Prior = None,
+    formats: Annotated[
+        list[str] | None, typer.Option("--format", "-f", help="Of samples: csv, parquet, yaml or mcap (ROS 2).")
+    ] = None,
+    rate: Annotated[float, typer.Option(help="Of samples, Hz.")] = 1000.0,
+    repeats: Annotated[int, typer.Option(min=1, help="How often a periodic motion is run.")] = 1,
+    floating: Floating = False,
+    gravity: Gravity = "file",
+    tolerance: Tolerance = None,
+    every_link: EveryLink = False,
+    massless: Massless = None,
+    as_json: AsJson = False,
+) -> None:
+    """Design a motion that makes every base parameter visible and keeps all limits at every time.
+
+    With -o: trajectory.json (coefficients and all figures), samples, and a preview page.
+    """
+    from echelon.cli.excite import ExciteRequest, run_excite
+
+    changed = {
+        "duration": duration,
+        "family": family and family.value,
+        "harmonics": harmonics,
+        "pieces": pieces,
+        "criterion": criterion and criterion.value,
+        "move": move or None,
+        "starts": starts,
+        "seed": seed,
+        "seconds": seconds,
+    }
+    request = ExciteRequest(
+        setup,
+        output,
+        prior,
+        tuple(complement or ()),
+        {name: value for name, value in changed.items() if value is not None},
+        reading(floating, gravity, tolerance, every_link=every_link, massless=massless),
+        tuple(formats or ("csv",)),
+        rate,
+        repeats,
+        jobs,
+    )
+    run_excite(request, as_json=as_json)
+
+
+@app.command(epilog="Example: echelon check-trajectory ur10.yaml motion.csv -o preview.html")
+def check_trajectory(
+    setup: SetupFile,
+    trajectory: Annotated[Path, typer.Argument(help="JSON, CSV, Parquet, or a ROS 2 JointTrajectory (YAML, MCAP).")],
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Preview page to write (HTML).")] = None,
+    move: Annotated[list[str] | None, typer.Option(help="A coordinate that moves; may be repeated.")] = None,
+    prior: Prior = None,
+    floating: Floating = False,
+    gravity: Gravity = "file",
+    tolerance: Tolerance = None,
+    every_link: EveryLink = False,
+    massless: Massless = None,
+    as_json: AsJson = False,
+) -> None:
+    """Judge a trajectory made elsewhere by the limits of a set-up; exit code 1 if it breaks one."""
+    from echelon.cli.excite import run_check
+
+    read = reading(floating, gravity, tolerance, every_link=every_link, massless=massless)
+    changed = {"move": move} if move else {}
+    run_check(setup, trajectory, output, prior, changed, read, as_json=as_json)

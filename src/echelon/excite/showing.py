@@ -1,0 +1,52 @@
+"""What a trajectory shows of the base parameters: conditioning, and how well each of them will be known."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.excite.criteria import condition_number, log_det
+from echelon.excite.design import sample_times
+from echelon.excite.pullback import StateRegressor
+from echelon.excite.result import Shown
+from echelon.excite.task import Task
+from echelon.excite.trajectory import Trajectory
+
+Floats = npt.NDArray[np.float64]
+
+_MOMENTS = 40  # at which conditioning is reported
+
+
+def shown(task: Task, trajectory: Trajectory, known: Floats | None = None) -> Shown:
+    """What a trajectory shows, with friction as it is and not smoothed.
+
+    Parameters
+    ----------
+    task : Task
+    trajectory : Trajectory
+        Of the task's coordinates.
+    known : array of shape (r, r), optional
+        Information that there was before.
+    """
+    base = task.base
+    regressor = StateRegressor(base.mechanism, base.matrix.pivots)
+    times = sample_times(trajectory.duration, task.entry.rate)
+    entries = regressor.entries(dict(zip(("q", "qd", "qdd"), trajectory.states(times), strict=True)))
+    F = np.zeros((base.rank, base.rank)) if known is None else known.copy()
+    moments = []
+    cuts = np.unique(np.linspace(0, len(times), _MOMENTS + 1).astype(int)[1:])
+    for first, end in zip([0, *cuts[:-1].tolist()], cuts.tolist(), strict=True):
+        for rows, weight in zip(regressor.rows, task.weights, strict=True):
+            block = entries[first:end, rows.entries]
+            F[np.ix_(rows.columns, rows.columns)] += weight * (block.T @ block)
+        moments.append((float(times[end - 1]), _scaled_condition(F)))
+    singular = not np.isfinite(_scaled_condition(F))
+    std = np.full(base.rank, np.inf) if singular else np.sqrt(np.diag(np.linalg.inv(F)))
+    return Shown(condition_number(F), _scaled_condition(F), log_det(F), tuple(std.tolist()), tuple(moments))
+
+
+def _scaled_condition(F: Floats) -> float:
+    sizes = np.sqrt(np.diag(F))
+    if np.any(sizes <= 0):
+        return float("inf")
+    return condition_number(F / np.outer(sizes, sizes))

@@ -1,0 +1,275 @@
+"""A task: what moves, what its outputs see, and every limit that a trajectory has to keep."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import ValidationError
+
+from echelon.base.derive import base_parameters
+from echelon.base.model import BaseModel
+from echelon.errors import InputError
+from echelon.excite.collisions.constraint import Clearance, clearance_of
+from echelon.excite.collisions.entries import entry_shapes
+from echelon.excite.collisions.geometry import read_geometry
+from echelon.excite.constraints.effort import effort_limits
+from echelon.excite.constraints.frames import PointLimit, point_limits
+from echelon.excite.constraints.state import StateConstraint
+from echelon.excite.limits import ResolvedLimits, resolved_limits
+from echelon.formats.limits import stated_limits
+from echelon.formats.schema_excite import EVERY, ExcitationEntry, FrameEntry
+from echelon.hints import nearest_of
+from echelon.identification.physics.prior import prior_from
+from echelon.identification.settings import Setup
+from echelon.logs.finding import Finding, Severity
+from echelon.mechanism.hold import held
+from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.mechanism import Mechanism
+
+Floats = npt.NDArray[np.float64]
+
+_DESCRIPTIONS = (".yaml", ".yml", ".json")
+_SMOOTH = 0.02  # share of the smallest speed limit within which dry friction changes sign gradually
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a trajectory is designed for, or judged by.
+
+    Attributes
+    ----------
+    setup : Setup
+    entry : ExcitationEntry
+    base : BaseModel
+        Of the robot with what does not move held.
+    held : mapping of str to float
+        Motions that are held, and where.
+    limits : ResolvedLimits
+    constraints : tuple of StateConstraint
+        Torques, points and distances.
+    weights : array of shape (m,)
+        1/σ² of each output's noise.
+    smooth : float
+        Velocity within which dry friction changes sign gradually while a solver is at work, rad/s or m/s.
+    findings : tuple of Finding
+    """
+
+    setup: Setup
+    entry: ExcitationEntry
+    base: BaseModel
+    held: Mapping[str, float]
+    limits: ResolvedLimits
+    constraints: tuple[StateConstraint, ...]
+    weights: Floats
+    smooth: float
+    findings: tuple[Finding, ...]
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """What moves."""
+        return self.base.mechanism
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of the coordinates that move, ``"rad"`` or ``"m"``."""
+        return self.limits.units
+
+
+def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
+    """Work out what moves and what limits there are.
+
+    Parameters
+    ----------
+    setup : Setup
+    entry : ExcitationEntry
+        The section ``excitation`` of the set-up, as it is or changed.
+
+    Raises
+    ------
+    InputError
+        If names are unknown, limits are missing, nothing can be seen, or a shape cannot be read.
+    """
+    return _Reader(setup, entry).task()
+
+
+class _Reader:
+    def __init__(self, setup: Setup, entry: ExcitationEntry) -> None:
+        self.setup, self.entry, self.source = setup, entry, setup.source
+        self.findings: list[Finding] = []
+
+    def task(self) -> Task:
+        if self.setup.mechanism.closures:
+            raise InputError("trajectories of mechanisms with loops are not designed yet", source=self.source)
+        positions = self._held()
+        mechanism = held(self.setup.mechanism, positions)
+        if not mechanism.velocities:
+            raise InputError("nothing moves: every coordinate is held", source=self.source, element="excitation")
+        base = base_parameters(mechanism, seed=self.setup.settings.seed)
+        if not base.rank:
+            problem = "the outputs see no parameter, however the robot moves: the base set is empty"
+            raise InputError(problem, source=self.source)
+        file = self.setup.robot_file
+        stated = stated_limits(file, mechanism) if file else {}
+        limits = resolved_limits(mechanism, self.entry.limits, stated, self.source)
+        self.findings += limits.findings
+        smooth = _SMOOTH * min([limit.high for limit in limits.motion if limit.order == 1], default=1.0)
+        constraints = tuple(self._constraints(mechanism, limits, smooth))
+        weights, found = self._weights(base), tuple(self.findings)
+        return Task(self.setup, self.entry, base, positions, limits, constraints, weights, smooth, found)
+
+    # -- what moves ------------------------------------------------------------------------------------------------
+
+    def _held(self) -> dict[str, float]:
+        """Motions that do not move, and where they are."""
+        mechanism, entry = self.setup.mechanism, self.entry
+        motions = [m for m in mechanism.motions if m.name not in mechanism.dependent]
+        names = [m.name for m in motions]
+        for name in (*(entry.move or ()), *entry.hold):
+            if name not in names:
+                raise InputError(
+                    f"there is no coordinate '{name}'{nearest_of(name, names)}",
+                    source=self.source,
+                    element="excitation",
+                )
+        free = {m.name for body in mechanism.bodies if body.joint.kind == "floating" for m in body.joint.motions}
+        free |= {m.name for m in motions if m.kind is MotionKind.BALL}
+        moving = [name for name in names if name not in free] if entry.move is None else list(entry.move)
+        balls = [name for name in moving if name in free]
+        if balls:
+            raise InputError(
+                f"'{balls[0]}' is not driven by a motor of its own: it can only be held",
+                source=self.source,
+                element="move",
+            )
+        if entry.move is None and free:
+            text = f"{', '.join(sorted(free))} are held: a floating base is moved by nothing but its joints"
+            self.findings.append(Finding(Severity.NOTE, "held", self.source, text))
+        return {name: float(entry.hold.get(name, 0.0)) for name in names if name not in moving or name in entry.hold}
+
+    # -- limits ----------------------------------------------------------------------------------------------------
+
+    def _constraints(self, mechanism: Mechanism, limits: ResolvedLimits, smooth: float) -> Sequence[StateConstraint]:
+        found: list[StateConstraint] = []
+        if limits.efforts:
+            standard = self._standard(mechanism)
+            if standard is not None:
+                margin = self.entry.effort_margin
+                found.append(effort_limits(mechanism, limits.efforts, standard, margin, smooth))
+        else:
+            text = "there are no limits of torques or forces: the trajectory may ask for more than the drives can give"
+            self.findings.append(Finding(Severity.WARNING, "effort", self.source, text))
+        points = [limit for entry in self.entry.frames for limit in _point_limits(entry)]
+        if points:
+            found.append(point_limits(mechanism, points))
+        clearance = self._clearance(mechanism, limits)
+        return found if clearance is None else [*found, clearance]
+
+    def _clearance(self, mechanism: Mechanism, limits: ResolvedLimits) -> Clearance | None:
+        """Distances between bodies, and to obstacles."""
+        entry, file, folder = self.entry.collisions, self.setup.robot_file, Path(self.source).parent
+        if "collisions" not in self.entry.model_fields_set:
+            text = "collisions are not checked: state the section collisions, with obstacles and shapes"
+            self.findings.append(Finding(Severity.WARNING, "collisions", self.source, text))
+            return None
+        shapes, excluded = list(entry_shapes(mechanism, entry.shapes, folder)), list(entry.exclude)
+        if file is not None and Path(file).suffix.lower() not in _DESCRIPTIONS:
+            # shapes that the set-up states stand in for those of the file that cannot be read
+            geometry = read_geometry(mechanism, file, tolerant=bool(shapes))
+            shapes, excluded = [*geometry.shapes, *shapes], [*geometry.excluded, *excluded]
+            self._note("collisions", geometry.notes)
+        world = [
+            dict(obstacle) if "body" in obstacle else {**obstacle, "body": "world"} for obstacle in entry.obstacles
+        ]
+        shapes += entry_shapes(mechanism, world, folder)
+        if not entry.self:
+            names = [body.name for body in mechanism.bodies]
+            excluded += [(a, b) for k, a in enumerate(names) for b in names[:k]]
+        start = [
+            self.entry.centre.get(name, middle)
+            for name, middle in zip(mechanism.velocities, limits.middle, strict=True)
+        ]
+        found = clearance_of(
+            mechanism,
+            shapes,
+            entry.clearance,
+            excluded,
+            reference=start,
+            ignore_touching=entry.ignore_touching,
+        )
+        self.findings += [Finding(Severity.WARNING, "collisions", self.source, text) for text in found.notes]
+        return found
+
+    def _note(self, kind: str, texts: Sequence[str]) -> None:
+        self.findings += [Finding(Severity.NOTE, kind, self.source, text) for text in texts]
+
+    def _standard(self, mechanism: Mechanism) -> Floats | None:
+        """Standard parameters of the prior model; friction without a value counts as none."""
+        prior = self.setup.prior
+        if prior is not None:
+            whole = base_parameters(self.setup.mechanism, seed=self.setup.settings.seed)
+            given = dict(zip(self.setup.mechanism.parameters, prior_from(whole, prior).values.tolist(), strict=True))
+        else:
+            stated = self.setup.mechanism.standard_values()
+            given = {
+                name: np.nan if value is None else value
+                for name, value in zip(self.setup.mechanism.parameters, stated, strict=True)
+            }
+        values = np.array([given[name] for name in mechanism.parameters])
+        inertial = np.array([column.body is not None for column in mechanism.columns])
+        if np.isnan(values[inertial]).any():
+            if self.entry.limits.effort:
+                problem = "limits of torques need inertial values: state them, or a file under identification: prior"
+                raise InputError(problem, source=self.source, element="effort limits")
+            text = "torques are not limited, because the robot file states no inertial values to predict them with"
+            self.findings.append(Finding(Severity.WARNING, "effort", self.source, text))
+            return None
+        if np.isnan(values).any():
+            text = "friction has no values in the prior model: it is left to the margin of the torque limits"
+            self.findings.append(Finding(Severity.NOTE, "effort", self.source, text))
+        known: Floats = np.nan_to_num(values)
+        return known
+
+    def _weights(self, base: BaseModel) -> Floats:
+        names = [output.name for output in base.mechanism.outputs]
+        given = self.entry.noise
+        every = [output.name for output in self.setup.mechanism.outputs]
+        for name in given:
+            if name not in (EVERY, *every):
+                raise InputError(
+                    f"there is no output '{name}'{nearest_of(name, every)}", source=self.source, element="noise"
+                )
+        return np.array([1 / given.get(name, given.get(EVERY, 1.0)) ** 2 for name in names])
+
+
+def _point_limits(entry: FrameEntry) -> list[PointLimit]:
+    name = entry.body if not any(entry.point) else f"{entry.body} at {', '.join(f'{x:g}' for x in entry.point)}"
+    if entry.above is not None:
+        normal = entry.above.normal
+        label = f"height of {name} above the plane {', '.join(f'{x:g}' for x in normal)}"
+        return [PointLimit(label, entry.body, entry.point, normal, entry.above.offset + entry.radius, np.inf)]
+    found = []
+    for axis, letter in enumerate("xyz"):
+        ends = getattr(entry.box, letter)
+        if ends is not None:
+            direction = (float(axis == 0), float(axis == 1), float(axis == 2))
+            low, high = ends[0] + entry.radius, ends[1] - entry.radius
+            found.append(PointLimit(f"{letter} of {name}", entry.body, entry.point, direction, low, high))
+    return found
+
+
+def changed(entry: ExcitationEntry, changes: Mapping[str, Any], source: str) -> ExcitationEntry:
+    """A section with some fields replaced, checked like the section itself."""
+    stated = entry.model_dump(exclude_unset=True)
+    try:
+        return ExcitationEntry.model_validate(stated | dict(changes))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise InputError(
+            first["msg"].removeprefix("Value error, "), source=source, element=f"excitation.{where}"
+        ) from None
