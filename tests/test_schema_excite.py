@@ -60,8 +60,8 @@ excitation:
   collisions:
     self: false
     clearance: 0.01
-    shapes: [{body: j1, sphere: {radius: 0.1}}]
-    obstacles: [{sphere: {radius: 0.1}}]
+    shapes: [{body: j1, capsule: 0.1, from: [0, 0, 0], to: [0, 0, pi/4]}]
+    obstacles: [{name: ball, sphere: 0.1}]
     exclude: [[j1, table]]
     ignore_touching: true
   starts: 8
@@ -99,8 +99,8 @@ def test_every_key_becomes_numbers_in_si_units() -> None:
         True,
         (("j1", "table"),),
     )
-    assert pairs.shapes == ({"body": "j1", "sphere": {"radius": "0.1"}},)
-    assert pairs.obstacles == ({"sphere": {"radius": "0.1"}},)
+    assert pairs.shapes == ({"body": "j1", "capsule": 0.1, "from": [0, 0, 0], "to": [0, 0, math.pi / 4]},)
+    assert pairs.obstacles == ({"name": "ball", "sphere": 0.1},)
 
 
 @pytest.mark.parametrize("section", ["", "excitation: {limits: {}, collisions: {}, seconds: none}"])
@@ -205,7 +205,11 @@ def test_numbers_of_python_are_accepted() -> None:
         ("{frames: [{body: j2, radius: -1, box: {x: [0, 1]}}]}", "[0].radius: Input should be greater than or equal"),
         ("{collisions: {self: maybe}}", "excitation.collisions.self: needs true or false, found 'maybe'"),
         ("{collisions: {clearance: -1}}", "collisions.clearance: Input should be greater than or equal to 0"),
-        ("{collisions: {shapes: [ball]}}", "collisions.shapes[0]: needs a mapping 'name: value', found 'ball'"),
+        (
+            "{collisions: {shapes: [ball]}}",
+            "collisions.shapes[0]: needs a mapping such as {body: link3, sphere: 0.06}, found 'ball'",
+        ),
+        ("{collisions: {shapes: [{sphere: {radius: 0.1}}]}}", "collisions.shapes[0]: needs a number such as 0.5"),
         ("{collisions: {exclude: [[a]]}}", "exclude[0]: needs a pair of names such as [link1, link3], found 1 entries"),
         ("{collisions: {exclude: [a, b]}}", "exclude[0]: needs a pair of names such as [link1, link3], found 'a'"),
     ],

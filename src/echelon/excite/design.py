@@ -14,9 +14,9 @@ from echelon.excite.families.bsplines import uniform_splines
 from echelon.excite.families.fourier import Fourier
 from echelon.excite.families.sums import Sum
 from echelon.excite.information import Information
+from echelon.excite.loops import state_regressor
 from echelon.excite.poses import start_pose
 from echelon.excite.problem import Problem
-from echelon.excite.pullback import StateRegressor
 from echelon.excite.task import Task
 from echelon.excite.trajectory import Trajectory
 from echelon.formats.schema_excite import ExcitationEntry
@@ -46,7 +46,7 @@ class Design:
 
     def trajectory(self, x: Floats) -> Trajectory:
         """The trajectory with these coefficients."""
-        names = self.task.mechanism.velocities
+        names = self.task.mechanism.independent_velocities
         return Trajectory(names, self.task.units, self.problem.basis, x.reshape(self.problem.shape))
 
 
@@ -70,11 +70,11 @@ def designed(task: Task, known: Floats | None = None) -> Design:
     if prior.shape != (base.rank, base.rank):
         raise InputError(f"known has shape {prior.shape}; the robot has {base.rank} base parameters")
     basis = resting_ends(family(entry))
-    regressor = StateRegressor(base.mechanism, base.matrix.pivots, task.smooth)
+    regressor = state_regressor(base.mechanism, base.matrix.pivots, task.smooth)
     times = sample_times(basis.duration, entry.rate)
     information = Information(regressor, basis, times, task.weights, prior)
     criterion = Criterion(entry.criterion, np.ones(base.rank))
-    n = len(base.mechanism.velocities)
+    n = len(base.mechanism.independent_velocities)
     problem = Problem(basis, n, information, criterion, limits.motion, task.constraints, centre)
     if entry.criterion == "a_optimal":
         problem = replace(problem, criterion=Criterion("a_optimal", _sizes(problem, entry.seed)))
@@ -82,7 +82,7 @@ def designed(task: Task, known: Floats | None = None) -> Design:
 
 
 def _stated_centre(task: Task) -> Floats:
-    names = list(task.mechanism.velocities)
+    names = list(task.mechanism.independent_velocities)
     for name in task.entry.centre:
         if name not in names:
             problem = f"'{name}' does not move{nearest_of(name, names)}"

@@ -85,7 +85,7 @@ def exciting_trajectory(
     x, margins = safe(design, [s for s in found if s.x is not None])
     trajectory = design.trajectory(x)
     starts = tuple(Start(k, s.status, s.value, s.iterations, s.seconds, s.history) for k, s in enumerate(found))
-    centre = dict(zip(task.mechanism.velocities, design.centre.tolist(), strict=True))
+    centre = dict(zip(task.mechanism.independent_velocities, design.centre.tolist(), strict=True))
     return ExcitingTrajectory(
         trajectory,
         task.base,
@@ -121,8 +121,8 @@ def judged_trajectory(setup: Setup, trajectory: Trajectory, **changes: Any) -> E
         If it moves other coordinates.
     """
     task = task_of(setup, changed(setup.excitation, changes, setup.source))
-    if trajectory.coordinates != task.mechanism.velocities:
-        moves, should = ", ".join(trajectory.coordinates), ", ".join(task.mechanism.velocities)
+    if trajectory.coordinates != task.mechanism.independent_velocities:
+        moves, should = ", ".join(trajectory.coordinates), ", ".join(task.mechanism.independent_velocities)
         raise InputError(f"the trajectory moves {moves}; the set-up lets {should} move", source=setup.source)
     margins = tuple(margins_of(trajectory, task))
     seen = shown(task, trajectory)

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from echelon.excite.criteria import condition_number, log_det
 from echelon.excite.design import sample_times
-from echelon.excite.pullback import StateRegressor
+from echelon.excite.loops import state_regressor
 from echelon.excite.result import Shown
 from echelon.excite.task import Task
 from echelon.excite.trajectory import Trajectory
@@ -29,7 +29,7 @@ def shown(task: Task, trajectory: Trajectory, known: Floats | None = None) -> Sh
         Information that there was before.
     """
     base = task.base
-    regressor = StateRegressor(base.mechanism, base.matrix.pivots)
+    regressor = state_regressor(base.mechanism, base.matrix.pivots)
     times = sample_times(trajectory.duration, task.entry.rate)
     entries = regressor.entries(dict(zip(("q", "qd", "qdd"), trajectory.states(times), strict=True)))
     F = np.zeros((base.rank, base.rank)) if known is None else known.copy()

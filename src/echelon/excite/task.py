@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,9 @@ from echelon.excite.constraints.effort import effort_limits
 from echelon.excite.constraints.frames import PointLimit, point_limits
 from echelon.excite.constraints.state import StateConstraint
 from echelon.excite.limits import ResolvedLimits, resolved_limits
+from echelon.excite.loops import check_loops
+from echelon.excite.loops_limits import LoopEfforts, LoopLimits, LoopPart
+from echelon.excite.loops_motion import LoopMotion
 from echelon.formats.limits import stated_limits
 from echelon.formats.schema_excite import EVERY, ExcitationEntry, FrameEntry
 from echelon.hints import nearest_of
@@ -103,8 +106,6 @@ class _Reader:
         self.findings: list[Finding] = []
 
     def task(self) -> Task:
-        if self.setup.mechanism.closures:
-            raise InputError("trajectories of mechanisms with loops are not designed yet", source=self.source)
         positions = self._held()
         mechanism = held(self.setup.mechanism, positions)
         if not mechanism.velocities:
@@ -127,6 +128,9 @@ class _Reader:
     def _held(self) -> dict[str, float]:
         """Motions that do not move, and where they are."""
         mechanism, entry = self.setup.mechanism, self.entry
+        if mechanism.closures:
+            check_loops(mechanism, entry.move, entry.hold, self.source)
+            return {}
         motions = [m for m in mechanism.motions if m.name not in mechanism.dependent]
         names = [m.name for m in motions]
         for name in (*(entry.move or ()), *entry.hold):
@@ -155,11 +159,15 @@ class _Reader:
 
     def _constraints(self, mechanism: Mechanism, limits: ResolvedLimits, smooth: float) -> Sequence[StateConstraint]:
         found: list[StateConstraint] = []
+        efforts: list[LoopEfforts] = []
         if limits.efforts:
             standard = self._standard(mechanism)
             if standard is not None:
-                margin = self.entry.effort_margin
-                found.append(effort_limits(mechanism, limits.efforts, standard, margin, smooth))
+                given = mechanism, limits.efforts, standard, self.entry.effort_margin, smooth
+                if mechanism.closures:
+                    efforts.append(LoopEfforts(*given))
+                else:
+                    found.append(effort_limits(*given))
         else:
             text = "there are no limits of torques or forces: the trajectory may ask for more than the drives can give"
             self.findings.append(Finding(Severity.WARNING, "effort", self.source, text))
@@ -167,7 +175,12 @@ class _Reader:
         if points:
             found.append(point_limits(mechanism, points))
         clearance = self._clearance(mechanism, limits)
-        return found if clearance is None else [*found, clearance]
+        found += [] if clearance is None else [clearance]
+        if not mechanism.closures:
+            return found
+        text = "limits beside those of the coordinates that move, and the loops, are checked at 10 kHz, not in between"
+        self._note("loops", [text])
+        return [LoopLimits(LoopMotion(mechanism), (*efforts, *map(LoopPart, found)))]
 
     def _clearance(self, mechanism: Mechanism, limits: ResolvedLimits) -> Clearance | None:
         """Distances between bodies, and to obstacles."""
@@ -191,10 +204,12 @@ class _Reader:
             excluded += [(a, b) for k, a in enumerate(names) for b in names[:k]]
         start = [
             self.entry.centre.get(name, middle)
-            for name, middle in zip(mechanism.velocities, limits.middle, strict=True)
+            for name, middle in zip(mechanism.independent_velocities, limits.middle, strict=True)
         ]
+        if mechanism.closures:
+            start = LoopMotion(mechanism).nearest(np.array([start]))[0].tolist()
         found = clearance_of(
-            mechanism,
+            replace(mechanism, reading=None),  # how the file was read is of no use to another process
             shapes,
             entry.clearance,
             excluded,
@@ -264,7 +279,7 @@ def _point_limits(entry: FrameEntry) -> list[PointLimit]:
 
 def changed(entry: ExcitationEntry, changes: Mapping[str, Any], source: str) -> ExcitationEntry:
     """A section with some fields replaced, checked like the section itself."""
-    stated = entry.model_dump(exclude_unset=True)
+    stated = entry.model_dump(mode="json", exclude_unset=True)  # where what is unlimited is written none
     try:
         return ExcitationEntry.model_validate(stated | dict(changes))
     except ValidationError as error:

@@ -17,6 +17,7 @@ from echelon.excite.collisions.certificate import least_clearances
 from echelon.excite.collisions.constraint import Clearance
 from echelon.excite.constraints.motion import MotionLimit
 from echelon.excite.constraints.state import StateLimits
+from echelon.excite.loops_limits import LoopLimits
 from echelon.excite.margins import Margin
 from echelon.excite.task import Task
 from echelon.excite.trajectory import Trajectory
@@ -50,6 +51,8 @@ def margins_of(trajectory: Trajectory, task: Task) -> list[Margin]:
             found += state_margins(trajectory, constraint)
         elif isinstance(constraint, Clearance):
             found += clearance_margins(trajectory, constraint)
+        elif isinstance(constraint, LoopLimits):
+            found += constraint.margins(trajectory)
     return found
 
 

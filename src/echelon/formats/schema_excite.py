@@ -22,6 +22,8 @@ EVERY = "all"
 """Key of mappings by name that stands for every name that is not listed."""
 
 _NONE = "none"
+_TEXTS = ("body", "name", "mesh")
+"""Keys of shapes whose values are texts."""
 _NOT_FINITE = re.compile(r"[+-]?(\.?(nan|inf|infinity)|∞)", re.IGNORECASE)
 
 
@@ -93,6 +95,17 @@ def _pair(value: object) -> tuple[object, ...]:
     return tuple(value)
 
 
+def _shape(value: object) -> object:
+    """A shape whose numbers are numbers; what shapes there are is not known here."""
+    if not isinstance(value, dict):
+        raise refusal(f"needs a mapping such as {{body: link3, sphere: 0.06}}, found {kind_of(value)}")
+    return {key: part if key in _TEXTS else _numbers(part) for key, part in value.items()}
+
+
+def _numbers(value: object) -> object:
+    return [_number(part) for part in value] if isinstance(value, list | tuple) else _number(value)
+
+
 def _by_name(value: object) -> object:
     return value if isinstance(value, dict) else {EVERY: value}
 
@@ -132,6 +145,7 @@ Limit = Annotated[float, BeforeValidator(_limit), Field(gt=0), _WRITTEN]
 Range = Annotated[tuple[float, float], BeforeValidator(_range), WithJsonSchema(_INTERVAL), _WRITTEN_RANGE]
 Point = Annotated[tuple[float, float, float], BeforeValidator(_corner), _THREE]
 Unit = Annotated[tuple[float, float, float], BeforeValidator(_normal), _THREE]
+Shape = Annotated[dict[str, Any], BeforeValidator(_shape)]
 Pair = Annotated[tuple[Name, Name], BeforeValidator(_pair), WithJsonSchema(_NAMES)]
 Limits = Annotated[dict[str, Limit], BeforeValidator(_by_name), _one_or_each(_SCALAR)]
 Ranges = Annotated[dict[str, Range], BeforeValidator(_by_name), _one_or_each(_INTERVAL)]
@@ -208,13 +222,16 @@ class CollisionsEntry(Model):
 
     self: Flag = Field(True, description="Keep the robot's bodies apart.", examples=[False])
     clearance: NotNegative = Field(0.02, description="Least distance, m.", examples=[0.05])
-    shapes: Annotated[tuple[dict[str, Any], ...], AS_LIST] = Field(
-        (), description="Shapes of bodies, beside those of the robot file.",
-        examples=[[{"body": "link3", "capsule": {"from": [0, 0, 0], "to": [0, 0, 0.3], "radius": 0.06}}]],
+    shapes: Annotated[tuple[Shape, ...], AS_LIST] = Field(
+        (),
+        description="Shapes of bodies in their frames, beside those of the robot file: sphere, capsule or cylinder "
+        "(radius), box or ellipsoid (half lengths), mesh (file).",
+        examples=[[{"body": "link3", "capsule": 0.06, "from": [0, 0, 0], "to": [0, 0, 0.3]}]],
     )  # fmt: skip
-    obstacles: Annotated[tuple[dict[str, Any], ...], AS_LIST] = Field(
-        (), description="Shapes that do not move, in the base frame.",
-        examples=[[{"name": "table", "box": {"size": [1, 1, 0.1]}, "xyz": [0, 0, -0.1]}]],
+    obstacles: Annotated[tuple[Shape, ...], AS_LIST] = Field(
+        (),
+        description="Shapes that do not move, in the base frame; a plane's normal points to the robot's side.",
+        examples=[[{"name": "table", "box": [1, 1, 0.1], "at": [0, 0, -0.1]}, {"plane": [0, 0, 1]}]],
     )  # fmt: skip
     exclude: Annotated[tuple[Pair, ...], AS_LIST] = Field(
         (), description="Pairs of bodies or obstacles that may touch.", examples=[[["link1", "link3"]]]

@@ -8,7 +8,7 @@ from the first to the second, and with the derivatives of the frames it is exact
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -111,6 +111,10 @@ class Clearance:
     def high(self) -> Floats:
         """None: ∞, shape (m,)."""
         return np.full(len(self.bodies), np.inf)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Copies make their own engine: it belongs to one process."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:  # noqa: ARG002
         """Smallest distances of the pairs of bodies.
