@@ -1,4 +1,4 @@
-"""Helpers of the tests of exciting trajectories: families to run through, random motions, differences of fourth order."""
+"""Helpers of the tests of exciting trajectories: families, random motions, differences of fourth order."""
 
 from __future__ import annotations
 

@@ -187,7 +187,7 @@ def test_errors_stay_one_line_whatever_the_names() -> None:
     assert (done.returncode, done.stderr.count("\n"), "\x1b" in done.stderr) == (2, 1, False)
 
 
-@pytest.mark.parametrize("command", ["derive", "verify", "schema", "identify", "predict"])
+@pytest.mark.parametrize("command", ["derive", "verify", "schema", "identify", "predict", "excite", "check-trajectory"])
 def test_help_has_an_example(command: str) -> None:
     assert command in run("--help").stdout
     done = run(command, "--help")
@@ -195,7 +195,7 @@ def test_help_has_an_example(command: str) -> None:
     assert f"Example: echelon {command}" in " ".join(done.stdout.split())
 
 
-@pytest.mark.parametrize("which", ["description", "base-model", "identified"])
+@pytest.mark.parametrize("which", ["description", "base-model", "identified", "trajectory"])
 def test_schemas(which: str) -> None:
     jsonschema.Draft202012Validator.check_schema(json.loads(run("schema", which).stdout))
 

@@ -67,6 +67,16 @@ def test_numbers_come_from_the_real_logs(page: str) -> None:
     assert [line for line in lines if line not in results] == []
 
 
+@pytest.mark.parametrize("page", ["README.md", "docs/excitation.md"])
+def test_numbers_come_from_the_benchmark_of_trajectories(page: str) -> None:
+    results = (ROOT / "benchmarks/results/excitation.md").read_text().splitlines()
+    quoted = re.search(r"<!-- excitation -->\n(.*?)<!-- /excitation -->", (ROOT / page).read_text(), re.DOTALL)
+    assert quoted is not None
+    lines = [line for line in quoted[1].splitlines() if line]
+    assert len(lines) > 6
+    assert [line for line in lines if line not in results] == []
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):

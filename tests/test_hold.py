@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -32,7 +33,7 @@ HELD = [
     ("panda", ("panda_joint2", "panda_joint4", "panda_joint6")),
     ("panda", ("panda_joint7", "panda_finger_joint1", "panda_finger_joint2")),
     ("xarm7", ("joint1", "joint3", "joint5")),
-    ("z1", ("joint2",)),
+    ("solo12", ("FL_HFE", "HR_KFE")),
     ("talos_full_v2", ("leg_left_1_joint", "arm_right_3_joint", "torso_1_joint", "head_2_joint")),
 ]
 
@@ -135,16 +136,14 @@ def test_ranks(name: str, names: tuple[str, ...]) -> None:
         ours.name, tuple(_rooted(ours, carriers, body) for body in carriers), ours.gravity, symbols=ours.symbols
     )
     X = pinocchio_regressor(plain, truth, *random_states(plain, 200)).reshape(-1, 10 * len(carriers))
-    values = np.linalg.svd(X / np.maximum(np.linalg.norm(X, axis=0), 1e-12), compute_uv=False)
-    expected = int(np.sum(values > 1e-9 * values[0]))
+    values = np.linalg.svd(X, compute_uv=False)
+    expected = int(np.sum(values > 1e-10 * values[0]))
     assert values[expected - 1] > 1e-6 * values[0]  # a gap: the rank is certain
     assert ec.base_parameters(ours).rank == expected
 
 
 def _rooted(mechanism: Mechanism, carriers: list[Any], body: Any) -> Any:
     """The body on the next moving one before it: only names and motions of joints matter."""
-    from dataclasses import replace
-
     parent = body.parent
     while parent >= 0 and mechanism.bodies[parent] not in carriers:
         parent = mechanism.bodies[parent].parent
@@ -214,7 +213,7 @@ def test_effects_of_what_is_held_go() -> None:
     whole = written("effects: [{type: viscous, at: all}, {type: coulomb, at: all}, {type: offset, at: all}]\n")
     compare_at_rest(whole, "j2", 0.8)
     part = held(whole, {"j2": 0.8})
-    assert [effect.parameter for effect in part.effects] == ["Fv1", "Fv3", "Fc1", "Fc3", "Foff1", "Foff3"]
+    assert [effect.parameter for effect in part.effects] == ["Fv1", "Fv3", "Fc1", "Fc3", "Fo1", "Fo3"]
     assert [output.name for output in part.outputs] == ["j1", "j3"]
 
 
@@ -223,7 +222,7 @@ def test_drives_of_their_own() -> None:
 
 
 def test_outputs_that_are_seen() -> None:
-    whole = written("outputs: [{joint: j1}, {joint: j3}, {wrench: link2}]\n")
+    whole = written("outputs: [{joint: j1}, {joint: j3}, {wrench: j2}]\n")
     compare_at_rest(whole, "j3", -0.4)
     assert len(held(whole, {"j3": -0.4}).outputs) == 7
 
@@ -231,7 +230,7 @@ def test_outputs_that_are_seen() -> None:
 @pytest.mark.xfail(reason="actions that refer to a held coordinate are dropped, though others move them as well")
 def test_effects_between_what_is_held_and_what_moves() -> None:
     """Friction of the difference of two joints is felt by either."""
-    term = '[{at: j1, term: "qd[j1] - qd[j2]"}, {at: j2, term: "qd[j2] - qd[j1]"}]'
+    term = '[{at: j1, side: joint, term: "qd[j1] - qd[j2]"}, {at: j2, side: joint, term: "qd[j2] - qd[j1]"}]'
     whole = written(f"outputs: [{{joint: all}}]\neffects: [{{parameter: fv12, unit: N·m·s/rad, acts: {term}}}]\n")
     compare_at_rest(whole, "j2", 0.0)
 
@@ -249,15 +248,16 @@ def test_coupled_coordinates_follow() -> None:
     q = np.random.default_rng(0).uniform(-1, 1, (4, 2))
     expected = Kinematics(whole).frames(np.column_stack([q, np.full(4, 0.02)]))
     np.testing.assert_allclose(Kinematics(part).frames(q), expected, atol=1e-15)
-    left, right = (names.index(f"{side}_finger") for side in ("left", "right") if (names := [b.name for b in part.bodies]))
-    assert expected[0, left, :, 3] != pytest.approx(expected[0, right, :, 3])
+    names = [body.name for body in part.bodies]
+    apart = expected[:, names.index("left_finger"), :, 3] - expected[:, names.index("right_finger"), :, 3]
+    np.testing.assert_allclose(np.linalg.norm(apart, axis=1), 0.04, atol=1e-15)
 
 
 def test_what_cannot_be_held() -> None:
     gripper = ec.load(EXAMPLES / "gripper_coupled.yaml")
     with pytest.raises(InputError, match="'right' follows left; hold these instead"):
         held(gripper, {"right": 0.01})
-    with pytest.raises(InputError, match="no coordinate 'lft' to hold.*left"):
+    with pytest.raises(InputError, match=r"no coordinate 'lft' to hold.*left"):
         held(gripper, {"lft": 0.0})
     tree = ec.load(EXAMPLES / "floating_tree.yaml")
     ball = next(motion for motion in tree.motions if len(motion.positions) == 4)
@@ -274,8 +274,8 @@ def test_couplings_are_held_whole_or_not() -> None:
         held(sums, {"j1": 0.1})
     both = held(sums, {"j1": 0.1, "j2": 0.2})
     assert both.velocities == ()
-    angle = Kinematics(both).frames(np.zeros((1, 0)))[0, 2]
-    np.testing.assert_allclose(angle[:2, 0], [np.cos(0.6), np.sin(0.6)], atol=3 * TURNED)
+    q = np.array([[0.1, 0.2]])
+    np.testing.assert_allclose(Kinematics(both).frames(np.zeros((1, 0))), Kinematics(sums).frames(q), atol=6 * TURNED)
     geared = written("couplings: [{j3: l1*j1}]\n")
     with pytest.raises(InputError, match="the ratio of 'j3' is a symbol"):
         held(geared, {"j1": 0.1})

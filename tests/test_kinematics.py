@@ -21,7 +21,14 @@ from oracles import random_states
 from robots import has_pinocchio, pinocchio_model, pinocchio_state, robot_file
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
-ROBOTS = [("ur10_robot", False), ("panda", False), ("xarm7", False), ("z1", False), ("talos_full_v2", True), ("a1", True)]
+ROBOTS = [
+    ("ur10_robot", False),
+    ("panda", False),
+    ("xarm7", False),
+    ("z1", False),
+    ("talos_full_v2", True),
+    ("a1", True),
+]
 
 
 @cache
@@ -109,5 +116,7 @@ def test_symbols_can_be_given() -> None:
     short, long = (Kinematics(open_length, {"d2": d}).frames(q) for d in (0.1, 0.3))
     # the arm is shifted along the second axis by the difference
     along = short[:, 1, :, 2]
-    np.testing.assert_allclose(long[:, 1:, :, 3] - short[:, 1:, :, 3], 0.2 * along[:, None] + 0 * long[:, 1:, :, 3], atol=1e-14)
+    np.testing.assert_allclose(
+        long[:, 1:, :, 3] - short[:, 1:, :, 3], 0.2 * along[:, None] + 0 * long[:, 1:, :, 3], atol=1e-14
+    )
     np.testing.assert_allclose(long[..., :3], short[..., :3], atol=1e-15)

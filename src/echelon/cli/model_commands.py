@@ -50,6 +50,7 @@ class Schema(StrEnum):
     DESCRIPTION = "description"
     BASE_MODEL = "base-model"
     IDENTIFIED = "identified"
+    TRAJECTORY = "trajectory"
 
 
 @app.command(epilog="Example: echelon derive panda.urdf --format json -o panda.json")
@@ -197,6 +198,8 @@ def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print."
         from echelon.formats.schema import json_schema
     elif which is Schema.IDENTIFIED:
         from echelon.results.identified_record import json_schema
+    elif which is Schema.TRAJECTORY:
+        from echelon.excite.files.schema import trajectory_schema as json_schema
     else:
         from echelon.results.record import json_schema
     typer.echo(json.dumps(json_schema(), indent=2))

@@ -15,6 +15,7 @@ from echelon.excite.families.fourier import Fourier
 from echelon.excite.families.sums import Sum
 from echelon.excite.information import Information
 from echelon.excite.loops import state_regressor
+from echelon.excite.loops_problem import LoopProblem
 from echelon.excite.poses import start_pose
 from echelon.excite.problem import Problem
 from echelon.excite.task import Task
@@ -75,7 +76,8 @@ def designed(task: Task, known: Floats | None = None) -> Design:
     information = Information(regressor, basis, times, task.weights, prior)
     criterion = Criterion(entry.criterion, np.ones(base.rank))
     n = len(base.mechanism.independent_velocities)
-    problem = Problem(basis, n, information, criterion, limits.motion, task.constraints, centre)
+    made = LoopProblem if base.mechanism.closures else Problem
+    problem = made(basis, n, information, criterion, limits.motion, task.constraints, centre)
     if entry.criterion == "a_optimal":
         problem = replace(problem, criterion=Criterion("a_optimal", _sizes(problem, entry.seed)))
     return Design(task, centre, problem)

@@ -11,7 +11,7 @@ constraint (:class:`echelon.excite.loops_limits.LoopLimits`) will not let it sta
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -56,14 +56,14 @@ def state_regressor(
     return made(mechanism, pivots, smooth, symbols)
 
 
-def check_loops(mechanism: Mechanism, move: Sequence[str] | None, hold: Sequence[str], source: str) -> None:
+def check_loops(mechanism: Mechanism, move: Sequence[str] | None, hold: Collection[str], source: str) -> None:
     """Refuse what is not possible with loops: to hold coordinates, and to move what has no motor of its own.
 
     Parameters
     ----------
     mechanism : Mechanism
         With loops.
-    move, hold : sequence of str
+    move, hold : sequence of str, collection of str
         Coordinates that a set-up wants to move and to hold.
     source : str
         File name for messages.
@@ -123,12 +123,12 @@ class LoopRegressor(StateRegressor):
         super().__init__(mechanism, pivots, smooth, symbols)
         self.motion = LoopMotion(mechanism, symbols)
         self._given = self.motion.given_speeds()
-        self._outputs = self._given.shape[1]
+        self._outputs = len(mechanism.outputs)
 
     @property
     def size(self) -> int:
         """Number of entries."""
-        return self._outputs * super().size
+        return self._outputs * len(self.function.entries)
 
     @property
     def rows(self) -> list[Rows]:

@@ -129,12 +129,12 @@ class _Recorded:
         self._rows = tuple(str(row) for row in range(len(self._found.owners)))
 
     def equations(self) -> Function:
-        nodes = {(row,): node for row, node in enumerate(self._found.equations)}
+        nodes: dict[Index, int] = {(row,): node for row, node in enumerate(self._found.equations)}
         return self._function("closures", nodes, (self._rows,), ["q"])
 
     def jacobian(self) -> Function:
         place = {name: k for k, name in enumerate(self.freedoms)}
-        nodes = {(row, place[name]): node for (row, name), node in self._found.jacobian.items()}
+        nodes: dict[Index, int] = {(row, place[name]): node for (row, name), node in self._found.jacobian.items()}
         return self._function("closure_jacobian", nodes, (self._rows, self.freedoms), ["q"])
 
     def bias(self) -> Function:

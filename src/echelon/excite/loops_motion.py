@@ -184,7 +184,8 @@ class LoopMotion(Assembly):
         found[:, self._independent] = given
         found[:, self._dependent] = -(closed.inverse @ opening[:, :, None])[:, :, 0]
         found[~closed.done] = 0.0
-        return found * units
+        rates: Floats = found * units
+        return rates
 
     # -- configurations --------------------------------------------------------------------------------------------
 
@@ -193,12 +194,14 @@ class LoopMotion(Assembly):
         if known is not None and np.array_equal(known[0], wanted):
             return known[1]
         q = np.repeat(self.pose[None], len(wanted), axis=0)
-        gone, left = np.zeros(len(wanted)), np.ones(len(wanted), dtype=bool)
+        gone = np.zeros(len(wanted))
         if known is not None:
             near, done = self._stepped(known[1], wanted)
-            q[done], gone[done], left[done] = near[done], 1.0, False
-        if left.any():
-            q[left], gone[left] = self._followed(wanted[left])
+            q[done], gone[done] = near[done], 1.0
+            far = known[1].done & ~done
+            q[far], gone[far] = self._followed(known[1].q[far], wanted[far])
+        left = gone < 1
+        q[left], gone[left] = self._followed(np.repeat(self.pose[None], int(left.sum()), axis=0), wanted[left])
         units = self.independent_units
         missing = np.where(gone[:, None] < 1, (wanted - q[:, self._places]) / units, 0.0)
         closed = self._described(q, gone >= 1, missing)
@@ -218,9 +221,9 @@ class LoopMotion(Assembly):
         found, closed = self.closed(guess, self.mechanism.independent_velocities, _FEW)
         return found, done & closed & self._nearly(guess, found)
 
-    def _followed(self, wanted: Floats) -> tuple[Floats, Floats]:
-        """Configurations on the straight ways from the assembly pose, and which shares of them were gone."""
-        q = np.repeat(self.pose[None], len(wanted), axis=0)
+    def _followed(self, start: Floats, wanted: Floats) -> tuple[Floats, Floats]:
+        """Configurations on the straight ways from closed ones, and which shares of them were gone."""
+        q = start.copy()
         begin, units = q[:, self._places], self.independent_units
         extent = np.maximum(largest((wanted - begin) / units), _STRIDE)
         gone, stride, trend = np.zeros(len(q)), _STRIDE / extent, np.zeros_like(q)

@@ -1,0 +1,251 @@
+"""Limits of torques and of points: values against Pinocchio and hand-made kinematics, slopes against differences."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import echelon as ec
+from echelon.base.model import BaseModel
+from echelon.dynamics.kinematics import Kinematics
+from echelon.errors import InputError
+from echelon.excite.constraints.effort import EffortLimit, effort_limits
+from echelon.excite.constraints.frames import PointLimit, point_limits
+from echelon.excite.constraints.motion import MotionLimit
+from echelon.excite.constraints.narrowed import narrowed
+from echelon.excite.constraints.state import StateConstraint, StateLimits
+from echelon.mechanism.mechanism import Mechanism
+from exciting import Floats, slopes_by_state
+from oracles import float_regressor, random_states, standard_vector
+from robots import has_pinocchio, pinocchio_model, pinocchio_state, robot_file
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+STATE = ("q", "qd", "qdd")
+
+
+@cache
+def ur10() -> Mechanism:
+    return ec.load(robot_file("ur10_robot"), tolerance=0)
+
+
+def torques(mechanism: Mechanism, standard: Floats, limit: float = 100.0, **changes: float | None) -> StateLimits:
+    names = [EffortLimit(name, "N·m", limit + k) for k, name in enumerate(mechanism.velocities)]
+    settings = {"margin": 0.1, "smooth": None} | changes
+    return effort_limits(mechanism, names, standard, settings["margin"] or 0.0, settings["smooth"])
+
+
+def tx40_standard() -> tuple[Mechanism, Floats]:
+    """The TX40 with made-up parameters, friction and coupled wrist included."""
+    mechanism = ec.load(EXAMPLES / "tx40.yaml")
+    return mechanism, np.random.default_rng(0).normal(size=len(mechanism.parameters))
+
+
+# -- torques -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not has_pinocchio(), reason="Pinocchio is not installed")
+def test_torques_are_pinocchios() -> None:
+    import pinocchio as pin
+
+    mechanism, model = ur10(), pinocchio_model(robot_file("ur10_robot"), False)
+    state = random_states(mechanism, 8)
+    found = torques(mechanism, standard_vector(mechanism)).values(*state)
+    data = model.createData()
+    states = [pinocchio_state(mechanism, model, *(x[k] for x in state)) for k in range(8)]
+    expected = np.array([s.to_ours(pin.rnea(model, data, s.q, s.v, s.a)) for s in states])
+    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_torques_with_friction() -> None:
+    """Joint side of a coupled wrist: the regressor times the parameters."""
+    mechanism, standard = tx40_standard()
+    state = random_states(mechanism, 8)
+    expected = float_regressor(mechanism, *state) @ standard
+    found = torques(mechanism, standard)
+    np.testing.assert_allclose(found.values(*state), expected, atol=1e-11 * np.abs(expected).max())
+    assert found.labels[:2] == ("torque of j1", "torque of j2")
+    assert found.units[0] == "N·m"
+    np.testing.assert_allclose(found.high, 0.9 * (100 + np.arange(6)))
+    np.testing.assert_array_equal(found.low, -found.high)
+
+
+def test_torques_of_motors() -> None:
+    """What a motor gives times its ratios is what its joints need: Tᵀ τ_m = τ, without friction."""
+    mechanism = ec.load(EXAMPLES / "tx40.yaml")
+    _, standard = tx40_standard()
+    standard[60:] = 0
+    ratios = np.diag([32.0, 32, 45, -48, 45, 32])
+    ratios[5, 4] = 32
+    limits = [EffortLimit(f"m{k + 1}", "N·m", 1.0) for k in range(6)]
+    found = effort_limits(mechanism, limits, standard, 0.0, None)
+    state = random_states(mechanism, 5)
+    joints = torques(mechanism, standard).values(*state)
+    np.testing.assert_allclose(found.values(*state) @ ratios, joints, atol=1e-11 * np.abs(joints).max())
+
+
+def test_forces_of_slides() -> None:
+    cart = ec.load(EXAMPLES / "cart_pole.yaml")
+    standard = np.random.default_rng(0).normal(size=len(cart.parameters))
+    found = effort_limits(cart, [EffortLimit(cart.velocities[0], "N", 5.0)], standard, 0.2, None)
+    assert found.labels == (f"force of {cart.velocities[0]}",)
+    assert (found.low[0], found.high[0]) == (-4.0, 4.0)
+
+
+@pytest.mark.parametrize("smooth", [None, 0.2])
+def test_slopes_of_torques(smooth: float | None) -> None:
+    mechanism, standard = tx40_standard()
+    check_slopes(torques(mechanism, standard, smooth=smooth), mechanism)
+
+
+def test_smoothed_torques_differ_near_standstill_only() -> None:
+    mechanism, standard = tx40_standard()
+    sharp, smooth = torques(mechanism, standard), torques(mechanism, standard, smooth=0.01)
+    q, qd, qdd = random_states(mechanism, 6)
+    qd = np.sign(qd) * np.maximum(np.abs(qd), 0.3)
+    qd[:, 5] = 2.0 * np.sign(qd[:, 4])  # nor does the wrist's motor stand still
+    np.testing.assert_allclose(smooth.values(q, qd, qdd), sharp.values(q, qd, qdd), atol=1e-9)
+    assert np.abs(smooth.values(q, 0.01 * qd, qdd) - sharp.values(q, 0.01 * qd, qdd)).max() > 0.05
+
+
+def test_torques_need_a_prior_model() -> None:
+    mechanism, standard = tx40_standard()
+    standard[3] = np.nan
+    with pytest.raises(InputError, match=rf"need a prior model; {mechanism.parameters[3]} have no values"):
+        torques(mechanism, standard)
+
+
+def check_slopes(limits: StateConstraint, mechanism: Mechanism) -> None:
+    state = dict(zip(STATE, random_states(mechanism, 4), strict=True))
+
+    def values(**moved: Floats) -> Floats:
+        return limits.values(moved["q"], moved["qd"], moved["qdd"])
+
+    found = limits.slopes(*state.values())
+    size = max(np.abs(part).max() for part in found if part is not None)
+    for part, name in zip(found, STATE, strict=True):
+        expected = slopes_by_state(values, state, name)
+        if part is None:
+            np.testing.assert_array_equal(expected, 0)
+        else:
+            assert part.shape == expected.shape
+            np.testing.assert_allclose(part, expected, atol=1e-8 * size)
+
+
+# -- points ------------------------------------------------------------------------------------------------------------
+
+
+def points() -> list[PointLimit]:
+    slanted = tuple((np.array([1.0, 2.0, -2.0]) / 3).tolist())
+    return [
+        PointLimit("z of wrist", "wrist_3_link", (0.0, 0.1, 0.05), (0.0, 0.0, 1.0), 0.1, 1.2),
+        PointLimit("slanted of elbow", "forearm_link", (0.3, -0.2, 0.1), slanted, -np.inf, 0.5),  # type: ignore[arg-type]
+        PointLimit("z of shoulder", "shoulder_link", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), -1, 1),
+    ]
+
+
+def test_points_are_where_frames_take_them() -> None:
+    mechanism = ur10()
+    names = [body.name for body in mechanism.bodies]
+    q, qd, qdd = random_states(mechanism, 6)
+    found = point_limits(mechanism, points())
+    frames = Kinematics(mechanism).frames(q)
+    for k, limit in enumerate(points()):
+        place = frames[:, names.index(limit.body)]
+        expected = (place[..., :3] @ np.array(limit.point) + place[..., 3]) @ np.array(limit.direction)
+        np.testing.assert_allclose(found.values(q, qd, qdd)[:, k], expected, atol=1e-13)
+    assert found.labels == ("z of wrist", "slanted of elbow", "z of shoulder")
+    assert found.units == ("m",) * 3
+    np.testing.assert_array_equal(found.low, [0.1, -np.inf, -1])
+    np.testing.assert_array_equal(found.high, [1.2, 0.5, 1])
+
+
+def test_slopes_of_points() -> None:
+    check_slopes(point_limits(ur10(), points()), ur10())
+    found = point_limits(ur10(), points()).slopes(*random_states(ur10(), 2))
+    assert found[1] is None
+    assert found[2] is None
+
+
+def test_points_of_open_geometry() -> None:
+    arm = ec.load(EXAMPLES / "stanford.yaml")
+    limit = PointLimit("y", arm.bodies[-1].name, (0.0, 0.0, 0.1), (0.0, 1.0, 0.0), 0, 1)
+    with pytest.raises(InputError, match="d2"):
+        point_limits(arm, [limit])
+    q, qd, qdd = random_states(arm, 3)
+    frames = Kinematics(arm, {"d2": 0.2}).frames(q)[:, -1]
+    found = point_limits(arm, [limit], {"d2": 0.2}).values(q, qd, qdd)[:, 0]
+    np.testing.assert_allclose(found, frames[:, 1, 2] * 0.1 + frames[:, 1, 3], atol=1e-14)
+
+
+def test_points_need_a_body() -> None:
+    limit = PointLimit("z", "wrist_3_lnk", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0, 1)
+    with pytest.raises(InputError, match=r"no body 'wrist_3_lnk'.*wrist_3_link"):
+        point_limits(ur10(), [limit])
+
+
+# -- intervals ---------------------------------------------------------------------------------------------------------
+
+
+def all_limits() -> list[tuple[Mechanism, StateLimits]]:
+    mechanism, standard = tx40_standard()
+    return [
+        (mechanism, torques(mechanism, standard, smooth=0.1)),
+        (ur10(), torques(ur10(), standard_vector(ur10()))),
+        (ur10(), point_limits(ur10(), points())),
+    ]
+
+
+@pytest.mark.parametrize("case", range(3))
+@pytest.mark.parametrize("size", [0.0, 1e-3, 0.3])
+def test_enclosures_hold(case: int, size: float) -> None:
+    """Values anywhere in boxes of states, without smoothing; more boxes than are worked on together."""
+    mechanism, limits = all_limits()[case]
+    rng = np.random.default_rng(0)
+    centres = dict(zip(STATE, random_states(mechanism, 300), strict=True))
+    low, high = limits.enclosures({name: (x - size, x + size) for name, x in centres.items()})
+    sharp = StateLimits(limits.function, limits.uniform, limits.labels, limits.units, limits.low, limits.high)
+    assert low.shape == (300, len(limits.labels))
+    for _ in range(20):
+        inside = [x + size * rng.choice([-1, 1, rng.uniform(-1, 1)], x.shape) for x in centres.values()]
+        values = sharp.values(*inside)
+        slack = 1e-11 * np.abs(values).max()
+        assert np.all(values >= low - slack)
+        assert np.all(values <= high + slack)
+    if size == 0:
+        np.testing.assert_allclose(high, low, atol=1e-9 * np.abs(values).max())
+
+
+# -- other constraints -------------------------------------------------------------------------------------------------
+
+
+def test_narrowed_constraints() -> None:
+    inner = point_limits(ur10(), points())
+    first = narrowed(inner, np.array([0.1, 0.0, 0.2]), np.array([0.0, 0.3, 0.0]))
+    second = narrowed(first, np.array([0.1, 0.0, 0.0]), np.array([0.0, 0.1, 0.0]))
+    assert second.constraint is inner
+    np.testing.assert_allclose(second.low, [0.3, -np.inf, -0.8])
+    np.testing.assert_allclose(second.high, [1.2, 0.1, 1.0])
+    assert second.labels == inner.labels
+    assert second.units == inner.units
+    state = random_states(ur10(), 2)
+    np.testing.assert_array_equal(second.values(*state), inner.values(*state))
+    np.testing.assert_array_equal(second.slopes(*state)[0], inner.slopes(*state)[0])
+
+
+def test_what_limits_of_the_motion_are_called() -> None:
+    limits = [MotionLimit("j3", "rad", order, np.ones(1), -1, 1) for order in range(4)]
+    expected = ["position of j3", "velocity of j3", "acceleration of j3", "jerk of j3"]
+    assert [limit.label for limit in limits] == expected
+
+
+def test_base_parameters_give_the_same_torques() -> None:
+    """An identity: what base parameters say of torques is what the standard ones say."""
+    base: BaseModel = ec.base_parameters(ur10())
+    standard = standard_vector(ur10())
+    state = random_states(ur10(), 4)
+    expected = base.predict(*state, base.B_float() @ standard)
+    found = torques(ur10(), standard).values(*state)
+    np.testing.assert_allclose(found, expected, atol=1e-11 * np.abs(expected).max())
