@@ -1,20 +1,30 @@
-"""Helpers of the tests of exciting trajectories: families, random motions, differences of fourth order."""
+"""Helpers of the tests of exciting trajectories: families, limits, differences of fourth order."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+import echelon as ec
+from echelon.excite.constraints.effort import EffortLimit, effort_limits
+from echelon.excite.constraints.frames import PointLimit, point_limits
+from echelon.excite.constraints.state import StateLimits
 from echelon.excite.families.basis import Basis, Recombined, resting_ends
 from echelon.excite.families.bsplines import Splines, uniform_splines
 from echelon.excite.families.fourier import Fourier
 from echelon.excite.families.sums import Sum
 from echelon.excite.trajectory import Trajectory
+from echelon.mechanism.mechanism import Mechanism
+from oracles import standard_vector
+from robots import robot_file
 
 Floats = npt.NDArray[np.float64]
+EXAMPLES = Path(__file__).parent.parent / "examples"
 
 _FOURTH = ((-2.0, 1 / 12), (-1.0, -2 / 3), (1.0, 2 / 3), (2.0, -1 / 12))
 """Offsets and weights of the central difference of fourth order."""
@@ -62,3 +72,41 @@ def slopes_by_state(
 
         columns.append(slope_along(moved, step))
     return np.stack(columns, axis=-1)
+
+
+# -- limits of robots --------------------------------------------------------------------------------------------------
+
+
+@cache
+def ur10() -> Mechanism:
+    return ec.load(robot_file("ur10_robot"), tolerance=0)
+
+
+def torques(mechanism: Mechanism, standard: Floats, limit: float = 100.0, **changes: float | None) -> StateLimits:
+    names = [EffortLimit(name, "N·m", limit + k) for k, name in enumerate(mechanism.velocities)]
+    settings = {"margin": 0.1, "smooth": None} | changes
+    return effort_limits(mechanism, names, standard, settings["margin"] or 0.0, settings["smooth"])
+
+
+def tx40_standard() -> tuple[Mechanism, Floats]:
+    """The TX40 with made-up parameters, friction and coupled wrist included."""
+    mechanism = ec.load(EXAMPLES / "tx40.yaml")
+    return mechanism, np.random.default_rng(0).normal(size=len(mechanism.parameters))
+
+
+def points() -> list[PointLimit]:
+    slanted = tuple((np.array([1.0, 2.0, -2.0]) / 3).tolist())
+    return [
+        PointLimit("z of wrist", "wrist_3_link", (0.0, 0.1, 0.05), (0.0, 0.0, 1.0), 0.1, 1.2),
+        PointLimit("slanted of elbow", "forearm_link", (0.3, -0.2, 0.1), slanted, -np.inf, 0.5),  # type: ignore[arg-type]
+        PointLimit("z of shoulder", "shoulder_link", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), -1, 1),
+    ]
+
+
+def all_limits() -> list[tuple[Mechanism, StateLimits]]:
+    mechanism, standard = tx40_standard()
+    return [
+        (mechanism, torques(mechanism, standard, smooth=0.1)),
+        (ur10(), torques(ur10(), standard_vector(ur10()))),
+        (ur10(), point_limits(ur10(), points())),
+    ]

@@ -14,6 +14,7 @@ import yaml
 
 import arms
 import echelon as ec
+from echelon.excite.files.schema import trajectory_schema
 from echelon.formats.description import read_description, write_description
 from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
@@ -164,9 +165,10 @@ def test_round_trip(robot: Callable[[], Mechanism]) -> None:
     jsonschema.validate(json.loads(text), json_schema())
 
 
-@pytest.mark.parametrize("file", ["robot", "base_model", "identified"])
+@pytest.mark.parametrize("file", ["robot", "base_model", "identified", "trajectory"])
 def test_published_schemas_are_up_to_date(file: str) -> None:
-    expected = {"robot": json_schema, "base_model": result_schema, "identified": identified_schema}[file]()
+    schemas = {"robot": json_schema, "base_model": result_schema, "identified": identified_schema}
+    expected = (schemas | {"trajectory": trajectory_schema})[file]()
     path = ROOT / f"schemas/{file}.schema.json"
     assert json.loads(path.read_text()) == expected, "run: echelon schema ... > schemas/..."
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from fractions import Fraction
 from functools import cache
 
 import numpy as np
@@ -19,8 +21,7 @@ from echelon.excite.trajectory import Trajectory
 from echelon.excite.verification import motion_margins, reach, state_margins
 from echelon.program.function import Argument, Function
 from echelon.program.tape import Program, Scalar
-from exciting import Floats, families, random_motion
-from test_state_limits import all_limits
+from exciting import Floats, all_limits, families, random_motion
 
 RATE = 10_000
 FAMILIES = ("fourier at rest", "bspline at rest", "sum at rest")
@@ -84,11 +85,11 @@ def test_margins_of_states_carry_their_limits() -> None:
     np.testing.assert_array_equal([(m.least, m.largest) for m in found], np.column_stack([least, largest]))
 
 
-def function_of(make: object, arguments: str = "q") -> StateLimits:
+def function_of(make: Callable[..., Scalar], arguments: str = "q") -> StateLimits:
     """A recorded function of one coordinate with limits ±2."""
     program = Program()
     inputs = {name: program.input(f"{name}[q1]") for name in arguments.split()}
-    node = make(**inputs).node  # type: ignore[operator]
+    node = make(**inputs).node
     given = tuple(Argument(name, (x.node,), ("q1",), ("rad",)) for name, x in inputs.items())
     function = Function("f", program, given, {(0,): node}, (("f",),))
     return StateLimits(function, {}, ("f",), ("1",), np.array([-2.0]), np.array([2.0]))
@@ -110,8 +111,6 @@ def test_narrow_spikes_are_found(centre: float, width: float) -> None:
     """1/(1 + ((q − c)/w)²) reaches 1 for a moment shorter than any step of a usual grid."""
 
     def spike(q: Scalar) -> Scalar:
-        from fractions import Fraction
-
         x = (q - Fraction(centre)) * Fraction(1 / width)
         return 1 / (1 + x * x)
 

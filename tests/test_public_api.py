@@ -13,13 +13,15 @@ import pytest
 import echelon as ec
 
 PUBLIC = [
-    "Audit", "BaseModel", "CertificateError", "ClosedFormError", "EchelonError", "Estimate", "Expression",
-    "Identifiability", "Identification", "InputError", "LinearBase", "LinearModel", "Match", "Mechanism",
-    "MissingExtraError", "NormalEquations", "Observation", "Payload", "SensorReport", "Setup", "SpecialGeometry",
-    "Structure", "UnknownRelationsError", "Verdict", "__version__", "assembly_modes", "audit", "base_parameters",
-    "base_structure", "convert", "convert_columns", "drive_gains", "gains_from_logs", "generate", "identify",
-    "joint_side", "load", "load_base", "load_identified", "load_linear", "load_setup", "match", "predict_log",
-    "report_html", "save_base", "save_identification", "sensor_report", "special_geometry", "verify",
+    "Audit", "BaseModel", "CertificateError", "ClosedFormError", "EchelonError", "Estimate", "ExcitingTrajectory",
+    "Expression", "Identifiability", "Identification", "InputError", "LinearBase", "LinearModel", "Match",
+    "Mechanism", "MissingExtraError", "NormalEquations", "Observation", "Payload", "SensorReport", "Setup",
+    "SpecialGeometry", "Structure", "Trajectory", "UnknownRelationsError", "Verdict", "__version__",
+    "assembly_modes", "audit", "base_parameters", "base_structure", "convert", "convert_columns", "drive_gains",
+    "exciting_trajectory", "gains_from_logs", "generate", "identify", "information_of_logs", "joint_side",
+    "judged_trajectory", "load", "load_base", "load_identified", "load_linear", "load_setup", "match",
+    "predict_log", "preview_html", "read_trajectory", "report_html", "save_base", "save_identification",
+    "sensor_report", "special_geometry", "verify", "write_trajectory",
 ]  # fmt: skip
 
 
