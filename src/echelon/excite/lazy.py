@@ -66,6 +66,7 @@ def solve_lazily(problem: Problem, start: Floats, options: SolverOptions) -> Sol
     begun = perf_counter()
     with _one_thread():
         best = Best(problem)
+        start = problem.inside(start)  # the centre keeps all limits, so that there is something to fall back on
         best.offer(start, problem.value(start))
         part, iterations, status = problem.first(), 0, ""
         for _ in range(_ROUNDS):

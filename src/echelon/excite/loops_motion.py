@@ -19,15 +19,16 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.excite.loops_closures import ClosureKernels
+from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closed_motion import largest
-from echelon.regressor.loops.closure_values import normalised, position_rates
+from echelon.regressor.loops.closure_values import normalised
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-_STRIDE, _SHORTEST = 0.1, 1e-4  # of a step on the way to a configuration, rad or characteristic lengths
+_STRIDE, _SHORTEST = 0.1, 1e-3  # of a step on the way to a configuration, rad or characteristic lengths
 _FEW = 8  # iterations for one step
 _LARGEST_CORRECTION = 0.05  # of what is predicted; more may be a jump to another way of assembly
 _REMEMBERED = 4  # sets of samples: those of the criterion and of the constraints
@@ -316,8 +317,19 @@ class LoopMotion(Assembly):
     def _by_motion(self, q: Floats, by_q: Floats) -> Floats:
         """Derivatives along the motions of all velocity coordinates, from those by the positions."""
         found = np.zeros((len(q), len(self._speed_units)))
-        for k in range(found.shape[1]):
-            unit = np.zeros_like(found)
-            unit[:, k] = 1.0
-            found[:, k] = (position_rates(self.mechanism, q, unit) * by_q).sum(axis=1)
+        place = speed = 0
+        for motion in self.mechanism.motions:
+            if motion.name in self.mechanism.dependent:
+                continue
+            if motion.kind is MotionKind.BALL:  # the transpose of half a product with the velocity
+                (w, vector), (by_w, by_vector) = _parts(q, place), _parts(by_q, place)
+                found[:, speed : speed + 3] = (w * by_vector - vector * by_w - np.cross(vector, by_vector)) / 2
+            else:
+                found[:, speed] = by_q[:, place]
+            place, speed = place + len(motion.positions), speed + len(motion.velocities)
         return found
+
+
+def _parts(q: Floats, place: int) -> tuple[Floats, Floats]:
+    """A quaternion's scalar and vector."""
+    return q[:, place, None], q[:, place + 1 : place + 4]

@@ -6,6 +6,7 @@ whether it does is found out afterwards (:mod:`echelon.excite.verification`), no
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -25,6 +26,7 @@ Flags = npt.NDArray[np.bool_]
 _PER_PERIOD = 20
 """Constrained samples per period of the highest frequency: between them a sine rises by 1.2 % of its amplitude."""
 
+_HALVINGS = 16
 _FAR = 1e6
 """Size of a motion, SI units, that is certainly beyond some limit."""
 
@@ -92,11 +94,11 @@ class Problem:
         """The criterion."""
         return self.criterion.evaluate(self.information(x.reshape(self.shape)).F)[0]
 
-    def value_and_gradient(self, x: Floats) -> tuple[float, Floats]:
-        """The criterion and its derivatives."""
+    def value_and_gradient(self, x: Floats) -> tuple[float, Callable[[], Floats]]:
+        """The criterion, and what gives its derivatives."""
         seen = self.information(x.reshape(self.shape))
         value, slope = self.criterion.evaluate(seen.F)
-        return value, seen.gradient(slope).ravel()
+        return value, lambda: seen.gradient(slope).ravel()
 
     # -- limits of the motion --------------------------------------------------------------------------------------
 
@@ -129,19 +131,22 @@ class Problem:
 
     def constrained(self, x: Floats) -> Floats:
         """Values of all constraints that are asked for, one after another."""
-        state = self.state(x)
-        parts = [c.values(*state)[rows] for c, rows in zip(self.constraints, self._rows, strict=True)]
-        return np.concatenate([np.zeros(0), *parts])
+        state, parts = self.state(x), [np.zeros(0)]
+        for constraint, (rows, columns) in zip(self.constraints, self._rows, strict=True):
+            samples, back = np.unique(rows, return_inverse=True)
+            parts.append(constraint.values(*(part[samples] for part in state))[back, columns])
+        return np.concatenate(parts)
 
     def slopes(self, x: Floats) -> Floats:
         """Their derivatives by the coefficients, shape (values, unknowns)."""
         state = self.state(x)
         found = [np.zeros((0, self.size))]
         for constraint, (rows, columns) in zip(self.constraints, self._rows, strict=True):
+            samples, back = np.unique(rows, return_inverse=True)
             total = np.zeros((len(rows), *self.shape))
-            for order, part in enumerate(constraint.slopes(*state)):
+            for order, part in enumerate(constraint.slopes(*(part[samples] for part in state))):
                 if part is not None:
-                    total += self.phi[order][rows][:, :, None] * part[rows, columns][:, None, :]
+                    total += self.phi[order][rows][:, :, None] * part[back, columns][:, None, :]
             found.append(total.reshape(-1, self.size))
         return np.concatenate(found)
 
@@ -182,6 +187,15 @@ class Problem:
             room = np.where(step > 0, (high - at) / step, np.where(step < 0, (low - at) / step, np.inf))
         largest = min(1.0, float(np.min(room, initial=np.inf)))
         return rest + share * max(largest, 0.0) * (x - rest)
+
+    def inside(self, x: Floats) -> Floats:
+        """The motion, drawn towards resting at the centre by halves until it keeps all constraints at the samples."""
+        rest = self.at_rest.ravel()
+        for _ in range(_HALVINGS):
+            if self.violation(x) <= BROKEN:
+                break
+            x = rest + 0.5 * (x - rest)
+        return x
 
     def violation(self, x: Floats) -> float:
         """The largest violation of any limit at the samples, relative to its range; negative if there is room."""

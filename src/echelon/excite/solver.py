@@ -108,7 +108,7 @@ class Best:
 
 
 class _Known:
-    """The last evaluations, because a solver asks for a value and its gradient one after the other."""
+    """The last evaluation, because a solver asks for derivatives where it asked for a value, but not everywhere."""
 
     def __init__(self, function: Callable[[Floats], Any]) -> None:
         self._function, self._x, self._found = function, np.zeros(0), None
@@ -144,7 +144,7 @@ def solve(problem: Problem, start: Floats, options: SolverOptions, best: Best, o
     objective = _callback(casadi, "criterion", problem.size, 1, evaluate)
     parts = [casadi.mtimes(_sparse(casadi, A), x)]
     if least.size:
-        both = _Known(lambda v: (problem.constrained(v), problem.slopes(v)))
+        both = _Known(lambda v: (problem.constrained(v), lambda: problem.slopes(v)))
         constraints = _callback(casadi, "constraints", problem.size, least.size, both)
         parts.append(constraints(x))
     watch = _watch(casadi, problem.size, A.shape[0] + least.size, best, options, on_step)
@@ -198,7 +198,7 @@ def _callback(casadi: Any, name: str, unknowns: int, size: int, evaluate: Callab
             return casadi.Sparsity.dense(size, unknowns)
 
         def eval(self, given: Any) -> Any:
-            return [np.reshape(evaluate(np.asarray(given[0]).ravel())[1], (size, unknowns))]
+            return [np.reshape(evaluate(np.asarray(given[0]).ravel())[1](), (size, unknowns))]
 
     class Value(casadi.Callback):  # type: ignore[misc]
         def __init__(self) -> None:
