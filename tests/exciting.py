@@ -1,12 +1,14 @@
-"""Helpers of the tests of exciting trajectories: families, limits, differences of fourth order."""
+"""Helpers of the tests of exciting trajectories: families, limits, differences, values in fifty digits."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import mpmath
 import numpy as np
 import numpy.typing as npt
 
@@ -20,6 +22,8 @@ from echelon.excite.families.fourier import Fourier
 from echelon.excite.families.sums import Sum
 from echelon.excite.trajectory import Trajectory
 from echelon.mechanism.mechanism import Mechanism
+from echelon.program.operations import Op
+from echelon.program.tape import Program
 from oracles import standard_vector
 from robots import robot_file
 
@@ -55,7 +59,7 @@ def random_motion(basis: Basis, count: int, seed: int = 0, size: float = 0.5) ->
 
 
 def slope_along(function: Callable[[float], Any], step: float) -> Floats:
-    """Derivative at 0 by differences of fourth order."""
+    """Derivative at 0 by differences of fourth order, values in fifty digits."""
     return np.asarray(sum(weight * np.asarray(function(k * step)) for k, weight in _FOURTH)) / step
 
 
@@ -110,3 +114,59 @@ def all_limits() -> list[tuple[Mechanism, StateLimits]]:
         (ur10(), torques(ur10(), standard_vector(ur10()))),
         (ur10(), point_limits(ur10(), points())),
     ]
+
+
+# -- programs in fifty digits ------------------------------------------------------------------------------------------
+
+TRUTH: Mapping[Op, Any] = {
+    Op.SIN: mpmath.sin,
+    Op.COS: mpmath.cos,
+    Op.TAN: mpmath.tan,
+    Op.EXP: mpmath.exp,
+    Op.LOG: mpmath.log,
+    Op.TANH: mpmath.tanh,
+    Op.SQRT: mpmath.sqrt,
+    Op.ABS: abs,
+    Op.SIGN: mpmath.sign,
+    Op.ATAN: mpmath.atan,
+}
+
+
+def truth(program: Program, output: int, inputs: Mapping[str, float]) -> Any:
+    """The value of a node in fifty digits; None where there is none."""
+    values: dict[int, Any] = {}
+    with mpmath.workdps(50):
+        for node in program.needed([output]):
+            op = Op(program.ops[node])
+            if op is Op.INPUT:
+                values[node] = mpmath.mpf(inputs[program.inputs[node].name])
+                continue
+            if op is Op.CONSTANT:
+                number = Fraction(program.constants[node])  # type: ignore[arg-type]
+                values[node] = mpmath.mpf(number.numerator) / number.denominator
+                continue
+            a, b = values[program.lhs[node]], values.get(program.rhs[node])
+            if (
+                (op is Op.DIV and b == 0)
+                or (op is Op.LOG and a <= 0)
+                or (op is Op.SQRT and a < 0)
+                or (op is Op.EXP and abs(a) > 600)
+                or (op in (Op.SIN, Op.COS, Op.TAN) and abs(a) > 100)
+            ):
+                return None
+            values[node] = _operated(op, a, b)
+            if values[node] and not 1e-250 < abs(values[node]) < 1e250:
+                return None  # floating-point numbers end somewhere
+        return values[output]
+
+
+def _operated(op: Op, a: Any, b: Any) -> Any:
+    if op is Op.NEG:
+        return -a
+    if op is Op.ADD:
+        return a + b
+    if op is Op.SUB:
+        return a - b
+    if op is Op.MUL:
+        return a * b
+    return a / b if op is Op.DIV else TRUTH[op](a)

@@ -98,7 +98,6 @@ def test_motions_combine_functions(basis: Basis, order: int) -> None:
 def test_splines_beyond_their_degree_vanish() -> None:
     splines = uniform_splines(1.0, 3)
     assert not splines.values(np.linspace(0, 1, 5), 6).any()
-    assert not splines.bounds(np.ones((splines.size, 2)), 6).any()
     assert splines.values(np.linspace(0, 1, 5), 5).any()
 
 

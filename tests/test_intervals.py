@@ -18,6 +18,7 @@ from echelon.program.intervals import interval_values
 from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.rewriting import smoothed
 from echelon.program.tape import Program, Scalar
+from exciting import TRUTH, truth
 
 BINARY = ("add", "subtract", "multiply", "divide")
 NAMES = ("x", "y")
@@ -50,60 +51,6 @@ def recorded(program: Program, formula: Any) -> Scalar:
     except (InputError, ZeroDivisionError):
         assume(False)
         raise
-
-
-_TRUTH: Mapping[Op, Any] = {
-    Op.SIN: mpmath.sin,
-    Op.COS: mpmath.cos,
-    Op.TAN: mpmath.tan,
-    Op.EXP: mpmath.exp,
-    Op.LOG: mpmath.log,
-    Op.TANH: mpmath.tanh,
-    Op.SQRT: mpmath.sqrt,
-    Op.ABS: abs,
-    Op.SIGN: mpmath.sign,
-    Op.ATAN: mpmath.atan,
-}
-
-
-def truth(program: Program, output: int, inputs: Mapping[str, float]) -> Any:
-    """The value of a node in fifty digits; None where there is none."""
-    values: dict[int, Any] = {}
-    with mpmath.workdps(50):
-        for node in program.needed([output]):
-            op = Op(program.ops[node])
-            if op is Op.INPUT:
-                values[node] = mpmath.mpf(inputs[program.inputs[node].name])
-                continue
-            if op is Op.CONSTANT:
-                number = Fraction(program.constants[node])  # type: ignore[arg-type]
-                values[node] = mpmath.mpf(number.numerator) / number.denominator
-                continue
-            a, b = values[program.lhs[node]], values.get(program.rhs[node])
-            if (
-                (op is Op.DIV and b == 0)
-                or (op is Op.LOG and a <= 0)
-                or (op is Op.SQRT and a < 0)
-                or (op is Op.EXP and abs(a) > 600)
-                or (op in (Op.SIN, Op.COS, Op.TAN) and abs(a) > 100)
-            ):
-                return None
-            values[node] = _operated(op, a, b)
-            if values[node] and not 1e-250 < abs(values[node]) < 1e250:
-                return None  # floating-point numbers end somewhere
-        return values[output]
-
-
-def _operated(op: Op, a: Any, b: Any) -> Any:
-    if op is Op.NEG:
-        return -a
-    if op is Op.ADD:
-        return a + b
-    if op is Op.SUB:
-        return a - b
-    if op is Op.MUL:
-        return a * b
-    return a / b if op is Op.DIV else _TRUTH[op](a)
 
 
 def enclosed(program: Program, output: int, ranges: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
@@ -235,7 +182,7 @@ def test_after_many_turns(op: Op, x: float) -> None:
     node = program.function(op, program.input("x")).node
     low, high = enclosed(program, node, {"x": (x, x)})
     with mpmath.workdps(50):
-        assert low <= _TRUTH[op](mpmath.mpf(x)) <= high
+        assert low <= TRUTH[op](mpmath.mpf(x)) <= high
 
 
 def test_poles_between_neighbouring_numbers() -> None:

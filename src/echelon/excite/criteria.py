@@ -21,6 +21,9 @@ _SHARPNESS = 8
 """Exponent of the norms that stand for the largest and the smallest eigenvalue: high ones follow them closely, low ones
 are smooth.  The result is a bound of the condition number, and reported is the number itself."""
 
+_NOTHING = 1e-100
+"""Information that counts as none: squares of its inverse are still numbers."""
+
 
 @dataclass(frozen=True)
 class Criterion:
@@ -78,6 +81,8 @@ def _a_optimal(F: Floats) -> Slope:
 
 def _condition(F: Floats) -> Slope:
     values, vectors = _spectrum(F)
+    if values[-1] <= _NOTHING:  # nothing is seen, which is not well conditioned
+        return -0.5 * float(np.log(np.finfo(float).eps)), np.zeros_like(F)
     large, small = values / values[-1], values[0] / values
     p = _SHARPNESS
     up, down = np.sum(large**p), np.sum(small**p)
@@ -89,7 +94,7 @@ def _condition(F: Floats) -> Slope:
 def _spectrum(F: Floats) -> tuple[Floats, Floats]:
     """Eigenvalues, ascending, and eigenvectors; what is lost in rounding counts as the least that is not."""
     values, vectors = np.linalg.eigh(F)
-    return np.maximum(values, np.finfo(float).eps * max(float(values[-1]), np.finfo(float).tiny)), vectors
+    return np.maximum(values, max(np.finfo(float).eps * float(values[-1]), _NOTHING)), vectors
 
 
 _FUNCTIONS: dict[str, Callable[[Floats], Slope]] = {

@@ -74,7 +74,10 @@ def exciting_trajectory(
     step("deriving the base parameters")
     task = task_of(setup, changed(setup.excitation, changes, setup.source))
     entry, prior = task.entry, _information(known)
-    design = designed(task, prior)
+    try:
+        design = designed(task, prior)
+    except InputError as error:
+        raise error.located(setup.source) from None
     step(f"optimising from {entry.starts} starts")
 
     def ended(k: int, solution: Solution) -> None:

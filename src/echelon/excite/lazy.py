@@ -15,12 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import MissingExtraError
-from echelon.excite.problem import Problem
+from echelon.excite.problem import BROKEN, Problem
 from echelon.excite.solver import Best, SolverOptions, solve
 
 Floats = npt.NDArray[np.float64]
 
 _ROUNDS = 8
+_DRAWN_BACK = (0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5)
+"""Shares of a motion that breaks limits, of which the largest that keeps them is worth more than none."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Solution:
     seconds: float
 
 
-def solve_lazily(problem: Problem, start: Floats, options: SolverOptions) -> Solution:
+def solve_lazily(problem: Problem, start: Floats, options: SolverOptions, near: Floats | None = None) -> Solution:
     """Minimise from one starting point.
 
     Parameters
@@ -57,6 +59,8 @@ def solve_lazily(problem: Problem, start: Floats, options: SolverOptions) -> Sol
     problem : Problem
     start : array of shape (problem.size,)
     options : SolverOptions
+    near : array of shape (problem.size,), optional
+        A motion next to the goal: limits that it comes near to are asked for from the beginning.
 
     Notes
     -----
@@ -68,17 +72,31 @@ def solve_lazily(problem: Problem, start: Floats, options: SolverOptions) -> Sol
         best = Best(problem)
         start = problem.inside(start)  # the centre keeps all limits, so that there is something to fall back on
         best.offer(start, problem.value(start))
-        part, iterations, status = problem.first(), 0, ""
+        if near is not None:
+            _draw_back(problem, near, best)
+        part, iterations, status = problem.first() if near is None else problem.asking(near), 0, ""
         for _ in range(_ROUNDS):
             left = replace(options, iterations=max(options.iterations - iterations, 1))
             ended = solve(part, start, left, best)
             iterations, status = iterations + ended.iterations, ended.status
+            _draw_back(problem, ended.x, best)
             more = problem.extended(part, ended.x)
             if more is None or status == "time" or iterations >= options.iterations:
                 break
             part = more
             start = problem.shrunk(ended.x, 0.9) if best.x is None else best.x
     return Solution(best.x, best.value, status, iterations, tuple(best.history), perf_counter() - begun)
+
+
+def _draw_back(problem: Problem, x: Floats, best: Best) -> None:
+    """Offer the motion drawn towards its centre, if it breaks limits: little may be missing."""
+    if problem.violation(x) <= BROKEN:
+        return
+    for share in _DRAWN_BACK:
+        found = problem.shrunk(x, share)
+        if problem.violation(found) <= BROKEN:
+            best.offer(found, problem.value(found))
+            return
 
 
 def _one_thread() -> AbstractContextManager[object]:

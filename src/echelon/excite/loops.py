@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
-from echelon.excite.loops_motion import Closed, LoopMotion, Slopes
+from echelon.excite.loops_motion import LoopMotion, Slopes
+from echelon.excite.loops_positions import Closed
 from echelon.excite.pullback import ADJOINT, Rows, StateRegressor
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
@@ -110,7 +111,7 @@ class LoopRegressor(StateRegressor):
     Raises
     ------
     InputError
-        If the regressor needs measured inputs, or the loops do not close.
+        If the regressor needs measured inputs, the loops do not close, or the motion does not determine an output.
     """
 
     def __init__(
@@ -122,6 +123,7 @@ class LoopRegressor(StateRegressor):
     ) -> None:
         super().__init__(mechanism, pivots, smooth, symbols)
         self.motion = LoopMotion(mechanism, symbols)
+        self.motion.virtual_velocities(self.motion.pose[None])  # refuses outputs that the motion does not determine
         self._given = self.motion.given_speeds()
         self._outputs = len(mechanism.outputs)
 

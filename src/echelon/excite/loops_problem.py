@@ -7,7 +7,6 @@ beginning: beyond, nothing is seen, and what lies next to it looks better than i
 from __future__ import annotations
 
 from collections.abc import Callable
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np

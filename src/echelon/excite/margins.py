@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
+from math import inf, isnan
 
 ACTIVE = 0.02
 """Share of a limit's range within which it counts as active."""
@@ -34,6 +34,8 @@ class Margin:
     @property
     def margin(self) -> float:
         """Distance to the nearer end, negative if the limit is broken."""
+        if isnan(self.least) or isnan(self.largest):
+            return -inf  # what nobody knows is not kept
         below = inf if self.low == -inf else self.least - self.low
         return min(below, inf if self.high == inf else self.high - self.largest)
 

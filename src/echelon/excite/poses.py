@@ -42,7 +42,7 @@ def start_pose(wanted: Floats, limits: ResolvedLimits, constraints: Sequence[Sta
     pose: Floats = np.where(np.isnan(wanted), limits.middle, wanted)
     outside = np.flatnonzero((pose < low) | (pose > high))
     if len(outside):
-        name = limits.motion[outside[0]].name if limits.motion else ""
+        name = next(limit.name for limit in limits.motion if limit.order == 0 and limit.weights[outside[0]])
         raise InputError(f"the centre of '{name}' is outside of its position limits", element="centre")
     if not broken(pose[None], constraints)[0].any():
         return pose

@@ -215,6 +215,20 @@ class Problem:
         nothing = tuple(np.zeros((len(self.grid), len(c.labels)), dtype=bool) for c in self.constraints)
         return replace(self, limits=tuple(limit for limit in self.limits if limit.order < 2), asked=nothing)
 
+    def asking(self, x: Floats) -> Problem:
+        """The problem with limits of positions and velocities, and all that a motion breaks or nearly breaks.
+
+        Parameters
+        ----------
+        x : array of shape (size,)
+        """
+        A, low, high = self.linear
+        over = _beyond(A @ x, low, high).reshape(len(self.limits), -1).max(axis=1, initial=-np.inf)
+        limits = tuple(limit for limit, v in zip(self.limits, over, strict=True) if v > -_NEAR or limit.order < 2)
+        near = [(v > -_NEAR).any(axis=0) for v in self.violations(x)]
+        rows = len(self.grid)
+        return replace(self, limits=limits, asked=tuple(np.tile(functions, (rows, 1)) for functions in near))
+
     def extended(self, part: Problem, x: Floats) -> Problem | None:
         """A part of this problem with what a motion breaks, or nearly breaks, added to it; None if it breaks nothing.
 

@@ -54,7 +54,7 @@ def safe(design: Design, solutions: Sequence[Solution]) -> tuple[Floats, list[Ma
                 return x, margins
             worst = ", ".join(margin.label for margin in broken[:6])
             problem = _drawn_in(problem, margins, design)
-            x = solve_lazily(problem, problem.shrunk(x, _BACK), SolverOptions(iterations=_ITERATIONS)).x
+            x = solve_lazily(problem, problem.shrunk(x, _BACK), SolverOptions(iterations=_ITERATIONS), x).x
         problem = design.problem
     reason = f"the limits of {worst} are broken between samples" if worst else "no start found a motion that keeps them"
     raise InputError(f"no trajectory keeps all limits: {reason}", source=design.task.setup.source, element="excitation")

@@ -24,6 +24,7 @@ from echelon.excite.limits import ResolvedLimits, resolved_limits
 from echelon.excite.loops import check_loops
 from echelon.excite.loops_limits import LoopEfforts, LoopLimits, LoopPart
 from echelon.excite.loops_motion import LoopMotion
+from echelon.excite.loops_positions import LoopPositions
 from echelon.formats.limits import stated_limits
 from echelon.formats.schema_excite import EVERY, ExcitationEntry, FrameEntry
 from echelon.hints import nearest_of
@@ -97,7 +98,10 @@ def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
     InputError
         If names are unknown, limits are missing, nothing can be seen, or a shape cannot be read.
     """
-    return _Reader(setup, entry).task()
+    try:
+        return _Reader(setup, entry).task()
+    except InputError as error:
+        raise error.located(setup.source) from None
 
 
 class _Reader:
@@ -207,7 +211,7 @@ class _Reader:
             for name, middle in zip(mechanism.independent_velocities, limits.middle, strict=True)
         ]
         if mechanism.closures:
-            start = LoopMotion(mechanism).nearest(np.array([start]))[0].tolist()
+            start = LoopPositions(mechanism).positioned(np.array([start])).q[0].tolist()
         found = clearance_of(
             replace(mechanism, reading=None),  # how the file was read is of no use to another process
             shapes,
@@ -284,7 +288,5 @@ def changed(entry: ExcitationEntry, changes: Mapping[str, Any], source: str) -> 
         return ExcitationEntry.model_validate(stated | dict(changes))
     except ValidationError as error:
         first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise InputError(
-            first["msg"].removeprefix("Value error, "), source=source, element=f"excitation.{where}"
-        ) from None
+        where = ".".join(("excitation", *map(str, first["loc"])))
+        raise InputError(first["msg"].removeprefix("Value error, "), source=source, element=where) from None

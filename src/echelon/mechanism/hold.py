@@ -18,7 +18,7 @@ from echelon.mechanism.output import ActuatorForce, Cut, Output
 from echelon.mechanism.placement import IDENTITY, Matrix, Placement, as_matrix
 from echelon.mechanism.transmission import Actuator
 
-_DENOMINATOR = 10_000  # of tangents of half angles: a rational point of the circle within 1e-8 rad
+_DENOMINATOR = 10**8  # of tangents of half angles: a rational point of the circle within 2e-8 rad of any angle
 _REFERENCE = re.compile(r"\[([^\]]*)\]")
 
 

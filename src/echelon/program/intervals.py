@@ -21,6 +21,8 @@ Interval = tuple[Floats, Floats]
 """Least and largest values, of one shape."""
 
 _ROUNDING = 1e-14
+_SLACK = 1e-12  # turns: places of extremes and poles are known up to rounding
+_LARGEST = np.finfo(float).max
 _MONOTONIC = {Op.EXP: np.exp, Op.TANH: np.tanh, Op.ATAN: np.arctan, Op.SIGN: np.sign}
 
 
@@ -65,7 +67,8 @@ def interval_values(program: Program, outputs: Sequence[int], inputs: Mapping[in
             value = np.asarray(float(program.constants[node]))
             found[node] = _widened(value, value)
         else:
-            found[node] = _operation(program, op, node, found)
+            with np.errstate(all="ignore"):  # where there is no value, bounds are infinite
+                found[node] = _operation(program, op, node, found)
     return [found[node] for node in outputs]
 
 
@@ -93,9 +96,9 @@ def _function(op: Op, a: Interval) -> Interval:
         least = np.where((low <= 0) & (high >= 0), 0.0, np.minimum(np.abs(low), np.abs(high)))
         return least, np.maximum(np.abs(low), np.abs(high))
     if op is Op.COS:
-        return _cosine(low, high)
+        return _wave(np.cos(low), np.cos(high), low / (2 * np.pi), high / (2 * np.pi))
     if op is Op.SIN:
-        return _cosine(low - np.pi / 2, high - np.pi / 2)
+        return _wave(np.sin(low), np.sin(high), low / (2 * np.pi) - 0.25, high / (2 * np.pi) - 0.25)
     function, bad = _PARTIAL[op](low, high)
     with np.errstate(all="ignore"):
         least, largest = _widened(function(low), function(high))
@@ -105,17 +108,19 @@ def _function(op: Op, a: Interval) -> Interval:
 _PARTIAL: Mapping[Op, Callable[[Floats, Floats], tuple[Any, npt.NDArray[np.bool_]]]] = {
     Op.LOG: lambda low, _: (np.log, low <= 0),
     Op.SQRT: lambda low, _: (np.sqrt, low < 0),
-    Op.TAN: lambda low, high: (np.tan, np.floor(low / np.pi - 0.5) != np.floor(high / np.pi - 0.5)),
+    Op.TAN: lambda low, high: (
+        np.tan,
+        ~(np.floor(low / np.pi - 0.5 - _SLACK) == np.floor(high / np.pi - 0.5 + _SLACK)) | ~np.isfinite(high - low),
+    ),
 }
 """Functions without a value somewhere, and whether they may meet such a place."""
 
 
-def _cosine(low: Floats, high: Floats) -> Interval:
-    # 1 is reached where a multiple of 2π lies between, −1 where an odd multiple of π does
-    ends = np.cos(low), np.cos(high)
-    top = np.floor(high / (2 * np.pi) + 1e-12) >= np.ceil(low / (2 * np.pi) - 1e-12)
-    bottom = np.floor((high - np.pi) / (2 * np.pi) + 1e-12) >= np.ceil((low - np.pi) / (2 * np.pi) - 1e-12)
-    least, largest = np.minimum(*ends) - _ROUNDING, np.maximum(*ends) + _ROUNDING
+def _wave(first: Floats, last: Floats, start: Floats, end: Floats) -> Interval:
+    """Bounds of a cosine, given at the ends, over some turns: 1 at every whole turn, −1 at every half."""
+    top = ~(np.floor(end + _SLACK) < np.ceil(start - _SLACK))
+    bottom = ~(np.floor(end - 0.5 + _SLACK) < np.ceil(start - 0.5 - _SLACK))
+    least, largest = np.minimum(first, last) - _ROUNDING, np.maximum(first, last) + _ROUNDING
     return np.where(bottom, -1.0, np.maximum(least, -1.0)), np.where(top, 1.0, np.minimum(largest, 1.0))
 
 
@@ -139,4 +144,6 @@ def _inverse(b: Interval) -> Interval:
 
 
 def _widened(low: Floats, high: Floats) -> Interval:
+    # what overflows is only known to be beyond the largest number
+    low, high = np.minimum(low, _LARGEST), np.maximum(high, -_LARGEST)
     return low - _ROUNDING * np.abs(low), high + _ROUNDING * np.abs(high)
