@@ -17,11 +17,12 @@ import pytest
 
 import echelon as ec
 from echelon.errors import MissingExtraError
-from echelon.excite.design import changed, designed
-from echelon.excite.excite import shown, trajectory_of
+from echelon.excite.design import designed
 from echelon.excite.margins import Margin
 from echelon.excite.result import ExcitingTrajectory, Shown, Start
-from echelon.excite.safety import all_margins
+from echelon.excite.showing import shown
+from echelon.excite.task import changed, task_of
+from echelon.excite.verification import margins_of
 from echelon.logs.finding import Finding, Severity
 from echelon.report.digits import significant
 from echelon.report.environment import plotly_source
@@ -48,11 +49,11 @@ def trajectory(robot: str = "double_pendulum", **changes: Any) -> ExcitingTrajec
     """A random motion within limits: what a page shows does not depend on how good it is."""
     setup = ec.load_setup(EXAMPLES / f"{robot}.yaml")
     limits = {"velocity": 2.0, "position": [-2.5, 2.5]}
-    design = designed(setup, changed(setup.excitation, {"duration": 6.0, "limits": limits, **changes}, setup.source))
-    x = design.problem.start(np.random.default_rng(1))
-    run = trajectory_of(design, x)
+    task = task_of(setup, changed(setup.excitation, {"duration": 6.0, "limits": limits, **changes}, setup.source))
+    design = designed(task)
+    run = design.trajectory(design.problem.start(np.random.default_rng(1)))
     return ExcitingTrajectory(
-        run, design.base, design.held, "d_optimal", shown(design, run), tuple(all_margins(design, x)), STARTS, FINDINGS,
+        run, task.base, task.held, "d_optimal", shown(task, run), tuple(margins_of(run, task)), STARTS, FINDINGS,
         {"seed": 2015, "excitation": {"noise": {"all": 0.25}, "limits": {"effort": {"j1": inf}}}},
     )  # fmt: skip
 
@@ -254,7 +255,7 @@ def test_margins_by_urgency() -> None:
 def test_margins_that_are_not_numbers_count_as_broken() -> None:
     strange = Margin("distance", "m", 0.0, inf, nan, nan)
     rows = rows_of(preview_html(replace(trajectory(), margins=(*trajectory().margins, strange))), "margin-table")
-    assert rows[0][:3] == ["distance", "✗ broken", "–"]
+    assert rows[0][:3] == ["distance", "✗ broken", "−∞"]
 
 
 def test_deviations_are_those_of_the_result(html: str, page: Page) -> None:

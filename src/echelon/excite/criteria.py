@@ -25,7 +25,7 @@ _NOTHING = 1e-100
 """Information that counts as none: squares of its inverse are still numbers."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Criterion:
     """A function of the information matrix that is minimised.
 

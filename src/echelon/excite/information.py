@@ -63,7 +63,7 @@ class Information:
         return total
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Seen:
     """What a motion shows.
 

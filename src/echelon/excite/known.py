@@ -45,11 +45,14 @@ def information_of_logs(setup: Setup, logs: Sequence[Path]) -> Floats:
     if entry.move is not None or entry.hold:
         problem = "logs see other parameters than a trajectory that holds coordinates; let all of them move"
         raise InputError(problem, source=setup.source, element="excitation")
+    if any(body.joint.kind == "floating" for body in setup.mechanism.bodies):
+        raise InputError("a floating base is held by trajectories, and not in logs", source=setup.source)
     base = base_parameters(setup.mechanism, seed=setup.settings.seed)
     paths = [path for log in logs for path in log_paths(log)]
     found = survey(setup, base, paths)
     rows = Plan(base, setup.columns, found.preparation).rows(paths)
-    return information_of(rows.observation(), entry.noise)
+    # what a filter averages before rows are left out counts as well: variances fall as the number of rows does
+    return information_of(rows.observation(), entry.noise) * float(np.prod(found.preparation.decimation or (1,)))
 
 
 def information_of(observation: Observation, noise: Mapping[str, float]) -> Floats:

@@ -25,7 +25,7 @@ _DRAWN_BACK = (0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5)
 """Shares of a motion that breaks limits, of which the largest that keeps them is worth more than none."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Solution:
     """Where a start ended.
 

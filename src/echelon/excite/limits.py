@@ -126,7 +126,7 @@ class _Resolver:
                     raise InputError(problem, source=self.source, element=f"{kind} limits")
 
     def _stated(self, kind: str, name: str) -> float | tuple[float, float] | None:
-        """What the set-up states, then what the robot file does."""
+        """What the set-up states."""
         given = getattr(self.entry, kind)
         if name in given or EVERY in given:
             found: float | tuple[float, float] = given.get(name, given.get(EVERY))

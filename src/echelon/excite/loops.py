@@ -26,7 +26,7 @@ from echelon.mechanism.mechanism import Mechanism
 Floats = npt.NDArray[np.float64]
 
 LOST, SEEN = 0.05, 0.1
-"""Openness, as a share of that at the assembly pose, below which samples do not count and above which they do."""
+"""Openness, as a share of :attr:`LoopMotion.reference`, below which samples do not count and above which they do."""
 
 
 def state_regressor(

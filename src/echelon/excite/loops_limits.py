@@ -30,7 +30,7 @@ Floats = npt.NDArray[np.float64]
 Triple = tuple[Floats, Floats, Floats]
 
 OPEN = 0.15
-"""Least openness that a solver has to keep, as a share of that at the assembly pose."""
+"""Least openness that a solver has to keep, as a share of :attr:`LoopMotion.reference`."""
 
 _RATE = 10_000  # Hz, at which a trajectory is checked
 _PHASES = 80  # samples that far apart are followed together, then moved on by one
@@ -125,8 +125,8 @@ class LoopEfforts:
 class LoopLimits:
     """What a motion of the independent coordinates has to keep; a :class:`StateConstraint`.
 
-    The first function is the openness of the loops as a share of that at the assembly pose; where they cannot be
-    closed, it is negative, by how far it is back to where they can.  All others count as kept there.
+    The first function is the openness of the loops as a share of the usual one; where they cannot be closed, it is
+    negative, by how far it is back to where they can.  All others count as kept there.
 
     Parameters
     ----------

@@ -19,15 +19,17 @@ from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closed_motion import largest
-from echelon.regressor.loops.closure_values import normalised
+from echelon.regressor.loops.closure_values import normalised, position_rates
+from echelon.seeds import DEFAULT_SEED, random_generator
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-_STRIDE, _SHORTEST = 0.1, 5e-3  # of a step on the way to a configuration, rad or characteristic lengths
-_FEW = 5  # iterations for one step
+_STRIDE, _SHORTEST = 0.1, 2e-3  # of a step on the way to a configuration, rad or characteristic lengths
+_FEW = 6  # iterations for one step
 _LARGEST_CORRECTION = 0.05  # of what is predicted; more may be a jump to another way of assembly
 _REMEMBERED = 4  # sets of samples: those of the criterion and of the constraints
+_POSES = 64  # that tell what openness is usual
 _SINGULAR = 1e-9  # relative; beyond this there is no left inverse to speak of
 
 
@@ -100,8 +102,11 @@ class LoopPositions(Assembly):
 
     @cached_property
     def reference(self) -> float:
-        """Openness at the assembly pose."""
-        return float(self._described(self.pose[None], np.ones(1, dtype=bool), np.zeros((1, 0))).openness[0])
+        """The largest openness of some poses about that of the assembly, which may itself be nearly singular."""
+        poses, _, _ = self.random_closed_states(random_generator(DEFAULT_SEED), _POSES)
+        poses = np.vstack([self.pose, poses])
+        found = self._described(poses, np.ones(len(poses), dtype=bool), np.zeros((len(poses), 0)))
+        return float(found.openness.max())
 
     # -- configurations --------------------------------------------------------------------------------------------
 
@@ -133,22 +138,29 @@ class LoopPositions(Assembly):
     def _stepped(self, last: Closed, wanted: Floats) -> tuple[Floats, Bools]:
         """One step from what was found before."""
         change = (wanted - last.q[:, self._places]) / self._speed_units[self._independent]
-        speeds = np.zeros((len(wanted), len(self._speed_units)))
-        speeds[:, self._independent] = change
-        opened = last.jacobian[:, :, self._independent] @ change[:, :, None]
-        speeds[:, self._dependent] = -(last.inverse @ opened)[:, :, 0]
+        speeds = self._speeds(last, change)
         done = last.done & (largest(change) < _STRIDE)
         speeds[~done] = 0.0
         guess = self._moved(last.q, speeds)
         found, closed = self.closed(guess, self.mechanism.independent_velocities, _FEW)
         return found, done & closed & self._nearly(guess, found)
 
+    def _speeds(self, closed: Closed, change: Floats) -> Floats:
+        """Speeds of all velocity coordinates, from those of the independent ones, both in their units."""
+        speeds = np.zeros((len(change), len(self._speed_units)))
+        speeds[:, self._independent] = change
+        opened = closed.jacobian[:, :, self._independent] @ change[:, :, None]
+        speeds[:, self._dependent] = -(closed.inverse @ opened)[:, :, 0]
+        return speeds
+
     def _followed(self, start: Floats, wanted: Floats) -> tuple[Floats, Floats]:
         """Configurations on the straight ways from closed ones, and which shares of them were gone."""
         q = start.copy()
         begin, units = q[:, self._places], self.independent_units
         extent = np.maximum(largest((wanted - begin) / units), _STRIDE)
-        gone, stride, trend = np.zeros(len(q)), _STRIDE / extent, np.zeros_like(q)
+        gone, stride = np.zeros(len(q)), _STRIDE / extent
+        here = self._described(q, np.ones(len(q), dtype=bool), np.zeros((len(q), 0)))
+        trend = position_rates(self.mechanism, q, self._speeds(here, (wanted - begin) / units) * self._speed_units)
         on = np.arange(len(q))
         while len(on):
             reached = np.minimum(gone[on] + stride[on], 1.0)[:, None]

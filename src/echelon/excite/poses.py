@@ -8,7 +8,6 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
-from scipy.stats import qmc
 
 from echelon.errors import InputError
 from echelon.excite.constraints.state import StateConstraint
@@ -16,7 +15,7 @@ from echelon.excite.limits import ResolvedLimits
 
 Floats = npt.NDArray[np.float64]
 
-_TRIED = 512  # poses, a power of two as Sobol's sequence wants
+_TRIED = 512  # poses
 _REFINED = 24  # the best of them, from which broken limits are minimised
 _KEPT = 1e-9  # what rounding may leave of a broken limit, relative to its size
 
@@ -73,7 +72,7 @@ def _searched(
     seed: int,
 ) -> Floats:
     least, most = np.where(np.isfinite(low), low, pose - np.pi), np.where(np.isfinite(high), high, pose + np.pi)
-    unit = qmc.Sobol(len(pose), rng=np.random.default_rng(seed)).random(_TRIED)
+    unit = np.random.default_rng(seed).random((_TRIED, len(pose)))
     poses = np.where(free, least + (most - least) * unit, pose)
     over = broken(poses, constraints)
     # of the poses that keep everything the one nearest to the middle

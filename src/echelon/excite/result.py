@@ -42,7 +42,8 @@ class Start:
 
     Attributes
     ----------
-    seed : int
+    number : int
+        From 0 on; with the seed it makes the starting point.
     status : str
     value : float
         Of the criterion, smoothed; infinite if no motion kept the limits.
@@ -52,7 +53,7 @@ class Start:
         The best value so far, each time it became better.
     """
 
-    seed: int
+    number: int
     status: str
     value: float
     iterations: int

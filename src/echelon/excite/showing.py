@@ -40,9 +40,17 @@ def shown(task: Task, trajectory: Trajectory, known: Floats | None = None) -> Sh
             block = entries[first:end, rows.entries]
             F[np.ix_(rows.columns, rows.columns)] += weight * (block.T @ block)
         moments.append((float(times[end - 1]), _scaled_condition(F)))
-    singular = not np.isfinite(_scaled_condition(F))
-    std = np.full(base.rank, np.inf) if singular else np.sqrt(np.diag(np.linalg.inv(F)))
+    std = _deviations(F)
     return Shown(condition_number(F), _scaled_condition(F), log_det(F), tuple(std.tolist()), tuple(moments))
+
+
+def _deviations(F: Floats) -> Floats:
+    """Standard deviations of the parameters; infinite if some are not determined."""
+    if not np.isfinite(_scaled_condition(F)):
+        return np.full(len(F), np.inf)
+    sizes = np.sqrt(np.diag(F))
+    found: Floats = np.sqrt(np.diag(np.linalg.inv(F / np.outer(sizes, sizes)))) / sizes
+    return found
 
 
 def _scaled_condition(F: Floats) -> float:

@@ -52,7 +52,7 @@ class SolverOptions:
     deadline: float = np.inf
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Ended:
     """Where the solver ended.
 

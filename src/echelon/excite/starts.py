@@ -97,7 +97,9 @@ def _in_process(document: bytes, k: int) -> Solution:
 def _work() -> None:
     """Solve what comes in, and write the solution, or what was wrong with it."""
     problem, seed, seconds = pickle.loads(sys.stdin.buffer.read())
-    out, sys.stdout = sys.stdout.buffer, sys.stderr  # libraries that print must not spoil the answer
+    # libraries that print, in Python or not, must not spoil the answer
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
     try:
         found: Solution | EchelonError = started(problem, seed, seconds, int(sys.argv[1]))
     except EchelonError as error:

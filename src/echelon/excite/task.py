@@ -199,10 +199,8 @@ class _Reader:
             geometry = read_geometry(mechanism, file, tolerant=bool(shapes))
             shapes, excluded = [*geometry.shapes, *shapes], [*geometry.excluded, *excluded]
             self._note("collisions", geometry.notes)
-        world = [
-            dict(obstacle) if "body" in obstacle else {**obstacle, "body": "world"} for obstacle in entry.obstacles
-        ]
-        shapes += entry_shapes(mechanism, world, folder)
+        around = entry_shapes(mechanism, [{"body": "world", **obstacle} for obstacle in entry.obstacles], folder)
+        shapes += [replace(shape, obstacle=True) for shape in around]
         if not entry.self:
             names = [body.name for body in mechanism.bodies]
             excluded += [(a, b) for k, a in enumerate(names) for b in names[:k]]

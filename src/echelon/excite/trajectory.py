@@ -12,7 +12,7 @@ from echelon.excite.families.basis import Basis
 Floats = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """A motion of some coordinates.
 

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from echelon.errors import EchelonError
 from echelon.excite.collisions.certificate import least_clearances
 from echelon.excite.collisions.constraint import Clearance
 from echelon.excite.constraints.motion import MotionLimit
@@ -53,6 +54,8 @@ def margins_of(trajectory: Trajectory, task: Task) -> list[Margin]:
             found += clearance_margins(trajectory, constraint)
         elif isinstance(constraint, LoopLimits):
             found += constraint.margins(trajectory)
+        else:
+            raise EchelonError(f"nothing bounds {', '.join(constraint.labels[:3])} between samples")
     return found
 
 

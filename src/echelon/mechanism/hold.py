@@ -9,7 +9,7 @@ from fractions import Fraction
 from math import tan
 
 from echelon.errors import InputError
-from echelon.exact.polynomial import Polynomial
+from echelon.exact.polynomial import Polynomial, float_generators
 from echelon.hints import nearest_of
 from echelon.mechanism.effect import Effect
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, merge
@@ -17,9 +17,11 @@ from echelon.mechanism.mechanism import Body, Coupling, Mechanism
 from echelon.mechanism.output import ActuatorForce, Cut, Output
 from echelon.mechanism.placement import IDENTITY, Matrix, Placement, as_matrix
 from echelon.mechanism.transmission import Actuator
+from echelon.mechanism.values import known_values
 
 _DENOMINATOR = 10**8  # of tangents of half angles: a rational point of the circle within 2e-8 rad of any angle
-_REFERENCE = re.compile(r"\[([^\]]*)\]")
+_REFERENCE = re.compile(r"\b(qdd|qd|q)\[([^\]]*)\]")
+_INPUT = re.compile(r"\bi\[([^\]]*)\]")
 
 
 def held(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechanism:
@@ -70,7 +72,7 @@ def held(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechanism:
         bodies=tuple(_body(body, all_positions) for body in mechanism.bodies),
         couplings=tuple(c for c in mechanism.couplings if c.coordinate not in gone),
         actuators=actuators,
-        effects=tuple(_effects(mechanism.effects, gone)),
+        effects=tuple(_effects(mechanism, gone, all_positions)),
         measured=None if mechanism.measured is None else tuple(_outputs(mechanism.measured, gone)),
         reading=None,
     )
@@ -140,20 +142,48 @@ def _turned(axis: int, angle: float) -> Matrix:
 
 
 def _actuators(mechanism: Mechanism, gone: Iterable[str]) -> Iterable[Actuator]:
-    for actuator in mechanism.actuators:
-        terms = tuple((name, ratio) for name, ratio in actuator.terms if name not in gone)
-        if terms:
-            yield replace(actuator, terms=terms)
+    """Actuators that still move something, as many as there are coordinates that they move."""
+    left = [
+        replace(actuator, terms=terms)
+        for actuator in mechanism.actuators
+        if (terms := tuple((name, ratio) for name, ratio in actuator.terms if name not in gone))
+    ]
+    driven = {name for actuator in left for name, _ in actuator.terms}
+    if len(driven) < len(left):
+        names, joints = ", ".join(a.name for a in left), ", ".join(sorted(driven))
+        raise InputError(f"{names} would drive {joints} alone: hold all joints that are coupled, or none of them")
+    return left
 
 
-def _effects(effects: Iterable[Effect], gone: set[str]) -> Iterable[Effect]:
-    """Effects where something moves, without actions that refer to what does not."""
-    for effect in effects:
+def _effects(mechanism: Mechanism, gone: set[str], positions: Mapping[str, float]) -> Iterable[Effect]:
+    """Effects where something moves, with what does not move standing still."""
+    still = _still(mechanism, gone, positions)
+
+    def written(found: re.Match[str]) -> str:
+        kind, name = found[1], found[2].strip()
+        if name not in gone:
+            return found[0]
+        return f"({still.get(name, 0.0)!r})" if kind == "q" else "0"
+
+    for effect in mechanism.effects:
         actions = tuple(
-            a for a in effect.actions if a.at not in gone and not gone.intersection(_REFERENCE.findall(a.term))
+            replace(action, term=_REFERENCE.sub(written, action.term))
+            for action in effect.actions
+            if action.at not in gone and not gone.intersection(_INPUT.findall(action.term))
         )
         if actions:
             yield replace(effect, actions=actions)
+
+
+def _still(mechanism: Mechanism, gone: set[str], positions: Mapping[str, float]) -> dict[str, float]:
+    """Positions of coordinates and actuators that do not move."""
+    known = known_values(mechanism)
+    found = dict(positions)
+    for actuator in mechanism.actuators:
+        if actuator.name in gone:
+            ratios = [(name, r.evaluate(float_generators(r.generators(), known), float)) for name, r in actuator.terms]
+            found[actuator.name] = sum(ratio * positions.get(name, 0.0) for name, ratio in ratios)
+    return found
 
 
 def _outputs(outputs: Iterable[Output], gone: set[str]) -> Iterable[Output]:

@@ -50,7 +50,8 @@ def checked_pairs(
     for pair in combinations(range(len(shapes)), 2):
         # planes belong to the world, whose index is the least
         first, second = sorted(pair, key=lambda k: (shapes[k].body, k))
-        if not _neighbours(mechanism, shapes[first].body, shapes[second].body) and not any(
+        around = shapes[first].obstacle or shapes[second].obstacle
+        if (around or not _neighbours(mechanism, shapes[first].body, shapes[second].body)) and not any(
             (first in a and second in b) or (first in b and second in a) for a, b in excluded
         ):
             found.append((first, second))

@@ -66,6 +66,8 @@ class Shape:
         Of a mesh, in the shape's frame, m.
     link : str
         The link of a file that it came with, if any.
+    obstacle : bool
+        Whether it is no part of the robot, so that no body may touch it.
 
     Raises
     ------
@@ -80,6 +82,7 @@ class Shape:
     placement: Floats
     vertices: Floats | None = None
     link: str = ""
+    obstacle: bool = False
 
     def __post_init__(self) -> None:
         names = _SIZES[self.kind]

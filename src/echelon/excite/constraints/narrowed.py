@@ -12,7 +12,7 @@ from echelon.excite.constraints.state import Slopes, StateConstraint
 Floats = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Narrowed:
     """A constraint between other bounds.
 

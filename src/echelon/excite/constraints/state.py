@@ -50,7 +50,7 @@ class StateConstraint(Protocol):
         """Their derivatives."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StateLimits:
     """Limits of recorded functions, such as torques and coordinates of points.
 

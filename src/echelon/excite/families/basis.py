@@ -85,7 +85,7 @@ class Basis(ABC):
         """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recombined(Basis):
     """Combinations of the functions of another basis.
 

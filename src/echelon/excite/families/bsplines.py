@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline
 
+from echelon.errors import InputError
 from echelon.excite.families.basis import Basis, Floats
 
 DEGREE = 5
@@ -22,10 +23,20 @@ class Splines(Basis):
     breaks : tuple of float
         From 0 to the duration, s.
     degree : int
+        At least 5: jerks of lower ones jump, and nothing bounds what they do between samples.
+
+    Raises
+    ------
+    InputError
+        If the degree is lower.
     """
 
     breaks: tuple[float, ...]
     degree: int = DEGREE
+
+    def __post_init__(self) -> None:
+        if self.degree < DEGREE:
+            raise InputError(f"splines have degree {DEGREE} at least, so that jerks are continuous; got {self.degree}")
 
     @property
     def duration(self) -> float:  # type: ignore[override]

@@ -58,7 +58,7 @@ class SplinesRecord(_Strict):
 
     family: Literal["splines"]
     meaning: str = SPLINES
-    degree: int = Field(ge=1)
+    degree: int = Field(ge=5)
     knots: list[float] = Field(
         description="s; the first, 0, and the last, the duration, occur degree + 1 times, the others once."
     )

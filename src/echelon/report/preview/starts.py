@@ -47,7 +47,8 @@ def payload(found: ExcitingTrajectory) -> list[dict[str, Any]]:
     found : ExcitingTrajectory
     """
     return [
-        {"seed": start.seed, "history": [value for value in start.history if isfinite(value)]} for start in found.starts
+        {"number": start.number, "history": [value for value in start.history if isfinite(value)]}
+        for start in found.starts
     ]
 
 

@@ -79,7 +79,7 @@
   }
   function startsPlot() {
     const lines = data.starts.filter((start) => start.history.length).map((start, k) =>
-      line("start " + start.seed, start.history.map((_, i) => i + 1), start.history, preview.colour(k), { line: { color: preview.colour(k), width: 1.6, shape: "hv" }, hovertemplate: "%{y:.5g}" }));
+      line("start " + start.number, start.history.map((_, i) => i + 1), start.history, preview.colour(k), { line: { color: preview.colour(k), width: 1.6, shape: "hv" }, hovertemplate: "%{y:.5g}" }));
     return [lines, layout(280, { xaxis: axis("number of the improvement"), yaxis: axis("best criterion so far"), showlegend: lines.length > 1, legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" }, margin: { l: 62, r: 12, t: 34, b: 40 } })];
   }
   const kinds = { motion: motionPlot, conditioning: conditioningPlot, starts: startsPlot };
