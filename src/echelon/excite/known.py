@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import inf
 
 import numpy as np
 import numpy.typing as npt
@@ -50,9 +52,10 @@ def information_of_logs(setup: Setup, logs: Sequence[Path]) -> Floats:
     base = base_parameters(setup.mechanism, seed=setup.settings.seed)
     paths = [path for log in logs for path in log_paths(log)]
     found = survey(setup, base, paths)
-    rows = Plan(base, setup.columns, found.preparation).rows(paths)
-    # what a filter averages before rows are left out counts as well: variances fall as the number of rows does
-    return information_of(rows.observation(), entry.noise) * float(np.prod(found.preparation.decimation or (1,)))
+    # a row for every sample: filters average what decimation leaves out, so that counting rows would count too few
+    whole = replace(found.preparation, output_cutoff=inf, decimation=())
+    rows = Plan(base, setup.columns, whole).rows(paths)
+    return information_of(rows.observation(), entry.noise)
 
 
 def information_of(observation: Observation, noise: Mapping[str, float]) -> Floats:

@@ -28,6 +28,8 @@ Floats = npt.NDArray[np.float64]
 
 _SHARP = 1e-3
 """Share of a limit's range by which bounds may be wider than what is reached."""
+_SHARPER = (_SHARP, _SHARP / 100, _SHARP / 10_000)
+"""The same of limits of the motion, one after the other where that decides whether a limit is kept."""
 _SHARE = 0.25
 """The same as a share of the distance to the limit, where that is more."""
 _TOUCH = 0.05
@@ -82,20 +84,25 @@ def motion_margins(trajectory: Trajectory, limits: Iterable[MotionLimit]) -> lis
     trajectory : Trajectory
     limits : iterable of MotionLimit
     """
-    found = []
-    for limit in limits:
-        combined = trajectory.coefficients @ limit.weights[:, None]
-        curvature = float(trajectory.basis.bounds(combined, limit.order + 2)[0])
-        span = limit.high - limit.low
-        size = span if np.isfinite(span) else max(abs(x) for x in (limit.low, limit.high) if np.isfinite(x))
-        step = np.sqrt(8 * _SHARP * size / curvature) if curvature > 0 and size > 0 else np.inf
+    return [_motion_margin(trajectory, limit) for limit in limits]
+
+
+def _motion_margin(trajectory: Trajectory, limit: MotionLimit) -> Margin:
+    combined = trajectory.coefficients @ limit.weights[:, None]
+    curvature = float(trajectory.basis.bounds(combined, limit.order + 2)[0])
+    span = limit.high - limit.low
+    size = span if np.isfinite(span) else max(abs(x) for x in (limit.low, limit.high) if np.isfinite(x))
+    for sharp in _SHARPER:
+        step = np.sqrt(8 * sharp * size / curvature) if curvature > 0 and size > 0 else np.inf
         count = int(np.clip(trajectory.duration / step, _COARSE, _MOST))
         times = np.linspace(0.0, trajectory.duration, count + 1)
         values = trajectory.basis.motion(times, combined, limit.order)
         more = curvature * (trajectory.duration / count) ** 2 / 8
-        least, largest = float(values.min()) - more, float(values.max()) + more
-        found.append(Margin(limit.label, limit.unit, limit.low, limit.high, least, largest))
-    return found
+        least, largest = float(values.min()), float(values.max())
+        # where the bound breaks a limit that the samples keep, more samples decide
+        if least < limit.low or largest > limit.high or (least - more >= limit.low and largest + more <= limit.high):
+            break
+    return Margin(limit.label, limit.unit, limit.low, limit.high, least - more, largest + more)
 
 
 def state_margins(trajectory: Trajectory, limits: StateLimits) -> list[Margin]:

@@ -50,8 +50,7 @@ def checked_pairs(
     for pair in combinations(range(len(shapes)), 2):
         # planes belong to the world, whose index is the least
         first, second = sorted(pair, key=lambda k: (shapes[k].body, k))
-        around = shapes[first].obstacle or shapes[second].obstacle
-        if (around or not _neighbours(mechanism, shapes[first].body, shapes[second].body)) and not any(
+        if not _neighbours(mechanism, shapes[first], shapes[second]) and not any(
             (first in a and second in b) or (first in b and second in a) for a, b in excluded
         ):
             found.append((first, second))
@@ -71,11 +70,13 @@ def moving_body(mechanism: Mechanism, body: int) -> int:
     return body
 
 
-def _neighbours(mechanism: Mechanism, first: int, second: int) -> bool:
-    """Whether two bodies are one rigid body, or one carries the other."""
-    ends = [moving_body(mechanism, body) for body in (first, second)]
+def _neighbours(mechanism: Mechanism, first: Shape, second: Shape) -> bool:
+    """Whether two shapes are on one rigid body, or one's body carries the other's; obstacles carry nothing."""
+    ends = [moving_body(mechanism, shape.body) for shape in (first, second)]
+    if ends[0] == ends[1] or first.obstacle or second.obstacle:
+        return ends[0] == ends[1]
     above = [GROUND if e == GROUND else moving_body(mechanism, mechanism.bodies[e].parent) for e in ends]
-    return ends[0] == ends[1] or above[0] == ends[1] or above[1] == ends[0]
+    return above[0] == ends[1] or above[1] == ends[0]
 
 
 def _excluded(
