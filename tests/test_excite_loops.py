@@ -6,6 +6,8 @@ another way (interpreted, with singular values), and trajectories with random on
 
 from __future__ import annotations
 
+from dataclasses import fields as fields_of
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -23,6 +25,7 @@ from echelon.excite.families.fourier import Fourier
 from echelon.excite.loops import LoopRegressor, state_regressor
 from echelon.excite.loops_limits import LoopEfforts, LoopLimits, LoopPart
 from echelon.excite.loops_motion import LoopMotion
+from echelon.excite.loops_positions import Closed
 from echelon.excite.showing import shown
 from echelon.excite.task import changed, task_of
 from echelon.excite.trajectory import Trajectory
@@ -247,6 +250,28 @@ def test_a_motion_through_a_flat_parallelogram_is_not_safe() -> None:
         coefficients = np.pi / 3 * rest[:, None] + size * 2.0 / np.abs(q).max() * swing
         (margin,) = limits.margins(Trajectory(("crank",), ("rad",), basis, coefficients))
         assert margin.kept is safe
+
+
+class HalfMirrored(LoopMotion):
+    """Finds the second half of all samples in the other way of assembly, as one might that follows them one by one."""
+
+    def at(self, q: Floats, qd: Floats, qdd: Floats) -> Closed:
+        flipped = {"crank": 1.0, "coupler": -2.9, "rocker": -2.0}
+        other = LoopMotion(replace(linkages.four_bar(), assembly=flipped))
+        mine, theirs = super().at(q, qd, qdd), other.at(q, qd, qdd)
+        half = len(q) // 2
+        fields = (
+            np.concatenate([getattr(mine, f.name)[:half], getattr(theirs, f.name)[half:]]) for f in fields_of(mine)
+        )
+        return Closed(*fields)
+
+
+def test_another_way_of_assembly_counts_as_open_loops() -> None:
+    basis = resting_ends(Fourier(1.0, 2))
+    trajectory = Trajectory(("crank",), ("rad",), basis, 0.1 * np.ones((basis.size, 1)))
+    for motion, kept in ((LoopMotion(linkages.four_bar()), True), (HalfMirrored(linkages.four_bar()), False)):
+        (margin,) = LoopLimits(motion).margins(trajectory)
+        assert margin.kept is kept
 
 
 # -- trajectories ------------------------------------------------------------------------------------------------------

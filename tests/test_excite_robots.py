@@ -63,7 +63,8 @@ def test_torques_by_pinocchio_stay_below_limits_that_bind() -> None:
     assert np.all(np.abs(states[1]).max(axis=0) <= model.velocityLimit)
     assert (np.abs(states[1]).max(axis=0) / model.velocityLimit).max() >= NEAR
     # without these limits the same design asks for more
-    free = design(file, duration=6, limits={"position": [-2.5, 2.5]}, centre={"shoulder_lift_joint": -1.57})
+    wide = {"position": [-2.5, 2.5], "effort": "none"}
+    free = design(file, duration=6, harmonics=3, limits=wide, centre={"shoulder_lift_joint": -1.57})
     more = np.abs(torques(model, tuple(resampled(free, order, 100) for order in range(3)))).max(axis=0)
     assert np.any(more > allowed)
 
@@ -74,7 +75,8 @@ def test_boxes_by_pinocchio_hold_a_ball_about_the_flange() -> None:
     box = {"z": [0.3, 1.2], "x": [-0.6, 0.6]}
     found = design(
         file,
-        duration=6,
+        duration=5,
+        harmonics=3,
         limits={"position": [-2.5, 2.5]},
         centre={"shoulder_lift_joint": -1.57},
         frames=[{"body": "wrist_3_link", "point": list(point), "radius": radius, "box": box}],
@@ -272,11 +274,12 @@ def fixed_model(file: Path, moving: tuple[str, ...]) -> Any:
 
 
 def rigid_rank(model: Any) -> int:
-    """Number of base inertial parameters by random states."""
+    """Number of base inertial parameters by random states; a column of rounding errors counts as zero."""
     rng, data = np.random.default_rng(4), model.createData()
     states = rng.uniform(-1.5, 1.5, size=(60, 3, model.nv))
     W = np.concatenate([pin.computeJointTorqueRegressor(model, data, *state) for state in states])
-    values = np.linalg.svd(W / np.maximum(np.linalg.norm(W, axis=0), 1e-9), compute_uv=False)
+    sizes = np.linalg.norm(W, axis=0)
+    values = np.linalg.svd(W / np.maximum(sizes, 1e-3 * np.median(sizes)), compute_uv=False)
     return int(np.sum(values > 1e-9 * values[0]))
 
 

@@ -99,7 +99,7 @@ def run_check(
     with steps() as step:
         step("reading")
         task = task_of(setup, changed_entry(setup.excitation, changed, setup.source))
-        trajectory = read_trajectory(path, task.mechanism.velocities, task.units)
+        trajectory = read_trajectory(path, task.mechanism.independent_velocities, task.units)
         step("checking all limits at every time")
         found = judged_trajectory(setup, trajectory, **changed)
     if output is not None:
