@@ -100,7 +100,7 @@ CASES = {
     "panda": Case(
         "Panda, limits of the data sheet, condition number",
         lambda: ec.load_setup(ROOT / "examples" / "panda.yaml"),
-        {"criterion": "condition", "harmonics": 6, "limits": panda_limits()},
+        {"criterion": "condition", "limits": panda_limits()},
         5,
     ),
     "tx40": Case(

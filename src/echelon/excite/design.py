@@ -18,7 +18,7 @@ from echelon.excite.loops import state_regressor
 from echelon.excite.loops_problem import LoopProblem
 from echelon.excite.poses import start_pose
 from echelon.excite.problem import Problem
-from echelon.excite.task import Task
+from echelon.excite.task import Task, names_of
 from echelon.excite.trajectory import Trajectory
 from echelon.formats.schema_excite import ExcitationEntry
 from echelon.hints import nearest_of
@@ -86,8 +86,8 @@ def designed(task: Task, known: Floats | None = None) -> Design:
 def _stated_centre(task: Task) -> Floats:
     names = list(task.mechanism.independent_velocities)
     for name in task.entry.centre:
-        if name not in names:
-            problem = f"'{name}' does not move{nearest_of(name, names)}"
+        if name not in names and name not in names_of(task.setup.mechanism):
+            problem = f"there is no coordinate '{name}'{nearest_of(name, names)}"
             raise InputError(problem, source=task.setup.source, element="centre")
     return np.array([task.entry.centre.get(name, np.nan) for name in names])
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy.typing as npt
 from echelon.errors import InputError
 from echelon.excite.design import designed
 from echelon.excite.lazy import Solution
-from echelon.excite.result import ExcitingTrajectory, Start
+from echelon.excite.result import ExcitingTrajectory, Shown, Start
 from echelon.excite.safety import safe
 from echelon.excite.showing import shown
 from echelon.excite.starts import solutions
@@ -19,6 +20,7 @@ from echelon.excite.task import Task, changed, task_of
 from echelon.excite.trajectory import Trajectory
 from echelon.excite.verification import margins_of
 from echelon.identification.settings import Setup
+from echelon.logs.finding import Finding, Severity
 from echelon.machine.kernel import processors
 from echelon.version import __version__
 
@@ -88,16 +90,17 @@ def exciting_trajectory(
     x, margins = safe(design, [s for s in found if s.x is not None])
     trajectory = design.trajectory(x)
     starts = tuple(Start(k, s.status, s.value, s.iterations, s.seconds, s.history) for k, s in enumerate(found))
+    seen = shown(task, trajectory, prior)
     centre = dict(zip(task.mechanism.independent_velocities, design.centre.tolist(), strict=True))
     return ExcitingTrajectory(
         trajectory,
         task.base,
         task.held,
         entry.criterion,
-        shown(task, trajectory, prior),
+        seen,
         tuple(margins),
         starts,
-        task.findings,
+        (*_warnings(task, seen, starts), *task.findings),
         {**record(task), "centre": centre},
     )
 
@@ -130,7 +133,15 @@ def judged_trajectory(setup: Setup, trajectory: Trajectory, **changes: Any) -> E
     margins = tuple(margins_of(trajectory, task))
     seen = shown(task, trajectory)
     return ExcitingTrajectory(
-        trajectory, task.base, task.held, task.entry.criterion, seen, margins, (), task.findings, record(task)
+        trajectory,
+        task.base,
+        task.held,
+        task.entry.criterion,
+        seen,
+        margins,
+        (),
+        (*_warnings(task, seen, ()), *task.findings),
+        record(task),
     )
 
 
@@ -141,6 +152,17 @@ def _information(known: npt.ArrayLike | None) -> Floats | None:
     if F.ndim != 2 or F.shape[0] != F.shape[1] or not np.isfinite(F).all():
         raise InputError(f"known has shape {F.shape}; expected a square matrix of finite numbers")
     return F
+
+
+def _warnings(task: Task, seen: Shown, starts: Sequence[Start]) -> list[Finding]:
+    """What makes a trajectory of little use."""
+    texts = []
+    if not isfinite(seen.scaled_condition):
+        texts.append("this motion does not show all base parameters: give it more time, or wider limits")
+    if starts and all(start.status != "converged" for start in starts):
+        ended = ", ".join(sorted({start.status for start in starts}))
+        texts.append(f"no start of the solver converged ({ended}): better motions may exist")
+    return [Finding(Severity.WARNING, "design", task.setup.source, text) for text in texts]
 
 
 def record(task: Task) -> dict[str, Any]:

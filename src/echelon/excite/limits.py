@@ -5,7 +5,7 @@ Nothing is unlimited unless the set-up says ``none``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, pi
 
@@ -64,7 +64,11 @@ class ResolvedLimits:
 
 
 def resolved_limits(
-    mechanism: Mechanism, entry: LimitsEntry, stated: Mapping[str, StatedLimits], source: str
+    mechanism: Mechanism,
+    entry: LimitsEntry,
+    stated: Mapping[str, StatedLimits],
+    source: str,
+    idle: Collection[str] = (),
 ) -> ResolvedLimits:
     """Limits of the coordinates that move.
 
@@ -78,20 +82,27 @@ def resolved_limits(
         Of the robot file, by coordinate.
     source : str
         File name for messages.
+    idle : collection of str
+        Coordinates and actuators that are held: what is stated about them is of no consequence.
 
     Raises
     ------
     InputError
         If a range is empty or of length zero, a name is unknown, or a sliding coordinate has no range.
     """
-    return _Resolver(mechanism, entry, stated, source).resolved()
+    return _Resolver(mechanism, entry, stated, source, idle).resolved()
 
 
 class _Resolver:
     def __init__(
-        self, mechanism: Mechanism, entry: LimitsEntry, stated: Mapping[str, StatedLimits], source: str
+        self,
+        mechanism: Mechanism,
+        entry: LimitsEntry,
+        stated: Mapping[str, StatedLimits],
+        source: str,
+        idle: Collection[str],
     ) -> None:
-        self.entry, self.source = entry, source
+        self.entry, self.source, self.idle = entry, source, idle
         self.names = list(mechanism.independent_velocities)
         all_units = dict(zip(mechanism.velocities, coordinate_units(mechanism, "qdd"), strict=True))
         self.units = {name: all_units[name].removesuffix("/s²") for name in self.names}
@@ -121,7 +132,7 @@ class _Resolver:
         valid = [EVERY, *self.names, *self.drives]
         for kind in ("position", "velocity", "acceleration", "jerk", "effort"):
             for name in getattr(self.entry, kind):
-                if name not in valid:
+                if name not in valid and name not in self.idle:
                     problem = f"there is no moving coordinate or actuator '{name}'{nearest_of(name, valid)}"
                     raise InputError(problem, source=self.source, element=f"{kind} limits")
 

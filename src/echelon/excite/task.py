@@ -104,6 +104,11 @@ def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
         raise error.located(setup.source) from None
 
 
+def names_of(mechanism: Mechanism) -> frozenset[str]:
+    """Coordinates and actuators of a mechanism."""
+    return frozenset((*mechanism.velocities, *(actuator.name for actuator in mechanism.actuators)))
+
+
 class _Reader:
     def __init__(self, setup: Setup, entry: ExcitationEntry) -> None:
         self.setup, self.entry, self.source = setup, entry, setup.source
@@ -120,7 +125,7 @@ class _Reader:
             raise InputError(problem, source=self.source)
         file = self.setup.robot_file
         stated = stated_limits(file, mechanism) if file else {}
-        limits = resolved_limits(mechanism, self.entry.limits, stated, self.source)
+        limits = resolved_limits(mechanism, self.entry.limits, stated, self.source, names_of(self.setup.mechanism))
         self.findings += limits.findings
         smooth = _SMOOTH * min([limit.high for limit in limits.motion if limit.order == 1], default=1.0)
         constraints = tuple(self._constraints(mechanism, limits, smooth))

@@ -17,6 +17,7 @@ from echelon.errors import EchelonError, one_line
 from echelon.excite.result import ExcitingTrajectory
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import GROUND, Body, Mechanism
+from echelon.regressor.loops.assembly import Assembly
 from echelon.report.pose import Pose, pose_at
 from echelon.report.preview.packed import packed
 
@@ -84,13 +85,12 @@ def scene(found: ExcitingTrajectory) -> Scene:
         If a length has no value.
     """
     mechanism, trajectory = found.base.mechanism, found.trajectory
-    zero = pose_at(mechanism, dict.fromkeys(mechanism.positions, 0.0))
-    columns = [trajectory.coordinates.index(name) for name in mechanism.positions]
+    zero = pose_at(mechanism, dict(zip(mechanism.positions, _upright(mechanism).tolist(), strict=True)))
     kinematics = Kinematics(mechanism)
-    at_zero = kinematics.frames(np.zeros((1, len(columns))))[0]
+    at_zero = kinematics.frames(_upright(mechanism)[None])[0]
     time = _times(trajectory.duration, len(mechanism.bodies))
     q, qd = trajectory(time), trajectory(time, 1)
-    frames = kinematics.frames(q[:, columns])
+    frames = kinematics.frames(_positions(found, time))
     turns, origins = frames[..., :3], frames[..., 3]
     cloud = np.vstack([origins.reshape(-1, 3), np.zeros((1, 3))])
     extent = float(np.linalg.norm(np.ptp(cloud, axis=0))) or 1.0
@@ -101,6 +101,21 @@ def scene(found: ExcitingTrajectory) -> Scene:
     moved = np.ptp(origins, axis=0).max(axis=1) / extent + np.ptp(turns, axis=0).max(axis=(1, 2))
     axes = _axes(mechanism, zero, at_zero[..., :3], turns)
     return Scene(mechanism, time, q, qd, origins, axes, tips, last, moved < _STILL, zero.up, extent)
+
+
+def _positions(found: ExcitingTrajectory, time: Floats) -> Floats:
+    """Positions of all coordinates, shape (pictures, positions); with loops, those that the others follow from."""
+    mechanism, trajectory = found.base.mechanism, found.trajectory
+    if mechanism.closures:
+        return Assembly(mechanism).completed(trajectory(time), trajectory(time, 1), trajectory(time, 2))[0]
+    columns = [trajectory.coordinates.index(name) for name in mechanism.positions]
+    return trajectory(time)[:, columns]
+
+
+def _upright(mechanism: Mechanism) -> Floats:
+    """All positions at zero, balls upright."""
+    upright = {m.positions[0] for m in mechanism.motions if m.kind is MotionKind.BALL}
+    return np.array([float(name in upright) for name in mechanism.positions])
 
 
 def context(found: ExcitingTrajectory) -> dict[str, Any]:
