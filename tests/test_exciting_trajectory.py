@@ -15,10 +15,12 @@ import pytest
 from scipy.interpolate import BSpline
 
 import echelon as ec
+from echelon.excite.families.fourier import Fourier
 from echelon.excite.files.design import design_to_json
 from echelon.excite.lazy import Solution
 from echelon.excite.result import ExcitingTrajectory
 from echelon.excite.solver import Best
+from echelon.excite.trajectory import Trajectory
 
 Floats = npt.NDArray[np.float64]
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -210,7 +212,7 @@ def test_the_best_value_only_falls_and_is_always_that_of_a_motion_within_limits(
             taken.append((self.history[-1], self.problem.basis.matrix @ x.reshape(self.problem.shape)))  # type: ignore[attr-defined]
 
     monkeypatch.setattr(Best, "offer", spied)
-    found = design(PENDULUM, **SWING)
+    found = design(PENDULUM, harmonics=5, **SWING)
     (start,) = found.starts
     assert len(start.history) > 5
     assert np.all(np.diff(start.history) < 0)
@@ -302,7 +304,7 @@ REFUSED = {
     "unknown limit": ("limits: {velocity: {j22: 1}}", "no moving coordinate or actuator 'j22'; did you mean 'j2'"),
     "unknown moving": ("move: [j11]", "no coordinate 'j11'; did you mean 'j1'"),
     "unknown held": ("hold: {k1: 1}", r"no coordinate 'k1' \(valid: j1, j2, j3\)"),
-    "unknown centre": ("centre: {k1: 1}", "'k1' does not move"),
+    "unknown centre": ("centre: {k1: 1}", "there is no coordinate 'k1'"),
     "unknown output": ("noise: {j9: 1}", "there is no output 'j9'"),
     "unknown body": (f"frames: [{POINT.replace('j3', 'j33')}box: {{z: [0, none]}}}}]", "body 'j33'; did you mean 'j3'"),
     "unknown key": ("limit: {position: 1}", "unknown key; did you mean 'limits'"),
@@ -409,3 +411,20 @@ def test_no_motion_at_all_is_an_error_that_names_the_limits(monkeypatch: pytest.
     lost = Solution(None, np.inf, "infeasible", 3, (), 0.1)
     monkeypatch.setattr("echelon.excite.excite.solutions", lambda *_: [lost])
     assert "no trajectory keeps all limits: no start found a motion that keeps them" in refusal(PENDULUM, **SWING)
+
+
+def test_what_is_stated_about_held_coordinates_is_of_no_consequence() -> None:
+    setup = ec.load_setup(EXAMPLES / "double_pendulum.yaml")
+    limits = {"position": {"all": [-1, 1]}, "velocity": {"j1": 2, "j2": 2}}
+    found = ec.exciting_trajectory(setup, starts=1, move=["j2"], limits=limits, centre={"j1": 0.5}, seconds=2)
+    assert found.trajectory.coordinates == ("j2",)
+    with pytest.raises(ec.InputError, match="there is no moving coordinate or actuator 'j3'"):
+        ec.exciting_trajectory(setup, starts=1, move=["j2"], limits={"velocity": {"j3": 2}})
+
+
+def test_motions_of_little_use_are_warned_about() -> None:
+    setup = ec.load_setup(EXAMPLES / "double_pendulum.yaml")
+    still = Trajectory(("j1", "j2"), ("rad", "rad"), Fourier(4.0, 1), np.zeros((3, 2)))
+    found = ec.judged_trajectory(setup, still)
+    assert any("does not show all base parameters" in finding.text for finding in found.findings)
+    assert found.safe

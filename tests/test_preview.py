@@ -18,10 +18,12 @@ import pytest
 import echelon as ec
 from echelon.errors import MissingExtraError
 from echelon.excite.design import designed
+from echelon.excite.families.fourier import Fourier
 from echelon.excite.margins import Margin
 from echelon.excite.result import ExcitingTrajectory, Shown, Start
 from echelon.excite.showing import shown
 from echelon.excite.task import changed, task_of
+from echelon.excite.trajectory import Trajectory
 from echelon.excite.verification import margins_of
 from echelon.logs.finding import Finding, Severity
 from echelon.report.digits import significant
@@ -388,3 +390,20 @@ def test_no_picture_without_lengths() -> None:
     assert "There is no picture: symbol 'l1' has no value" in page.words
     assert json.loads(page.scripts[0])["robot"] is None
     assert page.open == []
+
+
+def test_loops_are_drawn_closed() -> None:
+    """The rocker's pin of a four-bar stays where the coupler is, in every picture."""
+    setup = ec.load_setup(EXAMPLES / "loops" / "four_bar.yaml")
+    task = task_of(setup, changed(setup.excitation, {"duration": 4.0}, setup.source))
+    run = Trajectory(
+        task.mechanism.independent_velocities, task.units, Fourier(4.0, 1), np.array([[0.0], [0.3], [0.0]])
+    )
+    found = ExcitingTrajectory(
+        run, task.base, {}, "d_optimal", Shown(1.0, 1.0, 0.0, (1.0,) * task.base.rank, ()), (), (), (), {}
+    )  # fmt: skip
+    view = scene(found)
+    lengths = np.linalg.norm(np.diff(view.origins, axis=1), axis=2)
+    assert np.ptp(view.origins, axis=0).max() > 0.01
+    chain = [k for k, body in enumerate(task.mechanism.bodies) if body.parent == k - 1 and k]
+    assert np.ptp(lengths[:, [k - 1 for k in chain]], axis=0).max() < 1e-9
