@@ -91,7 +91,7 @@ def kept_columns(found: Any) -> float:
 
 CASES = {
     "ur10": Case(
-        "UR10, |q| ≤ 2.5, speeds of its URDF, condition number",
+        "UR10, q within ±2.5, speeds of its URDF, condition number",
         lambda: urdf("ur_description/urdf/ur10_robot.urdf"),
         {"criterion": "condition", "limits": {"position": [-2.5, 2.5], **FREE}},
         10,
@@ -119,7 +119,7 @@ CASES = {
         {},
         move=lambda _: ["FR_hip_joint", "FR_thigh_joint", "FR_calf_joint"],
     ),
-    "talos": Case("upper body of the humanoid Talos, torques of its URDF, D-optimal", talos, {}, 2, move=upper),
+    "talos": Case("upper body of the humanoid Talos, torques of its URDF, D-optimal", talos, {}, 1, move=upper),
 }
 
 

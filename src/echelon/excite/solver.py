@@ -47,7 +47,7 @@ class SolverOptions:
         Time of ``perf_counter`` at which it ends; what is best by then is the result.
     """
 
-    tolerance: float = 1e-4
+    tolerance: float = 2e-4
     iterations: int = 500
     deadline: float = np.inf
 
