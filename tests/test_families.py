@@ -54,7 +54,7 @@ def recursion(knots: Floats, degree: int, i: int, t: Floats) -> Floats:
     return total
 
 
-@pytest.mark.parametrize("splines", [uniform_splines(2.0, 4), Splines((0.0, 0.2, 0.5, 2.0)), Splines((0.0, 1.0), 3)])
+@pytest.mark.parametrize("splines", [uniform_splines(2.0, 4), Splines((0.0, 0.2, 0.5, 2.0)), Splines((0.0, 1.0), 6)])
 def test_splines_follow_their_recursion(splines: Splines) -> None:
     t = np.linspace(0, splines.duration, 57)[:-1]
     knots = np.array([0.0] * splines.degree + list(splines.breaks) + [splines.duration] * splines.degree)

@@ -37,10 +37,8 @@ class Kinematics:
     --------
     >>> import echelon as ec
     >>> arm = Kinematics(ec.load("examples/double_pendulum.yaml"))
-    >>> arm.frames(np.array([[0.0, 0.0]]))[0, 1].round(3)
-    array([[1. , 0. , 0. , 0.3],
-           [0. , 1. , 0. , 0. ],
-           [0. , 0. , 1. , 0. ]])
+    >>> arm.frames(np.array([[0.0, 0.0]]))[0, 1, :, 3].round(3)     # where the second joint is
+    array([0.3, 0. , 0. ])
     """
 
     def __init__(self, mechanism: Mechanism, symbols: Mapping[str, float] | None = None) -> None:
