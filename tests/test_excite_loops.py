@@ -22,10 +22,10 @@ from echelon.excite.constraints.frames import PointLimit, point_limits
 from echelon.excite.design import designed
 from echelon.excite.families.basis import resting_ends
 from echelon.excite.families.fourier import Fourier
-from echelon.excite.loops import LoopRegressor, state_regressor
-from echelon.excite.loops_limits import LoopEfforts, LoopLimits, LoopPart
-from echelon.excite.loops_motion import LoopMotion
-from echelon.excite.loops_positions import Closed
+from echelon.excite.loops.limits import LoopEfforts, LoopLimits, LoopPart
+from echelon.excite.loops.motion import LoopMotion
+from echelon.excite.loops.positions import Closed
+from echelon.excite.loops.regressor import LoopRegressor, state_regressor
 from echelon.excite.showing import shown
 from echelon.excite.task import changed, task_of
 from echelon.excite.trajectory import Trajectory

@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
+
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.values import symbol_values
 from echelon.program.function import Argument
 from echelon.program.operations import Op
 from echelon.program.tape import Program
@@ -105,6 +109,28 @@ class Arguments:
             return []
         nodes = tuple(inputs[name] for name in names)
         return [Argument("symbols", nodes, tuple(names), ("SI",) * len(names), "geometry", uniform=True)]
+
+
+def geometry_values(
+    mechanism: Mechanism, arguments: Iterable[Argument], symbols: Mapping[str, float] | None = None
+) -> dict[str, npt.NDArray[np.float64]]:
+    """Values of the argument ``symbols``, SI units, where a function has it.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    arguments : iterable of Argument
+        Of the function.
+    symbols : mapping of str to float, optional
+        Values that replace or complete those of the mechanism.
+
+    Raises
+    ------
+    InputError
+        If a symbol has no value.
+    """
+    geometry = [argument for argument in arguments if argument.name == "symbols"]
+    return {a.name: np.array(list(symbol_values(mechanism, a.labels, symbols).values())) for a in geometry}
 
 
 def parameter_input(name: str) -> str:

@@ -8,12 +8,11 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from echelon.dynamics.arguments import Arguments, geometry_values
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import GROUND, Mechanism
-from echelon.mechanism.values import symbol_values
 from echelon.program.derivatives import derivatives
-from echelon.program.function import Argument, Function
-from echelon.program.operations import Op
+from echelon.program.function import Function
 from echelon.program.tape import Program
 from echelon.regressor.spatial import Mat, Vec, add, apply, transposed
 from echelon.regressor.steps import Recorder, Step
@@ -43,15 +42,15 @@ class Kinematics:
 
     def __init__(self, mechanism: Mechanism, symbols: Mapping[str, float] | None = None) -> None:
         self.mechanism = mechanism
-        self._given = symbols
         self._program = Program()
-        self._argument = _positions(mechanism, self._program)
         self._nodes = [
             entry.node
             for rotation, shift in body_frames(Recorder(mechanism, self._program))
             for row, x in zip(rotation, shift, strict=True)
             for entry in (*row, x)
         ]
+        self._arguments = Arguments(mechanism, self._program, {}).of(("q", "symbols"), self._nodes)
+        self._symbols = geometry_values(mechanism, self._arguments, symbols)
 
     def frames(self, q: npt.ArrayLike) -> Floats:
         """Frames of all bodies in the base frame.
@@ -80,7 +79,7 @@ class Kinematics:
         array of shape (N, bodies, 3, 4, positions)
         """
         found = self._derivatives({"q": q, **self._symbols})
-        return found.reshape(len(found), -1, 3, 4, len(self._argument))
+        return found.reshape(len(found), -1, 3, 4, len(self._arguments[0]))
 
     @cached_property
     def _values(self) -> Kernel:
@@ -91,9 +90,9 @@ class Kinematics:
 
     @cached_property
     def _derivatives(self) -> Kernel:
-        found = derivatives(self._program, self._nodes, self._argument.nodes)
+        found = derivatives(self._program, self._nodes, self._arguments[0].nodes)
         entries: dict[tuple[int, ...], int] = dict(found.items())
-        return Kernel(self._function("frame_slopes", entries, (self._labels, self._argument.labels)))
+        return Kernel(self._function("frame_slopes", entries, (self._labels, self._arguments[0].labels)))
 
     @cached_property
     def _labels(self) -> tuple[str, ...]:
@@ -102,29 +101,7 @@ class Kinematics:
     def _function(
         self, name: str, entries: Mapping[tuple[int, ...], int], axes: tuple[tuple[str, ...], ...]
     ) -> Function:
-        arguments = (self._argument, *self._symbol_arguments)
-        return Function(name, self._program, arguments, entries, axes)
-
-    @cached_property
-    def _symbol_arguments(self) -> tuple[Argument, ...]:
-        used = [n for n in self._program.needed(self._nodes) if self._program.ops[n] == Op.INPUT]
-        nodes = [n for n in used if self._program.inputs[n].role == "symbol"]
-        if not nodes:
-            return ()
-        names = tuple(self._program.inputs[n].name for n in nodes)
-        return (Argument("symbols", tuple(nodes), names, ("SI",) * len(nodes), "geometry", uniform=True),)
-
-    @cached_property
-    def _symbols(self) -> dict[str, Floats]:
-        if not self._symbol_arguments:
-            return {}
-        known = symbol_values(self.mechanism, self._symbol_arguments[0].labels, self._given)
-        return {"symbols": np.array(list(known.values()))}
-
-
-def _positions(mechanism: Mechanism, program: Program) -> Argument:
-    nodes = tuple(program.input(f"q[{name}]").node for name in mechanism.positions)
-    return Argument("q", nodes, mechanism.positions, ("SI",) * len(nodes), "positions")
+        return Function(name, self._program, self._arguments, entries, axes)
 
 
 def body_frames(recorder: Recorder) -> list[tuple[Mat, Vec]]:

@@ -14,8 +14,8 @@ from echelon.excite.families.bsplines import uniform_splines
 from echelon.excite.families.fourier import Fourier
 from echelon.excite.families.sums import Sum
 from echelon.excite.information import Information
-from echelon.excite.loops import state_regressor
-from echelon.excite.loops_problem import LoopProblem
+from echelon.excite.loops.problem import LoopProblem
+from echelon.excite.loops.regressor import state_regressor
 from echelon.excite.poses import start_pose
 from echelon.excite.problem import Problem
 from echelon.excite.task import Task, names_of

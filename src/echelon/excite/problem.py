@@ -1,7 +1,7 @@
 """The optimisation problem: coefficients of a motion, a criterion, and constraints at samples.
 
-Limits are drawn in by a share of their range, so that a motion that keeps them at the samples keeps them in between;
-whether it does is found out afterwards (:mod:`echelon.excite.verification`), not believed.
+Whether a motion that keeps its limits at the samples keeps them in between is found out afterwards
+(:mod:`echelon.excite.verification`); where it does not, limits are drawn in (:mod:`echelon.excite.safety`).
 """
 
 from __future__ import annotations
@@ -43,9 +43,7 @@ class Problem:
     information : Information
     criterion : Criterion
     limits : tuple of MotionLimit
-        Drawn in.
     constraints : tuple of StateConstraint
-        Drawn in.
     centre : array of shape (n,)
         A pose that keeps all limits.
     asked : tuple of array of bool, shape (grid, m), optional
@@ -199,9 +197,14 @@ class Problem:
 
     def violation(self, x: Floats) -> float:
         """The largest violation of any limit at the samples, relative to its range; negative if there is room."""
-        A, low, high = self.linear
-        found = [_beyond(A @ x, low, high), *(over.ravel() for over in self.violations(x))]
+        found = [self._beyond_limits(x), *(over.ravel() for over in self.violations(x))]
         return float(np.max(np.concatenate(found), initial=-np.inf))
+
+    def _beyond_limits(self, x: Floats) -> Floats:
+        """The largest violation of each limit of the motion."""
+        A, low, high = self.linear
+        found: Floats = _beyond(A @ x, low, high).reshape(len(self.limits), len(self.grid)).max(axis=1, initial=-np.inf)
+        return found
 
     def violations(self, x: Floats) -> list[Floats]:
         """Of every constraint the same, of each function at each sample, shape (grid, m)."""
@@ -222,9 +225,8 @@ class Problem:
         ----------
         x : array of shape (size,)
         """
-        A, low, high = self.linear
-        over = _beyond(A @ x, low, high).reshape(len(self.limits), -1).max(axis=1, initial=-np.inf)
-        limits = tuple(limit for limit, v in zip(self.limits, over, strict=True) if v > -_NEAR or limit.order < 2)
+        over = zip(self.limits, self._beyond_limits(x), strict=True)
+        limits = tuple(limit for limit, v in over if v > -_NEAR or limit.order < 2)
         near = [(v > -_NEAR).any(axis=0) for v in self.violations(x)]
         rows = len(self.grid)
         return replace(self, limits=limits, asked=tuple(np.tile(functions, (rows, 1)) for functions in near))
@@ -237,9 +239,8 @@ class Problem:
         part : Problem
         x : array of shape (size,)
         """
-        A, low, high = self.linear
-        over = _beyond(A @ x, low, high).reshape(len(self.limits), -1).max(axis=1, initial=-np.inf)
-        limits = tuple(limit for limit, v in zip(self.limits, over, strict=True) if v > BROKEN or limit in part.limits)
+        over = zip(self.limits, self._beyond_limits(x), strict=True)
+        limits = tuple(limit for limit, v in over if v > BROKEN or limit in part.limits)
         assert part.asked is not None
         violations = self.violations(x)
         broken = [v > BROKEN for v in violations]

@@ -14,13 +14,12 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from echelon.dynamics.arguments import STATE
+from echelon.dynamics.arguments import STATE, geometry_values
 from echelon.dynamics.functions import robot_function
 from echelon.errors import InputError
 from echelon.excite.constraints.state import smooth_function
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.values import symbol_values
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Argument, Function
 from echelon.program.tape import Scalar
@@ -81,7 +80,7 @@ class StateRegressor:
             labels = next(a.labels for a in function.arguments if a.name == "inputs")
             raise InputError(f"effects need the measured inputs of {', '.join(labels)}, which no trajectory fixes")
         self.function = function if smooth is None else smooth_function(function, smooth)
-        self._symbols = _symbols(mechanism, self.function, symbols)
+        self._symbols = geometry_values(mechanism, self.function.arguments, symbols)
         self._entries = Kernel(self.function, sparse=True)
         self._pullback = Kernel(pullback(self.function))
 
@@ -143,9 +142,3 @@ def _ordered(function: Function) -> Function:
     return Function(
         function.name, function.program, function.arguments, entries, function.axes, function.units, function.meaning
     )
-
-
-def _symbols(mechanism: Mechanism, function: Function, symbols: Mapping[str, float] | None) -> dict[str, Floats]:
-    labels = next((a.labels for a in function.arguments if a.name == "symbols"), ())
-    known = symbol_values(mechanism, labels, symbols)
-    return {"symbols": np.array(list(known.values()))} if labels else {}

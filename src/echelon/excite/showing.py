@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from echelon.excite.criteria import condition_number, log_det
 from echelon.excite.design import sample_times
-from echelon.excite.loops import state_regressor
+from echelon.excite.loops.regressor import state_regressor
 from echelon.excite.result import Shown
 from echelon.excite.task import Task
 from echelon.excite.trajectory import Trajectory

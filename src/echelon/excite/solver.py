@@ -15,8 +15,6 @@ from echelon.errors import MissingExtraError
 from echelon.excite.problem import BROKEN, Problem
 
 Floats = npt.NDArray[np.float64]
-OnStep = Callable[[int, float], None]
-"""Told the number of an iteration and the best value so far."""
 
 _OPTIONS = {
     "ipopt.hessian_approximation": "limited-memory",
@@ -119,7 +117,7 @@ class _Known:
         return self._found
 
 
-def solve(problem: Problem, start: Floats, options: SolverOptions, best: Best, on_step: OnStep | None = None) -> Ended:
+def solve(problem: Problem, start: Floats, options: SolverOptions, best: Best) -> Ended:
     """Minimise from one starting point.
 
     Parameters
@@ -129,7 +127,6 @@ def solve(problem: Problem, start: Floats, options: SolverOptions, best: Best, o
     options : SolverOptions
     best : Best
         Is offered every iterate.
-    on_step : callable, optional
 
     Raises
     ------
@@ -147,7 +144,7 @@ def solve(problem: Problem, start: Floats, options: SolverOptions, best: Best, o
         both = _Known(lambda v: (problem.constrained(v), lambda: problem.slopes(v)))
         constraints = _callback(casadi, "constraints", problem.size, least.size, both)
         parts.append(constraints(x))
-    watch = _watch(casadi, problem.size, A.shape[0] + least.size, best, options, on_step)
+    watch = _watch(casadi, problem.size, A.shape[0] + least.size, best, options)
     settings = _OPTIONS | {
         "ipopt.tol": options.tolerance,
         "ipopt.acceptable_tol": 10 * options.tolerance,
@@ -224,14 +221,13 @@ def _callback(casadi: Any, name: str, unknowns: int, size: int, evaluate: Callab
     return Value()
 
 
-def _watch(casadi: Any, unknowns: int, rows: int, best: Best, options: SolverOptions, on_step: OnStep | None) -> Any:
-    """What follows the iterations: remembers the best, reports, and stops when time is up."""
+def _watch(casadi: Any, unknowns: int, rows: int, best: Best, options: SolverOptions) -> Any:
+    """What follows the iterations: remembers the best, and stops when time is up."""
     sizes = {"x": unknowns, "f": 1, "g": rows, "lam_x": unknowns, "lam_g": rows, "lam_p": 0}
 
     class Watch(casadi.Callback):  # type: ignore[misc]
         def __init__(self) -> None:
             casadi.Callback.__init__(self)
-            self.count = 0
             self.construct("watch", {})
 
         def get_n_in(self) -> int:
@@ -248,9 +244,6 @@ def _watch(casadi: Any, unknowns: int, rows: int, best: Best, options: SolverOpt
 
         def eval(self, given: Any) -> Any:
             best.offer(np.asarray(given[0]).ravel(), float(given[1]))
-            self.count += 1
-            if on_step is not None:
-                on_step(self.count, best.value)
             return [int(perf_counter() > options.deadline)]
 
     return Watch()

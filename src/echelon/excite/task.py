@@ -21,10 +21,10 @@ from echelon.excite.constraints.effort import effort_limits
 from echelon.excite.constraints.frames import PointLimit, point_limits
 from echelon.excite.constraints.state import StateConstraint
 from echelon.excite.limits import ResolvedLimits, resolved_limits
-from echelon.excite.loops import check_loops
-from echelon.excite.loops_limits import LoopEfforts, LoopLimits, LoopPart
-from echelon.excite.loops_motion import LoopMotion
-from echelon.excite.loops_positions import LoopPositions
+from echelon.excite.loops.limits import LoopEfforts, LoopLimits, LoopPart
+from echelon.excite.loops.motion import LoopMotion
+from echelon.excite.loops.positions import LoopPositions
+from echelon.excite.loops.regressor import check_loops
 from echelon.formats.limits import stated_limits
 from echelon.formats.schema_excite import EVERY, ExcitationEntry, FrameEntry
 from echelon.hints import nearest_of

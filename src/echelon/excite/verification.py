@@ -18,7 +18,7 @@ from echelon.excite.collisions.certificate import least_clearances
 from echelon.excite.collisions.constraint import Clearance
 from echelon.excite.constraints.motion import MotionLimit
 from echelon.excite.constraints.state import StateLimits
-from echelon.excite.loops_limits import LoopLimits
+from echelon.excite.loops.limits import LoopLimits
 from echelon.excite.margins import Margin
 from echelon.excite.task import Task
 from echelon.excite.trajectory import Trajectory

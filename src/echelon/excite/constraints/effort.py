@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from echelon.dynamics.arguments import geometry_values
 from echelon.dynamics.functions import robot_function
 from echelon.errors import InputError
 from echelon.excite.constraints.state import StateLimits
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, JointForce, Output, plain
-from echelon.mechanism.values import symbol_values
 
 Floats = npt.NDArray[np.float64]
 
@@ -71,10 +71,7 @@ def effort_limits(
     outputs = tuple(_output(mechanism, limit) for limit in limits)
     measured = replace(mechanism, measured=outputs, reading=None)
     function = robot_function("inverse_dynamics", measured, range(len(mechanism.parameters)))
-    uniform: dict[str, Floats] = {"parameters": standard}
-    for argument in function.arguments:
-        if argument.name == "symbols":
-            uniform["symbols"] = np.array(list(symbol_values(mechanism, argument.labels, symbols).values()))
+    uniform = {"parameters": standard, **geometry_values(mechanism, function.arguments, symbols)}
     high = np.array([limit.limit for limit in limits]) * (1 - margin)
     labels = tuple(f"{'force' if limit.unit == 'N' else 'torque'} of {limit.name}" for limit in limits)
     return StateLimits(function, uniform, labels, tuple(limit.unit for limit in limits), -high, high, smooth)

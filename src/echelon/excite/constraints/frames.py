@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 import numpy.typing as npt
 
+from echelon.dynamics.arguments import Arguments, geometry_values
 from echelon.dynamics.kinematics import body_frames
 from echelon.errors import InputError
 from echelon.excite.constraints.state import StateLimits
 from echelon.hints import nearest_of
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.values import symbol_values
-from echelon.program.function import Argument, Function
-from echelon.program.operations import Op
+from echelon.program.function import Function
 from echelon.program.tape import Program
 from echelon.regressor.spatial import add, apply
 from echelon.regressor.steps import Recorder
@@ -81,27 +80,12 @@ def point_limits(
         value = sum((Fraction(d) * x for d, x in zip(limit.direction, place, strict=True)), program.zero)
         if value.node != program.zero.node:
             entries[(row,)] = value.node
-    function = Function("points", program, _arguments(mechanism, program, entries.values()), entries, (_axis(limits),))
-    uniform = {
-        argument.name: np.array(list(symbol_values(mechanism, argument.labels, symbols).values()))
-        for argument in function.arguments
-        if argument.uniform
-    }
+    arguments = Arguments(mechanism, program, {}).of(("q", "symbols"), entries.values())
+    function = Function("points", program, arguments, entries, (_axis(limits),))
+    uniform = geometry_values(mechanism, arguments, symbols)
     low, high = np.array([limit.low for limit in limits]), np.array([limit.high for limit in limits])
     return StateLimits(function, uniform, _axis(limits), ("m",) * len(limits), low, high)
 
 
 def _axis(limits: Sequence[PointLimit]) -> tuple[str, ...]:
     return tuple(limit.name for limit in limits)
-
-
-def _arguments(mechanism: Mechanism, program: Program, outputs: Iterable[int]) -> tuple[Argument, ...]:
-    positions = tuple(program.input(f"q[{name}]").node for name in mechanism.positions)
-    units = ("SI",) * len(positions)
-    found = [Argument("q", positions, mechanism.positions, units, "joint positions")]
-    used = [n for n in program.needed(outputs) if program.ops[n] == Op.INPUT]
-    symbols = {program.inputs[n].name: n for n in used if program.inputs[n].role == "symbol"}
-    if symbols:
-        nodes, names = tuple(symbols.values()), tuple(symbols)
-        found.append(Argument("symbols", nodes, names, ("SI",) * len(nodes), "geometry", uniform=True))
-    return tuple(found)

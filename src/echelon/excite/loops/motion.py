@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from echelon.excite.loops_positions import Closed, LoopPositions, quaternion_parts
+from echelon.excite.loops.positions import Closed, LoopPositions, quaternion_parts
 
 Floats = npt.NDArray[np.float64]
 

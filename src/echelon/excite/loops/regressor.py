@@ -2,11 +2,11 @@
 
 With loops the recorded regressor has one row, the power in a virtual motion, which is evaluated for each output with
 the virtual velocities of that output.  All dependent quantities follow from the closures, and so do derivatives
-(:mod:`echelon.excite.loops_motion`).
+(:mod:`echelon.excite.loops.motion`).
 
 Next to singular configurations dependent velocities grow beyond all bounds, and with them what a motion seems to show.
 So samples there count less and less, and not at all where the loops cannot be closed: a solver is not drawn to where a
-constraint (:class:`echelon.excite.loops_limits.LoopLimits`) will not let it stay, and its trial points have values.
+constraint (:class:`echelon.excite.loops.limits.LoopLimits`) will not let it stay, and its trial points have values.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
-from echelon.excite.loops_motion import LoopMotion, Slopes
-from echelon.excite.loops_positions import Closed
+from echelon.excite.loops.motion import LoopMotion, Slopes
+from echelon.excite.loops.positions import Closed
 from echelon.excite.pullback import ADJOINT, Rows, StateRegressor
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from echelon.excite.loops_closures import ClosureKernels
+from echelon.excite.loops.closures import ClosureKernels
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.loops.assembly import Assembly

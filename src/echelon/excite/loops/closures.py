@@ -13,12 +13,11 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from echelon.dynamics.arguments import Arguments
+from echelon.dynamics.arguments import Arguments, geometry_values
 from echelon.excite.pullback import ADJOINT, pullback
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.values import symbol_values
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Function
 from echelon.program.tape import Program, Scalar
@@ -105,8 +104,7 @@ class _Code:
 
     def __init__(self, function: Function, mechanism: Mechanism, symbols: Mapping[str, float] | None) -> None:
         self.places = np.array(list(function.entries), dtype=np.intp).reshape(-1, len(function.axes)).T
-        uniform = [argument for argument in function.arguments if argument.uniform]
-        self._values = {a.name: np.array(list(symbol_values(mechanism, a.labels, symbols).values())) for a in uniform}
+        self._values = geometry_values(mechanism, function.arguments, symbols)
         self._kernel = Kernel(function, sparse=True)
         self._pullback = Kernel(pullback(function))
 

@@ -16,9 +16,9 @@ import numpy.typing as npt
 from echelon.excite.constraints.effort import EffortLimit, effort_limits
 from echelon.excite.constraints.state import Slopes as StateSlopes
 from echelon.excite.constraints.state import StateConstraint, smooth_function
-from echelon.excite.loops import SEEN, outputs_of
-from echelon.excite.loops_motion import LoopMotion, Slopes
-from echelon.excite.loops_positions import Closed
+from echelon.excite.loops.motion import LoopMotion, Slopes
+from echelon.excite.loops.positions import Closed
+from echelon.excite.loops.regressor import SEEN, outputs_of
 from echelon.excite.margins import Margin
 from echelon.excite.pullback import ADJOINT, pullback
 from echelon.excite.trajectory import Trajectory
