@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import numpy.typing as npt
 
+import echelon as ec
 from echelon.base.model import BaseModel
-from echelon.identification.physics.constraints import Roles
+from echelon.identification.physics.constraints import Roles, roles
 from echelon.inertia.spatial import from_pseudo_inertia
 from echelon.mechanism.values import characteristic_length
 from echelon.observe.observation import Observation
@@ -19,6 +22,13 @@ def body_of_points(rng: np.random.Generator, size: float = 0.2, mass: float = 1.
     points = np.column_stack([size * (rng.standard_normal((6, 3)) + rng.standard_normal(3)), np.ones(6)])
     masses = mass * rng.uniform(0.1, 1, 6) / 6
     return np.asarray(from_pseudo_inertia((points.T * masses) @ points))
+
+
+@cache
+def model(name: str) -> tuple[BaseModel, Roles]:
+    """An example's base parameters, and which standard parameters are bodies."""
+    base = ec.base_parameters(ec.load(f"examples/{name}.yaml"))
+    return base, roles(base.mechanism)
 
 
 def robot(role: Roles, rng: np.random.Generator, mass: float = 1.0) -> Floats:
