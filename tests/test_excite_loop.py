@@ -86,6 +86,7 @@ def _arm() -> System:
             "preparation": {"delays": dict.fromkeys(JOINTS, 0)},
             "identification": {"physical": False, "essential": "none"},
             "excitation": {
+                "harmonics": 5,
                 "duration": PERIOD,
                 "rate": RATE,
                 "noise": _by_name(NOISE),
@@ -347,7 +348,7 @@ def complement(first: Floats, seed: int, **changes: Any) -> Floats:
 def test_a_complement_is_better_than_a_repetition() -> None:
     for seed in range(2):
         first = rows(excited(seed).trajectory).information
-        assert log_det(first + complement(first, seed + 10, starts=1)) > log_det(2 * first) + 0.02 * len(first)
+        assert log_det(first + complement(first, seed + 10, starts=1)) > log_det(2 * first) + 0.1 * len(first)
 
 
 @pytest.mark.slow

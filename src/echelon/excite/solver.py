@@ -31,6 +31,10 @@ _OPTIONS = {
 }
 
 
+_CREEPING = 0.25
+"""Share of the tolerance below which relative changes of the criterion count as none."""
+
+
 @dataclass(frozen=True)
 class SolverOptions:
     """When a start ends.
@@ -38,7 +42,7 @@ class SolverOptions:
     Attributes
     ----------
     tolerance : float
-        Relative change of the criterion and of optimality that ends it.
+        Of optimality; ten times as much does where the criterion does not get better by a quarter of it.
     iterations : int
         At most so many.
     deadline : float
@@ -148,7 +152,7 @@ def solve(problem: Problem, start: Floats, options: SolverOptions, best: Best) -
     settings = _OPTIONS | {
         "ipopt.tol": options.tolerance,
         "ipopt.acceptable_tol": 10 * options.tolerance,
-        "ipopt.acceptable_obj_change_tol": options.tolerance,
+        "ipopt.acceptable_obj_change_tol": _CREEPING * options.tolerance,
         "ipopt.acceptable_iter": 5,
         "ipopt.constr_viol_tol": BROKEN / 10,
         "ipopt.acceptable_constr_viol_tol": BROKEN / 10,
