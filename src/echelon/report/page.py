@@ -6,14 +6,11 @@ requests to the network, so that it shows the same everywhere and tells nobody t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
-
 from echelon.errors import one_line
 from echelon.identification.result import Identification
 from echelon.report.environment import plotly_source, render
 from echelon.report.payload import payload
+from echelon.report.section import Section
 from echelon.report.sections import (
     conditioning,
     header,
@@ -27,25 +24,6 @@ from echelon.report.sections import (
     traces,
 )
 from echelon.version import __version__
-
-
-@dataclass(frozen=True)
-class Section:
-    """A part of the report.
-
-    Attributes
-    ----------
-    key : str
-        Its anchor, and the name of its template.
-    title : str
-    context : callable
-        From an identification to what the template shows.
-    """
-
-    key: str
-    title: str
-    context: Callable[[Identification], Mapping[str, Any]]
-
 
 SECTIONS = (
     Section("summary", "Fit of each output", summary.context),

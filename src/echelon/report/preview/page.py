@@ -6,35 +6,13 @@ report, the page forbids its own requests to the network.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
-
 from echelon.errors import one_line
 from echelon.excite.result import ExcitingTrajectory
 from echelon.report.environment import plotly_source, render
 from echelon.report.payload import script_safe
 from echelon.report.preview import header, limits, motion, scene, showing, starts
+from echelon.report.section import Section
 from echelon.version import __version__
-
-
-@dataclass(frozen=True)
-class Section:
-    """A part of the page.
-
-    Attributes
-    ----------
-    key : str
-        Its anchor, and with ``preview_`` before it the name of its template.
-    title : str
-    context : callable
-        From a trajectory to what the template shows.
-    """
-
-    key: str
-    title: str
-    context: Callable[[ExcitingTrajectory], Mapping[str, Any]]
-
 
 SECTIONS = (
     Section("robot", "How the robot moves", scene.context),
