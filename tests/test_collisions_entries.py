@@ -38,12 +38,16 @@ def test_entries() -> None:
     # at zero the sphere is at (2.5, 0, 0.1) over the plane, and 1.5 from the end of the capsule
     zero = np.zeros((1, 3))
     clearance = clearance_of(mechanism, shapes, 0.01, reach=10.0)
-    assert clearance.labels[1] == "distance of world and link3"
+    assert clearance.labels == (
+        "distance of link2 and world",
+        "distance of link3 and world",
+        "distance of link1 and link3",
+    )
     found = dict(zip(clearance.labels, clearance.values(zero, zero, zero)[0], strict=True))
-    assert found["distance of world and link3"] == pytest.approx(0.2 - 0.06)
+    assert found["distance of link3 and world"] == pytest.approx(0.2 - 0.06)
     assert found["distance of link1 and link3"] == pytest.approx(np.hypot(1.5, 0.1) - 0.11)
     # the box stands on the plane; hulls have single precision in MuJoCo
-    assert found["distance of world and link2"] == pytest.approx(0.0, abs=1e-7)
+    assert found["distance of link2 and world"] == pytest.approx(0.0, abs=1e-7)
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ mujoco = pytest.importorskip("mujoco")
 
 def brute(clearance: Clearance, model: Any, data: Any, geoms: dict[str, int]) -> Floats:
     """Smallest distances of the same pairs of bodies by MuJoCo, at its own frames."""
-    least = np.full(len(clearance.bodies), clearance.reach)
+    least = np.full(len(clearance.owners), clearance.reach)
     for (i, j), group in zip(clearance.pairs.tolist(), clearance.groups.tolist(), strict=True):
         ends = [geoms[clearance.shapes[k].name] for k in (i, j)]
         least[group] = min(least[group], mujoco.mj_geomDistance(model, data, *ends, clearance.reach, None))

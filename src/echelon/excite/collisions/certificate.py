@@ -94,7 +94,7 @@ class _Search:
         shapes, pairs = clearance.shapes, clearance.pairs.tolist()
         n = len(clearance.mechanism.positions)
         self.levers = np.array([levers.between(shapes[i], shapes[j]) for i, j in pairs]).reshape(-1, n)
-        count = len(clearance.bodies)
+        count = len(clearance.owners)
         self.bounds, self.found = np.full(count, clearance.reach), np.full(count, clearance.reach)
         self.times = np.zeros(count)
 

@@ -17,12 +17,12 @@ import numpy.typing as npt
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import InputError
 from echelon.excite.collisions.engine import Engine
-from echelon.excite.collisions.pairs import body_name, checked_pairs
-from echelon.excite.collisions.shapes import Shape
+from echelon.excite.collisions.pairs import checked_pairs, owner_name
+from echelon.excite.collisions.shapes import Owner, Shape
 from echelon.excite.collisions.supports import Balls
 from echelon.excite.constraints.state import Slopes
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.mechanism import GROUND, Mechanism
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.intp]
@@ -35,7 +35,7 @@ _TOUCHING = 1e-12  # m, below which points do not tell a normal
 
 @dataclass(frozen=True)
 class Nearest:
-    """For every state and pair of bodies, its nearest pair of shapes.
+    """For every state and pair of owners, its nearest pair of shapes.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Clearance:
     mechanism : Mechanism
     shapes : tuple of Shape
     pairs : array of shape (P, 2)
-        Indices of shapes that are checked, pairs of the same bodies next to each other.
+        Indices of shapes that are checked, pairs of the same owners next to each other.
     clearance : float
         Least distance, m.
     reach : float
@@ -86,38 +86,38 @@ class Clearance:
     notes: tuple[str, ...] = ()
 
     @cached_property
-    def bodies(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of bodies, −1 for the world: what the values belong to."""
-        carriers = ((self.shapes[i].body, self.shapes[j].body) for i, j in self.pairs.tolist())
-        return tuple(dict.fromkeys(carriers))
+    def owners(self) -> tuple[tuple[Owner, Owner], ...]:
+        """Pairs of bodies, or of an obstacle and a body: what the values belong to."""
+        return tuple(dict.fromkeys(self._owners))
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """``"distance of link2 and link5"``."""
-        names = [[body_name(self.mechanism, body) for body in pair] for pair in self.bodies]
+        """``"distance of link2 and link5"``; what does not move comes last: ``"distance of link3 and table"``."""
+        moving_first = (pair[::-1] if pair[0][0] == GROUND else pair for pair in self.owners)
+        names = [[owner_name(self.mechanism, owner) for owner in pair] for pair in moving_first]
         return tuple(f"distance of {first} and {second}" for first, second in names)
 
     @property
     def units(self) -> tuple[str, ...]:
         """Metres."""
-        return ("m",) * len(self.bodies)
+        return ("m",) * len(self.owners)
 
     @property
     def low(self) -> Floats:
         """The clearance, shape (m,)."""
-        return np.full(len(self.bodies), self.clearance)
+        return np.full(len(self.owners), self.clearance)
 
     @property
     def high(self) -> Floats:
         """None: ∞, shape (m,)."""
-        return np.full(len(self.bodies), np.inf)
+        return np.full(len(self.owners), np.inf)
 
     def __getstate__(self) -> dict[str, object]:
         """Copies make their own engine: it belongs to one process."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:  # noqa: ARG002
-        """Smallest distances of the pairs of bodies.
+        """Smallest distances of the pairs of owners.
 
         Parameters
         ----------
@@ -149,7 +149,7 @@ class Clearance:
             points, distances = found.points[states, columns], found.distances[states, columns]
             normals = _normals(points, distances)
             for side, sign in ((0, -1.0), (1, 1.0)):
-                carriers = np.array(self.bodies)[columns, side]
+                carriers = np.array([pair[side][0] for pair in self.owners])[columns]
                 some = np.flatnonzero(carriers >= 0)  # the world does not move
                 at, on, n = states[some], carriers[some], sign * normals[some]
                 arms = points[some, side] - frames[at, on, :, 3]
@@ -159,7 +159,7 @@ class Clearance:
         return slopes, None, None
 
     def nearest(self, q: Floats) -> Nearest:
-        """The nearest shapes of all pairs of bodies.
+        """The nearest shapes of all pairs of owners.
 
         Parameters
         ----------
@@ -173,7 +173,7 @@ class Clearance:
         distances[asked[:, 0], asked[:, 1]] = np.minimum(measured.distances, self.reach)
         points = np.zeros((*distances.shape, 2, 3))
         points[asked[:, 0], asked[:, 1]] = measured.points
-        if not self.bodies:
+        if not self.owners:
             return Nearest(distances, np.zeros(distances.shape, dtype=np.intp), points, places)
         ends = [*self.starts[1:].tolist(), len(self.pairs)]
         least = np.column_stack(
@@ -205,15 +205,19 @@ class Clearance:
 
     @cached_property
     def groups(self) -> Integers:
-        """For every pair of shapes, the index of its pair of bodies, shape (P,)."""
-        index = {pair: k for k, pair in enumerate(self.bodies)}
-        carriers = [(self.shapes[i].body, self.shapes[j].body) for i, j in self.pairs.tolist()]
-        return np.array([index[pair] for pair in carriers], dtype=np.intp)
+        """For every pair of shapes, the index of its pair of owners, shape (P,)."""
+        index = {pair: k for k, pair in enumerate(self.owners)}
+        return np.array([index[pair] for pair in self._owners], dtype=np.intp)
 
     @cached_property
     def starts(self) -> Integers:
-        """The first pair of shapes of every pair of bodies, shape (m,)."""
-        return np.searchsorted(self.groups, np.arange(len(self.bodies)))
+        """The first pair of shapes of every pair of owners, shape (m,)."""
+        return np.searchsorted(self.groups, np.arange(len(self.owners)))
+
+    @property
+    def _owners(self) -> list[tuple[Owner, Owner]]:
+        """Of every pair of shapes."""
+        return [(self.shapes[i].owner, self.shapes[j].owner) for i, j in self.pairs.tolist()]
 
 
 def clearance_of(

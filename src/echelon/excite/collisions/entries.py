@@ -89,7 +89,8 @@ class _Entry:
         if strange is not None:
             raise self._error(f"'{strange}' has no meaning for a {self.kind} (valid: {', '.join(valid)})")
         self.body = self._body()
-        self.name = str(entry.get("name", f"{entry['body']}:{self.kind}{number}"))
+        unnamed = f"{self.kind} {number}" if self.body == GROUND else f"{entry['body']}:{self.kind}{number}"
+        self.name = str(entry.get("name", unnamed))
 
     def shape(self) -> Shape:
         """The entry as a shape."""

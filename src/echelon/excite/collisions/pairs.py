@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.excite.collisions.entries import WORLD
-from echelon.excite.collisions.shapes import Shape
+from echelon.excite.collisions.shapes import Owner, Shape
 from echelon.mechanism.mechanism import GROUND, Mechanism
 
 Integers = npt.NDArray[np.intp]
@@ -30,15 +30,16 @@ def checked_pairs(
     mechanism : Mechanism
     shapes : sequence of Shape
     exclude : sequence of (str, str)
-        Pairs of names that are not checked: of bodies, of links of the file that the shapes came with, or of shapes;
-        ``"world"`` for all that is fixed.
+        Pairs of names that are not checked: of bodies, of links of the file that the shapes came with, or of shapes
+        such as obstacles; ``"world"`` for all that is fixed.
     source : str, optional
         Where the exclusions come from, for messages.
 
     Returns
     -------
     array of shape (P, 2)
-        Indices of shapes, ordered by their bodies: the world, then parents before children.  Planes come first.
+        Indices of shapes, ordered by their owners: the world, obstacles as stated, then parents before children; pairs
+        of the same owners are next to each other.  Planes come first.
 
     Raises
     ------
@@ -54,13 +55,15 @@ def checked_pairs(
             (first in a and second in b) or (first in b and second in a) for a, b in excluded
         ):
             found.append((first, second))
-    found.sort(key=lambda pair: (shapes[pair[0]].body, shapes[pair[1]].body))
+    order = {owner: k for k, owner in enumerate(dict.fromkeys(shape.owner for shape in shapes))}
+    found.sort(key=lambda pair: [(shapes[k].body, order[shapes[k].owner]) for k in pair])
     return np.array(found, dtype=np.intp).reshape(-1, 2)
 
 
-def body_name(mechanism: Mechanism, body: int) -> str:
-    """Name of a body, ``"world"`` for the fixed world."""
-    return WORLD[0] if body == GROUND else mechanism.bodies[body].name
+def owner_name(mechanism: Mechanism, owner: Owner) -> str:
+    """Name of an obstacle or a body, ``"world"`` for what else is fixed."""
+    body, obstacle = owner
+    return obstacle or (WORLD[0] if body == GROUND else mechanism.bodies[body].name)
 
 
 def moving_body(mechanism: Mechanism, body: int) -> int:
@@ -93,7 +96,8 @@ def _meant(mechanism: Mechanism, shapes: Sequence[Shape], name: str, source: str
     """The shapes that a name stands for."""
     bodies = [body.name for body in mechanism.bodies]
     known = {name for shape in shapes for name in (shape.name, shape.link) if name}
-    body = bodies.index(name) if name in bodies else GROUND if name in WORLD else None
+    fixed = set(WORLD) - known  # an obstacle that is called ground stands for itself
+    body = bodies.index(name) if name in bodies else GROUND if name == WORLD[0] or name in fixed else None
     if body is None and name not in known:
         valid = ", ".join(dict.fromkeys((*bodies, WORLD[0], *sorted(known))))
         raise InputError(f"there is no body, link or shape '{name}' to exclude (valid: {valid})", source=source)

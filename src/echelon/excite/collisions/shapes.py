@@ -44,6 +44,10 @@ _SIZES = {
 }
 
 
+Owner = tuple[int, str]
+"""A body, −1 for the world, and the name of an obstacle; no name for all that belongs to the robot."""
+
+
 @dataclass(frozen=True, eq=False)
 class Shape:
     """A convex solid.
@@ -67,7 +71,7 @@ class Shape:
     link : str
         The link of a file that it came with, if any.
     obstacle : bool
-        Whether it is no part of the robot, so that no body may touch it.
+        Whether it is no part of the robot, so that no body may touch it, and distances to it bear its name.
 
     Raises
     ------
@@ -96,6 +100,11 @@ class Shape:
             raise self._error("a plane is endless: it can only belong to the world")
         self._check_placement()
         self._check_vertices()
+
+    @property
+    def owner(self) -> Owner:
+        """What distances of it are distances of: its body, or an obstacle by its name."""
+        return self.body, self.name if self.obstacle else ""
 
     def _check_placement(self) -> None:
         if self.placement.shape != (4, 4) or not np.all(np.isfinite(self.placement)):
