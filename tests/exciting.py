@@ -13,7 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 import echelon as ec
-from echelon.excite.constraints.effort import EffortLimit, effort_limits
+from echelon.excite.constraints.effort import effort_limits
+from echelon.excite.constraints.effort_bounds import EffortLimit
+from echelon.excite.constraints.effort_model import EffortModel
 from echelon.excite.constraints.frames import PointLimit, point_limits
 from echelon.excite.constraints.state import StateLimits
 from echelon.excite.families.basis import Basis, Recombined, resting_ends
@@ -89,7 +91,10 @@ def ur10() -> Mechanism:
 def torques(mechanism: Mechanism, standard: Floats, limit: float = 100.0, **changes: float | None) -> StateLimits:
     names = [EffortLimit(name, "N·m", limit + k) for k, name in enumerate(mechanism.velocities)]
     settings = {"margin": 0.1, "smooth": None} | changes
-    return effort_limits(mechanism, names, standard, settings["margin"] or 0.0, settings["smooth"])
+    model = EffortModel(standard)
+    found = effort_limits(mechanism, names, model, settings["margin"] or 0.0, settings["smooth"])
+    assert isinstance(found, StateLimits)
+    return found
 
 
 def tx40_standard() -> tuple[Mechanism, Floats]:

@@ -6,6 +6,7 @@ another way (interpreted, with singular values), and trajectories with random on
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields as fields_of
 from dataclasses import replace
 from functools import cache
@@ -17,7 +18,8 @@ import pytest
 
 import echelon as ec
 import linkages
-from echelon.excite.constraints.effort import EffortLimit
+from echelon.excite.constraints.effort_bounds import EffortLimit
+from echelon.excite.constraints.effort_model import EffortModel
 from echelon.excite.constraints.frames import PointLimit, point_limits
 from echelon.excite.design import designed
 from echelon.excite.families.basis import resting_ends
@@ -139,15 +141,36 @@ def test_pulled_derivatives_are_those_of_differences(name: str) -> None:
         assert_slopes(found[kind], expected, 1e-3)
 
 
-@pytest.mark.parametrize("name", ["four-bar", "slider-crank", "delta", "gough_stewart"])
-def test_slopes_of_limits_are_those_of_differences(name: str) -> None:
+def certain(name: str, rng: np.random.Generator) -> EffortModel:
+    return EffortModel(rng.uniform(0.5, 1.0, len(mechanism(name).parameters)))
+
+
+def identified(name: str, rng: np.random.Generator) -> EffortModel:
+    """Base parameters with a covariance."""
+    found = base(name)
+    spread = rng.normal(size=(found.rank, found.rank - 1))
+    values = found.values(certain(name, rng).values)
+    return EffortModel(values, found.matrix.pivots, 0.01 * spread @ spread.T, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "made"),
+    [
+        ("four-bar", certain),
+        ("four-bar", identified),
+        ("slider-crank", certain),
+        ("delta", certain),
+        ("delta", identified),
+        ("gough_stewart", certain),
+    ],
+)
+def test_slopes_of_limits_are_those_of_differences(name: str, made: Callable[..., EffortModel]) -> None:
     robot, rng = mechanism(name), np.random.default_rng(7)
     efforts = [EffortLimit(output.name, output.unit, 10.0) for output in robot.outputs]
     points = [PointLimit("p", body.name, (0.1, 0.2, 0.3), (0.6, 0.0, 0.8), -1.0, 1.0) for body in robot.bodies[-2:]]
-    standard = rng.uniform(0.5, 1.0, len(robot.parameters))
     limits = LoopLimits(
         LoopMotion(robot),
-        [LoopEfforts(robot, efforts, standard, 0.1, 0.02), LoopPart(point_limits(robot, points))],
+        [LoopEfforts(robot, efforts, made(name, rng), 0.1, 0.02), LoopPart(point_limits(robot, points))],
     )
     state = states(limits.motion)
     found = dict(zip(state, limits.slopes(*state.values()), strict=True))
@@ -158,11 +181,25 @@ def test_slopes_of_limits_are_those_of_differences(name: str) -> None:
     assert np.abs(found["q"][:, 0]).max() > 1e-3  # openness does change
 
 
+def test_uncertain_efforts_are_those_of_the_base_model() -> None:
+    robot, model = mechanism("delta"), identified("delta", np.random.default_rng(8))
+    limited = [EffortLimit(output.name, output.unit, 10.0) for output in robot.outputs]
+    limits = LoopLimits(LoopMotion(robot), [LoopEfforts(robot, limited, model, 0.1, None)])
+    state = states(limits.motion)
+    X = base("delta").regressor(*state.values())
+    std = np.sqrt(np.einsum("nik,kl,nil->ni", X, model.covariance, X))
+    found = limits.values(*state.values())[:, 1:]
+    np.testing.assert_allclose(found[:, ::2], X @ model.values + 2 * std, rtol=1e-6)
+    np.testing.assert_allclose(found[:, 1::2], X @ model.values - 2 * std, rtol=1e-6, atol=1e-6)
+
+
 def test_efforts_are_those_of_the_base_model() -> None:
     """Inverse dynamics with standard parameters, and X with the base parameters that belong to them."""
     robot = mechanism("gough_stewart")
     standard = np.random.default_rng(8).uniform(0.5, 1.0, len(robot.parameters))
-    efforts = LoopEfforts(robot, [EffortLimit(o.name, o.unit, 10.0) for o in robot.outputs], standard, 0.1, None)
+    efforts = LoopEfforts(
+        robot, [EffortLimit(o.name, o.unit, 10.0) for o in robot.outputs], EffortModel(standard), 0.1, None
+    )
     limits = LoopLimits(LoopMotion(robot), [efforts])
     state = states(limits.motion)
     model = base("gough_stewart")

@@ -9,7 +9,9 @@ import pytest
 
 from arms import body, place, tree
 from echelon.errors import InputError
-from echelon.excite.constraints.effort import EffortLimit, effort_limits
+from echelon.excite.constraints.effort import effort_limits
+from echelon.excite.constraints.effort_bounds import EffortLimit
+from echelon.excite.constraints.effort_model import EffortModel
 from echelon.excite.constraints.frames import PointLimit, point_limits
 from echelon.excite.constraints.motion import MotionLimit
 from echelon.excite.constraints.state import StateConstraint
@@ -67,7 +69,7 @@ def weights(mechanism: Mechanism, *limits: float, arm: float = 0.5) -> list[Stat
     for k, name in enumerate(mechanism.parameters):
         standard[k] = {"M": 10.0, "MX": 10.0 * arm}.get(name.rstrip("0123456789"), 0.0)
     named = [EffortLimit(name, "N·m", limit) for name, limit in zip(mechanism.velocities, limits, strict=True)]
-    return [effort_limits(mechanism, named, standard, 0.0, None)]
+    return [effort_limits(mechanism, named, EffortModel(standard), 0.0, None)]
 
 
 def tip_of(pose: Floats) -> tuple[float, float]:
@@ -160,10 +162,10 @@ def test_weights_that_cannot_be_held_anywhere() -> None:
     lift = tree("lift", body(1, 0, "prismatic", translation("q1")), values={"g": "9.81"})
     limits = [EffortLimit("q1", "N", 90.0)]
     standard = np.where([name == "M1" for name in lift.parameters], 10.0, 0.0)
-    constraints = [effort_limits(lift, limits, standard, 0.0, None)]
+    constraints = [effort_limits(lift, limits, EffortModel(standard), 0.0, None)]
     with pytest.raises(InputError, match=r"keeps the limits of force of q1$"):
         start_pose(np.array([np.nan]), ranges((0, 1)), constraints, 0)
-    enough = [effort_limits(lift, [EffortLimit("q1", "N", 99.0)], standard, 0.0, None)]
+    enough = [effort_limits(lift, [EffortLimit("q1", "N", 99.0)], EffortModel(standard), 0.0, None)]
     np.testing.assert_allclose(start_pose(np.array([np.nan]), ranges((0, 1)), enough, 0), [0.5])
 
 

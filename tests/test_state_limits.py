@@ -11,7 +11,9 @@ import echelon as ec
 from echelon.base.model import BaseModel
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import InputError
-from echelon.excite.constraints.effort import EffortLimit, effort_limits
+from echelon.excite.constraints.effort import effort_limits
+from echelon.excite.constraints.effort_bounds import EffortLimit
+from echelon.excite.constraints.effort_model import EffortModel
 from echelon.excite.constraints.frames import PointLimit, point_limits
 from echelon.excite.constraints.motion import MotionLimit
 from echelon.excite.constraints.narrowed import narrowed
@@ -62,7 +64,7 @@ def test_torques_of_motors() -> None:
     ratios = np.diag([32.0, 32, 45, -48, 45, 32])
     ratios[5, 4] = 32
     limits = [EffortLimit(f"m{k + 1}", "N·m", 1.0) for k in range(6)]
-    found = effort_limits(mechanism, limits, standard, 0.0, None)
+    found = effort_limits(mechanism, limits, EffortModel(standard), 0.0, None)
     state = random_states(mechanism, 5)
     joints = torques(mechanism, standard).values(*state)
     np.testing.assert_allclose(found.values(*state) @ ratios, joints, atol=1e-11 * np.abs(joints).max())
@@ -71,7 +73,7 @@ def test_torques_of_motors() -> None:
 def test_forces_of_slides() -> None:
     cart = ec.load(EXAMPLES / "cart_pole.yaml")
     standard = np.random.default_rng(0).normal(size=len(cart.parameters))
-    found = effort_limits(cart, [EffortLimit(cart.velocities[0], "N", 5.0)], standard, 0.2, None)
+    found = effort_limits(cart, [EffortLimit(cart.velocities[0], "N", 5.0)], EffortModel(standard), 0.2, None)
     assert found.labels == (f"force of {cart.velocities[0]}",)
     assert (found.low[0], found.high[0]) == (-4.0, 4.0)
 

@@ -5,9 +5,10 @@ Only typer is imported here; each command imports what it needs when it runs, so
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -37,6 +38,10 @@ SetupFile = Annotated[
 Prior = Annotated[
     Path | None, typer.Option(help="The same robot with inertial values, for torques (URDF, MJCF, description).")
 ]
+Model = Annotated[
+    Path | None,
+    typer.Option(help="model.json of an identification, which predicts torques and how uncertain they are."),
+]
 
 
 @app.command(epilog="Example: echelon excite ur10.yaml -o motion/ --duration 10 --criterion condition")
@@ -59,6 +64,7 @@ def excite(
         list[Path] | None, typer.Option(help="A log at hand, which the trajectory complements; may be repeated.")
     ] = None,
     prior: Prior = None,
+    model: Model = None,
     formats: Annotated[
         list[str] | None, typer.Option("--format", "-f", help="Of samples: csv, parquet, yaml or mcap (ROS 2).")
     ] = None,
@@ -87,13 +93,14 @@ def excite(
         "starts": starts,
         "seed": seed,
         "seconds": seconds,
+        "model": model and str(model.absolute()),
     }
     request = ExciteRequest(
         setup,
         output,
         prior,
         tuple(complement or ()),
-        {name: value for name, value in changed.items() if value is not None},
+        _stated(changed),
         reading(floating, gravity, tolerance, every_link=every_link, massless=massless),
         tuple(formats or ("csv",)),
         rate,
@@ -110,6 +117,7 @@ def check_trajectory(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Preview page to write (HTML).")] = None,
     move: Annotated[list[str] | None, typer.Option(help="A coordinate that moves; may be repeated.")] = None,
     prior: Prior = None,
+    model: Model = None,
     floating: Floating = False,
     gravity: Gravity = "file",
     tolerance: Tolerance = None,
@@ -121,5 +129,10 @@ def check_trajectory(
     from echelon.cli.excite import run_check
 
     read = reading(floating, gravity, tolerance, every_link=every_link, massless=massless)
-    changed = {"move": move} if move else {}
-    run_check(setup, trajectory, output, prior, changed, read, as_json=as_json)
+    changed = {"move": move or None, "model": model and str(model.absolute())}
+    run_check(setup, trajectory, output, prior, _stated(changed), read, as_json=as_json)
+
+
+def _stated(changed: Mapping[str, Any]) -> dict[str, Any]:
+    """What was asked for, of what can be."""
+    return {name: value for name, value in changed.items() if value is not None}

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from echelon.dynamics.arguments import coordinate_units
 from echelon.errors import InputError
 from echelon.exact.polynomial import float_generators
-from echelon.excite.constraints.effort import EffortLimit
+from echelon.excite.constraints.effort_bounds import EffortLimit
 from echelon.excite.constraints.motion import MotionLimit
 from echelon.formats.limits import StatedLimits
 from echelon.formats.schema_excite import EVERY, LimitsEntry

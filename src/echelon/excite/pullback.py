@@ -17,11 +17,11 @@ import numpy.typing as npt
 from echelon.dynamics.arguments import STATE, geometry_values
 from echelon.dynamics.functions import robot_function
 from echelon.errors import InputError
-from echelon.excite.constraints.state import smooth_function
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Argument, Function
+from echelon.program.rewriting import smooth_function
 from echelon.program.tape import Scalar
 
 Floats = npt.NDArray[np.float64]
@@ -79,6 +79,7 @@ class StateRegressor:
         if any(argument.name == "inputs" for argument in function.arguments):
             labels = next(a.labels for a in function.arguments if a.name == "inputs")
             raise InputError(f"effects need the measured inputs of {', '.join(labels)}, which no trajectory fixes")
+        self.recorded = function  # without smoothing
         self.function = function if smooth is None else smooth_function(function, smooth)
         self._symbols = geometry_values(mechanism, self.function.arguments, symbols)
         self._entries = Kernel(self.function, sparse=True)

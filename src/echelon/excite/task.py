@@ -25,10 +25,10 @@ from echelon.excite.loops.limits import LoopEfforts, LoopLimits, LoopPart
 from echelon.excite.loops.motion import LoopMotion
 from echelon.excite.loops.positions import LoopPositions
 from echelon.excite.loops.regressor import check_loops
+from echelon.excite.prior import effort_model
 from echelon.formats.limits import stated_limits
 from echelon.formats.schema_excite import EVERY, ExcitationEntry, FrameEntry
 from echelon.hints import nearest_of
-from echelon.identification.physics.prior import prior_from
 from echelon.identification.settings import Setup
 from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.hold import held
@@ -170,9 +170,10 @@ class _Reader:
         found: list[StateConstraint] = []
         efforts: list[LoopEfforts] = []
         if limits.efforts:
-            standard = self._standard(mechanism)
-            if standard is not None:
-                given = mechanism, limits.efforts, standard, self.entry.effort_margin, smooth
+            model, findings = effort_model(self.setup, self.entry, mechanism, limits.efforts)
+            self.findings += findings
+            if model is not None:
+                given = mechanism, limits.efforts, model, self.entry.effort_margin, smooth
                 if mechanism.closures:
                     efforts.append(LoopEfforts(*given))
                 else:
@@ -228,33 +229,6 @@ class _Reader:
 
     def _note(self, kind: str, texts: Sequence[str]) -> None:
         self.findings += [Finding(Severity.NOTE, kind, self.source, text) for text in texts]
-
-    def _standard(self, mechanism: Mechanism) -> Floats | None:
-        """Standard parameters of the prior model; friction without a value counts as none."""
-        prior = self.setup.prior
-        if prior is not None:
-            whole = base_parameters(self.setup.mechanism, seed=self.setup.settings.seed)
-            given = dict(zip(self.setup.mechanism.parameters, prior_from(whole, prior).values.tolist(), strict=True))
-        else:
-            stated = self.setup.mechanism.standard_values()
-            given = {
-                name: np.nan if value is None else value
-                for name, value in zip(self.setup.mechanism.parameters, stated, strict=True)
-            }
-        values = np.array([given[name] for name in mechanism.parameters])
-        inertial = np.array([column.body is not None for column in mechanism.columns])
-        if np.isnan(values[inertial]).any():
-            if self.entry.limits.effort:
-                problem = "limits of torques need inertial values: state them, or a file under identification: prior"
-                raise InputError(problem, source=self.source, element="effort limits")
-            text = "torques are not limited, because the robot file states no inertial values to predict them with"
-            self.findings.append(Finding(Severity.WARNING, "effort", self.source, text))
-            return None
-        if np.isnan(values).any():
-            text = "friction has no values in the prior model: it is left to the margin of the torque limits"
-            self.findings.append(Finding(Severity.NOTE, "effort", self.source, text))
-        known: Floats = np.nan_to_num(values)
-        return known
 
     def _weights(self, base: BaseModel) -> Floats:
         names = [output.name for output in base.mechanism.outputs]

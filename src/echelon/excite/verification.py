@@ -17,7 +17,7 @@ from echelon.errors import EchelonError
 from echelon.excite.collisions.certificate import least_clearances
 from echelon.excite.collisions.constraint import Clearance
 from echelon.excite.constraints.motion import MotionLimit
-from echelon.excite.constraints.state import StateLimits
+from echelon.excite.constraints.state import Enclosed
 from echelon.excite.loops.limits import LoopLimits
 from echelon.excite.margins import Margin
 from echelon.excite.task import Task
@@ -50,7 +50,7 @@ def margins_of(trajectory: Trajectory, task: Task) -> list[Margin]:
     """
     found = motion_margins(trajectory, task.limits.motion)
     for constraint in task.constraints:
-        if isinstance(constraint, StateLimits):
+        if isinstance(constraint, Enclosed):
             found += state_margins(trajectory, constraint)
         elif isinstance(constraint, Clearance):
             found += clearance_margins(trajectory, constraint)
@@ -105,13 +105,13 @@ def _motion_margin(trajectory: Trajectory, limit: MotionLimit) -> Margin:
     return Margin(limit.label, limit.unit, limit.low, limit.high, least - more, largest + more)
 
 
-def state_margins(trajectory: Trajectory, limits: StateLimits) -> list[Margin]:
+def state_margins(trajectory: Trajectory, limits: Enclosed) -> list[Margin]:
     """How far functions of the state stay from limits.
 
     Parameters
     ----------
     trajectory : Trajectory
-    limits : StateLimits
+    limits : Enclosed
     """
     least, largest = reach(trajectory, limits)
     return [
@@ -124,13 +124,13 @@ def state_margins(trajectory: Trajectory, limits: StateLimits) -> list[Margin]:
     ]
 
 
-def reach(trajectory: Trajectory, limits: StateLimits) -> tuple[Floats, Floats]:
+def reach(trajectory: Trajectory, limits: Enclosed) -> tuple[Floats, Floats]:
     """Bounds of functions of the state at any time, each of shape (m,).
 
     Parameters
     ----------
     trajectory : Trajectory
-    limits : StateLimits
+    limits : Enclosed
     """
     count = max(int(np.ceil(_PER_PERIOD * trajectory.basis.frequency * trajectory.duration)), 1)
     edges = np.linspace(0.0, trajectory.duration, count + 1)
@@ -155,7 +155,7 @@ def reach(trajectory: Trajectory, limits: StateLimits) -> tuple[Floats, Floats]:
     return least, largest
 
 
-def _tolerances(limits: StateLimits, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+def _tolerances(limits: Enclosed, low: Floats, high: Floats) -> tuple[Floats, Floats]:
     """By how much bounds may be wider than what was met: far from a limit by much."""
     span = limits.high - limits.low
     sharp = _SHARP * np.where(np.isfinite(span), span, np.maximum(np.abs(np.nan_to_num(limits.low, neginf=0.0)), 1.0))

@@ -280,6 +280,17 @@ class ExcitationEntry(Model):
     effort_margin: Annotated[Number, Field(ge=0, lt=1)] = Field(
         0.1, description="Share of the effort limits kept free for what the prior model does not know.", examples=[0.2]
     )
+    model: Name | None = Field(
+        None,
+        description="Identified model (model.json) that predicts torques, relative to this file; default: inertial "
+        "values of the prior or of the robot file.",
+        examples=["result/model.json"],
+    )
+    deviations: NotNegative = Field(
+        3.0,
+        description="Standard deviations of torques predicted by an identified model that are kept free.",
+        examples=[2],
+    )
     frames: Annotated[tuple[FrameEntry, ...], AS_LIST] = Field(
         (), description="Where points of bodies may go.",
         examples=[[{"body": "hand", "radius": 0.1, "above": {"normal": [0, 0, 1]}}]],

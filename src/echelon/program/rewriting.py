@@ -14,6 +14,7 @@ from fractions import Fraction
 from functools import partial
 
 from echelon.errors import InputError
+from echelon.program.function import Argument, Function
 from echelon.program.operations import Op
 from echelon.program.scalar import Scalar
 from echelon.program.tape import Program
@@ -109,3 +110,23 @@ def _gradual(inverse: Fraction, copy: Program, op: Op, x: Scalar) -> Scalar:
         sign = copy.function(Op.TANH, x * inverse)
         return sign if op is Op.SIGN else x * sign
     return copy.function(op, x)
+
+
+def smooth_function(function: Function, width: float) -> Function:
+    """The same function with signs that change gradually.
+
+    Parameters
+    ----------
+    function : Function
+    width : float
+        See :func:`smoothed`.
+    """
+    nodes = [node for argument in function.arguments for node in argument.nodes]
+    program, new = smoothed(function.program, [*function.entries.values(), *nodes], width)
+    outputs, inputs = new[: len(function.entries)], iter(new[len(function.entries) :])
+    arguments = tuple(
+        Argument(a.name, tuple(next(inputs) for _ in a.nodes), a.labels, a.units, a.meaning, a.uniform)
+        for a in function.arguments
+    )
+    entries = dict(zip(function.entries, outputs, strict=True))
+    return Function(function.name, program, arguments, entries, function.axes, function.units, function.meaning)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -11,39 +11,24 @@ import numpy.typing as npt
 from echelon.dynamics.arguments import geometry_values
 from echelon.dynamics.functions import robot_function
 from echelon.errors import InputError
-from echelon.excite.constraints.state import StateLimits
+from echelon.excite.constraints.effort_bounds import EffortBounds, EffortLimit
+from echelon.excite.constraints.effort_model import EffortModel
+from echelon.excite.constraints.state import Enclosed, StateLimits
+from echelon.excite.constraints.uncertain import UncertainEfforts
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, JointForce, Output, plain
 
 Floats = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class EffortLimit:
-    """The largest torque or force of a drive or joint.
-
-    Attributes
-    ----------
-    name : str
-        Actuator, or joint coordinate on the joint's side of its drive.
-    unit : str
-    limit : float
-        N·m or N, both directions.
-    """
-
-    name: str
-    unit: str
-    limit: float
-
-
 def effort_limits(
     mechanism: Mechanism,
     limits: Sequence[EffortLimit],
-    standard: Floats,
+    model: EffortModel,
     margin: float,
     smooth: float | None,
     symbols: Mapping[str, float] | None = None,
-) -> StateLimits:
+) -> Enclosed:
     """Limits of efforts as constraints of the state.
 
     Parameters
@@ -52,10 +37,11 @@ def effort_limits(
         Without loops.
     limits : sequence of EffortLimit
         At least one.
-    standard : array of shape (p,)
-        Standard parameters of the prior model, SI units, in the order of ``mechanism.parameters``.
+    model : EffortModel
+        By which they are predicted; with one that is not certain each limit holds for the prediction plus and minus
+        the deviations that are kept free.
     margin : float
-        Share of each limit that is kept free.
+        Share of each limit that is kept free as well.
     smooth : float, optional
         See :class:`StateLimits`.
     symbols : mapping of str to float, optional
@@ -65,19 +51,26 @@ def effort_limits(
     InputError
         If a parameter is not a number.
     """
-    if not np.isfinite(standard).all():
-        lacking = [name for name, value in zip(mechanism.parameters, standard, strict=True) if not np.isfinite(value)]
+    check_model(mechanism, model)
+    measured = replace(mechanism, measured=tuple(effort_output(mechanism, limit) for limit in limits), reading=None)
+    bounds = EffortBounds.of(limits, model, margin)
+    if not model.certain:
+        return UncertainEfforts(measured, model, bounds, smooth, symbols)
+    function = robot_function("inverse_dynamics", measured, model.places(mechanism))
+    uniform = {"parameters": model.values, **geometry_values(mechanism, function.arguments, symbols)}
+    return StateLimits(function, uniform, bounds.labels, bounds.units, bounds.low, bounds.high, smooth)
+
+
+def check_model(mechanism: Mechanism, model: EffortModel) -> None:
+    """Refuse a model that leaves parameters open."""
+    columns = zip(model.places(mechanism), model.values, strict=True)
+    lacking = [mechanism.parameters[k] for k, value in columns if not np.isfinite(value)]
+    if lacking:
         raise InputError(f"limits of torques need a prior model; {', '.join(lacking[:6])} have no values")
-    outputs = tuple(_output(mechanism, limit) for limit in limits)
-    measured = replace(mechanism, measured=outputs, reading=None)
-    function = robot_function("inverse_dynamics", measured, range(len(mechanism.parameters)))
-    uniform = {"parameters": standard, **geometry_values(mechanism, function.arguments, symbols)}
-    high = np.array([limit.limit for limit in limits]) * (1 - margin)
-    labels = tuple(f"{'force' if limit.unit == 'N' else 'torque'} of {limit.name}" for limit in limits)
-    return StateLimits(function, uniform, labels, tuple(limit.unit for limit in limits), -high, high, smooth)
 
 
-def _output(mechanism: Mechanism, limit: EffortLimit) -> Output:
+def effort_output(mechanism: Mechanism, limit: EffortLimit) -> Output:
+    """The effort of an actuator, or of a coordinate that none of its name drives, as an output."""
     drives = {actuator.name for actuator in mechanism.transmission.actuators}
     channel = ActuatorForce(limit.name) if limit.name in drives else JointForce(limit.name)
     return plain(limit.name, limit.unit, channel)

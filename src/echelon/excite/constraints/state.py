@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from echelon.machine.kernel import Kernel
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Argument, Function
 from echelon.program.intervals import Interval, interval_values
-from echelon.program.rewriting import smoothed
+from echelon.program.rewriting import smooth_function
 
 Floats = npt.NDArray[np.float64]
 Slopes = tuple[Floats | None, Floats | None, Floats | None]
@@ -48,6 +48,20 @@ class StateConstraint(Protocol):
 
     def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
         """Their derivatives."""
+
+
+@runtime_checkable
+class Enclosed(StateConstraint, Protocol):
+    """A constraint with bounds of what happens between samples."""
+
+    def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
+        """Bounds of the functions while states stay in intervals: least and largest, each of shape (cells, m).
+
+        Parameters
+        ----------
+        ranges : mapping of str to (array, array)
+            Least and largest ``q``, ``qd``, ``qdd``, of shape (cells, n).
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,24 +115,10 @@ class StateLimits:
         -------
         low, high : arrays of shape (cells, m)
         """
-        cells = len(ranges["q"][0])
-        parts = [self._enclosed(ranges, slice(k, k + _CELLS)) for k in range(0, cells, _CELLS)]
-        return np.concatenate([low for low, _ in parts]), np.concatenate([high for _, high in parts])
-
-    def _enclosed(self, ranges: Mapping[str, Interval], cells: slice) -> Interval:
-        inputs: dict[int, Interval] = {}
-        for argument in self.function.arguments:
-            if argument.uniform:
-                exact = [(np.asarray(v), np.asarray(v)) for v in self.uniform[argument.name]]
-                inputs |= dict(zip(argument.nodes, exact, strict=True))
-            else:
-                low, high = ranges[argument.name]
-                inputs |= {node: (low[cells, k], high[cells, k]) for k, node in enumerate(argument.nodes)}
-        found = interval_values(self.function.program, self.function.outputs, inputs)
-        count = len(ranges["q"][0][cells])
-        low, high = np.zeros((count, len(self.labels))), np.zeros((count, len(self.labels)))
-        for (row,), (least, largest) in zip(self.function.entries, found, strict=True):
-            low[:, row], high[:, row] = least, largest
+        least, largest = enclosures_of(self.function, self.uniform, ranges)
+        low, high = np.zeros((len(least), len(self.labels))), np.zeros((len(least), len(self.labels)))
+        rows = [row for (row,) in self.function.entries]
+        low[:, rows], high[:, rows] = least, largest
         return low, high
 
     def _given(self, q: Floats, qd: Floats, qdd: Floats) -> dict[str, npt.ArrayLike]:
@@ -135,6 +135,45 @@ class StateLimits:
         return Kernel(function), Kernel(state_slopes(function))
 
 
+def enclosures_of(function: Function, uniform: Mapping[str, Floats], ranges: Mapping[str, Interval]) -> Interval:
+    """Bounds of a function's entries while states stay in intervals.
+
+    Parameters
+    ----------
+    function : Function
+    uniform : mapping of str to array
+        Values of its uniform arguments.
+    ranges : mapping of str to (array, array)
+        Least and largest ``q``, ``qd``, ``qdd``, of shape (cells, n).
+
+    Returns
+    -------
+    low, high : arrays of shape (cells, entries)
+    """
+    cells = len(ranges["q"][0])
+    parts = [_enclosed(function, uniform, ranges, slice(k, k + _CELLS)) for k in range(0, cells, _CELLS)]
+    return np.concatenate([low for low, _ in parts]), np.concatenate([high for _, high in parts])
+
+
+def _enclosed(
+    function: Function, uniform: Mapping[str, Floats], ranges: Mapping[str, Interval], cells: slice
+) -> Interval:
+    inputs: dict[int, Interval] = {}
+    for argument in function.arguments:
+        if argument.uniform:
+            exact = [(np.asarray(v), np.asarray(v)) for v in uniform[argument.name]]
+            inputs |= dict(zip(argument.nodes, exact, strict=True))
+        else:
+            low, high = ranges[argument.name]
+            inputs |= {node: (low[cells, k], high[cells, k]) for k, node in enumerate(argument.nodes)}
+    found = interval_values(function.program, function.outputs, inputs)
+    shape = len(ranges["q"][0][cells]), len(found)
+    bounds = np.zeros(shape), np.zeros(shape)
+    for k, ends in enumerate(found):
+        bounds[0][:, k], bounds[1][:, k] = ends
+    return bounds
+
+
 def state_slopes(function: Function) -> Function:
     """Derivatives of a function of shape (m,) by all its states, one after another: of shape (m, states)."""
     states = [argument for argument in function.arguments if argument.name in STATE]
@@ -144,23 +183,3 @@ def state_slopes(function: Function) -> Function:
     entries: dict[tuple[int, ...], int] = {(rows[i], j): node for (i, j), node in found.items()}
     axis = tuple(f"{argument.name}[{label}]" for argument in states for label in argument.labels)
     return Function(f"{function.name}_slopes", function.program, function.arguments, entries, (*function.axes, axis))
-
-
-def smooth_function(function: Function, width: float) -> Function:
-    """The same function with signs that change gradually.
-
-    Parameters
-    ----------
-    function : Function
-    width : float
-        See :func:`echelon.program.rewriting.smoothed`.
-    """
-    nodes = [node for argument in function.arguments for node in argument.nodes]
-    program, new = smoothed(function.program, [*function.entries.values(), *nodes], width)
-    outputs, inputs = new[: len(function.entries)], iter(new[len(function.entries) :])
-    arguments = tuple(
-        Argument(a.name, tuple(next(inputs) for _ in a.nodes), a.labels, a.units, a.meaning, a.uniform)
-        for a in function.arguments
-    )
-    entries = dict(zip(function.entries, outputs, strict=True))
-    return Function(function.name, program, arguments, entries, function.axes, function.units, function.meaning)

@@ -7,15 +7,19 @@ is bounded here; a trajectory is checked at a fine grid instead, with what a par
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from echelon.excite.constraints.effort import EffortLimit, effort_limits
+from echelon.dynamics.arguments import geometry_values
+from echelon.dynamics.functions import robot_function
+from echelon.excite.constraints.effort import check_model, effort_output
+from echelon.excite.constraints.effort_bounds import EffortBounds, EffortLimit
+from echelon.excite.constraints.effort_model import EffortModel
 from echelon.excite.constraints.state import Slopes as StateSlopes
-from echelon.excite.constraints.state import StateConstraint, smooth_function
+from echelon.excite.constraints.state import StateConstraint
 from echelon.excite.loops.motion import LoopMotion, Slopes
 from echelon.excite.loops.positions import Closed
 from echelon.excite.loops.regressor import SEEN, outputs_of
@@ -24,7 +28,7 @@ from echelon.excite.pullback import ADJOINT, pullback
 from echelon.excite.trajectory import Trajectory
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.output import ActuatorForce, JointForce, plain
+from echelon.program.rewriting import smooth_function
 
 Floats = npt.NDArray[np.float64]
 Triple = tuple[Floats, Floats, Floats]
@@ -75,7 +79,7 @@ class LoopEfforts:
         With loops.
     limits : sequence of EffortLimit
         At least one.
-    standard, margin, smooth, symbols
+    model, margin, smooth, symbols
         See :func:`echelon.excite.constraints.effort.effort_limits`.
     """
 
@@ -83,38 +87,47 @@ class LoopEfforts:
         self,
         mechanism: Mechanism,
         limits: Sequence[EffortLimit],
-        standard: Floats,
+        model: EffortModel,
         margin: float,
         smooth: float | None,
         symbols: Mapping[str, float] | None = None,
     ) -> None:
-        made = effort_limits(mechanism, limits, standard, margin, smooth, symbols)
-        self.labels, self.units, self.low, self.high = made.labels, made.units, made.low, made.high
-        self._uniform = made.uniform
-        function = made.function if smooth is None else smooth_function(made.function, smooth)
+        check_model(mechanism, model)
+        bounds = EffortBounds.of(limits, model, margin)
+        self.labels, self.units, self.low, self.high = bounds.labels, bounds.units, bounds.low, bounds.high
+        outputs = tuple(effort_output(mechanism, limit) for limit in limits)
+        measured, self._model = replace(mechanism, measured=outputs, reading=None), model
+        kind, parameters = ("inverse_dynamics", {"parameters": model.values}) if model.certain else ("regressor", {})
+        recorded = robot_function(kind, measured, model.places(mechanism))
+        function = recorded if smooth is None else smooth_function(recorded, smooth)
+        self._uniform = {**parameters, **geometry_values(mechanism, function.arguments, symbols)}
+        self._columns = [index[-1] for index in function.entries]
         self._kernel, self._pullback = Kernel(function), Kernel(pullback(function))
-        drives = {actuator.name for actuator in mechanism.transmission.actuators}
-        outputs = tuple(
-            plain(limit.name, limit.unit, (ActuatorForce if limit.name in drives else JointForce)(limit.name))
-            for limit in limits
-        )
-        self._given = LoopMotion(replace(mechanism, measured=outputs, reading=None), symbols).given_speeds()
+        self._given = LoopMotion(measured, symbols).given_speeds()
 
     def values(self, motion: LoopMotion, closed: Closed) -> Floats:
         """The efforts, shape (N, m)."""
         given = outputs_of(motion, closed, self._virtual(motion, closed), self._uniform)
-        return np.hstack([self._kernel(values) for values in given])
+        found = [self._kernel(values) for values in given]
+        return np.hstack(found if self._model.certain else [self._model.extremes(x[:, 0]) for x in found])
 
     def slopes(self, motion: LoopMotion, closed: Closed) -> list[Triple]:
         """Of each effort, the derivatives by the independent q, q̇ and q̈."""
         virtual, found = self._virtual(motion, closed), []
         p, n = closed.q.shape[1], closed.qd.shape[1]
         for k, values in enumerate(outputs_of(motion, closed, virtual, self._uniform)):
-            pulled = self._pullback({**values, ADJOINT: np.ones((len(closed.q), 1))})
-            by_state = pulled[:, :p], pulled[:, p : p + n], pulled[:, p + n : p + 2 * n]
-            by_v = pulled[:, p + 2 * n :, None]
-            found.append(motion.pulled(closed, Slopes(*by_state, by_v, virtual[:, :, k : k + 1])))
+            for adjoint in self._adjoints(values):
+                pulled = self._pullback({**values, ADJOINT: adjoint})
+                by_state = pulled[:, :p], pulled[:, p : p + n], pulled[:, p + n : p + 2 * n]
+                by_v = pulled[:, p + 2 * n :, None]
+                found.append(motion.pulled(closed, Slopes(*by_state, by_v, virtual[:, :, k : k + 1])))
         return found
+
+    def _adjoints(self, values: dict[str, Floats]) -> Iterable[Floats]:
+        """Derivatives of an effort, or of both that stand for it, by the entries of what is recorded."""
+        if self._model.certain:
+            return [np.ones((len(values["q"]), 1))]
+        return self._model.adjoints(self._kernel(values)[:, 0])[:, :, self._columns]
 
     def _virtual(self, motion: LoopMotion, closed: Closed) -> Floats:
         given = np.zeros((closed.jacobian.shape[2], self._given.shape[1]))
