@@ -18,10 +18,14 @@ Floats = npt.NDArray[np.float64]
 _TRIED = 512  # poses
 _REFINED = 24  # the best of them, from which broken limits are minimised
 _KEPT = 1e-9  # what rounding may leave of a broken limit, relative to its size
+_NEARBY = 0.1  # share of a coordinate's range to either side within which poses are nearby
+_AROUND = 32  # poses nearby that are looked at
+_NARROW = 0.1  # share of them that may break a limit before more room is looked for
+_STEPS, _SWEEPS = 9, 3  # places that are tried for a coordinate, and how often
 
 
 def start_pose(wanted: Floats, limits: ResolvedLimits, constraints: Sequence[StateConstraint], seed: int) -> Floats:
-    """A pose at rest that keeps all limits, the middle of the ranges if that is one.
+    """A pose at rest that keeps all limits: the middle of the ranges if that is one with room to move about it.
 
     Parameters
     ----------
@@ -43,12 +47,14 @@ def start_pose(wanted: Floats, limits: ResolvedLimits, constraints: Sequence[Sta
     if len(outside):
         name = next(limit.name for limit in limits.motion if limit.order == 0 and limit.weights[outside[0]])
         raise InputError(f"the centre of '{name}' is outside of its position limits", element="centre")
-    if not broken(pose[None], constraints)[0].any():
-        return pose
-    if not np.isnan(wanted).any():
-        names = _names(constraints, broken(pose[None], constraints)[0])
+    free, over = np.isnan(wanted), broken(pose[None], constraints)[0]
+    if over.any() and not free.any():
+        names = _names(constraints, over)
         raise InputError(f"the pose at which motions start breaks the limits of {names}", element="centre")
-    return _searched(pose, np.isnan(wanted), low, high, constraints, seed)
+    low, high = np.where(np.isfinite(low), low, pose - np.pi), np.where(np.isfinite(high), high, pose + np.pi)
+    if over.any():
+        pose = _searched(pose, free, low, high, constraints, seed)
+    return _roomier(pose, free, low, high, constraints, seed)
 
 
 def broken(poses: Floats, constraints: Sequence[StateConstraint]) -> Floats:
@@ -71,18 +77,17 @@ def _searched(
     constraints: Sequence[StateConstraint],
     seed: int,
 ) -> Floats:
-    least, most = np.where(np.isfinite(low), low, pose - np.pi), np.where(np.isfinite(high), high, pose + np.pi)
     unit = np.random.default_rng(seed).random((_TRIED, len(pose)))
-    poses = np.where(free, least + (most - least) * unit, pose)
+    poses = np.where(free, low + (high - low) * unit, pose)
     over = broken(poses, constraints)
     # of the poses that keep everything the one nearest to the middle
     good = np.flatnonzero(~over.any(axis=1))
     if len(good):
-        away = np.linalg.norm((poses[good] - pose) / np.maximum(most - least, 1e-300), axis=1)
+        away = np.linalg.norm((poses[good] - pose) / np.maximum(high - low, 1e-300), axis=1)
         return np.asarray(poses[good[int(np.argmin(away))]])
     scale = np.maximum(over.max(axis=0), 1e-300)
     for k in np.argsort(np.sum(over / scale, axis=1))[:_REFINED]:
-        found = _refined(poses[k], free, least, most, constraints, scale)
+        found = _refined(poses[k], free, low, high, constraints, scale)
         if not broken(found[None], constraints)[0].any():
             return found
     raise InputError(_conflict(over > 0, constraints), element="limits")
@@ -108,6 +113,40 @@ def _refined(
     result = pose.copy()
     result[free] = found.x
     return result
+
+
+def _roomier(
+    pose: Floats,
+    free: npt.NDArray[np.bool_],
+    low: Floats,
+    high: Floats,
+    constraints: Sequence[StateConstraint],
+    seed: int,
+) -> Floats:
+    """The pose, or if it is in a narrow place another: coordinates one by one where fewer poses nearby break limits.
+
+    A motion about a pose beside a limit can hardly be drawn back, nor that limit drawn in.
+    """
+    near = _NEARBY * (high - low)
+    around = near * np.random.default_rng(seed).uniform(-1, 1, (_AROUND, len(pose)))
+
+    def crowded(poses: Floats) -> npt.NDArray[np.intp]:
+        """How many poses nearby break each limit, shape (poses, functions)."""
+        found = broken((poses[:, None] + around).reshape(-1, len(pose)), constraints) > 0
+        return np.asarray(found.reshape(len(poses), _AROUND, -1).sum(axis=1))
+
+    if crowded(pose[None]).max(initial=0) <= _NARROW * _AROUND:
+        return pose
+    for _ in range(_SWEEPS):
+        before = pose
+        for j in np.flatnonzero(free):
+            tried = np.tile(pose, (_STEPS + 1, 1))
+            tried[1:, j] = np.linspace(low[j] + near[j], high[j] - near[j], _STEPS)
+            good = tried[~broken(tried, constraints).any(axis=1)]
+            pose = good[np.lexsort((np.abs(good - pose)[:, j], crowded(good).sum(axis=1)))[0]]
+        if np.array_equal(pose, before):
+            break
+    return pose
 
 
 def _conflict(over: npt.NDArray[np.bool_], constraints: Sequence[StateConstraint]) -> str:

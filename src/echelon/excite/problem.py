@@ -203,13 +203,13 @@ class Problem:
     def _beyond_limits(self, x: Floats) -> Floats:
         """The largest violation of each limit of the motion."""
         A, low, high = self.linear
-        found: Floats = _beyond(A @ x, low, high).reshape(len(self.limits), len(self.grid)).max(axis=1, initial=-np.inf)
+        found: Floats = beyond(A @ x, low, high).reshape(len(self.limits), len(self.grid)).max(axis=1, initial=-np.inf)
         return found
 
     def violations(self, x: Floats) -> list[Floats]:
         """Of every constraint the same, of each function at each sample, shape (grid, m)."""
         state = self.state(x)
-        return [_beyond(c.values(*state), c.low, c.high) for c in self.constraints]
+        return [beyond(c.values(*state), c.low, c.high) for c in self.constraints]
 
     # -- parts of the problem ----------------------------------------------------------------------------------------
 
@@ -257,7 +257,8 @@ BROKEN = 1e-6
 """Violation at a sample, relative to a limit's range, that counts: limits are kept between samples with more room."""
 
 
-def _beyond(values: Floats, low: Floats, high: Floats) -> Floats:
+def beyond(values: Floats, low: Floats, high: Floats) -> Floats:
+    """How far values are beyond their limits, relative to the limits' range; negative if there is room."""
     span = np.where(np.isfinite(high - low), high - low, np.maximum(np.minimum(np.abs(low), np.abs(high)), 1.0))
     found: Floats = np.maximum(low - values, values - high) / np.maximum(span, 1e-300)
     return found

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import MissingExtraError
-from echelon.excite.problem import BROKEN, Problem
+from echelon.excite.problem import BROKEN, Problem, beyond
 
 Floats = npt.NDArray[np.float64]
 
@@ -148,7 +148,8 @@ def solve(problem: Problem, start: Floats, options: SolverOptions, best: Best) -
         both = _Known(lambda v: (problem.constrained(v), lambda: problem.slopes(v)))
         constraints = _callback(casadi, "constraints", problem.size, least.size, both)
         parts.append(constraints(x))
-    watch = _watch(casadi, problem.size, A.shape[0] + least.size, best, options)
+    ends = np.concatenate([low, least]), np.concatenate([high, most])
+    watch = _watch(casadi, problem.size, ends, best, options)
     settings = _OPTIONS | {
         "ipopt.tol": options.tolerance,
         "ipopt.acceptable_tol": 10 * options.tolerance,
@@ -160,7 +161,7 @@ def solve(problem: Problem, start: Floats, options: SolverOptions, best: Best) -
         "iteration_callback": watch,
     }
     solver = casadi.nlpsol("excite", "ipopt", {"x": x, "f": objective(x), "g": casadi.vertcat(*parts)}, settings)
-    result = solver(x0=start, lbg=np.concatenate([low, least]), ubg=np.concatenate([high, most]))
+    result = solver(x0=start, lbg=ends[0], ubg=ends[1])
     found = np.asarray(result["x"]).ravel()
     best.offer(found, evaluate(found)[0])
     stats = solver.stats()
@@ -225,8 +226,9 @@ def _callback(casadi: Any, name: str, unknowns: int, size: int, evaluate: Callab
     return Value()
 
 
-def _watch(casadi: Any, unknowns: int, rows: int, best: Best, options: SolverOptions) -> Any:
+def _watch(casadi: Any, unknowns: int, ends: tuple[Floats, Floats], best: Best, options: SolverOptions) -> Any:
     """What follows the iterations: remembers the best, and stops when time is up."""
+    rows = len(ends[0])
     sizes = {"x": unknowns, "f": 1, "g": rows, "lam_x": unknowns, "lam_g": rows, "lam_p": 0}
 
     class Watch(casadi.Callback):  # type: ignore[misc]
@@ -247,7 +249,9 @@ def _watch(casadi: Any, unknowns: int, rows: int, best: Best, options: SolverOpt
             return casadi.Sparsity.dense(sizes[casadi.nlpsol_out(i)], 1)
 
         def eval(self, given: Any) -> Any:
-            best.offer(np.asarray(given[0]).ravel(), float(given[1]))
+            # a motion that breaks limits the solver knows of need not be asked about all others
+            if beyond(np.asarray(given[2]).ravel(), *ends).max(initial=-np.inf) <= BROKEN:
+                best.offer(np.asarray(given[0]).ravel(), float(given[1]))
             return [int(perf_counter() > options.deadline)]
 
     return Watch()
