@@ -234,6 +234,8 @@ class Problem:
     def extended(self, part: Problem, x: Floats) -> Problem | None:
         """A part of this problem with what a motion breaks, or nearly breaks, added to it; None if it breaks nothing.
 
+        A function that is broken at some samples after it was asked for at others is asked for at all of them.
+
         Parameters
         ----------
         part : Problem
@@ -247,8 +249,9 @@ class Problem:
         new = any(np.any(b & ~old) for b, old in zip(broken, part.asked, strict=True))
         if not new and len(limits) == len(part.limits):
             return None
-        near = (old | ((v > -_NEAR) & b.any(axis=0)) for v, b, old in zip(violations, broken, part.asked, strict=True))
-        return replace(self, limits=limits, asked=tuple(near))
+        near = ((v > -_NEAR) | old.any(axis=0) for v, old in zip(violations, part.asked, strict=True))
+        asked = (old | (n & b.any(axis=0)) for n, b, old in zip(near, broken, part.asked, strict=True))
+        return replace(self, limits=limits, asked=tuple(asked))
 
 
 _NEAR = 0.1
