@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from echelon.errors import InputError
-from echelon.excite import verification
+from echelon.excite import cells
+from echelon.excite.cells import reach, state_margins
 from echelon.excite.constraints.motion import MotionLimit
 from echelon.excite.constraints.state import StateLimits
 from echelon.excite.families.basis import Basis
@@ -20,7 +21,7 @@ from echelon.excite.families.bsplines import Splines
 from echelon.excite.families.fourier import Fourier
 from echelon.excite.margins import ACTIVE, Margin
 from echelon.excite.trajectory import Trajectory
-from echelon.excite.verification import motion_margins, reach, state_margins
+from echelon.excite.verification import motion_margins
 from echelon.program.function import Argument, Function
 from echelon.program.tape import Program, Scalar
 from exciting import Floats, all_limits, families, random_motion
@@ -156,7 +157,7 @@ def test_first_cells_may_be_coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     motion, limits = sweep(3.0, 3), function_of(lambda q: (4 * q).sin() * q)
     expected = reached(motion, limits)
     for count in (1e-9, 100):
-        monkeypatch.setattr(verification, "_PER_PERIOD", count)
+        monkeypatch.setattr(cells, "PER_PERIOD", count)
         least, largest = reach(motion, limits)
         assert expected[0][0] - 0.4 <= least[0] <= expected[0][0] + 1e-9
         assert expected[1][0] - 1e-9 <= largest[0] <= expected[1][0] + 0.4

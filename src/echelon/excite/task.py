@@ -21,8 +21,9 @@ from echelon.excite.constraints.effort import effort_limits
 from echelon.excite.constraints.frames import PointLimit, point_limits
 from echelon.excite.constraints.state import StateConstraint
 from echelon.excite.limits import ResolvedLimits, resolved_limits
-from echelon.excite.loops.limits import LoopEfforts, LoopLimits, LoopPart
+from echelon.excite.loops.limits import LoopLimits
 from echelon.excite.loops.motion import LoopMotion
+from echelon.excite.loops.parts import LoopEfforts, LoopPart
 from echelon.excite.loops.positions import LoopPositions
 from echelon.excite.loops.regressor import check_loops
 from echelon.excite.prior import effort_model
@@ -188,8 +189,6 @@ class _Reader:
         found += [] if clearance is None else [clearance]
         if not mechanism.closures:
             return found
-        text = "limits beside those of the coordinates that move, and the loops, are checked at 10 kHz, not in between"
-        self._note("loops", [text])
         return [LoopLimits(LoopMotion(mechanism), (*efforts, *map(LoopPart, found)))]
 
     def _clearance(self, mechanism: Mechanism, limits: ResolvedLimits) -> Clearance | None:

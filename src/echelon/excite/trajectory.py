@@ -52,6 +52,10 @@ class Trajectory:
         """
         return self.basis.motion(np.atleast_1d(np.asarray(t, dtype=float)), self.coefficients, order)
 
+    def bounds(self, order: int) -> Floats:
+        """What the derivatives of an order never exceed, shape (n,)."""
+        return self.basis.bounds(self.coefficients, order)
+
     def times(self, rate: float, repeats: int = 1) -> Floats:
         """Sampling times from 0 to the end, both included.
 

@@ -57,17 +57,17 @@ def interval_values(program: Program, outputs: Sequence[int], inputs: Mapping[in
     (-1.0, 1.0)
     """
     found: dict[int, Interval] = {}
-    for node in program.needed(outputs):
-        op = Op(program.ops[node])
-        if op is Op.INPUT:
-            if node not in inputs:
-                raise InputError(f"the range of '{program.inputs[node].name}' is missing")
-            found[node] = inputs[node]
-        elif op is Op.CONSTANT:
-            value = np.asarray(float(program.constants[node]))
-            found[node] = _widened(value, value)
-        else:
-            with np.errstate(all="ignore"):  # where there is no value, bounds are infinite
+    with np.errstate(all="ignore"):  # where there is no value, bounds are infinite
+        for node in program.needed(outputs):
+            op = Op(program.ops[node])
+            if op is Op.INPUT:
+                if node not in inputs:
+                    raise InputError(f"the range of '{program.inputs[node].name}' is missing")
+                found[node] = inputs[node]
+            elif op is Op.CONSTANT:
+                value = np.asarray(float(program.constants[node]))
+                found[node] = _widened(value, value)
+            else:
                 found[node] = _operation(program, op, node, found)
     return [found[node] for node in outputs]
 
@@ -100,8 +100,7 @@ def _function(op: Op, a: Interval) -> Interval:
     if op is Op.SIN:
         return _wave(np.sin(low), np.sin(high), low / (2 * np.pi) - 0.25, high / (2 * np.pi) - 0.25)
     function, bad = _PARTIAL[op](low, high)
-    with np.errstate(all="ignore"):
-        least, largest = _widened(function(low), function(high))
+    least, largest = _widened(function(low), function(high))
     return np.where(bad, -np.inf, least), np.where(bad, np.inf, largest)
 
 
@@ -125,10 +124,12 @@ def _wave(first: Floats, last: Floats, start: Floats, end: Floats) -> Interval:
 
 
 def _product(a: Interval, b: Interval) -> Interval:
-    with np.errstate(invalid="ignore"):  # 0 · ∞: the other products say what is unbounded
-        ends = np.stack(np.broadcast_arrays(a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]))
-    ends = np.where(np.isnan(ends), 0.0, ends)
-    return _widened(ends.min(axis=0), ends.max(axis=0))
+    ends = [a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]]
+    low = np.minimum(np.minimum(ends[0], ends[1]), np.minimum(ends[2], ends[3]))
+    if np.isnan(low).any():  # 0 · ∞: the other products say what is unbounded
+        ends = [np.where(np.isnan(end), 0.0, end) for end in ends]
+        low = np.minimum(np.minimum(ends[0], ends[1]), np.minimum(ends[2], ends[3]))
+    return _widened(low, np.maximum(np.maximum(ends[0], ends[1]), np.maximum(ends[2], ends[3])))
 
 
 def _square(a: Interval) -> Interval:
@@ -138,8 +139,7 @@ def _square(a: Interval) -> Interval:
 
 def _inverse(b: Interval) -> Interval:
     through = (b[0] <= 0) & (b[1] >= 0)
-    with np.errstate(divide="ignore"):
-        low, high = _widened(1 / b[1], 1 / b[0])
+    low, high = _widened(1 / b[1], 1 / b[0])
     return np.where(through, -np.inf, low), np.where(through, np.inf, high)
 
 

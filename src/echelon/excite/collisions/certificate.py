@@ -12,6 +12,7 @@ Measured distances count only as far as a pair of parallel planes between the sh
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,14 +21,34 @@ from echelon.errors import InputError
 from echelon.excite.collisions.constraint import Clearance
 from echelon.excite.collisions.levers import Levers
 from echelon.excite.collisions.supports import plane_gaps
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.margins import Margin
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.intp]
 
 _FIRST = 64  # intervals to begin with
 _BATCH = 4096  # intervals that are looked at together
+_TOUCH = 0.05
+"""Share of the clearance by which a distance may be larger than its bound."""
 _SPARE = 0.25  # share of the room above the clearance that a bound may give away
+
+
+class Travel(Protocol):
+    """A motion of all positions; a :class:`echelon.excite.trajectory.Trajectory` is one."""
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the positions."""
+
+    @property
+    def duration(self) -> float:
+        """S."""
+
+    def __call__(self, t: npt.ArrayLike, order: int = 0) -> Floats:
+        """Positions at times, or velocities (order 1)."""
+
+    def bounds(self, order: int) -> Floats:
+        """What no position of a single coordinate (order 0), no velocity, no acceleration exceeds, (velocities,)."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +73,7 @@ class LeastClearances:
     times: Floats
 
 
-def least_clearances(clearance: Clearance, trajectory: Trajectory, tolerance: float = 1e-3) -> LeastClearances:
+def least_clearances(clearance: Clearance, trajectory: Travel, tolerance: float = 1e-3) -> LeastClearances:
     """Lower bounds of all distances over all times of a trajectory.
 
     A bound is within the tolerance of the smallest distance, or within a quarter of what lies between this and the
@@ -61,7 +82,7 @@ def least_clearances(clearance: Clearance, trajectory: Trajectory, tolerance: fl
     Parameters
     ----------
     clearance : Clearance
-    trajectory : Trajectory
+    trajectory : Travel
         Of all positions of the mechanism.
     tolerance : float
         m.
@@ -83,16 +104,30 @@ def least_clearances(clearance: Clearance, trajectory: Trajectory, tolerance: fl
     return _Search(clearance, trajectory, tolerance).run()
 
 
+def clearance_margins(trajectory: Travel, clearance: Clearance) -> list[Margin]:
+    """How near bodies come to each other.
+
+    Parameters
+    ----------
+    trajectory : Travel
+    clearance : Clearance
+    """
+    least = least_clearances(clearance, trajectory, _TOUCH * clearance.clearance or _TOUCH)
+    return [
+        Margin(label, "m", clearance.clearance, np.inf, bound, np.inf)
+        for label, bound in zip(least.labels, least.bounds.tolist(), strict=True)
+    ]
+
+
 class _Search:
     """Intervals of time, each for a pair of shapes, that are halved until their bounds are good enough."""
 
-    def __init__(self, clearance: Clearance, trajectory: Trajectory, tolerance: float) -> None:
+    def __init__(self, clearance: Clearance, trajectory: Travel, tolerance: float) -> None:
         self.clearance, self.trajectory, self.tolerance = clearance, trajectory, tolerance
-        basis, coefficients = trajectory.basis, trajectory.coefficients
-        self.most = [basis.bounds(coefficients, order) for order in range(3)]
+        self.most = [trajectory.bounds(order) for order in range(3)]
         levers = Levers(clearance.mechanism, self.most[0], clearance.symbols)
         shapes, pairs = clearance.shapes, clearance.pairs.tolist()
-        n = len(clearance.mechanism.positions)
+        n = len(clearance.mechanism.velocities)
         self.levers = np.array([levers.between(shapes[i], shapes[j]) for i, j in pairs]).reshape(-1, n)
         count = len(clearance.owners)
         self.bounds, self.found = np.full(count, clearance.reach), np.full(count, clearance.reach)

@@ -30,16 +30,15 @@ class Levers:
     Parameters
     ----------
     mechanism : Mechanism
-        Without ball joints.
     positions : array of shape (n,)
-        What no |q| exceeds, rad or m.
+        What no |q| exceeds, rad or m, for each velocity coordinate; of balls of no consequence.
     symbols : mapping of str to float, optional
         Values of geometry symbols that replace or complete those of the mechanism.
     """
 
     def __init__(self, mechanism: Mechanism, positions: Floats, symbols: Mapping[str, float] | None = None) -> None:
         self.mechanism = mechanism
-        self._column = {name: k for k, name in enumerate(mechanism.positions)}
+        self._column = {name: k for k, name in enumerate(mechanism.velocities)}
         used = {s for body in mechanism.bodies for s in body.joint.symbols()}
         used |= {s for coupling in mechanism.couplings for _, ratio in coupling.terms for s in ratio.symbols()}
         self._symbols = symbol_values(mechanism, sorted(used), symbols)
@@ -91,7 +90,8 @@ class Levers:
         weights = np.zeros(len(self._column))
         coupling = next((c for c in self.mechanism.couplings if c.coordinate == name), None)
         if coupling is None:
-            weights[self._column[name]] = 1.0
+            motion = next(m for m in self.mechanism.motions if m.name == name)
+            weights[[self._column[velocity] for velocity in motion.velocities]] = 1.0
             return weights
         for leader, ratio in coupling.terms:
             weights[self._column[leader]] += abs(self._number(ratio))

@@ -21,7 +21,7 @@ Floats = npt.NDArray[np.float64]
 Slopes = tuple[Floats | None, Floats | None, Floats | None]
 """Derivatives by q, q̇ and q̈, each of shape (N, m, n); None where there are none."""
 
-_CELLS = 256  # intervals that are worked on together: every operation keeps its result
+_NUMBERS = 2**22  # that are worked on together: every operation keeps its result
 
 
 class StateConstraint(Protocol):
@@ -50,9 +50,24 @@ class StateConstraint(Protocol):
         """Their derivatives."""
 
 
-@runtime_checkable
-class Enclosed(StateConstraint, Protocol):
-    """A constraint with bounds of what happens between samples."""
+class Bounded(Protocol):
+    """Functions of the state with limits, and bounds of what they reach between samples."""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What each function is, for messages."""
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI units of the functions."""
+
+    @property
+    def low(self) -> Floats:
+        """Least values, shape (m,); −∞ for none."""
+
+    @property
+    def high(self) -> Floats:
+        """Largest values, shape (m,); ∞ for none."""
 
     def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
         """Bounds of the functions while states stay in intervals: least and largest, each of shape (cells, m).
@@ -60,8 +75,13 @@ class Enclosed(StateConstraint, Protocol):
         Parameters
         ----------
         ranges : mapping of str to (array, array)
-            Least and largest ``q``, ``qd``, ``qdd``, of shape (cells, n).
+            Least and largest ``q``, ``qd``, ``qdd``, of shape (cells, n), and ``t``, of shape (cells, 1).
         """
+
+
+@runtime_checkable
+class Enclosed(StateConstraint, Bounded, Protocol):
+    """A constraint with bounds of what happens between samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,8 +170,8 @@ def enclosures_of(function: Function, uniform: Mapping[str, Floats], ranges: Map
     -------
     low, high : arrays of shape (cells, entries)
     """
-    cells = len(ranges["q"][0])
-    parts = [_enclosed(function, uniform, ranges, slice(k, k + _CELLS)) for k in range(0, cells, _CELLS)]
+    cells, together = len(ranges["q"][0]), max(_NUMBERS // max(len(function.program), 1), 16)
+    parts = [_enclosed(function, uniform, ranges, slice(k, k + together)) for k in range(0, cells, together)]
     return np.concatenate([low for low, _ in parts]), np.concatenate([high for _, high in parts])
 
 

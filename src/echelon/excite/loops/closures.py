@@ -14,12 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.dynamics.arguments import Arguments, geometry_values
+from echelon.excite.constraints.state import enclosures_of
 from echelon.excite.pullback import ADJOINT, pullback
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Function
+from echelon.program.intervals import Interval
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.loops.closure_values import ClosureValues
 from echelon.regressor.loops.closures import record_closures
@@ -76,6 +78,36 @@ class ClosureKernels(ClosureValues):
         values[:, self._bias.places[0]] = self._bias(q, qd)
         return values / self.row_units
 
+    def jacobian_enclosures(self, q: Interval) -> Interval:
+        """Bounds of the Jacobian while positions stay in intervals, each of shape (cells, equations, freedoms).
+
+        Parameters
+        ----------
+        q : (array, array)
+            Least and largest positions, of shape (cells, positions).
+        """
+        low, high = self._jacobian.enclosures({"q": q})
+        shape = len(low), len(self.row_units), len(self.freedoms)
+        bounds = np.zeros(shape), np.zeros(shape)
+        for bound, part in zip(bounds, (low, high), strict=True):
+            bound[:, *self._jacobian.places] = part * self._scales
+        return bounds
+
+    def bias_enclosures(self, q: Interval, qd: Interval) -> Interval:
+        """Bounds of :meth:`bias`, each of shape (cells, equations).
+
+        Parameters
+        ----------
+        q, qd : (array, array)
+            Least and largest positions and velocities.
+        """
+        low, high = self._bias.enclosures({"q": q, "qd": qd})
+        shape = len(low), len(self.row_units)
+        bounds = np.zeros(shape), np.zeros(shape)
+        for bound, part in zip(bounds, (low, high), strict=True):
+            bound[:, self._bias.places[0]] = part
+        return bounds[0] / self.row_units, bounds[1] / self.row_units
+
     def pulled_jacobian(self, q: Floats, adjoint: Floats) -> Floats:
         """Derivatives of Σ adjoint · Jacobian by the positions, shape (N, positions).
 
@@ -105,11 +137,15 @@ class _Code:
     def __init__(self, function: Function, mechanism: Mechanism, symbols: Mapping[str, float] | None) -> None:
         self.places = np.array(list(function.entries), dtype=np.intp).reshape(-1, len(function.axes)).T
         self._values = geometry_values(mechanism, function.arguments, symbols)
+        self._function = function
         self._kernel = Kernel(function, sparse=True)
         self._pullback = Kernel(pullback(function))
 
     def __call__(self, *state: Floats) -> Floats:
         return self._kernel({**dict(zip(("q", "qd"), state, strict=False)), **self._values})
+
+    def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
+        return enclosures_of(self._function, self._values, ranges)
 
     def pulled(self, adjoint: Floats, *state: Floats) -> Floats:
         values = dict(zip(("q", "qd"), state, strict=False))

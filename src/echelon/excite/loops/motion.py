@@ -61,7 +61,7 @@ class LoopMotion(LoopPositions):
         """
         closed = self.positioned(q)
         rates = self._completed_rates(closed, qd, np.zeros(closed.jacobian.shape[:2]))
-        bias = self._kernels.bias(closed.q, rates)
+        bias = self.kernels.bias(closed.q, rates)
         return replace(closed, qd=rates, qdd=self._completed_rates(closed, qdd, bias))
 
     def virtual(self, closed: Closed, given: Floats) -> Floats:
@@ -118,13 +118,13 @@ class LoopMotion(LoopPositions):
         # J q̈ + b = 0, then J q̇ = 0, then c = 0
         multiplier = self._multiplier(closed, by_qdd)
         A[:, :, : len(units)] -= multiplier[:, :, None] * (closed.qdd / units)[:, None, :]
-        from_bias = self._kernels.pulled_bias(closed.q, closed.qd, multiplier)
+        from_bias = self.kernels.pulled_bias(closed.q, closed.qd, multiplier)
         by_q, by_qd = by_q - from_bias[0], by_qd - from_bias[1] * units
         third = by_qdd[:, free] - self._left(closed, multiplier)
         multiplier = self._multiplier(closed, by_qd)
         A[:, :, : len(units)] -= multiplier[:, :, None] * (closed.qd / units)[:, None, :]
         second = by_qd[:, free] - self._left(closed, multiplier)
-        by_q += self._kernels.pulled_jacobian(closed.q, A)
+        by_q += self.kernels.pulled_jacobian(closed.q, A)
         turned = self._by_motion(closed.q, by_q) * units
         first = turned[:, free] - self._left(closed, self._multiplier(closed, turned))
         found = [np.where(closed.done[:, None], part / units[free], 0.0) for part in (first, second, third)]

@@ -78,8 +78,8 @@ class LoopPositions(Assembly):
     def __init__(self, mechanism: Mechanism, symbols: Mapping[str, float] | None = None) -> None:
         mechanism = replace(mechanism, reading=None)  # how a file was read is of no use to another process
         super().__init__(mechanism, symbols)
-        self._kernels = ClosureKernels(mechanism, symbols)
-        self.closures = self._kernels
+        self.kernels = ClosureKernels(mechanism, symbols)
+        self.closures = self.kernels
         names = mechanism.positions
         self._places = [names.index(name) for name in self.independent_positions]
         self._speed_units = self.closures.units[: len(mechanism.velocities)]
@@ -99,6 +99,11 @@ class LoopPositions(Assembly):
         """Units of the independent positions, shape (k,)."""
         found: Floats = self._position_units[self._places]
         return found
+
+    @property
+    def columns(self) -> tuple[list[int], list[int]]:
+        """Columns of J that belong to the independent velocities, and to the dependent ones."""
+        return list(self._independent), list(self._dependent)
 
     @cached_property
     def reference(self) -> float:
@@ -200,6 +205,26 @@ class LoopPositions(Assembly):
             found[:, place] -= (vector * turning).sum(axis=1) / 2
             found[:, place + 1 : place + 4] += (w * turning + np.cross(vector, turning)) / 2
             found[:, place : place + 4] /= np.linalg.norm(found[:, place : place + 4], axis=1, keepdims=True)
+        return found
+
+    def single(self, q: Floats) -> Floats:
+        """Positions in the places of their velocities, shape (N, velocities); zero for balls."""
+        found = np.zeros((len(q), len(self.mechanism.velocities)))
+        found[:, self._single[1]] = q[:, self._single[0]]
+        return found
+
+    def position_reach(self, moved: Floats) -> Floats:
+        """How far positions can be away when no velocity coordinate's way is longer, shape (N, positions).
+
+        Parameters
+        ----------
+        moved : array of shape (N, velocities)
+            rad or m.
+        """
+        found = np.zeros((len(moved), len(self.mechanism.positions)))
+        found[:, self._single[0]] = moved[:, self._single[1]]
+        for place, speed in self._balls:  # a unit quaternion moves by half of the angle
+            found[:, place : place + 4] = np.linalg.norm(moved[:, speed : speed + 3], axis=1, keepdims=True) / 2
         return found
 
     @cached_property
