@@ -106,7 +106,7 @@ def test_every_key_becomes_numbers_in_si_units() -> None:
 @pytest.mark.parametrize("section", ["", "excitation: {limits: {}, collisions: {}, seconds: none}"])
 def test_what_is_absent_has_the_defaults(section: str) -> None:
     entry = read(section)
-    assert (entry.duration, entry.rate, entry.family, entry.harmonics, entry.pieces) == (None, 100, "fourier", 6, 8)
+    assert (entry.duration, entry.rate, entry.family, entry.harmonics, entry.pieces) == (None, 100, "fourier", None, 8)
     assert (entry.criterion, entry.noise, entry.move) == ("d_optimal", {"all": 1}, None)
     assert (entry.hold, entry.centre, entry.effort_margin, entry.frames) == ({}, {}, 0.1, ())
     assert (entry.starts, entry.seed, entry.seconds) == (4, 2015, None)

@@ -27,6 +27,8 @@ Floats = npt.NDArray[np.float64]
 
 DURATION = 8.0
 """Seconds, where none is stated."""
+_FEWEST, _MOST, _FUNCTIONS = 3, 8, 64
+"""Harmonics where none are stated: so many that all coordinates together have about that many, within these ends."""
 
 
 @dataclass(frozen=True)
@@ -70,12 +72,12 @@ def designed(task: Task, known: Floats | None = None) -> Design:
     prior = np.zeros((base.rank, base.rank)) if known is None else known
     if prior.shape != (base.rank, base.rank):
         raise InputError(f"known has shape {prior.shape}; the robot has {base.rank} base parameters")
-    basis = resting_ends(family(entry))
+    n = len(base.mechanism.independent_velocities)
+    basis = resting_ends(family(entry, n))
     regressor = state_regressor(base.mechanism, base.matrix.pivots, task.smooth)
     times = sample_times(basis.duration, entry.rate)
     information = Information(regressor, basis, times, task.weights, prior)
     criterion = Criterion(entry.criterion, np.ones(base.rank))
-    n = len(base.mechanism.independent_velocities)
     made = LoopProblem if base.mechanism.closures else Problem
     problem = made(basis, n, information, criterion, limits.motion, task.constraints, centre)
     if entry.criterion == "a_optimal":
@@ -104,8 +106,16 @@ def sample_times(duration: float, rate: float) -> Floats:
     return np.arange(max(round(duration * rate), 1)) / rate
 
 
-def family(entry: ExcitationEntry) -> Basis:
-    """The family of motions that a set-up asks for, with any ends."""
+def family(entry: ExcitationEntry, count: int) -> Basis:
+    """The family of motions that a set-up asks for, with any ends.
+
+    Parameters
+    ----------
+    entry : ExcitationEntry
+    count : int
+        Coordinates that move: many of them are different enough with fewer harmonics each.
+    """
     duration = DURATION if entry.duration is None else entry.duration
-    series, splines = Fourier(duration, entry.harmonics), uniform_splines(duration, entry.pieces)
+    harmonics = min(max(_FUNCTIONS // count, _FEWEST), _MOST) if entry.harmonics is None else entry.harmonics
+    series, splines = Fourier(duration, harmonics), uniform_splines(duration, entry.pieces)
     return {"fourier": series, "bspline": splines, "sum": Sum((series, splines))}[entry.family]

@@ -24,7 +24,10 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 _PER_PERIOD = 20
-"""Constrained samples per period of the highest frequency: between them a sine rises by 1.2 % of its amplitude."""
+"""Samples per period of the highest frequency at which the state is constrained: between them a sine rises by 1.2 % of
+its amplitude."""
+_PER_PERIOD_OF_MOTION = 12
+"""The same for limits of the motion: most of it is slower, and it is cheap to draw it in by the rest afterwards."""
 
 _HALVINGS = 16
 _FAR = 1e6
@@ -72,13 +75,16 @@ class Problem:
     @cached_property
     def grid(self) -> Floats:
         """Samples at which constraints are asked for, s."""
-        count = int(np.ceil(_PER_PERIOD * self.basis.frequency * self.basis.duration))
+        return self._samples(_PER_PERIOD)
+
+    def _samples(self, per_period: int) -> Floats:
+        count = int(np.ceil(per_period * self.basis.frequency * self.basis.duration))
         return np.linspace(0.0, self.basis.duration, count + 1)
 
     @cached_property
     def phi(self) -> tuple[Floats, ...]:
-        """Derivatives of the basis at the grid, orders 0 to 3."""
-        return tuple(self.basis.values(self.grid, order) for order in range(4))
+        """Derivatives of the basis at the grid, orders 0 to 2."""
+        return tuple(self.basis.values(self.grid, order) for order in range(3))
 
     @cached_property
     def at_rest(self) -> Floats:
@@ -103,8 +109,10 @@ class Problem:
     @cached_property
     def linear(self) -> tuple[sparse.csr_array, Floats, Floats]:
         """(A, low, high) with low ≤ A x ≤ high, for all samples of all limits."""
-        blocks = [sparse.kron(self.phi[limit.order], limit.weights[None, :]) for limit in self.limits]
-        rows = len(self.grid)
+        times = self._samples(_PER_PERIOD_OF_MOTION)
+        phi = [self.basis.values(times, order) for order in range(4)]
+        blocks = [sparse.kron(phi[limit.order], limit.weights[None, :]) for limit in self.limits]
+        rows = len(times)
         low = np.repeat([limit.low for limit in self.limits], rows)
         high = np.repeat([limit.high for limit in self.limits], rows)
         matrix = sparse.csr_array(sparse.vstack(blocks)) if blocks else sparse.csr_array((0, self.size))
@@ -203,7 +211,8 @@ class Problem:
     def _beyond_limits(self, x: Floats) -> Floats:
         """The largest violation of each limit of the motion."""
         A, low, high = self.linear
-        found: Floats = beyond(A @ x, low, high).reshape(len(self.limits), len(self.grid)).max(axis=1, initial=-np.inf)
+        rows = beyond(A @ x, low, high).reshape(len(self.limits), -1) if self.limits else np.zeros((0, 0))
+        found: Floats = rows.max(axis=1, initial=-np.inf)
         return found
 
     def violations(self, x: Floats) -> list[Floats]:
@@ -234,7 +243,7 @@ class Problem:
     def extended(self, part: Problem, x: Floats) -> Problem | None:
         """A part of this problem with what a motion breaks, or nearly breaks, added to it; None if it breaks nothing.
 
-        A function that is broken at some samples after it was asked for at others is asked for at all of them.
+        A function that is broken at some samples after it was asked for at others is asked for at many more.
 
         Parameters
         ----------
@@ -249,13 +258,16 @@ class Problem:
         new = any(np.any(b & ~old) for b, old in zip(broken, part.asked, strict=True))
         if not new and len(limits) == len(part.limits):
             return None
-        near = ((v > -_NEAR) | old.any(axis=0) for v, old in zip(violations, part.asked, strict=True))
+        again = (old.any(axis=0) for old in part.asked)
+        near = (v > -np.where(a, _NEAR_AGAIN, _NEAR) for v, a in zip(violations, again, strict=True))
         asked = (old | (n & b.any(axis=0)) for n, b, old in zip(near, broken, part.asked, strict=True))
         return replace(self, limits=limits, asked=tuple(asked))
 
 
 _NEAR = 0.1
 """Room at a sample, relative to a limit's range, below which it is asked for together with those that are broken."""
+_NEAR_AGAIN = 0.3
+"""The same for functions that were asked for before, where they were not broken then."""
 BROKEN = 1e-6
 """Violation at a sample, relative to a limit's range, that counts: limits are kept between samples with more room."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from math import inf
+from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
@@ -23,12 +24,19 @@ Floats = npt.NDArray[np.float64]
 _ROUNDS = 5
 _MORE = 1.5  # a limit is drawn in by so many times what it was broken by
 _LITTLE = 1e-4  # of a motion that is given up to be on the safe side
+_LITTLE_LESS = (0.998, 0.99)
+"""Shares of a motion that are as good as the whole."""
+_MUCH_LESS = (0.97, 0.9, 0.75, 0.5)
+"""Shares that are better than nothing."""
 _BACK = 0.98  # share of a motion that keeps tighter limits, from which the next one starts
 _ITERATIONS = 100  # of a solver that starts next to its goal
 
 
 def safe(design: Design, solutions: Sequence[Solution]) -> tuple[Floats, list[Margin]]:
     """The best solution, changed so that every limit holds at every time, and the margins.
+
+    A little that is missing between samples is given by a smaller motion; where that costs too much, limits are drawn
+    in and the search goes on.  A set-up's time limit holds here once more.
 
     Parameters
     ----------
@@ -41,23 +49,45 @@ def safe(design: Design, solutions: Sequence[Solution]) -> tuple[Floats, list[Ma
     InputError
         If no trajectory keeps all limits; names those that are broken.
     """
-    problem, worst = design.problem, ""
+    begun, seconds = perf_counter(), design.task.entry.seconds
+    deadline = inf if seconds is None else begun + seconds
+    worst = ""
     for solution in sorted(solutions, key=lambda s: s.value):
-        x: Floats | None = solution.x
+        problem, x = design.problem, solution.x
         for _ in range(_ROUNDS):
             if x is None:
                 break
-            x = _within(problem, x, design)
-            margins = margins_of(design.trajectory(x), design.task)
+            found, margins = _smaller(design, x, _LITTLE_LESS)
             broken = [margin for margin in margins if not margin.kept]
             if not broken:
-                return x, margins
+                return found, margins
             worst = ", ".join(margin.label for margin in broken[:6])
+            if perf_counter() > deadline:
+                break
             problem = _drawn_in(problem, margins, design)
-            x = solve_lazily(problem, problem.shrunk(x, _BACK), SolverOptions(iterations=_ITERATIONS), x).x
-        problem = design.problem
+            options = SolverOptions(iterations=_ITERATIONS, deadline=deadline)
+            x = solve_lazily(problem, problem.shrunk(x, _BACK), options, x).x
+        if solution.x is not None:
+            found, margins = _smaller(design, solution.x, _MUCH_LESS)
+            if all(margin.kept for margin in margins):
+                return found, margins
     reason = f"the limits of {worst} are broken between samples" if worst else "no start found a motion that keeps them"
     raise InputError(f"no trajectory keeps all limits: {reason}", source=design.task.setup.source, element="excitation")
+
+
+def _smaller(design: Design, x: Floats, shares: Sequence[float]) -> tuple[Floats, list[Margin]]:
+    """The largest of some shares of a motion about its centre that keeps all limits, or the whole, and the margins."""
+    rest = design.problem.at_rest.ravel()
+    whole = _within(design.problem, x, design)
+    first = margins_of(design.trajectory(whole), design.task)
+    if all(margin.kept for margin in first):
+        return whole, first
+    for share in shares:
+        found = rest + share * (whole - rest)
+        margins = margins_of(design.trajectory(found), design.task)
+        if all(margin.kept for margin in margins):
+            return found, margins
+    return whole, first
 
 
 def _within(problem: Problem, x: Floats, design: Design) -> Floats:

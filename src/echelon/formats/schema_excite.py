@@ -254,7 +254,11 @@ class ExcitationEntry(Model):
     family: Literal["fourier", "bspline", "sum"] = Field(
         "fourier", description="Functions of time: Fourier series, B-splines, or both added.", examples=["bspline"]
     )
-    harmonics: Count = Field(6, description="Harmonics of Fourier series.", examples=[5])
+    harmonics: Count | None = Field(
+        None,
+        description="Harmonics of Fourier series; default: 8, fewer where more than 8 coordinates move.",
+        examples=[5],
+    )
     pieces: Count = Field(8, description="Pieces of B-splines.", examples=[12])
     criterion: Literal["d_optimal", "a_optimal", "condition"] = Field(
         "d_optimal",
