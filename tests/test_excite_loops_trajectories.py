@@ -85,7 +85,7 @@ def test_clearances_hold_with_loops() -> None:
     found = ec.exciting_trajectory(setup, **FOUR_BAR, collisions=around)  # type: ignore[arg-type]
     assert found.safe
     (margin,) = [margin for margin in found.margins if margin.label == "distance of coupler and post"]
-    assert margin.active
+    assert margin.least < 0.021  # it binds
     motion = LoopMotion(setup.mechanism)
     closed = motion.at(*found.trajectory.states(np.linspace(0, 6, 60_001)))
     frames = Kinematics(setup.mechanism).frames(closed.q)[:, 1]

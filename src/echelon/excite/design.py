@@ -27,7 +27,7 @@ Floats = npt.NDArray[np.float64]
 
 DURATION = 8.0
 """Seconds, where none is stated."""
-_FEWEST, _MOST, _FUNCTIONS = 3, 8, 64
+_FEWEST, _MOST, _FUNCTIONS = 3, 7, 56
 """Harmonics where none are stated: so many that all coordinates together have about that many, within these ends."""
 
 

@@ -24,10 +24,7 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 _PER_PERIOD = 20
-"""Samples per period of the highest frequency at which the state is constrained: between them a sine rises by 1.2 % of
-its amplitude."""
-_PER_PERIOD_OF_MOTION = 12
-"""The same for limits of the motion: most of it is slower, and it is cheap to draw it in by the rest afterwards."""
+"""Constrained samples per period of the highest frequency: between them a sine rises by 1.2 % of its amplitude."""
 
 _HALVINGS = 16
 _FAR = 1e6
@@ -75,16 +72,13 @@ class Problem:
     @cached_property
     def grid(self) -> Floats:
         """Samples at which constraints are asked for, s."""
-        return self._samples(_PER_PERIOD)
-
-    def _samples(self, per_period: int) -> Floats:
-        count = int(np.ceil(per_period * self.basis.frequency * self.basis.duration))
+        count = int(np.ceil(_PER_PERIOD * self.basis.frequency * self.basis.duration))
         return np.linspace(0.0, self.basis.duration, count + 1)
 
     @cached_property
     def phi(self) -> tuple[Floats, ...]:
-        """Derivatives of the basis at the grid, orders 0 to 2."""
-        return tuple(self.basis.values(self.grid, order) for order in range(3))
+        """Derivatives of the basis at the grid, orders 0 to 3."""
+        return tuple(self.basis.values(self.grid, order) for order in range(4))
 
     @cached_property
     def at_rest(self) -> Floats:
@@ -109,10 +103,8 @@ class Problem:
     @cached_property
     def linear(self) -> tuple[sparse.csr_array, Floats, Floats]:
         """(A, low, high) with low ≤ A x ≤ high, for all samples of all limits."""
-        times = self._samples(_PER_PERIOD_OF_MOTION)
-        phi = [self.basis.values(times, order) for order in range(4)]
-        blocks = [sparse.kron(phi[limit.order], limit.weights[None, :]) for limit in self.limits]
-        rows = len(times)
+        blocks = [sparse.kron(self.phi[limit.order], limit.weights[None, :]) for limit in self.limits]
+        rows = len(self.grid)
         low = np.repeat([limit.low for limit in self.limits], rows)
         high = np.repeat([limit.high for limit in self.limits], rows)
         matrix = sparse.csr_array(sparse.vstack(blocks)) if blocks else sparse.csr_array((0, self.size))

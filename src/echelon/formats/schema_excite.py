@@ -256,7 +256,7 @@ class ExcitationEntry(Model):
     )
     harmonics: Count | None = Field(
         None,
-        description="Harmonics of Fourier series; default: 8, fewer where more than 8 coordinates move.",
+        description="Harmonics of Fourier series; default: 7, fewer where more than 8 coordinates move.",
         examples=[5],
     )
     pieces: Count = Field(8, description="Pieces of B-splines.", examples=[12])
