@@ -4,9 +4,9 @@ python -I probes/figaroh_trajectory.py URDF REACH SEED
 
 Settings are those that FIGAROH has where its configuration says nothing: five waypoints two seconds apart, at rest in
 each of them, 100 samples per second, at most 200 iterations of IPOPT with finite differences.  Only its margin, 5 % at
-each end of every limit, is taken away.  Positions end at ±REACH, speeds and torques are those of the URDF, as for
-Echelon.  Without friction, rotors and offsets, which its configuration would add, and without collisions: the model is
-read without shapes.
+each end of every limit, is taken away.  Positions end at ±REACH, speeds are those of the URDF, and torques are free,
+as for Echelon.  Without friction, rotors and offsets, which its configuration would add, and without collisions: the
+model is read without shapes.
 
 Prints one line of JSON: seconds, status of IPOPT, iterations, the columns of Pinocchio's regressor that it chose, and
 the samples of its motion (none if it found no feasible one).
@@ -53,6 +53,7 @@ def limited(urdf: str, reach: float) -> RobotWrapper:
     """The robot with its limits."""
     model = pin.buildModelFromUrdf(urdf)
     model.lowerPositionLimit[:], model.upperPositionLimit[:] = -reach, reach
+    model.effortLimit[:] = 1e9
     return RobotWrapper(model)
 
 
