@@ -192,9 +192,9 @@ def beside_figaroh(python: str | None) -> list[str]:
         "UR10, 8 s, q within ±2.5, speeds of its URDF; from the model to the motion, median … largest over "
         f"{CASES['ur10'].seeds} seeds of Echelon; FIGAROH searched {SEARCHES} times.",
         table(PEER, [our_row(searches), their_row(f"FIGAROH {figaroh}, IPOPT {ipopt}", searches)]),
-        "FIGAROH chooses its columns of Pinocchio's regressor by a QR with pivots of a random motion, which gives other "
-        f"columns each time ({len(columns(searches))} different sets here): Echelon's motions are judged on all of "
-        "them, FIGAROH's on those that it was made for. \"acceptable\" is IPOPT's looser tolerance; at the limit of "
+        "FIGAROH chooses its columns of Pinocchio's regressor by a QR with pivots of a random motion, which gives "
+        f"other columns each time ({len(columns(searches))} different sets here): Echelon's motions are judged on all "
+        "of them, FIGAROH's on those that it was made for. \"acceptable\" is IPOPT's looser tolerance; at the limit of "
         "iterations FIGAROH keeps the last motion if it is feasible.",
     ]
 

@@ -52,7 +52,7 @@ def test_a_leg_of_a_quadruped_over_a_floor() -> None:
     leg = [f"FR_{part}_joint" for part in ("hip", "thigh", "calf")]
     floor = {"name": "floor", "plane": [0, 0, 1], "through": [0, 0, -0.45]}
     setup = ec.load_setup(robot_file("a1"), floating=True)
-    found = ec.exciting_trajectory(setup, starts=1, move=leg, collisions={"obstacles": [floor]})
+    found = ec.exciting_trajectory(setup, starts=1, harmonics=6, move=leg, collisions={"obstacles": [floor]})
     assert found.safe
     assert found.starts[0].status == "converged"
     assert found.shown.scaled_condition < 60
