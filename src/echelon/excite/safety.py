@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import inf
+from math import inf, isfinite
 from time import perf_counter
 
 import numpy as np
@@ -117,7 +117,12 @@ def _drawn_in(problem: Problem, margins: Sequence[Margin], design: Design) -> Pr
     constraints = []
     for constraint in problem.constraints:
         own, states = states[: len(constraint.labels)], states[len(constraint.labels) :]
-        below = _MORE * np.array([max(m.low - m.least, 0.0) if m.low > -inf else 0.0 for m in own])
-        above = _MORE * np.array([max(m.largest - m.high, 0.0) if m.high < inf else 0.0 for m in own])
+        below = _MORE * np.array([_broken_by(m.low - m.least) for m in own])
+        above = _MORE * np.array([_broken_by(m.largest - m.high) for m in own])
         constraints.append(narrowed(constraint, below, above))
     return replace(problem, constraints=tuple(constraints))
+
+
+def _broken_by(beyond: float) -> float:
+    """How far a limit is broken; nothing where there is no limit, or where nobody knows how far."""
+    return max(beyond, 0.0) if isfinite(beyond) else 0.0

@@ -24,8 +24,8 @@ Slopes = tuple[Floats | None, Floats | None, Floats | None]
 _NUMBERS = 2**22  # that are worked on together: every operation keeps its result
 
 
-class StateConstraint(Protocol):
-    """Some functions of the state with bounds."""
+class Limited(Protocol):
+    """Some functions of the state with limits."""
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -43,6 +43,10 @@ class StateConstraint(Protocol):
     def high(self) -> Floats:
         """Largest values, shape (m,); ∞ for none."""
 
+
+class StateConstraint(Limited, Protocol):
+    """Limited functions that a solver can keep."""
+
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """The functions at states of shape (N, n), shape (N, m)."""
 
@@ -50,24 +54,8 @@ class StateConstraint(Protocol):
         """Their derivatives."""
 
 
-class Bounded(Protocol):
-    """Functions of the state with limits, and bounds of what they reach between samples."""
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """What each function is, for messages."""
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """SI units of the functions."""
-
-    @property
-    def low(self) -> Floats:
-        """Least values, shape (m,); −∞ for none."""
-
-    @property
-    def high(self) -> Floats:
-        """Largest values, shape (m,); ∞ for none."""
+class Bounded(Limited, Protocol):
+    """Limited functions with bounds of what they reach between samples."""
 
     def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
         """Bounds of the functions while states stay in intervals: least and largest, each of shape (cells, m).

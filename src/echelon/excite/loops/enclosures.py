@@ -2,9 +2,9 @@
 
 From a closed configuration the dependent coordinates move at rates D q̇, D = −J_D⁻¹ J_I, with q̇ of the independent ones.
 A box about it is large enough for a while if the rates that are possible in it do not lead out of it: the first
-configuration that left it would have got there within it.  With P a left inverse of J_D in the
-middle, P J_D stays near the identity there, which bounds all that follows from J: D, velocities, accelerations and
-virtual velocities.  Where it is regular all over the box, no second way of assembly lies in it.
+configuration that left it would have got there within it.  With P a left inverse of J_D in the middle, P J_D stays near
+the identity there, which bounds all that follows from J: D, velocities, accelerations and virtual velocities.  Where it
+is regular all over the box, no second way of assembly lies in it.
 
 Intervals are a middle and a radius here, because most of this is products of matrices.
 """
@@ -100,17 +100,10 @@ class LoopEnclosures:
         ranges : mapping of str to (array, array)
             Least and largest independent ``q``, ``qd`` and ``qdd``.
         """
-        speeds = self._completed(located, ranges["qd"], None)
-        low, high = _ends(speeds)
-        bias = _around(self._motion.kernels.bias_enclosures(located.q, (low, high)))
-        inverse = located.closed.inverse
-        return {
-            "q": located.q,
-            "qd": (low, high),
-            "qdd": _ends(
-                self._completed(located, ranges["qdd"], (_times(inverse, bias[0]), _times(np.abs(inverse), bias[1])))
-            ),
-        }
+        speeds, inverse = _ends(self._completed(located, ranges["qd"], None)), located.closed.inverse
+        middle, radius = _around(self._motion.kernels.bias_enclosures(located.q, speeds))
+        opening = _times(inverse, middle), _times(np.abs(inverse), radius)
+        return {"q": located.q, "qd": speeds, "qdd": _ends(self._completed(located, ranges["qdd"], opening))}
 
     def virtual(self, located: Located, given: Floats) -> Interval:
         """Virtual velocities of all coordinates, shape (cells, velocities, outputs), rad/s or m/s.
@@ -191,9 +184,8 @@ def _solved(product: Around, dependent: list[int], right: Around) -> tuple[Aroun
     With E = P J_D − 1, z = R − E z, and |z| ≤ (1 − |E|)⁻¹ |R|.
     """
     away = _deviation(product, dependent)
-    regular = np.all(away.sum(axis=2) < _REGULAR, axis=1)
     most = np.linalg.solve(_nearby(away), np.abs(right[0]) + right[1])
-    return (right[0], right[1] + away @ most), regular
+    return (right[0], right[1] + away @ most), _regular(away)
 
 
 def _deviation(product: Around, dependent: list[int]) -> Floats:
@@ -202,10 +194,14 @@ def _deviation(product: Around, dependent: list[int]) -> Floats:
     return found
 
 
+def _regular(away: Floats) -> Bools:
+    found: Bools = np.all(away.sum(axis=2) < _REGULAR, axis=1)
+    return found
+
+
 def _nearby(away: Floats) -> Floats:
     """1 − |E| where that is regular, else 1: what follows from it is of no use there."""
-    regular = np.all(away.sum(axis=2) < _REGULAR, axis=1)
-    found: Floats = np.eye(away.shape[1]) - np.where(regular[:, None, None], away, 0.0)
+    found: Floats = np.eye(away.shape[1]) - np.where(_regular(away)[:, None, None], away, 0.0)
     return found
 
 
