@@ -4,17 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from echelon.formats.schema_excite import ExcitationEntry
 from echelon.logs.column_map import ColumnMap
 from echelon.logs.preparation import Preparation
 from echelon.mechanism.mechanism import Mechanism
 from echelon.seeds import DEFAULT_SEED
 
+if TYPE_CHECKING:
+    from echelon.formats.schema_excite import ExcitationEntry
+
 Estimator = Literal["ols", "wls", "irls", "huber", "tls", "ridge", "iv"]
 Predicting = Literal["estimate", "essential", "physical"]
 Criterion = Literal["bic", "f-test", "relative_std", "none"]
+
+
+def _nothing_stated() -> ExcitationEntry:
+    from echelon.formats.schema_excite import ExcitationEntry  # the library of schemas takes long to import
+
+    return ExcitationEntry.model_validate({})
 
 
 @dataclass(frozen=True)
@@ -99,4 +107,4 @@ class Setup:
     prior: Mechanism | None = None
     robot_file: str | None = None
     assumed: tuple[str, ...] = ()
-    excitation: ExcitationEntry = field(default_factory=lambda: ExcitationEntry.model_validate({}))
+    excitation: ExcitationEntry = field(default_factory=_nothing_stated)
