@@ -28,6 +28,7 @@ from echelon.errors import CertificateError, DegenerateSampleError
 from echelon.exact.elimination import rank
 from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField
 from echelon.exact.rational import RationalFunction
+from echelon.mechanism.stated import StatedValues
 from echelon.program.sampling import FieldSampler
 from echelon.program.schedule import degree_bound
 from echelon.regressor.linear import LinearForms
@@ -64,6 +65,8 @@ class Certificate:
         Decimal logarithm of a bound on the probability that X · N = 0 is false.
     order : int
         With loops, the number of coefficients compared along each curve; 0 without.
+    at_values : bool
+        Whether the minor is non-zero at the stated values of the symbols, and not only for general ones.
     """
 
     rank: int
@@ -74,6 +77,7 @@ class Certificate:
     degree: int
     log10_error: float
     order: int = 0
+    at_values: bool = False
 
     def __str__(self) -> str:
         count = len(self.identity_primes)
@@ -83,13 +87,14 @@ class Certificate:
                 f"along {count} closed curves, each modulo its own prime of {ARRAY_BITS} bits: what shows up to order "
                 f"{self.order} is missed with probability below 1e{int(self.log10_error)}"
             )
+        where = " at the stated values" if self.at_values else ""
         return (
-            f"rank {self.rank} proved from below by a non-zero minor mod {self.minor_prime}; "
+            f"rank {self.rank} proved from below by a non-zero minor{where} mod {self.minor_prime}; "
             f"completeness X·N = 0 checked {how}"
         )
 
 
-def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int) -> Certificate:
+def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: StatedValues | None = None) -> Certificate:
     """Check a base parameter set against a regressor.
 
     Parameters
@@ -99,6 +104,8 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int) -> Certificat
     matrix : BaseMatrix
         The claimed B.
     seed : int
+    values : StatedValues, optional
+        Values of the symbols at which the set must be minimal; without them, or with loops, general ones.
 
     Returns
     -------
@@ -116,7 +123,9 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int) -> Certificat
             f"the set has {len(matrix.parameters)} standard parameters, the model {regressor.shape[1]}"
         )
     rng = random_generator(seed)
-    minor_prime, states = _check_minimal(regressor, matrix, rng)
+    if regressor.loops is not None or values is None or not values.names:
+        values = None  # lengths of loops cannot be chosen freely modulo a prime
+    minor_prime, states = _check_minimal(regressor, matrix, values, rng)
     if regressor.loops is not None:
         return _certified_on_curves(regressor, matrix, seed, (minor_prime, states), rng)
     sampler = regressor.sampler()
@@ -125,7 +134,7 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int) -> Certificat
     bad_point = log10(max(1, degree)) - min(log10(p) for p in primes)
     bad_prime = log10(2) * (_COEFFICIENT_BITS - CERTIFICATE_BITS + 12)  # few of the many primes divide a coefficient
     error = _POINTS * (max(bad_point, bad_prime) + log10(2))
-    return Certificate(matrix.rank, seed, minor_prime, states, primes, degree, error)
+    return Certificate(matrix.rank, seed, minor_prime, states, primes, degree, error, at_values=values is not None)
 
 
 def _certified_on_curves(
@@ -167,15 +176,18 @@ def _check_echelon(matrix: BaseMatrix) -> None:
                 raise CertificateError(f"row {name} contains {other}, which comes before it in the column order")
 
 
-def _check_minimal(regressor: LinearForms, matrix: BaseMatrix, rng: np.random.Generator) -> tuple[int, int]:
+def _check_minimal(
+    regressor: LinearForms, matrix: BaseMatrix, values: StatedValues | None, rng: np.random.Generator
+) -> tuple[int, int]:
     """Find a non-zero minor; returns its prime and the number of states used."""
+    values = values or StatedValues({}, {}, {})
     forms = regressor.columns(matrix.pivots)
     sampler = forms.sampler(_curve_order(regressor, matrix))
     states, best = 2 + matrix.rank // max(1, forms.shape[0]), -1
     while states <= _MOST_STATES:
         field = PrimeField.random(rng, ARRAY_BITS)
         try:
-            geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
+            geometry = values.draw(sampler.symbols, field, rng)
             rows = forms.stacked(sampler.evaluate(field, rng, states, geometry))[0]
         except DegenerateSampleError:
             continue

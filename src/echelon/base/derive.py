@@ -14,11 +14,13 @@ from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.base.modes import in_mode
 from echelon.base.order import column_order, reordered
+from echelon.base.own import own_answer
 from echelon.base.reading_report import report_reading
-from echelon.base.structure import Structure, find_structure
+from echelon.base.structure import Structure
 from echelon.errors import InputError
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.stated import stated_values
 from echelon.models.linear_model import LinearModel
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
@@ -26,13 +28,13 @@ from echelon.seeds import DEFAULT_SEED, random_generator
 
 @overload
 def base_parameters(
-    mechanism: Mechanism, *, order: str = ..., prefer: Sequence[str] = ..., seed: int = ...
+    mechanism: Mechanism, *, order: str = ..., prefer: Sequence[str] = ..., generic: bool = ..., seed: int = ...
 ) -> BaseModel: ...
 
 
 @overload
 def base_parameters(
-    mechanism: LinearModel, *, order: str = ..., prefer: Sequence[str] = ..., seed: int = ...
+    mechanism: LinearModel, *, order: str = ..., prefer: Sequence[str] = ..., generic: bool = ..., seed: int = ...
 ) -> LinearBase: ...
 
 
@@ -41,9 +43,14 @@ def base_parameters(
     *,
     order: str = "base-to-tip",
     prefer: Sequence[str] = (),
+    generic: bool = False,
     seed: int = DEFAULT_SEED,
 ) -> BaseModel | LinearBase:
     """Base parameters in closed form, with a certificate.
+
+    The stated values of the symbols decide the number of base parameters and their representatives; the closed forms
+    keep the symbols.  Where relations among the values matter (``a2 = 0``), they are put in, and
+    :attr:`BaseModel.special` names them.
 
     Parameters
     ----------
@@ -52,6 +59,8 @@ def base_parameters(
         ``"base-to-tip"`` for the classical groupings, or ``"tip-to-base"``; for mechanisms.
     prefer : sequence of str
         Parameters (``"M7"``) or kinds (``"MX"``) that should be representatives, most wanted first.
+    generic : bool
+        Answer for general values of the symbols instead of the stated ones.
     seed : int
         Seed of the random points; the result does not depend on it.
 
@@ -81,28 +90,32 @@ def base_parameters(
         return linear_base_parameters(mechanism, prefer, seed)
     rng = random_generator(seed)
     columns = column_order(mechanism.columns, order, prefer)
-    structure = find_structure(mechanism, rng)
-    matrix = classical_matrix(mechanism, structure, rng)
+    answer = own_answer(mechanism, rng, generic=generic)
+    own, structure = answer.mechanism, answer.structure
+    matrix = classical_matrix(own, structure, rng)
     if columns != matrix.order:
         matrix = reordered(matrix, columns, rng)
-    certificate = certify(in_mode(virtual_power_form(mechanism), structure.accepted), matrix, seed)
+    forms = in_mode(virtual_power_form(own), structure.accepted)
+    certificate = certify(forms, matrix, seed, None if generic else stated_values(own))
     reading = report_reading(mechanism, structure.rank, rng)
-    return BaseModel(mechanism, matrix, certificate, reading, seed)
+    return BaseModel(own, matrix, certificate, reading, seed, answer.special, generic)
 
 
-def base_structure(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> Structure:
+def base_structure(mechanism: Mechanism, *, generic: bool = False, seed: int = DEFAULT_SEED) -> Structure:
     """Rank and representatives only, without closed forms.
 
     Parameters
     ----------
     mechanism : Mechanism
+    generic : bool
+        Answer for general values of the symbols instead of the stated ones.
     seed : int
 
     Returns
     -------
     Structure
     """
-    return find_structure(mechanism, random_generator(seed))
+    return own_answer(mechanism, random_generator(seed), generic=generic).structure
 
 
 def classical_matrix(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> BaseMatrix:

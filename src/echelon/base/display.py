@@ -83,6 +83,8 @@ def facts(model: BaseModel) -> list[tuple[str, str]]:
     used = [model.mechanism.symbols[s] for s in model.matrix.symbols if s in model.mechanism.symbols]
     if used:
         found.append(("symbols", ", ".join(f"{s.name} = {value_text(s.exact, s.value)}" for s in used)))
+    if model.special is not None:
+        found.append(("stated values", one_line(str(model.special))))
     if model.reading.snaps:
         found.append(("read as exact", one_line(snap_summary(model))))
     found += [("note", one_line(note)) for note in model.reading.notes]

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import Number, Surd
-from echelon.exact.polynomial import float_generators, is_trigonometric, symbol_of
+from echelon.exact.polynomial import float_generators, is_trigonometric, multiple_of, symbol_of
 from echelon.exact.rational import RationalFunction
 
 if TYPE_CHECKING:
@@ -122,7 +122,8 @@ def _sympy_generator(generator: str, exact: Mapping[str, Any]) -> Any:
     symbol = exact[name] if name in exact else sympy.Symbol(name)
     if not is_trigonometric(generator):
         return symbol
-    return sympy.cos(symbol) if generator.startswith("cos(") else sympy.sin(symbol)
+    angle = multiple_of(generator)[0] * symbol
+    return sympy.cos(angle) if generator.startswith("cos(") else sympy.sin(angle)
 
 
 def residues_of_generators(
@@ -138,7 +139,8 @@ def residues_of_generators(
             continue
         if name not in circles:
             circles[name] = field.circle(symbols[name])
-        values[generator] = circles[name][0 if generator.startswith("cos(") else 1]
+        point = field.multiply_angle(circles[name], multiple_of(generator)[0])
+        values[generator] = point[0 if generator.startswith("cos(") else 1]
     return values
 
 

@@ -12,13 +12,16 @@ import numpy.typing as npt
 
 from echelon.base.base_set import BaseSet
 from echelon.base.certificate import Certificate
+from echelon.base.classification import Identifiability, classify
 from echelon.base.evaluation import Evaluation
 from echelon.base.lift import Metric, lift, metric_matrix
 from echelon.base.logs import Logs
 from echelon.base.matrix import BaseMatrix
+from echelon.base.own import SpecialValues, at_values
 from echelon.base.reading_report import ReadingReport
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.stated import stated_values
 from echelon.mechanism.values import characteristic_length, symbol_values
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
@@ -46,6 +49,10 @@ class BaseModel(BaseSet, Evaluation, Logs):
         What was snapped when the file was read, and whether it mattered.
     seed : int
         Seed of all random points.
+    special : SpecialValues, optional
+        What the stated values of symbols change against general ones; None where they change nothing.
+    generic : bool
+        Whether the answer is for general values of the symbols and not for the stated ones.
 
     Examples
     --------
@@ -60,6 +67,8 @@ class BaseModel(BaseSet, Evaluation, Logs):
     certificate: Certificate
     reading: ReadingReport
     seed: int
+    special: SpecialValues | None = None
+    generic: bool = False
 
     # -- the set -----------------------------------------------------------------------------------------------
 
@@ -67,6 +76,11 @@ class BaseModel(BaseSet, Evaluation, Logs):
     def units(self) -> tuple[str, ...]:
         """SI unit of every base parameter."""
         return tuple(self.mechanism.columns[p].unit for p in self.matrix.pivots)
+
+    @cached_property
+    def classification(self) -> dict[str, Identifiability]:
+        """For every standard parameter, what the outputs say about it, at the stated values of the symbols."""
+        return classify(self.matrix if self.generic else at_values(self.matrix, stated_values(self.mechanism)))
 
     # -- B in other forms --------------------------------------------------------------------------------------
 

@@ -23,6 +23,13 @@ class Order(StrEnum):
     TIP_TO_BASE = "tip-to-base"
 
 
+class SymbolSharing(StrEnum):
+    """How numbers of a robot file get symbols."""
+
+    SHARED = "shared"
+    SEPARATE = "separate"
+
+
 Robot = Annotated[Path, typer.Argument(help="URDF, MJCF or Echelon description (YAML, JSON).")]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="File to write instead of the terminal.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Machine-readable output.")]
@@ -40,7 +47,8 @@ Tolerance = Annotated[
         "[default: 0.002]"
     ),
 ]
-Numeric = Annotated[bool, typer.Option("--numeric", help="Keep lengths as exact numbers.")]
+Numeric = Annotated[bool, typer.Option("--numeric", help="Numbers throughout, for every symbol that has a value.")]
+Symbols = Annotated[SymbolSharing, typer.Option(help="Whether equal magnitudes of a robot file share a symbol.")]
 Mimicking = Annotated[Mimic, typer.Option(help="Respect mimic joints, or treat them as independent.")]
 EveryLink = Annotated[bool, typer.Option("--every-link", help="Keep links fixed to others as bodies.")]
 Massless = Annotated[list[str] | None, typer.Option(help="A link that carries no parameters; may be repeated.")]
@@ -55,6 +63,7 @@ def reading(
     every_link: bool = False,
     numeric: bool = False,
     massless: list[str] | None = None,
+    symbols: SymbolSharing = SymbolSharing.SHARED,
 ) -> dict[str, Any]:
     """Keyword arguments of :func:`echelon.load`."""
     return {
@@ -64,5 +73,6 @@ def reading(
         "independent_mimics": mimic is Mimic.INDEPENDENT,
         "every_link": every_link,
         "massless": tuple(massless or ()),
+        "separate_symbols": symbols is SymbolSharing.SEPARATE,
         **({} if tolerance is None else {"tolerance": tolerance}),
     }

@@ -11,7 +11,8 @@ from echelon.exact.polynomial import Polynomial, cosine, sine
 STEPS_PER_HALF_TURN = 12
 """π is twelve steps of 15°, the angles with a sine and cosine in Q(√2, √3)."""
 
-_LARGEST_MULTIPLE = 32  # cos(n x) is a polynomial of degree n
+_LARGEST_EXPANSION = 32
+"""cos(n x) is a polynomial of degree n in cos(x); beyond this degree it stays a generator of its own."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +37,7 @@ class Angle:
     def is_exact(self) -> bool:
         """Whether sine and cosine are polynomials in the symbols over Q(√2, √3)."""
         steps = self.half_turns * STEPS_PER_HALF_TURN
-        whole = all(c.denominator == 1 and -_LARGEST_MULTIPLE <= c <= _LARGEST_MULTIPLE for _, c in self.parts)
-        return not self.radians and steps.denominator == 1 and whole
+        return not self.radians and steps.denominator == 1 and all(c.denominator == 1 for _, c in self.parts)
 
     def cos(self) -> Polynomial:
         """Cosine as a polynomial in cos and sin of the symbols."""
@@ -50,16 +50,13 @@ class Angle:
     def _circle(self) -> tuple[Polynomial, Polynomial]:
         if not self.is_exact:
             raise ValueError(
-                f"the angle {self} has no exact sine: use a multiple of pi/12 (with at most "
-                f"{_LARGEST_MULTIPLE} times a symbol), or a symbol with that value"
+                f"the angle {self} has no exact sine: use a multiple of pi/12 (and whole multiples of symbols), or a "
+                "symbol with that value"
             )
         steps = int(self.half_turns * STEPS_PER_HALF_TURN)
         point = (Polynomial.constant(cosine_of_turn(steps)), Polynomial.constant(sine_of_turn(steps)))
         for symbol, count in self.parts:
-            sign = 1 if count > 0 else -1
-            step = (Polynomial.generator(cosine(symbol)), sign * Polynomial.generator(sine(symbol)))
-            for _ in range(abs(int(count))):
-                point = (point[0] * step[0] - point[1] * step[1], point[0] * step[1] + point[1] * step[0])
+            point = _added(point, _multiple(symbol, int(count)))
         return point
 
     def __str__(self) -> str:
@@ -67,3 +64,28 @@ class Angle:
         parts += [f"{count}*{symbol}" for symbol, count in self.parts]
         parts += [str(self.radians)] if self.radians else []
         return " + ".join(parts) or "0"
+
+
+_Point = tuple[Polynomial, Polynomial]
+
+
+def _added(a: _Point, b: _Point) -> _Point:
+    """Cosine and sine of a sum of angles."""
+    return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
+
+
+def _multiple(symbol: str, count: int) -> _Point:
+    """Cosine and sine of a multiple of a symbol, expanded where that is short."""
+    size, sign = abs(count), 1 if count > 0 else -1
+    if size > _LARGEST_EXPANSION:
+        argument = f"{size}*{symbol}"
+        return Polynomial.generator(cosine(argument)), sign * Polynomial.generator(sine(argument))
+    point, power = (Polynomial.constant(1), Polynomial.constant(0)), _generators(symbol, sign)
+    for bit in reversed(bin(size)[2:]):
+        point = _added(point, power) if bit == "1" else point
+        power = _added(power, power)
+    return point
+
+
+def _generators(symbol: str, sign: int) -> _Point:
+    return Polynomial.generator(cosine(symbol)), sign * Polynomial.generator(sine(symbol))

@@ -2,7 +2,8 @@
 
 This one type carries both what goes in (placements of joints: ``-px4``, ``cos(roll3)``) and what comes out (the
 entries of B).  A generator is a string: a symbol's name, or ``cos(name)`` / ``sin(name)`` of an angle symbol.  The only
-relation is sin² = 1 − cos², applied on every product, so equal polynomials have equal terms.
+relation is sin² = 1 − cos², applied on every product, so equal polynomials have equal terms.  Large multiples of an
+angle have generators of their own, ``cos(40*name)``: every evaluation knows their relation, equality of terms does not.
 """
 
 from __future__ import annotations
@@ -33,8 +34,14 @@ def sine(symbol: str) -> str:
 
 
 def symbol_of(generator: str) -> str:
-    """The symbol a generator is made of: ``cos(a)`` and ``a`` both give ``a``."""
-    return generator[4:-1] if generator.endswith(")") else generator
+    """The symbol a generator is made of: ``cos(a)``, ``sin(40*a)`` and ``a`` all give ``a``."""
+    return multiple_of(generator)[1] if generator.endswith(")") else generator
+
+
+def multiple_of(generator: str) -> tuple[int, str]:
+    """The argument of a sine or cosine: ``cos(40*a)`` gives 40 and ``a``."""
+    count, _, symbol = generator[4:-1].rpartition("*")
+    return int(count or 1), symbol
 
 
 def is_trigonometric(generator: str) -> bool:
@@ -180,7 +187,8 @@ def float_generators(generators: Iterable[str], symbols: Mapping[str, float]) ->
     for generator in generators:
         symbol = symbols[symbol_of(generator)]
         if is_trigonometric(generator):
-            values[generator] = math.cos(symbol) if generator.startswith("cos(") else math.sin(symbol)
+            angle = multiple_of(generator)[0] * symbol
+            values[generator] = math.cos(angle) if generator.startswith("cos(") else math.sin(angle)
         else:
             values[generator] = symbol
     return values
@@ -205,7 +213,7 @@ def _reduced(exponents: dict[str, int]) -> list[tuple[Monomial, int]]:
     """A product of generators as a sum of monomials without powers of sines."""
     for generator, exponent in exponents.items():
         if exponent >= 2 and generator.startswith("sin("):
-            partner = cosine(symbol_of(generator))
+            partner = "cos" + generator[3:]
             rest = {**exponents, generator: exponent - 2}
             squared = {**rest, partner: rest.get(partner, 0) + 2}
             return _reduced(rest) + [(m, -f) for m, f in _reduced(squared)]

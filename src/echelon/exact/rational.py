@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import flint
 
 from echelon.exact.numbers import Number, Surd, inverse, parts_of, surd
-from echelon.exact.polynomial import Monomial, Polynomial, as_polynomial, cosine, format_polynomial, symbol_of
+from echelon.exact.polynomial import Monomial, Polynomial, as_polynomial, format_polynomial
 
 T = TypeVar("T")
 _ONE = Polynomial.constant(1)
@@ -138,12 +138,12 @@ class _Ring:
     def __init__(self, *polynomials: Polynomial) -> None:
         generators = {g for polynomial in polynomials for g in polynomial.generators()}
         sines = sorted(g for g in generators if g.startswith("sin("))
-        generators |= {cosine(symbol_of(g)) for g in sines}
+        generators |= {"cos" + g[3:] for g in sines}
         self.names = (*sorted(generators), "√2", "√3")
         self.context = flint.fmpq_mpoly_ctx.get(("x", len(self.names)), flint.Ordering.lex)
         element = dict(zip(self.names, self.context.gens(), strict=True))
         squares = {"√2": self.context.constant(2), "√3": self.context.constant(3)}
-        squares |= {g: 1 - element[cosine(symbol_of(g))] ** 2 for g in sines}
+        squares |= {g: 1 - element["cos" + g[3:]] ** 2 for g in sines}
         self.squares = [(self.names.index(g), element[g], square) for g, square in squares.items()]
 
     def enter(self, polynomial: Polynomial) -> Any:

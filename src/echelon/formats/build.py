@@ -22,6 +22,7 @@ from echelon.formats.literal import (
     LiteralTree,
 )
 from echelon.formats.options import ReadingOptions, gravity_vector
+from echelon.formats.relations import with_relations
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Coupling, Mechanism, setup_placements
 from echelon.mechanism.placement import Placement, shift, turn
@@ -61,6 +62,7 @@ class _Builder:
         self.bodies: list[Body] = []
         self.host: dict[int, int] = {}  # link -> body that carries it
         self.offset: dict[int, tuple[LiteralPlacement, ...]] = {}  # link -> placements from its body's frame
+        self.sources: dict[str, list[str]] = {}  # label of a body -> elements that its joint's frames come from
 
     def build(self) -> Mechanism:
         self._check_massless()
@@ -70,12 +72,15 @@ class _Builder:
             else:
                 self._attach(index, link)
         self._attach_inertials()
+        gravity = gravity_vector(self.options.gravity, self.intent.gravity())
+        if not self.tree.closures:  # loops close at the numbers of the file, not at any others
+            self.bodies = with_relations(self.bodies, gravity, self.intent, self.sources)
         couplings = tuple(Coupling(c.dependent, ((c.leader, as_polynomial(c.ratio)),)) for c in self.couplings.values())
         closures = tuple(build_closure(c, self.tree, self.intent, self._ride) for c in self._moving_closures())
         mechanism = Mechanism(
             self.tree.name,
             tuple(self.bodies),
-            gravity_vector(self.options.gravity, self.intent.gravity()),
+            gravity,
             couplings,
             closures=closures,
         )
@@ -133,6 +138,7 @@ class _Builder:
         label = str(len(self.bodies) if self.options.floating or self.options.every_link else len(self.bodies) + 1)
         parent = self.host.get(link.parent, GROUND)
         steps: tuple[LiteralStep, ...] = (*self.offset.get(link.parent, ()), *link.steps)
+        self.sources[label] = [step.element for step in steps]
         read = self._read(steps, label)
         kind, name = link.kind, link.joint
         if index == self.floating_link:

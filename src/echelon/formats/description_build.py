@@ -21,6 +21,7 @@ from echelon.formats.description_text import Document
 from echelon.formats.inertia import Inertial, move_inertial
 from echelon.formats.intent import numeric_value, symbol_stem
 from echelon.formats.options import ReadingOptions, gravity_vector
+from echelon.formats.relations import with_relations
 from echelon.hints import nearest_of
 from echelon.mechanism.joint import Joint, Motion, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
@@ -72,10 +73,14 @@ def build_description(
     couplings = tree.couple(robot)
     stated = stated_gravity(robot, expressions)
     chosen = stated if options.gravity == "file" else gravity_vector(options.gravity, stated or ORIGIN)
+    chosen = chosen if chosen is not None and any(chosen) else None
+    bodies = tree.bodies
+    if not robot.loops:
+        bodies = with_relations(bodies, chosen, expressions.intent, tree.sources, expressions.declared)
     mechanism = Mechanism(
         robot.name,
-        tuple(tree.bodies),
-        chosen if chosen is not None and any(chosen) else None,
+        tuple(bodies),
+        chosen,
         tuple(c.coupling for c in couplings),
         {name: s for name, s in expressions.intent.symbols.items() if name not in bare},
     )
@@ -136,6 +141,8 @@ class _Tree:
         # of every part, and of the base: the body that carries it, and where it sits on that body
         self.host: dict[str | None, int] = {None: GROUND}
         self.offset: dict[str | None, Placement] = {None: Placement()}
+        self.sources: dict[str, list[str]] = {}  # of every body, by label: elements that its joint's frames come from
+        self._paths: dict[str | None, list[str]] = {None: []}
         self._riders: dict[int, list[Part]] = {}
         self._labels: dict[str, str] = {}
         self._coordinates: dict[str, str] = {}
@@ -163,6 +170,7 @@ class _Tree:
             self._attach(part)
             return
         label = self._label(part, floats)
+        self.sources[label], self._paths[part.name] = [*self._paths[part.parent], part.path], []
         before = self.offset[part.parent]
         steps = part.steps(label)
         joint = Joint(part.joint, part.kind, steps if before.is_identity else merge((before, *steps)))
@@ -207,6 +215,7 @@ class _Tree:
 
     def _attach(self, part: Part) -> None:
         """A fixed part rides on its parent's body."""
+        self._paths[part.name] = [*self._paths[part.parent], part.path]
         placed = self.offset[part.parent]
         for step in part.steps(symbol_stem(part.name)):
             assert isinstance(step, Placement)

@@ -9,13 +9,14 @@ numbers become symbols named by joint, with equal magnitudes sharing one symbol,
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import atan2, hypot, pi
 
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
+from echelon.exact.expressions import PI
 from echelon.exact.numbers import Number, Rational, Surd, format_number
-from echelon.exact.polynomial import Polynomial, as_polynomial, float_generators
+from echelon.exact.polynomial import Polynomial, as_polynomial, float_generators, format_polynomial
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree, Triple
 from echelon.formats.options import LENGTH_TOLERANCE, PRECISION, ReadingOptions
 from echelon.mechanism.joint import (
@@ -85,23 +86,31 @@ class Intent:
         if not value:
             return value
         size = abs(self.numeric(value))
-        if size <= self._length_tolerance(element) * self._scale:
+        if size <= self.length_tolerance(element):
             self.snaps.append(Snap(element, f"{self.numeric(value):.3g}", "0", size))
             return Polynomial({})
         if not self.options.symbolic:
             return value
-        for known, sign in ((value, 1), (-value, -1)):
-            if known in self._lengths:
-                return sign * Polynomial.generator(self._lengths[known])
+        if not self.options.separate_symbols:
+            for known, sign in ((value, 1), (-value, -1)):
+                if known in self._lengths:
+                    return sign * Polynomial.generator(self._lengths[known])
         sign = 1 if self.numeric(value) > 0 else -1
-        symbol = self._new_symbol(name, sign * value, element)
+        number, size = (sign * value).number, abs(self.numeric(value))
+        exact, stands_for = (exact_text(number), None) if number is not None else (None, sign * value)
+        symbol = self._new_symbol(name, Symbol(name, size, exact, element, stands_for))
         self._lengths[sign * value] = symbol
         return sign * Polynomial.generator(symbol)
 
-    def _length_tolerance(self, element: str) -> float:
+    def length(self, value: float, name: str, element: str) -> Polynomial:
+        """A measured length: a symbol, or the decimal that it is to twelve digits."""
+        return self._length(as_polynomial(Fraction(f"{value:.12g}")), name, element)
+
+    def length_tolerance(self, element: str) -> float:
+        """How far an element's length may be from zero, m."""
         if not self.options.tolerance:
             return 0.0
-        return PRECISION if element in self.literal else LENGTH_TOLERANCE
+        return (PRECISION if element in self.literal else LENGTH_TOLERANCE) * self._scale
 
     # -- angles ----------------------------------------------------------------------------------------------------
 
@@ -110,7 +119,7 @@ class Intent:
         number = float(value)
         steps = round(number / _STEP)
         difference = abs(number - steps * _STEP)
-        if difference <= max(self._angle_tolerance(element), _EXACT * max(1.0, abs(number))):
+        if difference <= max(self.angle_tolerance(element), _EXACT * max(1.0, abs(number))):
             if difference > _EXACT * max(1.0, abs(number)):
                 self.snaps.append(Snap(element, _decimal(value), f"{steps * 15}°", difference))
             return Angle(Fraction(steps, STEPS_PER_HALF_TURN))
@@ -121,20 +130,19 @@ class Intent:
         number = float(value)
         quarters = round(number / (pi / 2))
         rest = number - quarters * (pi / 2)
-        symbol = self._angle_symbol(abs(rest), value if quarters == 0 else None, element, name)
+        exact = _rest_text(value, quarters, rest > 0) if isinstance(value, int | Fraction) else None
+        symbol = self._angle_symbol(abs(rest), exact, element, name)
         return Angle(Fraction(quarters, 2), ((symbol, 1 if rest > 0 else -1),))
 
-    def _angle_tolerance(self, element: str) -> float:
+    def angle_tolerance(self, element: str) -> float:
+        """How far an element's angle may be from an exact one, rad."""
         return min(PRECISION, self.options.tolerance) if element in self.literal else self.options.tolerance
 
-    def _angle_symbol(self, size: float, literal: Rational | float | None, element: str, name: str) -> str:
-        for known, symbol in self._angles:
+    def _angle_symbol(self, size: float, exact: str | None, element: str, name: str) -> str:
+        for known, symbol in () if self.options.separate_symbols else self._angles:
             if abs(known - size) <= _SAME:
                 return symbol
-        exact = None
-        if isinstance(literal, int | Fraction):
-            exact = as_polynomial(literal if literal > 0 else -literal)
-        symbol = self._new_symbol(name, exact, element, size)
+        symbol = self._new_symbol(name, Symbol(name, size, exact, element))
         self._angles.append((size, symbol))
         return symbol
 
@@ -161,7 +169,7 @@ class Intent:
         for axis, component in enumerate((x, y, z)):
             rest = [v for k, v in enumerate((x, y, z)) if k != axis]
             off = atan2(hypot(*rest), abs(component))
-            if off <= max(self._angle_tolerance(element), _EXACT):
+            if off <= max(self.angle_tolerance(element), _EXACT):
                 if off:
                     text = " ".join(_decimal(v) for v in direction)
                     self.snaps.append(Snap(element, f"({text})", "xyz"[axis], off))
@@ -181,14 +189,20 @@ class Intent:
         """Numeric value of an expression in angle symbols."""
         return numeric_value(value, {name: s.value for name, s in self.symbols.items() if s.value is not None})
 
-    def _new_symbol(self, name: str, exact: Polynomial | None, element: str, value: float | None = None) -> str:
+    def _new_symbol(self, name: str, symbol: Symbol) -> str:
         unique, suffix = name, "b"
         while unique in self.symbols:
             unique, suffix = name + suffix, chr(ord(suffix) + 1)
-        number = exact.number if exact is not None else None
-        size = self.numeric(exact) if value is None and exact is not None else value
-        self.symbols[unique] = Symbol(unique, size, None if number is None else exact_text(number), element)
+        self.symbols[unique] = replace(symbol, name=unique)
         return unique
+
+
+def _rest_text(value: Rational, quarters: int, positive: bool) -> str:
+    """The exact text of what an angle is more, or less, than a number of right angles."""
+    sign = 1 if positive else -1
+    rest = Polynomial({(): sign * value, ((PI, 1),): Fraction(-sign * quarters, 2)})
+    number = rest.number
+    return format_polynomial(rest) if number is None else exact_text(number)
 
 
 def symbol_stem(name: str) -> str:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from echelon.errors import InputError
 from echelon.formats.build import build_mechanism
 from echelon.formats.options import ANGLE_TOLERANCE, Gravity, ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.stated import in_numbers
 
 _SUPPORTED = "URDF (.urdf), MJCF (.xml, .mjcf) or an Echelon description (.yaml, .yml, .json)"
 _XACRO = re.compile(r"\{https?://[^}]*xacro/?\}")
@@ -27,6 +29,7 @@ def load(
     independent_mimics: bool = False,
     massless: Sequence[str] = (),
     gravity: Gravity = "file",
+    separate_symbols: bool = False,
 ) -> Mechanism:
     """Read a robot description.
 
@@ -39,7 +42,8 @@ def load(
         switches this off.
     symbolic : bool
         Give lengths of URDF and MJCF files symbols (``px4``: x offset of joint 4), or keep them as exact numbers, as
-        with loops in any case.
+        with loops in any case.  Without symbols, those of a description become their values too; only angles without
+        an exact sine stay symbols.
     floating : bool
         Let the root link float.
     every_link : bool
@@ -50,6 +54,8 @@ def load(
         Links that carry no parameters.
     gravity : "file", "generic", None or 3 numbers or expressions
         Gravity in the base frame, m/s².
+    separate_symbols : bool
+        Give every number of a URDF or MJCF file a symbol of its own; otherwise equal magnitudes share one.
 
     Returns
     -------
@@ -66,9 +72,19 @@ def load(
     >>> print(ec.load("examples/panda.yaml"))
     panda: 7 bodies, 7 degrees of freedom
     """
-    options = ReadingOptions(tolerance, symbolic, floating, every_link, independent_mimics, tuple(massless), gravity)
+    options = ReadingOptions(
+        tolerance, symbolic, floating, every_link, independent_mimics, tuple(massless), gravity, separate_symbols
+    )
     file = Path(path)
-    return parse_robot(read_bytes(file), str(file), options, file.parent)
+    mechanism = parse_robot(read_bytes(file), str(file), options, file.parent)
+    return mechanism if symbolic else _in_numbers(mechanism)
+
+
+def _in_numbers(mechanism: Mechanism) -> Mechanism:
+    reading, numeric = mechanism.reading, in_numbers(mechanism)
+    if reading is None:
+        return numeric
+    return replace(numeric, reading=replace(reading, rebuild=lambda literal: in_numbers(reading.rebuild(literal))))
 
 
 def parse_robot(data: bytes, source: str, options: ReadingOptions, directory: Path | None = None) -> Mechanism:

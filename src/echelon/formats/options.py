@@ -32,7 +32,8 @@ class ReadingOptions:
         Angles this near (rad) to a multiple of 15°, and axes this near to a coordinate direction, are read as exact.
         0 switches snapping off.
     symbolic : bool
-        Give lengths systematic symbols (``px4`` for the x offset of joint 4), or keep them as exact numbers.
+        Give lengths systematic symbols (``px4`` for the x offset of joint 4); otherwise every symbol that has an exact
+        value, also of a description, becomes that number.
     floating : bool
         Whether the root link floats.
     every_link : bool
@@ -44,6 +45,8 @@ class ReadingOptions:
     gravity : Gravity
         ``"file"`` for what the file says (9.81 m/s² along −z if it is silent), ``"generic"`` for an unknown direction,
         None for none, or three numbers or expressions.
+    separate_symbols : bool
+        Give every number a symbol of its own, also where magnitudes are equal.
     """
 
     tolerance: float = ANGLE_TOLERANCE
@@ -53,6 +56,7 @@ class ReadingOptions:
     independent_mimics: bool = False
     massless: tuple[str, ...] = ()
     gravity: Gravity = "file"
+    separate_symbols: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.tolerance <= 0.1:

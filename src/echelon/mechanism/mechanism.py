@@ -82,12 +82,15 @@ class Symbol:
         The value as exact text, where it has one (``"0.333"``, ``"sqrt(2)/10"``).
     meaning : str
         Where the symbol comes from, for people.
+    stands_for : Polynomial, optional
+        What it is in terms of angle symbols, where a reader named a sum such as 0.1 + 0.3·cos(roll2).
     """
 
     name: str
     value: float | None = None
     exact: str | None = None
     meaning: str = ""
+    stands_for: Polynomial | None = None
 
 
 @dataclass(frozen=True)

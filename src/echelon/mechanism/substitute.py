@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 
-from echelon.exact.polynomial import Polynomial, as_polynomial
+from echelon.exact.polynomial import Polynomial, as_polynomial, format_polynomial, is_trigonometric, symbol_of
+from echelon.mechanism.effect import Effect
 from echelon.mechanism.joint import Motion, Step, merge
 from echelon.mechanism.mechanism import Body, Mechanism
+from echelon.mechanism.output import Channel, Cut, Output
 from echelon.mechanism.placement import Matrix, Placement, Vector
+
+_NAMES = re.compile(r"\[[^\]]*\]|[^\W\d]\w*")
+"""Coordinates in brackets, which are no symbols, and names."""
 
 
 def substituted(mechanism: Mechanism, values: Mapping[str, Polynomial]) -> Mechanism:
-    """Put expressions in for generators of joints, gravity and couplings.
+    """Put expressions in for generators, wherever a mechanism uses them.
 
     Parameters
     ----------
     mechanism : Mechanism
     values : mapping of str to Polynomial
         By generator: ``a`` for a length, ``cos(b)`` and ``sin(b)`` for an angle.
+
+    Returns
+    -------
+    Mechanism
+        Without the symbols that something was put in for.
     """
     put = _Substitution(values)
     gravity = None if mechanism.gravity is None else put.vector(mechanism.gravity)
@@ -34,6 +45,13 @@ def substituted(mechanism: Mechanism, values: Mapping[str, Polynomial]) -> Mecha
             replace(c, first_frame=put.placement(c.first_frame), second_frame=put.placement(c.second_frame))
             for c in mechanism.closures
         ),
+        actuators=tuple(
+            replace(a, terms=tuple((name, put.polynomial(ratio)) for name, ratio in a.terms))
+            for a in mechanism.actuators
+        ),
+        measured=None if mechanism.measured is None else tuple(put.output(output) for output in mechanism.measured),
+        effects=tuple(put.effect(effect) for effect in mechanism.effects),
+        symbols={name: symbol for name, symbol in mechanism.symbols.items() if name not in put.symbols},
         reading=None,
     )
 
@@ -41,6 +59,7 @@ def substituted(mechanism: Mechanism, values: Mapping[str, Polynomial]) -> Mecha
 class _Substitution:
     def __init__(self, values: Mapping[str, Polynomial]) -> None:
         self.values = values
+        self.symbols = {symbol_of(generator) for generator in values}
 
     def polynomial(self, p: Polynomial) -> Polynomial:
         generators = p.generators()
@@ -48,6 +67,19 @@ class _Substitution:
             return p
         known = {g: self.values.get(g, Polynomial.generator(g)) for g in generators}
         return p.evaluate(known, as_polynomial)
+
+    def output(self, output: Output) -> Output:
+        return replace(output, terms=tuple((self.channel(c), self.polynomial(weight)) for c, weight in output.terms))
+
+    def channel(self, channel: Channel) -> Channel:
+        return replace(channel, frame=self.placement(channel.frame)) if isinstance(channel, Cut) else channel
+
+    def effect(self, effect: Effect) -> Effect:
+        return replace(effect, actions=tuple(replace(a, term=self.text(a.term)) for a in effect.actions))
+
+    def text(self, term: str) -> str:
+        plain = {name: value for name, value in self.values.items() if not is_trigonometric(name)}
+        return _NAMES.sub(lambda m: f"({format_polynomial(plain[m[0]])})" if m[0] in plain else m[0], term)
 
     def vector(self, vector: Vector) -> Vector:
         x, y, z = (self.polynomial(part) for part in vector)

@@ -13,7 +13,7 @@ from fractions import Fraction
 
 from echelon.errors import InputError
 from echelon.exact.numbers import Number, Surd, inverse
-from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
+from echelon.exact.polynomial import Polynomial, is_trigonometric, multiple_of, symbol_of
 from echelon.program.operations import Op
 from echelon.program.scalar import Scalar
 
@@ -139,7 +139,8 @@ class Program:
         symbol = self.input(symbol_of(generator), "symbol")
         if not is_trigonometric(generator):
             return symbol
-        return self.cos(symbol) if generator.startswith("cos") else self.sin(symbol)
+        angle = symbol * multiple_of(generator)[0]
+        return self.cos(angle) if generator.startswith("cos") else self.sin(angle)
 
     # -- operations on nodes, with simplification -----------------------------------------------------------------
 

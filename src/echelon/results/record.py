@@ -61,6 +61,15 @@ class CertificateRecord(_Strict):
     degree: int
     log10_error: float
     order: int = 0
+    at_values: bool = Field(False, description="Whether the minor was taken at the stated values of the symbols.")
+
+
+class SpecialRecord(_Strict):
+    """What the stated values change against general symbols."""
+
+    generic_rank: int = Field(description="Rank for general values of the symbols.")
+    rank: int = Field(description="Rank at the stated values.")
+    relations: list[str] = Field(description="Relations among the values that make the difference.")
 
 
 class BaseModelRecord(_Strict):
@@ -77,6 +86,8 @@ class BaseModelRecord(_Strict):
     base: list[BaseParameterRecord]
     classification: dict[str, list[str]]
     reading: ReadingRecord
+    special: SpecialRecord | None = Field(None, description="Present where the stated values change the answer.")
+    generic: bool = Field(False, description="Whether the set is for general values of the symbols.")
     certificate: CertificateRecord
     model: dict[str, Any] = Field(description="The mechanism as an Echelon description.")
 

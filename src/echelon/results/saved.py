@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from echelon.base.certificate import Certificate
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
+from echelon.base.own import SpecialValues
 from echelon.base.reading_report import ReadingReport
 from echelon.errors import CertificateError, EchelonError, InputError
 from echelon.exact.expressions import parse
@@ -24,7 +25,7 @@ from echelon.mechanism.reading import Snap
 from echelon.version import __version__
 
 if TYPE_CHECKING:
-    from echelon.results.record import BaseModelRecord, BaseParameterRecord, SnapRecord
+    from echelon.results.record import BaseModelRecord, BaseParameterRecord, SnapRecord, SpecialRecord
 
 
 def to_json(model: BaseModel) -> str:
@@ -61,6 +62,8 @@ def to_dict(model: BaseModel) -> dict[str, Any]:
         "base": _base_rows(model),
         "classification": _classes(model),
         "reading": asdict(model.reading),
+        "special": None if model.special is None else asdict(model.special),
+        "generic": model.generic,
         "certificate": certificate,
         "model": write_description(model.mechanism),
     }
@@ -150,6 +153,8 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
             tuple(_snap(s) for s in record.reading.decisive),
         ),
         record.seed,
+        _special(record.special),
+        record.generic,
     )
     _check_derived(record, model)
     return model
@@ -183,6 +188,10 @@ def _same_values(stated: Mapping[str, float | None], derived: Mapping[str, float
         return a is b if a is None or b is None else isclose(a, b, rel_tol=1e-9, abs_tol=1e-12)
 
     return stated.keys() == derived.keys() and all(same(stated[name], derived[name]) for name in stated)
+
+
+def _special(record: SpecialRecord | None) -> SpecialValues | None:
+    return None if record is None else SpecialValues(record.generic_rank, record.rank, tuple(record.relations))
 
 
 def _snap(record: SnapRecord) -> Snap:

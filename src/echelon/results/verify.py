@@ -11,6 +11,7 @@ from echelon.base.model import BaseModel
 from echelon.base.modes import in_mode
 from echelon.base.structure import find_structure
 from echelon.errors import CertificateError
+from echelon.mechanism.stated import stated_values
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.results.saved import load_base
 
@@ -48,5 +49,6 @@ def verify(model: BaseModel | str | os.PathLike[str], seed: int | None = None) -
     if forms.loops is not None:
         structure = find_structure(model.mechanism, np.random.default_rng(recorded.seed))
         forms = in_mode(forms, structure.accepted)
-    certify(forms, model.matrix, recorded.seed)
-    return certify(forms, model.matrix, recorded.seed + 1 if seed is None else seed)
+    values = None if model.generic else stated_values(model.mechanism)
+    certify(forms, model.matrix, recorded.seed, values)
+    return certify(forms, model.matrix, recorded.seed + 1 if seed is None else seed, values)

@@ -1,0 +1,200 @@
+"""The robot's own numbers: exact values of geometry symbols, for points of a field and for putting in.
+
+Lengths, ratios and angles on the grid of 15° are exact numbers.  A decimal angle is an integer multiple of one unit u,
+the largest that all decimal angles of a robot are multiples of.  For algebraic u ≠ 0 the number e^{iu} is
+transcendental (Lindemann), so its circle point satisfies no algebraic relation: it is a generic point of the circle,
+and multiples of it have all true relations between the decimals, such as 0.3 + 0.4 − 0.7 = 0, and no others.  Fractions
+of π that are not on the grid are multiples of a second unit; that their multiples come back to the grid is not known
+here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from math import gcd, lcm
+
+import numpy as np
+
+from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
+from echelon.exact.expressions import parse, parse_angle
+from echelon.exact.field import PrimeField, Residues
+from echelon.exact.numbers import Number, Surd, cosine_of_turn, format_number, sine_of_turn
+from echelon.exact.polynomial import Polynomial, as_polynomial, cosine, sine, symbol_of
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.roles import symbol_roles
+from echelon.mechanism.substitute import substituted
+
+Point = tuple[Residues, Residues]
+"""Cosine and sine."""
+
+_RADIANS, _TURNS = "unit_of_decimals", "unit_of_pi"
+"""Names of the two units, where they stand for symbols."""
+
+
+@dataclass(frozen=True)
+class StatedValues:
+    """Exact values of a mechanism's symbols.
+
+    Attributes
+    ----------
+    numbers : mapping of str to Number
+        Lengths, ratios and other constants, SI units.
+    angles : mapping of str to Angle
+        Without symbolic parts.
+    sums : mapping of str to Polynomial
+        Lengths that stand for sums with sines and cosines of the angles.
+    """
+
+    numbers: Mapping[str, Number]
+    angles: Mapping[str, Angle]
+    sums: Mapping[str, Polynomial]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Symbols with a value, sorted."""
+        return tuple(sorted({*self.numbers, *self.angles, *self.sums}))
+
+    @cached_property
+    def multiples(self) -> dict[str, tuple[int, int, int]]:
+        """Every angle as steps of 15°, a multiple of the unit of decimals, and one of the unit of π."""
+        split = {name: _off_grid(angle.half_turns) for name, angle in self.angles.items()}
+        radians = unit_of(angle.radians for angle in self.angles.values())
+        turns = unit_of(rest for _, rest in split.values())
+        return {
+            name: (split[name][0], int(angle.radians / radians), int(split[name][1] / turns))
+            for name, angle in self.angles.items()
+        }
+
+    def put_in(self, names: Collection[str]) -> dict[str, Polynomial]:
+        """What some symbols' generators become: numbers, and sines and cosines of multiples of units."""
+        values = {name: Polynomial.constant(self.numbers[name]) for name in names if name in self.numbers}
+        for name in names:
+            if name in self.angles:
+                steps, *counts = self.multiples[name]
+                parts = tuple((u, n) for u, n in zip((_RADIANS, _TURNS), counts, strict=True) if n)
+                values |= angle_generators(name, Angle(Fraction(steps, STEPS_PER_HALF_TURN), parts))
+        for name in names:
+            if name in self.sums:
+                terms = {g: values.get(g, Polynomial.generator(g)) for g in self.sums[name].generators()}
+                values[name] = self.sums[name].evaluate(terms, as_polynomial)
+        return values
+
+    def draw(
+        self, names: Iterable[str], field: PrimeField, rng: np.random.Generator, count: int = 1
+    ) -> dict[str, Residues]:
+        """Values of symbols for a sampler: stated ones where there are any, random ones elsewhere.
+
+        Parameters
+        ----------
+        names : iterable of str
+        field : PrimeField
+        rng : numpy Generator
+        count : int
+            Number of geometries, which are equal in what is stated.
+
+        Returns
+        -------
+        dict of str to array of shape (count,)
+            For an angle the tangent of its half.
+
+        Raises
+        ------
+        DegenerateSampleError
+            If p divides a denominator, or an angle is a half turn at this point.
+        """
+        units = [field.circle(field.draw(rng, (1,))) for _ in range(2)]
+        stated = set(self.names)
+        return {
+            name: np.full(count, self._residue(name, field, units), dtype=field.dtype)
+            if name in stated
+            else field.draw(rng, (count,))
+            for name in names
+        }
+
+    def _residue(self, name: str, field: PrimeField, units: Sequence[Point]) -> int:
+        if name in self.numbers:
+            return field.embed(self.numbers[name])
+        if name in self.angles:
+            c, s = self._point(name, field, units)
+            return s * field.invert(1 + c) % field.p
+        generators = {}
+        for generator in self.sums[name].generators():
+            point = self._point(symbol_of(generator), field, units)
+            generators[generator] = point[0 if generator.startswith("cos") else 1]
+        return self.sums[name].evaluate(generators, field.embed) % field.p
+
+    def _point(self, name: str, field: PrimeField, units: Sequence[Point]) -> tuple[int, int]:
+        """Cosine and sine of an angle."""
+        steps, *counts = self.multiples[name]
+        grid = (cosine_of_turn(steps), sine_of_turn(steps))
+        c, s = (np.array([field.embed(x)], dtype=field.dtype) for x in grid)
+        for unit, n in zip(units, counts, strict=True):
+            c, s = field.add_angles((c, s), field.multiply_angle(unit, n))
+        return int(c[0]), int(s[0])
+
+
+def in_numbers(mechanism: Mechanism) -> Mechanism:
+    """The mechanism with numbers for all symbols that have one; decimal angles, whose sines have none, stay symbols.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    """
+    values = stated_values(mechanism)
+    plain = [n for n in values.names if n not in values.angles or not any(values.multiples[n][1:])]
+    return substituted(mechanism, values.put_in(plain))
+
+
+def stated_values(mechanism: Mechanism) -> StatedValues:
+    """Exact values of the symbols that have one.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+
+    Returns
+    -------
+    StatedValues
+        Without the symbols whose value is known as a float only: they stay general.
+    """
+    roles = symbol_roles(mechanism)
+    numbers: dict[str, Number] = {}
+    angles: dict[str, Angle] = {}
+    for name, symbol in mechanism.symbols.items():
+        if symbol.exact is None:
+            continue
+        if name in roles.angles:
+            angles[name] = parse_angle(symbol.exact)
+        elif (value := parse(symbol.exact).number) is not None:
+            numbers[name] = value
+    named = {name: symbol.stands_for for name, symbol in mechanism.symbols.items() if symbol.stands_for is not None}
+    sums = {name: value for name, value in named.items() if angles.keys() >= set(value.symbols())}
+    return StatedValues(numbers, angles, sums)
+
+
+def angle_generators(name: str, angle: Angle) -> dict[str, Polynomial]:
+    """What the cosine and sine of an angle symbol become when it is another angle."""
+    return {cosine(name): angle.cos(), sine(name): angle.sin()}
+
+
+def unit_of(values: Iterable[Fraction]) -> Fraction:
+    """The largest number that all of some numbers are integer multiples of; 1 if all are zero."""
+    present = [v for v in values if v]
+    if not present:
+        return Fraction(1)
+    denominator = lcm(*(v.denominator for v in present))
+    return Fraction(gcd(*(int(v * denominator) for v in present)), denominator)
+
+
+def _off_grid(half_turns: Fraction) -> tuple[int, Fraction]:
+    """Steps of 15°, and the rest in half turns: all or nothing, so that the rest has a small unit."""
+    steps = half_turns * STEPS_PER_HALF_TURN
+    return (int(steps), Fraction(0)) if steps.denominator == 1 else (0, half_turns)
+
+
+def text_of(number: Number) -> str:
+    """A number as an expression that every reader of expressions knows."""
+    return format_number(number) if isinstance(number, Surd) else str(number)
