@@ -97,7 +97,7 @@ def base_parameters(
         matrix = reordered(matrix, columns, rng)
     forms = in_mode(virtual_power_form(own), structure.accepted)
     certificate = certify(forms, matrix, seed, None if generic else stated_values(own))
-    reading = report_reading(mechanism, structure.rank, rng)
+    reading = report_reading(mechanism, structure.rank if answer.special is None else answer.special.rank, rng)
     return BaseModel(own, matrix, certificate, reading, seed, answer.special, generic)
 
 

@@ -97,7 +97,7 @@ def own_answer(mechanism: Mechanism, rng: np.random.Generator, *, generic: bool 
     structure, values = find_structure(mechanism, rng), stated_values(mechanism)
     if not values.names or _is_general(mechanism, structure, values, rng):
         return OwnAnswer(mechanism, structure)
-    at_values = find_structure(substituted(mechanism, values.put_in(values.names)), rng)
+    at_values = stated_structure(mechanism, rng)
     if at_values.pivots == structure.pivots:
         return OwnAnswer(mechanism, structure)
     search = _Relations(mechanism, values, at_values.pivots, rng)
@@ -105,6 +105,17 @@ def own_answer(mechanism: Mechanism, rng: np.random.Generator, *, generic: bool 
     own = substituted(mechanism, relations.put_in(values))
     special = SpecialValues(structure.rank, at_values.rank, relations.texts(values))
     return OwnAnswer(mechanism, structure, special) if generic else OwnAnswer(own, find_structure(own, rng), special)
+
+
+def at_stated_values(mechanism: Mechanism) -> Mechanism:
+    """The mechanism with exact values for all symbols that have one.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    """
+    values = stated_values(mechanism)
+    return substituted(mechanism, values.put_in(values.names)) if values.names else mechanism
 
 
 def stated_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
@@ -115,8 +126,7 @@ def stated_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structur
     mechanism : Mechanism
     rng : numpy Generator
     """
-    values = stated_values(mechanism)
-    return find_structure(substituted(mechanism, values.put_in(values.names)), rng)
+    return find_structure(at_stated_values(mechanism), rng)
 
 
 def at_values(matrix: BaseMatrix, values: StatedValues) -> BaseMatrix:

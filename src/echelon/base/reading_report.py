@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from echelon.base.structure import find_structure
+from echelon.base.own import stated_structure
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.reading import Reading, Snap
 
@@ -44,7 +44,7 @@ def report_reading(mechanism: Mechanism, rank: int, rng: np.random.Generator) ->
     ----------
     mechanism : Mechanism
     rank : int
-        Rank of the intended reading.
+        Rank of the intended reading at the stated values.
     rng : numpy Generator
     """
     reading = mechanism.reading
@@ -53,7 +53,7 @@ def report_reading(mechanism: Mechanism, rank: int, rng: np.random.Generator) ->
     coarse = [snap for snap in reading.snaps if snap.difference > ROUNDING]
     if not coarse:
         return ReadingReport(reading.snaps, reading.notes)
-    literal_rank = find_structure(reading.literal(), rng).rank
+    literal_rank = stated_structure(reading.literal(), rng).rank
     decisive: list[Snap] = []
     if literal_rank != rank:
         elements = list(dict.fromkeys(snap.element for snap in coarse))
@@ -64,7 +64,7 @@ def report_reading(mechanism: Mechanism, rank: int, rng: np.random.Generator) ->
 
 def _decisive(reading: Reading, elements: Sequence[str], rank: int, rng: np.random.Generator) -> list[str]:
     """Elements that change the rank when taken literally, by bisection."""
-    if find_structure(reading.literal(elements), rng).rank == rank:
+    if stated_structure(reading.literal(elements), rng).rank == rank:
         return []
     if len(elements) == 1:
         return list(elements)

@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from echelon.base.modes import in_mode
+from echelon.base.own import at_stated_values
 from echelon.base.structure import find_structure
 from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.elimination import rank, reduced_echelon
@@ -66,7 +67,8 @@ def sensor_report(mechanism: Mechanism, size: int = 1, *, seed: int = DEFAULT_SE
     Parameters
     ----------
     mechanism : Mechanism
-        Its outputs are the candidates; where none are stated, all actuators and a wrench sensor under the base.
+        Its outputs are the candidates; where none are stated, all actuators and a wrench sensor under the base.  The
+        stated values of its symbols decide.
     size : int
         Ranks of all subsets up to this size are listed.
     seed : int
@@ -82,6 +84,7 @@ def sensor_report(mechanism: Mechanism, size: int = 1, *, seed: int = DEFAULT_SE
     >>> report.rank, report.ranks["base",], report.smallest
     (48, 48, ('base',))
     """
+    mechanism = at_stated_values(mechanism)
     groups = _candidates(mechanism)
     spaces = _Spaces(mechanism, groups, random_generator(seed))
     names = tuple(groups)

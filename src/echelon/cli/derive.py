@@ -5,24 +5,24 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import typer
 
-from echelon.base.derive import base_parameters, base_structure
+from echelon.base.derive import base_parameters
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.model import BaseModel
+from echelon.base.own import OwnAnswer, own_answer
 from echelon.cli.progress import progress
 from echelon.errors import one_line
 from echelon.files import write_atomically
 from echelon.formats.linear import holds_linear_model
 from echelon.formats.load import load
-from echelon.mechanism.mechanism import Mechanism
 from echelon.results.saved import to_json
-from echelon.seeds import DEFAULT_SEED
+from echelon.seeds import DEFAULT_SEED, random_generator
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,7 @@ class DeriveRequest:
     order: str
     prefer: tuple[str, ...]
     structure: bool
+    generic: bool
     seed: int | None
 
 
@@ -49,10 +50,13 @@ def run_derive(request: DeriveRequest) -> None:
             return
         robot = load(request.robot, **request.reading)
         if request.structure:
-            text = _structure_text(robot, seed, as_json=request.output_format == "json")
+            answer = own_answer(robot, random_generator(seed), generic=request.generic)
+            text = _structure_text(answer, seed, as_json=request.output_format == "json")
             model = None
         else:
-            model = base_parameters(robot, order=request.order, prefer=request.prefer, seed=seed)
+            model = base_parameters(
+                robot, order=request.order, prefer=request.prefer, generic=request.generic, seed=seed
+            )
             text = _render(model, request.output_format)
     elapsed = perf_counter() - started
     if request.output is not None:
@@ -87,8 +91,8 @@ def _render(model: BaseModel, output_format: str) -> str:
     return {"json": to_json, "latex": to_latex, "markdown": to_markdown}[output_format](model)
 
 
-def _structure_text(robot: Mechanism, seed: int, *, as_json: bool) -> str:
-    structure = base_structure(robot, seed=seed)
+def _structure_text(answer: OwnAnswer, seed: int, *, as_json: bool) -> str:
+    robot, structure = answer.mechanism, answer.structure
     names = [robot.parameters[p] for p in structure.pivots]
     if as_json:
         record: dict[str, Any] = {
@@ -99,11 +103,15 @@ def _structure_text(robot: Mechanism, seed: int, *, as_json: bool) -> str:
             "parameters": list(robot.parameters),
             "representatives": names,
         }
+        if answer.special is not None:
+            record["special"] = asdict(answer.special)
         if structure.modes:
             record["modes"] = list(structure.modes)
         return json.dumps(record, indent=1, ensure_ascii=False) + "\n"
     count = f"{robot.name}: {structure.rank} base parameters of {structure.parameters} standard parameters"
     lines = [one_line(count), f"representatives: {one_line(' '.join(names))}"]
+    if answer.special is not None:
+        lines.append(f"stated values: {one_line(str(answer.special))}")
     if len(structure.modes) > 1:
         ranks = ", ".join(map(str, structure.modes))
         lines.append(f"assembly modes: base parameters {ranks}; this is the one with {structure.rank}")

@@ -27,6 +27,8 @@ from echelon.cli.options import (
     Prefer,
     Robot,
     Seed,
+    Symbols,
+    SymbolSharing,
     Tolerance,
     reading,
 )
@@ -68,6 +70,10 @@ def derive(
     mimic: Mimicking = Mimic.COUPLED,
     every_link: EveryLink = False,
     massless: Massless = None,
+    symbols: Symbols = SymbolSharing.SHARED,
+    generic: Annotated[
+        bool, typer.Option("--generic", help="Answer for general values of the symbols, not for the stated ones.")
+    ] = False,
     structure: Annotated[bool, typer.Option("--structure", help="Count and representatives only.")] = False,
     special: Annotated[
         bool, typer.Option("--special", help="Instead: special geometry and gravity where the number changes.")
@@ -77,7 +83,7 @@ def derive(
     """Derive the base inertial parameters of a robot in closed form."""
     from echelon.cli.derive import DeriveRequest, run_derive
 
-    chosen_reading = reading(floating, gravity, tolerance, mimic, every_link, numeric, massless)
+    chosen_reading = reading(floating, gravity, tolerance, mimic, every_link, numeric, massless, symbols)
     chosen = Format.JSON if as_json else output_format
     if structure and (prefer or order is not Order.BASE_TO_TIP or chosen in (Format.LATEX, Format.MARKDOWN)):
         raise typer.BadParameter("--structure is in base-to-tip order, as text or JSON, and takes no --prefer")
@@ -89,7 +95,9 @@ def derive(
         run_special(robot, chosen_reading, output, seed, as_json=chosen is Format.JSON)
         return
     preferred = tuple(prefer or ())
-    run_derive(DeriveRequest(robot, chosen.value, output, chosen_reading, order.value, preferred, structure, seed))
+    run_derive(
+        DeriveRequest(robot, chosen.value, output, chosen_reading, order.value, preferred, structure, generic, seed)
+    )
 
 
 @app.command(epilog="Example: echelon generate panda.urdf --target c -o generated/")
