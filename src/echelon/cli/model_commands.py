@@ -78,6 +78,9 @@ def derive(
     special: Annotated[
         bool, typer.Option("--special", help="Instead: special geometry and gravity where the number changes.")
     ] = False,
+    compare_numeric: Annotated[
+        bool, typer.Option("--compare-numeric", help="Instead: what SVD and QR would have counted, beside the truth.")
+    ] = False,
     seed: Seed = None,
 ) -> None:
     """Derive the base inertial parameters of a robot in closed form."""
@@ -87,6 +90,19 @@ def derive(
     chosen = Format.JSON if as_json else output_format
     if structure and (prefer or order is not Order.BASE_TO_TIP or chosen in (Format.LATEX, Format.MARKDOWN)):
         raise typer.BadParameter("--structure is in base-to-tip order, as text or JSON, and takes no --prefer")
+    if compare_numeric:
+        if (
+            structure
+            or special
+            or prefer
+            or order is not Order.BASE_TO_TIP
+            or chosen in (Format.LATEX, Format.MARKDOWN)
+        ):
+            raise typer.BadParameter("--compare-numeric counts only: as text or JSON, without other choices")
+        from echelon.cli.compare_numeric import run_compare_numeric
+
+        run_compare_numeric(robot, chosen_reading, output, seed, as_json=chosen is Format.JSON)
+        return
     if special:
         if structure or prefer or order is not Order.BASE_TO_TIP or chosen in (Format.LATEX, Format.MARKDOWN):
             raise typer.BadParameter("--special counts only: as text or JSON, without --structure, --order or --prefer")

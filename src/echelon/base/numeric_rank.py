@@ -1,0 +1,282 @@
+"""What floating point says about the rank: singular values of the regressor stacked at random states.
+
+The usual numeric way to base parameters samples an observation matrix W, factors it by SVD or by QR with column
+pivoting, and counts what exceeds a tolerance.  It answers a question of yes and no with a threshold, so here it only
+stands beside the exact answer: it decides nothing, but a clear gap somewhere else is a reason to doubt.
+
+A row of W is the power of the outputs in one random virtual motion at one random state; such rows have the null space
+of X.  (Energies would be cheaper, but a constant that is large against what varies costs digits.)  Columns are scaled
+to unit size.  Some hold nothing but rounding, which scaling would make as large as the others: the difference between
+single and double precision tells how much rounding there is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.values import characteristic_length, symbol_values
+from echelon.program.schedule import FloatArithmetic, Schedule
+from echelon.program.tape import Program
+from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.virtual_power import virtual_power_form
+from echelon.seeds import DEFAULT_SEED, random_generator
+
+Floats = npt.NDArray[np.float64]
+
+TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-12)
+"""Customary thresholds, relative to the largest singular value."""
+
+_ROWS_PER_COLUMN = 1.5
+_FEWEST_ROWS = 32
+_RATE, _ACCELERATION = 3.0, 10.0  # largest random ones, rad/s and rad/s²
+_BLOCK = 256  # states that are evaluated together
+_ROUNDS = 8  # of drawing, where states outside a function's domain are left out
+_ROUNDING = float(np.finfo(np.float64).eps)
+_SINGLE_TO_DOUBLE = _ROUNDING / float(np.finfo(np.float32).eps)
+_NOISE = 1e4  # times the rounding: what is smaller is nothing else
+_NOISE_AT_CLOSED_STATES = 1e-3
+"""Columns smaller than this part of the largest are not scaled up: states are closed to 1e-12 only."""
+
+
+@dataclass(frozen=True)
+class NumericRanks:
+    """Singular values of a sampled observation matrix with scaled columns, and the ranks that they suggest.
+
+    Attributes
+    ----------
+    columns : int
+        Number of standard parameters.
+    rows : int
+        Number of sampled rows.
+    tolerances : tuple of float
+        Relative to the largest value.
+    singular : tuple of float
+        Singular values, descending, as fractions of the largest.
+    diagonal : tuple of float
+        |R_kk| of a QR factorisation with column pivoting, as fractions of the first; empty if not asked for.
+
+    Examples
+    --------
+    >>> import echelon as ec
+    >>> from echelon.base.numeric_rank import numeric_ranks
+    >>> found = numeric_ranks(ec.load("examples/panda.yaml"))
+    >>> found.ranks, found.gap(43) > 1e9
+    ((43, 43, 43, 43), True)
+    """
+
+    columns: int
+    rows: int
+    tolerances: tuple[float, ...]
+    singular: tuple[float, ...]
+    diagonal: tuple[float, ...] = ()
+
+    @property
+    def ranks(self) -> tuple[int, ...]:
+        """Numbers of singular values above each tolerance."""
+        return tuple(_above(self.singular, tolerance) for tolerance in self.tolerances)
+
+    @property
+    def ranks_by_qr(self) -> tuple[int, ...]:
+        """Numbers of diagonal entries of R above each tolerance; empty if R was not asked for."""
+        return tuple(_above(self.diagonal, tolerance) for tolerance in self.tolerances) if self.diagonal else ()
+
+    def gap(self, rank: int) -> float:
+        """The smallest singular value that a rank keeps by the largest that it drops.
+
+        Values below what rounding leaves count as rounding; infinite if nothing is kept or nothing dropped.
+        """
+        if not 0 < rank < len(self.singular):
+            return float("inf")
+        return max(self.singular[rank - 1], _ROUNDING) / max(self.singular[rank], _ROUNDING)
+
+    def widest_gap(self, besides: int | None = None) -> tuple[int, float] | None:
+        """The rank with the widest gap, and the gap; None where there is none.
+
+        Parameters
+        ----------
+        besides : int, optional
+            A rank that does not take part.
+        """
+        gaps = [(self.gap(rank), rank) for rank in range(1, len(self.singular)) if rank != besides]
+        widest = max(gaps, key=lambda found: (found[0], -found[1]), default=None)
+        return None if widest is None else (widest[1], widest[0])
+
+    def __repr__(self) -> str:
+        ranks = ", ".join(f"{r} at {t:.0e}" for r, t in zip(self.ranks, self.tolerances, strict=True))
+        return f"NumericRanks({self.rows} × {self.columns}: {ranks})"
+
+
+def numeric_ranks(
+    mechanism: Mechanism,
+    seed: int = DEFAULT_SEED,
+    tolerances: Sequence[float] = TOLERANCES,
+    *,
+    literal: bool = True,
+    pivoted: bool = False,
+) -> NumericRanks:
+    """Singular values of the regressor at random states, in double precision.
+
+    The cost is that of a factorisation of about 1.5n × n numbers, n being the number of standard parameters.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Every symbol that the regressor needs has a value.
+    seed : int
+        Seed of the random states.
+    tolerances : sequence of float
+        Relative to the largest singular value.
+    literal : bool
+        Numbers as they stand in the file, although they were read as nearby exact ones.
+    pivoted : bool
+        Factor by QR with column pivoting, too.
+
+    Returns
+    -------
+    NumericRanks
+
+    Raises
+    ------
+    InputError
+        If a symbol has no value, the loops do not close, or no state is found at which the regressor is finite.
+    """
+    reading = mechanism.reading
+    if literal and reading is not None and reading.snaps:
+        mechanism = reading.literal()
+    matrix = sampled_matrix(mechanism, random_generator(seed))
+    return ranks_of_matrix(matrix, tolerances, pivoted=pivoted)
+
+
+def ranks_of_matrix(matrix: Floats, tolerances: Sequence[float] = TOLERANCES, *, pivoted: bool = False) -> NumericRanks:
+    """Singular values of a matrix as fractions of the largest.
+
+    Parameters
+    ----------
+    matrix : array of shape (rows, columns)
+    tolerances : sequence of float
+    pivoted : bool
+        Factor by QR with column pivoting, too.
+    """
+    rows, columns = matrix.shape
+    triangle = np.linalg.qr(matrix, mode="r") if rows > columns else matrix
+    singular: Floats = np.linalg.svd(triangle, compute_uv=False).astype(np.float64)
+    diagonal: Floats = np.zeros(0)
+    if pivoted:
+        from scipy.linalg import qr
+
+        diagonal = np.abs(np.diag(qr(triangle, mode="r", pivoting=True)[0]))
+    return NumericRanks(columns, rows, tuple(tolerances), _fractions(singular), _fractions(diagonal))
+
+
+def sampled_matrix(mechanism: Mechanism, rng: np.random.Generator) -> Floats:
+    """Rows uᵀX at random states and virtual velocities u, columns scaled to unit size.
+
+    Rotations are any, translations of the size of the links, rates within 3 rad/s and accelerations within 10 rad/s².
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    rng : numpy Generator
+
+    Returns
+    -------
+    array of shape (rows, standard parameters)
+        At least half as many rows again as columns.
+
+    Raises
+    ------
+    InputError
+        As :func:`numeric_ranks`.
+    """
+    rows = max(_FEWEST_ROWS, int(_ROWS_PER_COLUMN * len(mechanism.parameters)))
+    if mechanism.closures:
+        stacked = _at_closed_states(mechanism, rng, rows)
+        length = characteristic_length(mechanism)
+        stacked /= np.array([length**column.length_degree for column in mechanism.columns])
+        sizes = np.linalg.norm(stacked, axis=0)
+        scaled: Floats = stacked / np.maximum(sizes, _NOISE_AT_CLOSED_STATES * sizes.max(initial=1e-300))
+        return scaled
+    stacked, rounding = _at_states(mechanism, rng, rows)
+    sizes = np.linalg.norm(stacked, axis=0)
+    seen = sizes > _NOISE * rounding
+    return np.where(seen, stacked, 0.0) / np.where(seen, sizes, 1.0)
+
+
+def _at_closed_states(mechanism: Mechanism, rng: np.random.Generator, rows: int) -> Floats:
+    states = Assembly(mechanism).random_closed_states(rng, -(-rows // max(1, len(mechanism.outputs))))
+    found = evaluate_floats(virtual_power_form(mechanism), mechanism, *states)
+    return found.reshape(-1, found.shape[2])
+
+
+def _at_states(mechanism: Mechanism, rng: np.random.Generator, rows: int) -> tuple[Floats, Floats]:
+    """Rows at random states where all entries are finite, and the size of the rounding in every column."""
+    forms = virtual_power_form(mechanism)
+    program, entries = forms.program, forms.entries
+    schedule = Schedule(program, list(entries.values()))
+    names = [program.inputs[node].name for node in schedule.leaves if program.inputs[node].role == "symbol"]
+    symbols, scales = symbol_values(mechanism, names), _scales(mechanism)
+    blocks: list[Floats] = []
+    count = 0
+    for _ in range(_ROUNDS + rows // _BLOCK):
+        leaves = _random_inputs(program, symbols, scales, rng)
+        both = np.zeros((2, _BLOCK, forms.shape[1]))
+        for matrix, arithmetic in zip(both, (FloatArithmetic(), _SinglePrecision()), strict=True):
+            with np.errstate(all="ignore"):
+                values = schedule.run(arithmetic, {node: leaves[node] for node in schedule.leaves}, _BLOCK)
+            matrix[:, [column for _, column in entries]] = values.T
+        blocks.append(both[:, np.isfinite(both).all(axis=(0, 2))])
+        count += blocks[-1].shape[1]
+        if count >= rows:
+            found, rough = np.concatenate(blocks, axis=1)[:, :rows]
+            return found, _SINGLE_TO_DOUBLE * np.linalg.norm(rough - found, axis=0)
+    raise InputError("no random states are found at which the regressor is finite")
+
+
+class _SinglePrecision(FloatArithmetic):
+    dtype: npt.DTypeLike = np.float32
+
+
+def _random_inputs(
+    program: Program, symbols: Mapping[str, float], scales: Mapping[str, float], rng: np.random.Generator
+) -> dict[int, Floats]:
+    """Random values of a program's inputs; what has no scale is within ±1."""
+    drawn = {}
+    for node, given in program.inputs.items():
+        value = symbols.get(given.name, 0.0)
+        random = scales.get(given.name, 1.0) * rng.uniform(-1.0, 1.0, _BLOCK)
+        drawn[node] = np.full(_BLOCK, value) if given.role == "symbol" else random
+    for group in program.unit_groups:
+        length = np.sqrt(sum(drawn[node] ** 2 for node in group))
+        drawn |= {node: drawn[node] / length for node in group}
+    return drawn
+
+
+def _scales(mechanism: Mechanism) -> dict[str, float]:
+    """Largest random value of every coordinate's position, velocity and acceleration, by the input's name."""
+    length = characteristic_length(mechanism)
+    scales: dict[str, float] = {}
+    for motion in mechanism.motions:
+        unit = length if motion.kind is MotionKind.TRANSLATION else 1.0
+        turn = 1.0 if motion.kind in (MotionKind.TRANSLATION, MotionKind.BALL) else np.pi
+        scales |= {f"q[{name}]": unit * turn for name in motion.positions}
+        for name in motion.velocities:
+            scales |= {f"qd[{name}]": unit * _RATE, f"qdd[{name}]": unit * _ACCELERATION}
+    return scales
+
+
+def _above(values: Sequence[float], tolerance: float) -> int:
+    return sum(value > tolerance for value in values)
+
+
+def _fractions(values: Floats) -> tuple[float, ...]:
+    """Values as fractions of the first, which is the largest."""
+    largest = float(values[0]) if len(values) else 0.0
+    return tuple(float(value) / largest if largest else 0.0 for value in values)
