@@ -88,6 +88,8 @@ def facts(model: BaseModel) -> list[tuple[str, str]]:
     if model.reading.snaps:
         found.append(("read as exact", one_line(snap_summary(model))))
     found += [("note", one_line(note)) for note in model.reading.notes]
+    if model.reading.doubt:
+        found.append(("doubt", model.reading.doubt))
     found.append(("certificate", str(model.certificate)))
     return found
 

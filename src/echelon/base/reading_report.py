@@ -1,4 +1,8 @@
-"""What snapping changed: the literal rank beside the intended one, and the snaps that made the difference."""
+"""What snapping changed: the literal rank beside the intended one, and the snaps that made the difference.
+
+Underneath is a net: a float rank of the literal numbers at several tolerances.  It decides nothing, but where none of
+them confirms the exact rank of the literal reading, that is said.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from echelon.base.numeric_rank import numeric_ranks
 from echelon.base.own import stated_structure
+from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.reading import Reading, Snap
 
@@ -29,12 +35,15 @@ class ReadingReport:
         Rank of the literal reading; None where nothing that matters was snapped.
     decisive : tuple of Snap
         Snaps without any of which the rank would not be the intended one.
+    doubt : str
+        Where the float ranks of the literal numbers do not confirm the exact one, what they are; otherwise empty.
     """
 
     snaps: tuple[Snap, ...] = ()
     notes: tuple[str, ...] = ()
     literal_rank: int | None = None
     decisive: tuple[Snap, ...] = ()
+    doubt: str = ""
 
 
 def report_reading(mechanism: Mechanism, rank: int, rng: np.random.Generator) -> ReadingReport:
@@ -49,17 +58,31 @@ def report_reading(mechanism: Mechanism, rank: int, rng: np.random.Generator) ->
     """
     reading = mechanism.reading
     if reading is None:
-        return ReadingReport()
+        return ReadingReport(doubt=_doubt(mechanism, rank))
     coarse = [snap for snap in reading.snaps if snap.difference > ROUNDING]
     if not coarse:
-        return ReadingReport(reading.snaps, reading.notes)
+        return ReadingReport(reading.snaps, reading.notes, doubt=_doubt(mechanism, rank))
     literal_rank = stated_structure(reading.literal(), rng).rank
     decisive: list[Snap] = []
     if literal_rank != rank:
         elements = list(dict.fromkeys(snap.element for snap in coarse))
         chosen = set(_decisive(reading, elements, rank, rng))
         decisive = [snap for snap in coarse if snap.element in chosen]
-    return ReadingReport(reading.snaps, reading.notes, literal_rank, tuple(decisive))
+    doubt = _doubt(mechanism, literal_rank)
+    return ReadingReport(reading.snaps, reading.notes, literal_rank, tuple(decisive), doubt)
+
+
+def _doubt(mechanism: Mechanism, expected: int) -> str:
+    """What the float ranks of the literal numbers are, if none of them is the expected one."""
+    try:
+        found = numeric_ranks(mechanism)
+    except InputError:  # values are missing, or loops do not close at the stated ones
+        return ""
+    widest = found.widest_gap()
+    if expected in found.ranks or widest is None or widest[0] == expected:
+        return ""
+    ranks = ", ".join(f"{r} at {t:.0e}" for r, t in zip(found.ranks, found.tolerances, strict=True))
+    return f"the file's numbers in floating point do not confirm {expected}: rank {ranks}"
 
 
 def _decisive(reading: Reading, elements: Sequence[str], rank: int, rng: np.random.Generator) -> list[str]:

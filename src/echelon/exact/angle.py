@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from math import pi
 
 from echelon.exact.numbers import Rational, cosine_of_turn, sine_of_turn
 from echelon.exact.polynomial import Polynomial, cosine, sine
@@ -39,6 +40,11 @@ class Angle:
         steps = self.half_turns * STEPS_PER_HALF_TURN
         return not self.radians and steps.denominator == 1 and all(c.denominator == 1 for _, c in self.parts)
 
+    @property
+    def value(self) -> float:
+        """The numeric part, rad."""
+        return float(self.half_turns) * pi + float(self.radians)
+
     def cos(self) -> Polynomial:
         """Cosine as a polynomial in cos and sin of the symbols."""
         return self._circle()[0]
@@ -66,26 +72,28 @@ class Angle:
         return " + ".join(parts) or "0"
 
 
-_Point = tuple[Polynomial, Polynomial]
+Point = tuple[Polynomial, Polynomial]
+"""Cosine and sine of an angle."""
 
 
-def _added(a: _Point, b: _Point) -> _Point:
+def multiple_of_point(point: Point, count: int) -> Point:
+    """Cosine and sine of a multiple of an angle, by repeated squaring of c + i s."""
+    power = (point[0], point[1] if count >= 0 else -point[1])
+    result = (Polynomial.constant(1), Polynomial.constant(0))
+    for bit in reversed(bin(abs(count))[2:]):
+        result = _added(result, power) if bit == "1" else result
+        power = _added(power, power)
+    return result
+
+
+def _added(a: Point, b: Point) -> Point:
     """Cosine and sine of a sum of angles."""
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
 
 
-def _multiple(symbol: str, count: int) -> _Point:
+def _multiple(symbol: str, count: int) -> Point:
     """Cosine and sine of a multiple of a symbol, expanded where that is short."""
-    size, sign = abs(count), 1 if count > 0 else -1
-    if size > _LARGEST_EXPANSION:
-        argument = f"{size}*{symbol}"
-        return Polynomial.generator(cosine(argument)), sign * Polynomial.generator(sine(argument))
-    point, power = (Polynomial.constant(1), Polynomial.constant(0)), _generators(symbol, sign)
-    for bit in reversed(bin(size)[2:]):
-        point = _added(point, power) if bit == "1" else point
-        power = _added(power, power)
-    return point
-
-
-def _generators(symbol: str, sign: int) -> _Point:
-    return Polynomial.generator(cosine(symbol)), sign * Polynomial.generator(sine(symbol))
+    if abs(count) <= _LARGEST_EXPANSION:
+        return multiple_of_point((Polynomial.generator(cosine(symbol)), Polynomial.generator(sine(symbol))), count)
+    argument = f"{abs(count)}*{symbol}"
+    return Polynomial.generator(cosine(argument)), Polynomial.generator(sine(argument)) * (1 if count > 0 else -1)

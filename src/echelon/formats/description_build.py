@@ -16,7 +16,7 @@ from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_loops import add_loops
 from echelon.formats.description_parts import BASE, Part, read_parts
 from echelon.formats.description_setup import add_setup
-from echelon.formats.description_symbols import check_use, declared_symbols, stated_gravity
+from echelon.formats.description_symbols import check_use, declared_symbols, stated_gravity, with_intended_angles
 from echelon.formats.description_text import Document
 from echelon.formats.inertia import Inertial, move_inertial
 from echelon.formats.intent import numeric_value, symbol_stem
@@ -85,7 +85,7 @@ def build_description(
         {name: s for name, s in expressions.intent.symbols.items() if name not in bare},
     )
     mechanism = add_loops(mechanism, robot, expressions, tree.find)
-    mechanism = add_setup(mechanism, robot, expressions)
+    mechanism = with_intended_angles(add_setup(mechanism, robot, expressions), expressions.intent)
     notes = (*tree.notes, *check_use(mechanism, robot, document))
     rebuild = partial(build_description, document, robot, options, read_file)
     return replace(mechanism, reading=Reading(tuple(expressions.intent.snaps), notes, rebuild))

@@ -6,7 +6,6 @@ Angles may be given as decimals, which round: 1.5708 is read as π/2 by the same
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
@@ -157,8 +156,7 @@ class Expressions:
         turns = stated.half_turns if has_steps else Fraction(0)
         if not has_steps:
             # stated exactly as a part of pi, so it must not be mistaken for a rounded multiple of 15°
-            rest = float(stated.radians) + float(stated.half_turns) * math.pi
-            read = self.intent.named_angle(rest, path, name)
+            read = self.intent.named_angle(Angle(stated.half_turns, radians=stated.radians), path, name)
         elif stated.radians:
             read = self.intent.angle(stated.radians, path, name)
         else:

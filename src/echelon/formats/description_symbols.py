@@ -7,15 +7,20 @@ import math
 import re
 import unicodedata
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from echelon.exact.expressions import PI, RESERVED
+from echelon.exact.angle import STEPS_PER_HALF_TURN
+from echelon.exact.expressions import PI, RESERVED, parse_angle
 from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_text import Document
+from echelon.formats.intent import Intent
 from echelon.formats.options import ReadingOptions, gravity_vector
 from echelon.mechanism.mechanism import Mechanism, Symbol, setup_expressions
 from echelon.mechanism.placement import ORIGIN, Placement, Vector
+from echelon.mechanism.reading import Snap
+from echelon.mechanism.roles import symbol_roles
 
 if TYPE_CHECKING:
     from echelon.formats.schema import RobotDescription
@@ -78,6 +83,29 @@ def _constant(expressions: Expressions, text: str, path: str) -> float:
         problem = f"'{text}' is not a number: a relation between symbols belongs where the length or angle is used"
         raise expressions.error(path, problem)
     return value.evaluate({PI: math.pi}, float)
+
+
+def with_intended_angles(mechanism: Mechanism, intent: Intent) -> Mechanism:
+    """Decimal values of angle symbols that are near a multiple of 15° are that multiple; near zero they are meant.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    intent : Intent
+        Knows the tolerance and keeps account.
+    """
+    found = dict(mechanism.symbols)
+    for name in sorted(symbol_roles(mechanism).angles & found.keys()):
+        symbol, element = found[name], f"symbols.{name}"
+        if symbol.exact is None or symbol.value is None or (angle := parse_angle(symbol.exact)).half_turns:
+            continue
+        steps = round(symbol.value * STEPS_PER_HALF_TURN / math.pi)
+        exact = steps * math.pi / STEPS_PER_HALF_TURN
+        difference = abs(symbol.value - exact)
+        if steps and difference <= intent.angle_tolerance(element):
+            intent.snaps.append(Snap(element, symbol.exact, f"{15 * steps}°", difference))
+            found[name] = replace(symbol, value=exact, exact=f"{steps}*pi/{STEPS_PER_HALF_TURN}")
+    return replace(mechanism, symbols=found)
 
 
 def check_use(mechanism: Mechanism, robot: RobotDescription, document: Document) -> list[str]:

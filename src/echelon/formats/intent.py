@@ -58,6 +58,8 @@ class Intent:
         self._scale = max((abs(float(x)) for p in placements for x in p.xyz), default=0.0)
         self._angles: list[tuple[float, str]] = []
         self._lengths: dict[Polynomial, str] = {}
+        self.exact: set[str] = set()
+        """Symbols of angles that are stated exactly."""
 
     # -- placements ------------------------------------------------------------------------------------------------
 
@@ -125,14 +127,28 @@ class Intent:
             return Angle(Fraction(steps, STEPS_PER_HALF_TURN))
         return self.named_angle(value, element, name)
 
-    def named_angle(self, value: Rational | float, element: str, name: str) -> Angle:
-        """A number of radians as a multiple of 90° and a symbol, however near to a multiple of 15° it is."""
-        number = float(value)
+    def named_angle(self, value: Rational | float | Angle, element: str, name: str) -> Angle:
+        """A number of radians as a multiple of 90° and a symbol, however near to a multiple of 15° it is.
+
+        Parameters
+        ----------
+        value : number or Angle
+            An angle without symbols is exact, and never taken for a rounded one.
+        element, name : str
+            Where it stands, and the wanted name of the symbol.
+        """
+        exact = value if isinstance(value, Angle) else None
+        if isinstance(value, int | Fraction):
+            exact = Angle(radians=Fraction(value))
+        number = exact.value if exact is not None else float(value)  # type: ignore[arg-type]
         quarters = round(number / (pi / 2))
         rest = number - quarters * (pi / 2)
-        exact = _rest_text(value, quarters, rest > 0) if isinstance(value, int | Fraction) else None
-        symbol = self._angle_symbol(abs(rest), exact, element, name)
-        return Angle(Fraction(quarters, 2), ((symbol, 1 if rest > 0 else -1),))
+        sign = 1 if rest > 0 else -1
+        text = None if exact is None else _rest_text(exact, quarters, sign)
+        symbol = self._angle_symbol(abs(rest), text, element, name)
+        if isinstance(value, Angle):
+            self.exact.add(symbol)
+        return Angle(Fraction(quarters, 2), ((symbol, sign),))
 
     def angle_tolerance(self, element: str) -> float:
         """How far an element's angle may be from an exact one, rad."""
@@ -197,12 +213,10 @@ class Intent:
         return unique
 
 
-def _rest_text(value: Rational, quarters: int, positive: bool) -> str:
+def _rest_text(angle: Angle, quarters: int, sign: int) -> str:
     """The exact text of what an angle is more, or less, than a number of right angles."""
-    sign = 1 if positive else -1
-    rest = Polynomial({(): sign * value, ((PI, 1),): Fraction(-sign * quarters, 2)})
-    number = rest.number
-    return format_polynomial(rest) if number is None else exact_text(number)
+    turns = Polynomial({((PI, 1),): sign * (angle.half_turns - Fraction(quarters, 2))})
+    return format_polynomial(turns) if not angle.radians else format_polynomial(turns + sign * angle.radians)
 
 
 def symbol_stem(name: str) -> str:

@@ -66,7 +66,8 @@ def with_relations(
             found.append(body)
             continue
         parent = None if body.parent == GROUND else bodies[body.parent].label
-        found.append(replace(pair, literal=not literal.isdisjoint({body.label, parent})).related(intent))
+        as_stated = not literal.isdisjoint({body.label, parent}) or not intent.exact.isdisjoint(pair.symbols())
+        found.append(replace(pair, literal=as_stated).related(intent))
     return found
 
 

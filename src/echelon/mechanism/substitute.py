@@ -6,7 +6,17 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 
-from echelon.exact.polynomial import Polynomial, as_polynomial, format_polynomial, is_trigonometric, symbol_of
+from echelon.exact.angle import multiple_of_point
+from echelon.exact.polynomial import (
+    Polynomial,
+    as_polynomial,
+    cosine,
+    format_polynomial,
+    is_trigonometric,
+    multiple_of,
+    sine,
+    symbol_of,
+)
 from echelon.mechanism.effect import Effect
 from echelon.mechanism.joint import Motion, Step, merge
 from echelon.mechanism.mechanism import Body, Mechanism
@@ -63,10 +73,16 @@ class _Substitution:
 
     def polynomial(self, p: Polynomial) -> Polynomial:
         generators = p.generators()
-        if not any(g in self.values for g in generators):
+        if not any(symbol_of(g) in self.symbols for g in generators):
             return p
-        known = {g: self.values.get(g, Polynomial.generator(g)) for g in generators}
-        return p.evaluate(known, as_polynomial)
+        return p.evaluate({g: self.generator(g) for g in generators}, as_polynomial)
+
+    def generator(self, generator: str) -> Polynomial:
+        if generator in self.values or symbol_of(generator) not in self.symbols:
+            return self.values.get(generator, Polynomial.generator(generator))
+        count, symbol = multiple_of(generator)
+        point = multiple_of_point((self.values[cosine(symbol)], self.values[sine(symbol)]), count)
+        return point[0 if generator.startswith("cos") else 1]
 
     def output(self, output: Output) -> Output:
         return replace(output, terms=tuple((self.channel(c), self.polynomial(weight)) for c, weight in output.terms))

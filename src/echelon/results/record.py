@@ -48,6 +48,7 @@ class ReadingRecord(_Strict):
     notes: list[str] = []
     literal_rank: int | None = Field(None, description="Rank without snapping, where something was snapped.")
     decisive: list[SnapRecord] = Field([], description="Snaps that changed the rank.")
+    doubt: str = Field("", description="Float ranks of the literal numbers, where none confirms the exact one.")
 
 
 class CertificateRecord(_Strict):

@@ -151,6 +151,7 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
             tuple(record.reading.notes),
             record.reading.literal_rank,
             tuple(_snap(s) for s in record.reading.decisive),
+            record.reading.doubt,
         ),
         record.seed,
         _special(record.special),
@@ -162,6 +163,8 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
 
 def _row(record: BaseParameterRecord, column: Mapping[str, int]) -> dict[int, RationalFunction]:
     row = {column[t.parameter]: RationalFunction(parse(t.coefficient), parse(t.denominator)) for t in record.terms}
+    if not all(row.values()):
+        raise ValueError(f"a coefficient in {record.name} is zero")
     if len(row) < len(record.terms):
         raise ValueError(f"a parameter occurs twice in {record.name}")
     return row
