@@ -216,7 +216,7 @@ class Intent:
 def _rest_text(angle: Angle, quarters: int, sign: int) -> str:
     """The exact text of what an angle is more, or less, than a number of right angles."""
     turns = Polynomial({((PI, 1),): sign * (angle.half_turns - Fraction(quarters, 2))})
-    return format_polynomial(turns) if not angle.radians else format_polynomial(turns + sign * angle.radians)
+    return format_polynomial(turns + sign * angle.radians) if turns else exact_text(sign * angle.radians)
 
 
 def symbol_stem(name: str) -> str:
