@@ -18,7 +18,7 @@ from echelon.base.rows import Rows, rows_of
 from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.field import PrimeField, Residues
 from echelon.mechanism.joint import Joint, Motion, floating_motions
-from echelon.mechanism.mechanism import GROUND, Body, Mechanism
+from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
 from echelon.mechanism.output import Cut
 from echelon.regressor.energy import energy_form
 from echelon.regressor.linear import LinearForms
@@ -125,7 +125,7 @@ def _dependent_by_joint(mechanism: Mechanism, rng: np.random.Generator) -> dict[
         if body.parent == GROUND or body.massless or index in watched:
             continue
         parent = mechanism.bodies[body.parent]
-        signature = (_child_side(body), parent.carried)
+        signature = (_child_side(body, whole=parent.carried == ALL), parent.carried)
         if signature not in cache:
             supports = _agreed(Rows(energy_form(floating_pair(mechanism, index)), 1), rng)
             offset = len(parent.carried)
@@ -136,10 +136,14 @@ def _dependent_by_joint(mechanism: Mechanism, rng: np.random.Generator) -> dict[
     return dependent
 
 
-def _child_side(body: Body) -> tuple[object, ...]:
-    """The joint from its first motion on, without names: where it is mounted on a free parent does not matter."""
+def _child_side(body: Body, *, whole: bool) -> tuple[object, ...]:
+    """What the child carries, and its joint without names.
+
+    Where the joint is mounted does not matter on a free parent that is a whole body: its ten parameters about one
+    frame are combinations of those about another.  Of some of them this is not true.
+    """
     steps = body.joint.steps
-    first = next((k for k, step in enumerate(steps) if isinstance(step, Motion)), len(steps))
+    first = next((k for k, step in enumerate(steps) if isinstance(step, Motion)), len(steps)) if whole else 0
     return (body.carried, *(replace(s, name="") if isinstance(s, Motion) else s for s in steps[first:]))
 
 
