@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import arms
 import echelon as ec
 from builders import mechanisms
+from echelon.base import structure
 from echelon.base.structure import find_structure
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField
@@ -22,6 +23,8 @@ from echelon.mechanism.joint import MotionKind, ball, floating_motions, rotation
 from echelon.mechanism.mechanism import ALL, GROUND, Mechanism
 from echelon.mechanism.output import Cut, JointForce, Output, plain
 from echelon.mechanism.transmission import Actuator
+from echelon.regressor import virtual_power
+from echelon.regressor.blocks import FEW_COLUMNS
 from echelon.regressor.virtual_power import virtual_power_form
 
 KINDS = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
@@ -42,7 +45,13 @@ def pivots_by_one_elimination(mechanism: Mechanism, seed: int = 5) -> list[int]:
 
 
 def agree(mechanism: Mechanism) -> None:
-    assert list(find_structure(mechanism, np.random.default_rng(1)).pivots) == pivots_by_one_elimination(mechanism)
+    """However few columns it takes for structure to be found block by block."""
+    expected = pivots_by_one_elimination(mechanism)
+    for few in (FEW_COLUMNS, -1):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(structure, "FEW_COLUMNS", few)
+            patch.setattr(virtual_power, "FEW_COLUMNS", few)
+            assert list(find_structure(mechanism, np.random.default_rng(1)).pivots) == expected
 
 
 def carrying(mechanism: Mechanism, *carried: str) -> Mechanism:
@@ -86,7 +95,7 @@ def test_random_trees_that_carry_some_parameters(mechanism: Mechanism, data: st.
     agree(replace(mechanism, bodies=tuple(replace(b, carried=data.draw(some)) for b in mechanism.bodies)))
 
 
-# -- sensors, effects, massless bodies, couplings, ground, gravity ------------------------------------------------------
+# -- sensors, effects, massless bodies, couplings, ground, gravity ----------------------------------------------------
 
 
 @st.composite

@@ -17,13 +17,14 @@ The set was derived from energies; the check uses the inverse dynamics (as rows 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import log10
 
 import numpy as np
 
-from echelon.base.matrix import BaseMatrix, residue, residues_of_generators
+from echelon.base.matrix import BaseMatrix
 from echelon.errors import CertificateError, DegenerateSampleError
 from echelon.exact.elimination import rank
 from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField
@@ -55,7 +56,8 @@ class Certificate:
     minor_prime : int
         Prime modulo which an r × r minor of the pivot columns is non-zero.
     minor_states : int
-        Number of random states whose rows contain it.
+        Number of random states whose rows contain what is left of it without its triangular part (see
+        :mod:`echelon.regressor.blocks`).
     identity_primes : tuple of int
         Primes modulo which X · N = 0 held at a random point each.
     degree : int
@@ -168,26 +170,29 @@ def _check_echelon(matrix: BaseMatrix) -> None:
 
 
 def _check_minimal(regressor: LinearForms, matrix: BaseMatrix, rng: np.random.Generator) -> tuple[int, int]:
-    """Find a non-zero minor; returns its prime and the number of states used."""
-    forms = regressor.columns(matrix.pivots)
-    sampler = forms.sampler(_curve_order(regressor, matrix))
-    states, best = 2 + matrix.rank // max(1, forms.shape[0]), -1
-    while states <= _MOST_STATES:
+    """Find a non-zero minor, block triangular as far as possible; returns its prime and the number of states used."""
+    sampler_of = cache(lambda columns: regressor.columns(columns).sampler(_curve_order(regressor, matrix)))
+    doubled, best = 1, -1
+    while True:
         field = PrimeField.random(rng, ARRAY_BITS)
         try:
+            settled = regressor.blocks.independent(matrix.pivots, field, rng) if regressor.blocks else set()
+            rest = tuple(p for p in matrix.pivots if p not in settled)
+            states = doubled * (2 + len(rest) // max(1, regressor.shape[0]))
+            sampler = sampler_of(rest)
             geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
-            rows = forms.stacked(sampler.evaluate(field, rng, states, geometry))[0]
+            values = sampler.evaluate(field, rng, states, geometry)
         except DegenerateSampleError:
             continue
-        found = rank(rows, field)
+        found = len(settled) + rank(regressor.columns(rest).stacked(values)[0], field)
         if found == matrix.rank:
             return field.p, states
         # once twice the states add nothing and rows abound, more will not either
-        if found <= best and states * forms.shape[0] > 4 * matrix.rank + 64:
+        if (found <= best and states * regressor.shape[0] > 4 * len(rest) + 64) or 2 * states > _MOST_STATES:
             break
-        best, states = max(best, found), 2 * states
+        best, doubled = max(best, found), 2 * doubled
     raise CertificateError(
-        f"the set is too large: its {matrix.rank} representatives span only {max(best, 0)} dimensions"
+        f"the set is too large: its {matrix.rank} representatives span only {max(best, found)} dimensions"
     )
 
 
@@ -215,31 +220,29 @@ def _compare_at_point(
     symbols = {s: field.draw(rng, (1,)) for s in sorted({*sampler.symbols, *matrix.symbols})}
     states = _REGION_STATES if sampler.has_regions else 1
     values = sampler.evaluate(field, rng, states, symbols)[:, 0]
-    residues = residues_of_generators(matrix.generators, symbols, field)
-    generators = {g: int(value[0]) for g, value in residues.items()}
+    rows = matrix.modulo(symbols, field)
     for k in range(states):
         entry = {key: int(value[k]) for key, value in zip(regressor.entries, values, strict=True)}
-        _compare_entries(entry, matrix, generators, field)
+        _compare_entries(entry, matrix, rows, field)
 
 
 def _compare_entries(
-    entry: Mapping[tuple[int, int], int], matrix: BaseMatrix, generators: Mapping[str, int], field: PrimeField
+    entry: Mapping[tuple[int, int], int], matrix: BaseMatrix, rows: Sequence[Mapping[int, int]], field: PrimeField
 ) -> None:
-    """Check X = X̄ B for the values of X at one state."""
-    by_column: dict[int, dict[int, int]] = {}
+    """Check X = X̄ B for the values of X at one state and of B."""
+    by_row: dict[int, dict[int, int]] = {}
     for (row, column), value in entry.items():
-        by_column.setdefault(column, {})[row] = value
-    expected: dict[int, dict[int, int]] = {}
-    for pivot, combination in zip(matrix.pivots, matrix.rows, strict=True):
-        for column, coefficient in combination.items():
-            factor = residue(coefficient, generators, field)
-            target = expected.setdefault(column, {})
-            for row, value in by_column.get(pivot, {}).items():
-                target[row] = (target.get(row, 0) + factor * value) % field.p
-    for column, name in enumerate(matrix.parameters):
-        actual, claimed = by_column.get(column, {}), expected.get(column, {})
-        if any(actual.get(row, 0) != claimed.get(row, 0) for row in {*actual, *claimed}):
-            raise CertificateError(f"the set is incomplete or wrong: it does not reproduce the effect of {name}")
+        by_row.setdefault(row, {})[column] = value
+    for actual in by_row.values():
+        claimed = dict.fromkeys(range(len(matrix.parameters)), 0)
+        for pivot, combination in zip(matrix.pivots, rows, strict=True):
+            value = actual.get(pivot, 0)
+            if value:
+                for column, factor in combination.items():
+                    claimed[column] += factor * value
+        for column, name in enumerate(matrix.parameters):
+            if (actual.get(column, 0) - claimed[column]) % field.p:
+                raise CertificateError(f"the set is incomplete or wrong: it does not reproduce the effect of {name}")
 
 
 def _identity_degree(regressor: LinearForms, matrix: BaseMatrix, turn: int) -> int:
@@ -248,8 +251,7 @@ def _identity_degree(regressor: LinearForms, matrix: BaseMatrix, turn: int) -> i
     A circle point has degree 2 in its random number, and ``turn`` times that where angles are multiples of it.
     """
     forms = degree_bound(regressor.program, list(regressor.entries.values()))
-    entries = [c for row in matrix.rows for c in row.values()]
-    highest = max((_degree(c) for c in entries), default=0)
+    highest = max((_degree(c) for c in matrix.coefficients), default=0)
     return 2 * (2 * max(1, turn) * forms + highest * max(1, matrix.rank))
 
 
