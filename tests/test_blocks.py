@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -28,17 +27,15 @@ from echelon.regressor.virtual_power import virtual_power_form
 
 
 @pytest.fixture(autouse=True)
-def small_models_too(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def small_models_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(virtual_power, "FEW_COLUMNS", -1)
-    yield
 
 
 def chain(joints: int) -> Mechanism:
     """Skew axes on a floating base."""
-    bodies = [arms.body(1, 0, "floating", *floating_motions("base"))]
-    for k in range(2, joints + 1):
-        bodies.append(arms.body(k, k - 1, "revolute", arms.place("a 0 b", "pi/3 pi/4 0"), rotation(f"q{k}")))
-    return arms.tree("chain", *bodies)
+    base, place = arms.body(1, 0, "floating", *floating_motions("base")), arms.place("a 0 b", "pi/3 pi/4 0")
+    turns = (arms.body(k, k - 1, "revolute", place, rotation(f"q{k}")) for k in range(2, joints + 1))
+    return arms.tree("chain", base, *turns)
 
 
 def in_null_vectors(mechanism: Mechanism) -> tuple[set[int], set[int]]:
