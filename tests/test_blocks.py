@@ -50,7 +50,7 @@ def in_null_vectors(mechanism: Mechanism) -> tuple[set[int], set[int]]:
     return {c for v in vectors for c, entry in enumerate(v) if entry}, {c for _, c in forms.entries}
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(mechanisms(5))
 def test_no_column_of_a_null_vector_is_settled(mechanism: Mechanism) -> None:
     dependent, seen = in_null_vectors(mechanism)
