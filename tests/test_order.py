@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 import sympy
 
 import arms
 import echelon as ec
+from echelon.base.order import column_order
+from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.parameter import Parameter, inertial_parameter
 
 ROBOTS = [arms.rx90, arms.panda, arms.helical, arms.coupled, arms.branched, arms.floating_pair, arms.massless]
 
@@ -80,3 +84,23 @@ def test_denominators_are_in_lowest_terms() -> None:
 def test_unknown_choices_are_refused(order: str, prefer: tuple[str, ...]) -> None:
     with pytest.raises(ec.InputError):
         ec.base_parameters(arms.rx90(), order=order, prefer=prefer)
+
+
+@pytest.mark.parametrize("order", ["base-to-tip", "tip-to-base"])
+def test_parameters_of_effects_stay_behind_those_of_bodies(order: str) -> None:
+    """Unless a user prefers one: then it comes first, and the rest keeps its order."""
+    bodies = [inertial_parameter(body, str(body + 1), kind) for body in range(2) for kind in (5, 9)]
+    columns = (*bodies, Parameter("Fv1", "N·m·s/rad"), Parameter("Fc1", "N·m"))
+    expected = (0, 1, 2, 3, 4, 5) if order == "base-to-tip" else (2, 3, 0, 1, 4, 5)
+    assert column_order(columns, order) == expected
+    assert column_order(columns, order, ("Fc1",)) == (5, *(c for c in expected if c != 5))
+
+
+def test_an_effect_is_a_representative_only_where_no_body_can_be() -> None:
+    """A rotor on the joint's side of a pendulum does what ZZ does: in both orders the body represents them."""
+    pendulum = arms.modified_dh("pendulum", "R 0 0 0", "R 0 l1 0", gravity="0 -g 0")
+    rotors = tuple(ready_made("rotor_inertia", q, Side.JOINT, q[1], sliding=False)[0] for q in ("q1", "q2"))
+    for order in ("base-to-tip", "tip-to-base"):
+        pivots = ec.base_parameters(replace(pendulum, effects=rotors), order=order).pivots
+        assert pivots[-1] == "Ia2"
+        assert "Ia1" not in pivots

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import pkgutil
+import subprocess
+import sys
 import typing
 from collections.abc import Callable, Iterator
 
@@ -28,6 +31,21 @@ PUBLIC = [
 def test_public_names_are_pinned() -> None:
     assert ec.__all__ == PUBLIC
     assert all(hasattr(ec, name) for name in PUBLIC)
+
+
+def test_type_checkers_see_the_names_where_they_are_looked_up() -> None:
+    """The imports that only type checkers read say the same as the table that Python reads."""
+    (block,) = (node for node in ast.parse(inspect.getsource(ec)).body if isinstance(node, ast.If))
+    imports = [node for node in block.body if isinstance(node, ast.ImportFrom)]
+    assert len(imports) == len(block.body)
+    seen = {alias.asname: node.module for node in imports for alias in node.names}
+    assert seen == {name: f"echelon.{module}" for name, module in ec._HOME.items()}
+    assert all(alias.asname == alias.name for node in imports for alias in node.names)
+
+
+def test_importing_echelon_imports_nothing_heavy() -> None:
+    script = "import sys, echelon; print(*sorted({'numpy', 'flint', 'sympy', 'llvmlite', 'yaml'} & sys.modules.keys()))"
+    assert not subprocess.check_output([sys.executable, "-c", script], text=True).strip()
 
 
 def functions() -> Iterator[object]:

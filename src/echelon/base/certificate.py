@@ -17,18 +17,19 @@ The set was derived from energies; the check uses the inverse dynamics (as rows 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import log10
 
 import numpy as np
 
-from echelon.base.matrix import BaseMatrix, residue, residues_of_generators
+from echelon.base.matrix import BaseMatrix
 from echelon.errors import CertificateError, DegenerateSampleError
 from echelon.exact.elimination import rank
 from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField
 from echelon.exact.rational import RationalFunction
-from echelon.mechanism.stated import StatedValues
+from echelon.mechanism.stated import GENERAL, StatedValues
 from echelon.program.sampling import FieldSampler
 from echelon.program.schedule import degree_bound
 from echelon.regressor.linear import LinearForms
@@ -56,7 +57,8 @@ class Certificate:
     minor_prime : int
         Prime modulo which an r × r minor of the pivot columns is non-zero.
     minor_states : int
-        Number of random states whose rows contain it.
+        Number of random states whose rows contain what is left of it without its triangular part (see
+        :mod:`echelon.regressor.blocks`).
     identity_primes : tuple of int
         Primes modulo which X · N = 0 held at a random point each.
     degree : int
@@ -123,8 +125,8 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: State
             f"the set has {len(matrix.parameters)} standard parameters, the model {regressor.shape[1]}"
         )
     rng = random_generator(seed)
-    if regressor.loops is not None or values is None or not values.names:
-        values = None  # lengths of loops cannot be chosen freely modulo a prime
+    if regressor.loops is not None or values is None or not values.can_be_drawn:
+        values = GENERAL  # lengths of loops cannot be chosen freely modulo a prime
     minor_prime, states = _check_minimal(regressor, matrix, values, rng)
     if regressor.loops is not None:
         return _certified_on_curves(regressor, matrix, seed, (minor_prime, states), rng)
@@ -134,23 +136,23 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: State
     bad_point = log10(max(1, degree)) - min(log10(p) for p in primes)
     bad_prime = log10(2) * (_COEFFICIENT_BITS - CERTIFICATE_BITS + 12)  # few of the many primes divide a coefficient
     error = _POINTS * (max(bad_point, bad_prime) + log10(2))
-    return Certificate(matrix.rank, seed, minor_prime, states, primes, degree, error, at_values=values is not None)
+    return Certificate(matrix.rank, seed, minor_prime, states, primes, degree, error, at_values=bool(values.names))
 
 
 def _certified_on_curves(
     regressor: LinearForms, matrix: BaseMatrix, seed: int, minor: tuple[int, int], rng: np.random.Generator
 ) -> Certificate:
-    order = _curve_order(regressor, matrix)
+    order = _curve_order(regressor, matrix.rank)
     sampler = regressor.sampler(order)
     primes = tuple(_check_complete(regressor, matrix, sampler, rng, ARRAY_BITS) for _ in range(_CURVES))
     error = sum(log10(order) - log10(p) for p in primes)
     return Certificate(matrix.rank, seed, *minor, primes, order, error, order)
 
 
-def _curve_order(regressor: LinearForms, matrix: BaseMatrix) -> int:
+def _curve_order(regressor: LinearForms, rank: int) -> int:
     """How many coefficients to take of curves: more if few freedoms have to show many parameters."""
     freedoms = len(regressor.loops.preferred) if regressor.loops else 0
-    return max(_CURVE_ORDER, matrix.rank // max(1, freedoms) + _SURPLUS_ORDER)
+    return max(_CURVE_ORDER, rank // max(1, freedoms) + _SURPLUS_ORDER)
 
 
 def _check_echelon(matrix: BaseMatrix) -> None:
@@ -177,30 +179,67 @@ def _check_echelon(matrix: BaseMatrix) -> None:
 
 
 def _check_minimal(
-    regressor: LinearForms, matrix: BaseMatrix, values: StatedValues | None, rng: np.random.Generator
+    regressor: LinearForms, matrix: BaseMatrix, values: StatedValues, rng: np.random.Generator
 ) -> tuple[int, int]:
     """Find a non-zero minor; returns its prime and the number of states used."""
-    values = values or StatedValues({}, {}, {})
-    forms = regressor.columns(matrix.pivots)
-    sampler = forms.sampler(_curve_order(regressor, matrix))
-    states, best = 2 + matrix.rank // max(1, forms.shape[0]), -1
-    while states <= _MOST_STATES:
+    minor = find_minor(regressor, matrix.pivots, values, rng)
+    if minor.rank < matrix.rank:
+        raise CertificateError(
+            f"the set is too large: its {matrix.rank} representatives span only {max(minor.rank, 0)} dimensions"
+        )
+    return minor.prime, minor.states
+
+
+@dataclass(frozen=True)
+class Minor:
+    """The largest non-zero minor of some columns that was found.
+
+    Attributes
+    ----------
+    rank, prime : int
+        Its size, and the prime modulo which it is not zero.
+    states : int
+        Number of random states whose rows contain it.
+    """
+
+    rank: int
+    prime: int
+    states: int
+
+
+def find_minor(
+    regressor: LinearForms, columns: tuple[int, ...], values: StatedValues, rng: np.random.Generator
+) -> Minor:
+    """A non-zero minor of some columns, of their number if they are independent; block triangular as far as possible.
+
+    Parameters
+    ----------
+    regressor : LinearForms
+    columns : tuple of int
+    values : StatedValues
+        Values of symbols at which it is taken.
+    rng : numpy Generator
+    """
+    sampler_of = cache(lambda rest: regressor.columns(rest).sampler(_curve_order(regressor, len(columns))))
+    doubled, best = 1, Minor(-1, 0, 0)
+    for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng, ARRAY_BITS)
         try:
-            geometry = values.draw(sampler.symbols, field, rng)
-            rows = forms.stacked(sampler.evaluate(field, rng, states, geometry))[0]
+            settled = regressor.blocks.independent(columns, field, rng, values) if regressor.blocks else set()
+            rest = tuple(p for p in columns if p not in settled)
+            states = doubled * (2 + len(rest) // max(1, regressor.shape[0]))
+            sampler = sampler_of(rest)
+            residues = sampler.evaluate(field, rng, states, values.draw(sampler.symbols, field, rng))
         except DegenerateSampleError:
             continue
-        found = rank(rows, field)
-        if found == matrix.rank:
-            return field.p, states
+        found = Minor(len(settled) + rank(regressor.columns(rest).stacked(residues)[0], field), field.p, states)
         # once twice the states add nothing and rows abound, more will not either
-        if found <= best and states * forms.shape[0] > 4 * matrix.rank + 64:
+        enough = found.rank <= best.rank and states * regressor.shape[0] > 4 * len(rest) + 64
+        best = max(best, found, key=lambda minor: minor.rank)
+        if best.rank == len(columns) or enough or 2 * states > _MOST_STATES:
             break
-        best, states = max(best, found), 2 * states
-    raise CertificateError(
-        f"the set is too large: its {matrix.rank} representatives span only {max(best, 0)} dimensions"
-    )
+        doubled *= 2
+    return best
 
 
 def _check_complete(
@@ -227,31 +266,29 @@ def _compare_at_point(
     symbols = {s: field.draw(rng, (1,)) for s in sorted({*sampler.symbols, *matrix.symbols})}
     states = _REGION_STATES if sampler.has_regions else 1
     values = sampler.evaluate(field, rng, states, symbols)[:, 0]
-    residues = residues_of_generators(matrix.generators, symbols, field)
-    generators = {g: int(value[0]) for g, value in residues.items()}
+    rows = matrix.modulo(symbols, field)
     for k in range(states):
         entry = {key: int(value[k]) for key, value in zip(regressor.entries, values, strict=True)}
-        _compare_entries(entry, matrix, generators, field)
+        _compare_entries(entry, matrix, rows, field)
 
 
 def _compare_entries(
-    entry: Mapping[tuple[int, int], int], matrix: BaseMatrix, generators: Mapping[str, int], field: PrimeField
+    entry: Mapping[tuple[int, int], int], matrix: BaseMatrix, rows: Sequence[Mapping[int, int]], field: PrimeField
 ) -> None:
-    """Check X = X̄ B for the values of X at one state."""
-    by_column: dict[int, dict[int, int]] = {}
+    """Check X = X̄ B for the values of X at one state and of B."""
+    by_row: dict[int, dict[int, int]] = {}
     for (row, column), value in entry.items():
-        by_column.setdefault(column, {})[row] = value
-    expected: dict[int, dict[int, int]] = {}
-    for pivot, combination in zip(matrix.pivots, matrix.rows, strict=True):
-        for column, coefficient in combination.items():
-            factor = residue(coefficient, generators, field)
-            target = expected.setdefault(column, {})
-            for row, value in by_column.get(pivot, {}).items():
-                target[row] = (target.get(row, 0) + factor * value) % field.p
-    for column, name in enumerate(matrix.parameters):
-        actual, claimed = by_column.get(column, {}), expected.get(column, {})
-        if any(actual.get(row, 0) != claimed.get(row, 0) for row in {*actual, *claimed}):
-            raise CertificateError(f"the set is incomplete or wrong: it does not reproduce the effect of {name}")
+        by_row.setdefault(row, {})[column] = value
+    for actual in by_row.values():
+        claimed = dict.fromkeys(range(len(matrix.parameters)), 0)
+        for pivot, combination in zip(matrix.pivots, rows, strict=True):
+            value = actual.get(pivot, 0)
+            if value:
+                for column, factor in combination.items():
+                    claimed[column] += factor * value
+        for column, name in enumerate(matrix.parameters):
+            if (actual.get(column, 0) - claimed[column]) % field.p:
+                raise CertificateError(f"the set is incomplete or wrong: it does not reproduce the effect of {name}")
 
 
 def _identity_degree(regressor: LinearForms, matrix: BaseMatrix, turn: int) -> int:
@@ -260,8 +297,7 @@ def _identity_degree(regressor: LinearForms, matrix: BaseMatrix, turn: int) -> i
     A circle point has degree 2 in its random number, and ``turn`` times that where angles are multiples of it.
     """
     forms = degree_bound(regressor.program, list(regressor.entries.values()))
-    entries = [c for row in matrix.rows for c in row.values()]
-    highest = max((_degree(c) for c in entries), default=0)
+    highest = max((_degree(c) for c in matrix.coefficients), default=0)
     return 2 * (2 * max(1, turn) * forms + highest * max(1, matrix.rank))
 
 

@@ -9,7 +9,7 @@ bodies) are interpolated on just the columns that take part.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,14 +20,19 @@ from echelon.exact.ansatz import Geometry
 from echelon.exact.elimination import solve_batched
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.interpolation import UnknownFunctions, interpolate
+from echelon.exact.polynomial import Polynomial, as_polynomial, cosine, sine
 from echelon.exact.rational import RationalFunction
+from echelon.mechanism.joint import Joint, Motion, Step
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.roles import symbol_roles
+from echelon.mechanism.substitute import substituted
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.energy import energy_form
 
 Combination = dict[int, RationalFunction]
 """A column as a combination of other columns: coefficient by column."""
+
+_ONE = RationalFunction(1)
 
 
 def dependent_columns(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> dict[int, Combination]:
@@ -60,22 +65,48 @@ def dependent_columns(mechanism: Mechanism, structure: Structure, rng: np.random
 def _substituted(combination: Combination, solved: Mapping[int, Combination]) -> Combination:
     total: Combination = {}
     for column, coefficient in combination.items():
-        for pivot, inner in solved.get(column, {column: RationalFunction(1)}).items():
-            addend = coefficient * inner
+        plain = coefficient == _ONE
+        for pivot, inner in solved.get(column, {column: _ONE}).items():
+            addend = inner if plain else coefficient * inner
             total[pivot] = total[pivot] + addend if pivot in total else addend
     return {column: c for column, c in sorted(total.items()) if c}
 
 
 def _across_joints(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> dict[int, Combination]:
     found: dict[int, Combination] = {}
+    known: dict[object, dict[int, Combination]] = {}  # joints that differ in names only have the same closed forms
     for index, targets in structure.by_joint.items():
         columns = pair_columns(mechanism, index)
-        sources = [c for c in columns if c not in targets]
-        position = {c: k for k, c in enumerate(columns)}
-        pair = floating_pair(mechanism, index)
-        rows = Rows(energy_form(pair), 1).columns([position[c] for c in (*sources, *targets)])
-        found |= _Relation(pair, rows, sources, targets, _degrees(mechanism, sources, targets)).solve(rng)
+        places = [k for k, c in enumerate(columns) if c in targets]
+        pair, names = _plainly_named(floating_pair(mechanism, index))
+        signature = (tuple(places), *((body.carried, _unnamed(body.joint)) for body in pair.bodies))
+        if signature not in known:
+            sources = [k for k in range(len(columns)) if k not in places]
+            rows = Rows(energy_form(pair), 1).columns([*sources, *places])
+            known[signature] = _Relation(pair, rows, sources, places, _degrees(pair, sources, places)).solve(rng)
+        for place, combination in known[signature].items():
+            found[columns[place]] = {columns[k]: _renamed(c, names) for k, c in combination.items()}
     return found
+
+
+def _plainly_named(pair: Mechanism) -> tuple[Mechanism, dict[str, Polynomial]]:
+    """The pair with its symbols numbered, in their order, and what the generators stand for."""
+    symbols = sorted({s for body in pair.bodies for s in body.joint.symbols()})
+    plain = {old: f"s{k:03}" for k, old in enumerate(symbols)}
+    pairs = [(make(old), make(new)) for old, new in plain.items() for make in (str, cosine, sine)]
+    there = substituted(pair, {old: Polynomial.generator(new) for old, new in pairs})
+    return there, {new: Polynomial.generator(old) for old, new in pairs}
+
+
+def _unnamed(joint: Joint) -> tuple[Step, ...]:
+    return tuple(replace(step, name="") if isinstance(step, Motion) else step for step in joint.steps)
+
+
+def _renamed(coefficient: RationalFunction, names: Mapping[str, Polynomial]) -> RationalFunction:
+    parts = (coefficient.numerator, coefficient.denominator)
+    if not any(p.generators() for p in parts):
+        return coefficient
+    return RationalFunction(*(p.evaluate(names, as_polynomial) for p in parts))
 
 
 def _across_robot(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> dict[int, Combination]:

@@ -54,15 +54,41 @@ class BaseMatrix:
         return self.rank, len(self.parameters)
 
     @cached_property
+    def coefficients(self) -> tuple[RationalFunction, ...]:
+        """Entries, of which one that stands in many places is mostly there once.
+
+        What moves along a chain moves unchanged to most bodies, so that a large B has few coefficients.
+        """
+        return tuple({id(c): c for row in self.rows for c in row.values()}.values())
+
+    @cached_property
     def symbols(self) -> tuple[str, ...]:
         """Geometry symbols that occur in B, sorted."""
-        return tuple(sorted({s for row in self.rows for c in row.values() for s in c.symbols()}))
+        return tuple(sorted({s for c in self.coefficients for s in c.symbols()}))
 
     @cached_property
     def generators(self) -> tuple[str, ...]:
         """Generators (symbols, sines and cosines of angle symbols) that occur in B, sorted."""
-        entries = [c for row in self.rows for c in row.values()]
-        return tuple(sorted({g for c in entries for p in (c.numerator, c.denominator) for g in p.generators()}))
+        parts = (p for c in self.coefficients for p in (c.numerator, c.denominator))
+        return tuple(sorted({g for p in parts for g in p.generators()}))
+
+    def modulo(self, symbols: Mapping[str, Residues], field: PrimeField) -> list[dict[int, int]]:
+        """Rows of B modulo a prime, at one geometry.
+
+        Parameters
+        ----------
+        symbols : mapping of str to array of shape (1,)
+            Residue of every symbol that occurs in B; for an angle symbol of the tangent of its half.
+        field : PrimeField
+
+        Raises
+        ------
+        DegenerateSampleError
+            If a denominator vanishes.
+        """
+        values = {g: int(v[0]) for g, v in residues_of_generators(self.generators, symbols, field).items()}
+        known = {id(c): residue(c, values, field) for c in self.coefficients}
+        return [{column: known[id(c)] for column, c in row.items()} for row in self.rows]
 
     def floats(self, symbols: Mapping[str, float]) -> npt.NDArray[np.float64]:
         """B in double precision.

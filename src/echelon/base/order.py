@@ -12,7 +12,7 @@ from math import inf
 
 import numpy as np
 
-from echelon.base.matrix import BaseMatrix, residue, residues_of_generators
+from echelon.base.matrix import BaseMatrix
 from echelon.conventions import PARAMETERS
 from echelon.errors import EchelonError, InputError
 from echelon.exact.elimination import reduced_echelon
@@ -88,12 +88,10 @@ def reordered(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generat
 def _pivots(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generator) -> tuple[int, ...]:
     field = PrimeField.random(rng)
     symbols = {name: field.draw(rng, (1,)) for name in matrix.symbols}
-    residues = residues_of_generators(matrix.generators, symbols, field)
-    generators = {g: int(value[0]) for g, value in residues.items()}
     dense = np.zeros(matrix.shape, dtype=np.int64)
-    for i, row in enumerate(matrix.rows):
-        for column, coefficient in row.items():
-            dense[i, column] = residue(coefficient, generators, field)
+    for i, row in enumerate(matrix.modulo(symbols, field)):
+        for column, value in row.items():
+            dense[i, column] = value
     _, pivots = reduced_echelon(dense[:, list(order)], field)
     return tuple(order[k] for k in pivots)
 

@@ -17,21 +17,20 @@ from itertools import combinations, product
 
 import numpy as np
 
-from echelon.base.matrix import BaseMatrix, residue, residues_of_generators
-from echelon.base.rows import rows_of
+from echelon.base.certificate import find_minor
+from echelon.base.matrix import BaseMatrix
 from echelon.base.structure import Structure, find_structure
-from echelon.errors import DegenerateSampleError, EchelonError
+from echelon.errors import EchelonError
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
-from echelon.exact.elimination import rank
 from echelon.exact.field import CERTIFICATE_BITS, PrimeField
 from echelon.exact.numbers import Surd, format_number
 from echelon.exact.polynomial import Polynomial, format_polynomial
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, angle_generators, stated_values
 from echelon.mechanism.substitute import substituted
+from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
 
-_ATTEMPTS = 3
 _MOST_TRIALS = 400
 """Structures that the search for relations may cost; after that, values stand for relations that were not found."""
 _LARGEST_RATIO = 12
@@ -141,29 +140,16 @@ def at_values(matrix: BaseMatrix, values: StatedValues) -> BaseMatrix:
         return matrix
     rng = random_generator(DEFAULT_SEED)
     field = PrimeField.random(rng, CERTIFICATE_BITS)
-    points = residues_of_generators(matrix.generators, values.draw(matrix.symbols, field, rng), field)
-    generators = {name: int(value[0]) for name, value in points.items()}
-    rows = tuple({c: f for c, f in row.items() if residue(f, generators, field)} for row in matrix.rows)
+    present = matrix.modulo(values.draw(matrix.symbols, field, rng), field)
+    rows = tuple({c: f for c, f in row.items() if here[c]} for row, here in zip(matrix.rows, present, strict=True))
     return replace(matrix, rows=rows)
 
 
 def _is_general(mechanism: Mechanism, structure: Structure, values: StatedValues, rng: np.random.Generator) -> bool:
     """Whether the general representatives are proved independent at the stated values."""
-    if mechanism.closures or _constrains_effects(mechanism, values):
+    if mechanism.closures or not values.can_be_drawn or _constrains_effects(mechanism, values):
         return False  # their symbols have no values that could simply be drawn
-    rows = rows_of(mechanism).columns(structure.pivots)
-    sampler = rows.forms.sampler()
-    states = structure.rank // rows.forms.shape[0] + 8
-    for _ in range(_ATTEMPTS):
-        field = PrimeField.random(rng)
-        try:
-            geometry = values.draw(sampler.symbols, field, rng)
-            table = rows.forms.stacked(sampler.evaluate(field, rng, states, geometry))[0]
-        except DegenerateSampleError:
-            continue
-        if rank(table, field) == rows.forms.shape[1]:
-            return True
-    return False
+    return find_minor(virtual_power_form(mechanism), structure.pivots, values, rng).rank == structure.rank
 
 
 def _constrains_effects(mechanism: Mechanism, values: StatedValues) -> bool:

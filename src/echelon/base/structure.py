@@ -2,13 +2,14 @@
 
 Cost must follow the chain and not the whole robot, so dependent columns are first looked for joint by joint: whatever
 parameters of a body can be moved to its parent when the *parent moves freely* can be moved in every mechanism, because
-the true motions of the parent are among the free ones.  These pairs of bodies are tiny.  What remains is eliminated
-once for the whole robot; that step alone decides the rank.
+the true motions of the parent are among the free ones.  These pairs of bodies are tiny.  Of what remains, most columns
+are shown to be independent block by block (see :mod:`echelon.regressor.blocks`), which are tiny, too.  The rest, near
+the base and around couplings, is eliminated at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,9 +19,10 @@ from echelon.base.rows import Rows, rows_of
 from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.field import PrimeField, Residues
 from echelon.mechanism.joint import Joint, Motion, floating_motions
-from echelon.mechanism.mechanism import GROUND, Body, Mechanism
+from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
 from echelon.mechanism.output import Cut
-from echelon.regressor.energy import energy_form
+from echelon.regressor.blocks import FEW_COLUMNS
+from echelon.regressor.energy import energy_changes, energy_form
 from echelon.regressor.linear import LinearForms
 
 _SURPLUS_ROWS = 8
@@ -80,7 +82,10 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     by_joint = _dependent_by_joint(mechanism, rng)
     local = {column for columns in by_joint.values() for column in columns}
     remaining = [c for c in range(len(mechanism.parameters)) if c not in local]
-    rows, accepted = rows_of(mechanism).columns(remaining), None
+    whole = rows_of(mechanism)
+    settled = _settled(mechanism, whole, remaining, rng)
+    remaining = [c for c in remaining if c not in settled]
+    rows, accepted = whole.columns(remaining), None
     modes: list[Mode] = []
     if mechanism.closures:
         modes = find_modes(rows, rng)
@@ -89,7 +94,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
         supports, accepted = mode.dependence, InMode(rows, mode) if len(modes) > 1 else None
     else:
         supports = _agreed(rows, rng)
-    pivots = tuple(remaining[k] for k in range(len(remaining)) if k not in supports)
+    pivots = tuple(sorted((*settled, *(remaining[k] for k in range(len(remaining)) if k not in supports))))
     by_robot = {remaining[k]: tuple(remaining[s] for s in support) for k, support in supports.items()}
     ranks = tuple(len(remaining) - len(mode.dependence) for mode in modes)
     return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, ranks, accepted)
@@ -125,7 +130,7 @@ def _dependent_by_joint(mechanism: Mechanism, rng: np.random.Generator) -> dict[
         if body.parent == GROUND or body.massless or index in watched:
             continue
         parent = mechanism.bodies[body.parent]
-        signature = (_child_side(body), parent.carried)
+        signature = (_child_side(body, whole=parent.carried == ALL), parent.carried)
         if signature not in cache:
             supports = _agreed(Rows(energy_form(floating_pair(mechanism, index)), 1), rng)
             offset = len(parent.carried)
@@ -136,11 +141,34 @@ def _dependent_by_joint(mechanism: Mechanism, rng: np.random.Generator) -> dict[
     return dependent
 
 
-def _child_side(body: Body) -> tuple[object, ...]:
-    """The joint from its first motion on, without names: where it is mounted on a free parent does not matter."""
+def _child_side(body: Body, *, whole: bool) -> tuple[object, ...]:
+    """What the child carries, and its joint without names.
+
+    Where the joint is mounted does not matter on a free parent that is a whole body: its ten parameters about one
+    frame are combinations of those about another.  Of some of them this is not true.
+    """
     steps = body.joint.steps
-    first = next((k for k, step in enumerate(steps) if isinstance(step, Motion)), len(steps))
+    first = next((k for k, step in enumerate(steps) if isinstance(step, Motion)), len(steps)) if whole else 0
     return (body.carried, *(replace(s, name="") if isinstance(s, Motion) else s for s in steps[first:]))
+
+
+def _settled(mechanism: Mechanism, rows: Rows, columns: Sequence[int], rng: np.random.Generator) -> set[int]:
+    """Columns that are independent of all others, whether or not the others are of one another.
+
+    To show a column to be independent modulo one prime is a proof, so one attempt is enough.
+    """
+    if len(columns) <= FEW_COLUMNS or mechanism.closures:
+        return set()
+    blocks = energy_changes(mechanism) if rows.auxiliary else rows.forms.blocks
+    if blocks is None:
+        return set()
+    seen = {column - rows.auxiliary for _, column in rows.forms.entries}
+    for _ in range(_ATTEMPTS):
+        try:
+            return blocks.independent(seen.intersection(columns), PrimeField.random(rng), rng)
+        except DegenerateSampleError:
+            continue
+    return set()
 
 
 def _agreed(rows: Rows, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:

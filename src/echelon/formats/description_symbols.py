@@ -97,7 +97,7 @@ def with_intended_angles(mechanism: Mechanism, intent: Intent) -> Mechanism:
     found = dict(mechanism.symbols)
     for name in sorted(symbol_roles(mechanism).angles & found.keys()):
         symbol, element = found[name], f"symbols.{name}"
-        if symbol.exact is None or symbol.value is None or (angle := parse_angle(symbol.exact)).half_turns:
+        if symbol.exact is None or symbol.value is None or parse_angle(symbol.exact).half_turns:
             continue
         steps = round(symbol.value * STEPS_PER_HALF_TURN / math.pi)
         exact = steps * math.pi / STEPS_PER_HALF_TURN

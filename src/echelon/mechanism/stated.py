@@ -57,6 +57,12 @@ class StatedValues:
         """Symbols with a value, sorted."""
         return tuple(sorted({*self.numbers, *self.angles, *self.sums}))
 
+    @property
+    def can_be_drawn(self) -> bool:
+        """Whether no angle is a half turn, whose half has no tangent."""
+        half = 2 * STEPS_PER_HALF_TURN
+        return not any((steps % half, *rest) == (STEPS_PER_HALF_TURN, 0, 0) for steps, *rest in self.multiples.values())
+
     @cached_property
     def multiples(self) -> dict[str, tuple[int, int, int]]:
         """Every angle as steps of 15°, a multiple of the unit of decimals, and one of the unit of π."""
@@ -134,6 +140,10 @@ class StatedValues:
         for unit, n in zip(units, counts, strict=True):
             c, s = field.add_angles((c, s), field.multiply_angle(unit, n))
         return int(c[0]), int(s[0])
+
+
+GENERAL = StatedValues({}, {}, {})
+"""No values: all symbols are general."""
 
 
 def in_numbers(mechanism: Mechanism) -> Mechanism:

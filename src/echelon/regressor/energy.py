@@ -9,11 +9,14 @@ find the structure; the certificate then checks the result on X itself.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
 
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Program, Scalar
+from echelon.regressor.blocks import BlockRows, blocks_of
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.closures import loops_of
 from echelon.regressor.spatial import Vec, add, cross, dot, scale
@@ -44,13 +47,7 @@ def energy_form(mechanism: Mechanism) -> LinearForms:
     """
     program = Program()
     recorder = Recorder(mechanism, program)
-    ground = _Rates(recorder.zeros, recorder.zeros, recorder.gravity(), program.zero)
-    rates: dict[int, _Rates] = {GROUND: ground}
-    for index, body in enumerate(mechanism.bodies):
-        current = rates[body.parent]
-        for step in recorder.steps(index):
-            current = _advance(current, step)
-        rates[index] = current
+    rates = _all_rates(recorder)
     entries = {(0, 0): program.one.node}
     for index, first in mechanism.first_column.items():
         energies = _energy_of_body(rates[index])
@@ -58,6 +55,58 @@ def energy_form(mechanism: Mechanism) -> LinearForms:
             if not energies[kind].is_zero:
                 entries[0, 1 + first + offset] = energies[kind].node
     return LinearForms(program, entries, (1, 1 + len(mechanism.parameters)), loops_of(mechanism, recorder))
+
+
+def energy_changes(mechanism: Mechanism) -> BlockRows:
+    """Record how the energy of its bodies changes when one block after the other moves from one state to another.
+
+    A linear combination of columns whose energy is constant does not change either, so what these rows show to be
+    independent is.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Without loops and effects.
+
+    Returns
+    -------
+    BlockRows
+        One row for each block.  Inputs of the second state are ``q'[...]`` and ``qd'[...]``.
+    """
+    program = Program()
+    recorder = Recorder(mechanism, program)
+    names = (f"q[{n}]" for n in mechanism.positions), (f"qd[{n}]" for n in mechanism.velocities)
+    second = {name: program.input(name.replace("[", "'[", 1)) for some in names for name in some}
+    moved = Recorder(mechanism, program, second)
+    rates, blocks, first = _all_rates(recorder), blocks_of(mechanism), mechanism.first_column
+    columns, changes = [], []
+    for block in blocks:
+        after: dict[int, _Rates] = {}
+        entries: dict[tuple[int, int], int] = {}
+        for index in block.bodies:
+            parent = mechanism.bodies[index].parent
+            after[index] = _advanced(after.get(parent, rates[parent]), moved.steps(index))
+            if index in first:
+                pairs = zip(_energy_of_body(after[index]), _energy_of_body(rates[index]), strict=True)
+                differences = [new - old for new, old in pairs]
+                for column, kind in enumerate(mechanism.bodies[index].carried, first[index]):
+                    if not differences[kind].is_zero:
+                        entries[0, column] = differences[kind].node
+        own = (first[i] + k for i in block.bodies for k in range(len(mechanism.bodies[i].carried)))
+        columns.append(tuple(own))
+        changes.append(entries)
+    return BlockRows(program, tuple(columns), tuple(changes), tuple(block.carried for block in blocks))
+
+
+def _all_rates(recorder: Recorder) -> dict[int, _Rates]:
+    rates = {GROUND: _Rates(recorder.zeros, recorder.zeros, recorder.gravity(), recorder.program.zero)}
+    for index, body in enumerate(recorder.mechanism.bodies):
+        rates[index] = _advanced(rates[body.parent], recorder.steps(index))
+    return rates
+
+
+def _advanced(rates: _Rates, steps: Iterable[Step]) -> _Rates:
+    return reduce(_advance, steps, rates)
 
 
 def _advance(rates: _Rates, step: Step) -> _Rates:

@@ -10,6 +10,7 @@ import numpy as np
 from echelon.exact.field import Residues
 from echelon.program.sampling import FieldSampler
 from echelon.program.tape import Program
+from echelon.regressor.blocks import BlockRows
 from echelon.regressor.loops.closures import Loops
 from echelon.regressor.loops.curves import DEFAULT_ORDER, CurveSampler
 
@@ -27,12 +28,15 @@ class LinearForms:
         Numbers of rows and columns.
     loops : Loops, optional
         What keeps motions on closed configurations, where there are loops.
+    blocks : BlockRows, optional
+        Combinations of rows, over all columns, that see little at a time.
     """
 
     program: Program
     entries: Mapping[tuple[int, int], int]
     shape: tuple[int, int]
     loops: Loops | None = None
+    blocks: BlockRows | None = None
 
     def columns(self, keep: Collection[int]) -> LinearForms:
         """The forms restricted to some columns, renumbered in the given order."""

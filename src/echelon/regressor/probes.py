@@ -112,9 +112,16 @@ def virtual_motion(
 def any_motion(mechanism: Mechanism, program: Program) -> VirtualMotion:
     """A virtual motion whose velocities, of all coordinates that no coupling makes dependent, are inputs ``v[...]``."""
     freedoms = {name: program.input(f"v[{name}]") for name in mechanism.velocities}
+    return motion_of_joints(mechanism, program, freedoms)
+
+
+def motion_of_joints(mechanism: Mechanism, program: Program, freedoms: dict[str, Scalar]) -> VirtualMotion:
+    """The virtual motion in which some independent coordinates have given velocities, and the drives follow."""
+    zero = program.zero
     drives = {
-        actuator.name: sum((freedoms[n] * program.polynomial(r) for n, r in actuator.terms), program.zero)
+        actuator.name: sum((freedoms[n] * program.polynomial(r) for n, r in actuator.terms if n in freedoms), zero)
         for actuator in mechanism.transmission.actuators
+        if any(n in freedoms for n, _ in actuator.terms)
     }
     return VirtualMotion(_coupled(mechanism, program, freedoms), drives, {})
 

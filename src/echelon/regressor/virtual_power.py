@@ -9,7 +9,7 @@ O(bodies · depth).  So X · N = 0 and the rank of X can be checked on X itself 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -18,11 +18,12 @@ from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.accelerations import Wrench, forward_accelerations, unit_wrenches
+from echelon.regressor.blocks import FEW_COLUMNS, BlockRows, blocks_of
 from echelon.regressor.effects import EffectRecorder
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.closures import loops_of
 from echelon.regressor.loops.real_inputs import real_inputs
-from echelon.regressor.probes import Probes, VirtualMotion, any_motion, virtual_motion
+from echelon.regressor.probes import Probes, VirtualMotion, any_motion, motion_of_joints, virtual_motion
 from echelon.regressor.spatial import Vec, add, cross, dot, scale
 from echelon.regressor.steps import Recorder, Step, into_frame
 
@@ -96,7 +97,25 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
     loops = loops_of(mechanism, recorder, probes, known)
     if loops is not None:
         loops = replace(loops, real=partial(real_inputs, mechanism))
-    return LinearForms(program, entries, (1, len(mechanism.parameters)), loops)
+    many = len(mechanism.parameters) > FEW_COLUMNS
+    blocks = _block_powers(recorded) if many and mechanism.measures_every_force and not mechanism.closures else None
+    return LinearForms(program, entries, (1, len(mechanism.parameters)), loops, blocks)
+
+
+def _block_powers(recorded: _RecordedPowers) -> BlockRows:
+    """Powers in virtual motions of one coordinate each, in the columns of the bodies and effects of its block."""
+    mechanism, program = recorded.mechanism, recorded.program
+    blocks = blocks_of(mechanism)
+    columns, rows = [], []
+    for block in blocks:
+        entries: dict[tuple[int, int], int] = {}
+        for row, name in enumerate(block.coordinates):
+            motion = motion_of_joints(mechanism, program, {name: program.one})
+            powers = recorded.powers_of(motion, block.bodies, block.effects)
+            entries |= {(row, column): power.node for column, power in powers.items() if not power.is_zero}
+        columns.append(tuple(recorded.columns_of(block.bodies, block.effects)))
+        rows.append(entries)
+    return BlockRows(program, tuple(columns), tuple(rows), tuple(block.carried for block in blocks))
 
 
 class _RecordedPowers:
@@ -111,21 +130,41 @@ class _RecordedPowers:
         self._wrenches = {index: unit_wrenches(accelerations[index], self.program) for index in mechanism.first_column}
         effects = EffectRecorder(mechanism, self.recorder)
         self._effects = [effects.forces(effect) for effect in mechanism.effects]
+        self._first_effect = len(mechanism.parameters) - len(self._effects)
 
     def powers(self, motion: VirtualMotion, wanted: Collection[int]) -> dict[int, Scalar]:
         """Power per unit of the wanted standard parameters, by column."""
-        twists = _twists(self.mechanism, self.recorder, self._steps, self.probes, motion)
+        everything = range(len(self.mechanism.bodies)), range(len(self._effects))
+        return self.powers_of(motion, *everything, wanted)
+
+    def powers_of(
+        self,
+        motion: VirtualMotion,
+        bodies: Sequence[int],
+        effects: Sequence[int],
+        wanted: Collection[int] | None = None,
+    ) -> dict[int, Scalar]:
+        """The same of some bodies and effects; the motion is to leave at rest what these bodies hang on."""
+        twists = _twists(self.mechanism, self.recorder, self._steps, self.probes, motion, bodies)
         found: dict[int, Scalar] = {}
-        for index, wrenches in self._wrenches.items():
+        for index in bodies:
+            if index not in self._wrenches:
+                continue
             first = self.mechanism.first_column[index]
             for column, kind in enumerate(self.mechanism.bodies[index].carried, first):
-                if column in wanted:
-                    found[column] = _power(twists[index], wrenches[kind])
-        first = len(self.mechanism.parameters) - len(self._effects)
-        for column, forces in enumerate(self._effects, first):
-            if column in wanted:
-                found[column] = self._effect_power(forces, motion)
+                if wanted is None or column in wanted:
+                    found[column] = _power(twists[index], self._wrenches[index][kind])
+        for k in effects:
+            column = self._first_effect + k
+            if wanted is None or column in wanted:
+                found[column] = self._effect_power(self._effects[k], motion)
         return found
+
+    def columns_of(self, bodies: Sequence[int], effects: Sequence[int]) -> list[int]:
+        """Columns of some bodies and effects."""
+        first, carried = self.mechanism.first_column, (len(self.mechanism.bodies[i].carried) for i in bodies)
+        inertial = [first[i] + k for i, count in zip(bodies, carried, strict=True) for k in range(count)]
+        return [*inertial, *(self._first_effect + k for k in effects)]
 
     def _effect_power(self, forces: Sequence[tuple[Side, str, Scalar]], motion: VirtualMotion) -> Scalar:
         total = self.program.zero
@@ -137,14 +176,20 @@ class _RecordedPowers:
 
 
 def _twists(
-    mechanism: Mechanism, recorder: Recorder, steps: dict[int, list[Step]], probes: Probes, motion: VirtualMotion
+    mechanism: Mechanism,
+    recorder: Recorder,
+    steps: dict[int, list[Step]],
+    probes: Probes,
+    motion: VirtualMotion,
+    bodies: Iterable[int],
 ) -> dict[int, Twist]:
-    """Virtual twist of every body."""
-    twists: dict[int, Twist] = {GROUND: (recorder.zeros, recorder.zeros)}
+    """Virtual twists of some bodies, where those that they hang on and that are not among them are at rest."""
+    rest = (recorder.zeros, recorder.zeros)
+    twists: dict[int, Twist] = {GROUND: rest}
     for step in probes.steps(GROUND, on_parent=False):
         twists[GROUND] = _advance(twists[GROUND], step, motion)
-    for index, body in enumerate(mechanism.bodies):
-        current = twists[body.parent]
+    for index in bodies:
+        current = twists.get(mechanism.bodies[index].parent, rest)
         for step in (*probes.steps(index, True), *steps[index], *probes.steps(index, False)):
             current = _advance(current, step, motion)
         twists[index] = current
