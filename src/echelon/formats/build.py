@@ -4,26 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import replace
+from fractions import Fraction
 from functools import partial
 
 import numpy as np
 
 from echelon.errors import InputError
-from echelon.exact.polynomial import as_polynomial
 from echelon.formats.build_loops import build_closure
 from echelon.formats.inertia import Inertial, move_inertial, numeric_placement
 from echelon.formats.intent import Intent
 from echelon.formats.literal import (
     LiteralClosure,
-    LiteralCoupling,
     LiteralLink,
     LiteralPlacement,
     LiteralStep,
     LiteralTree,
 )
 from echelon.formats.options import ReadingOptions, gravity_vector
+from echelon.formats.stated_couplings import StatedCoupling, resolved
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
-from echelon.mechanism.mechanism import ALL, GROUND, Body, Coupling, Mechanism, setup_placements
+from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, setup_placements
 from echelon.mechanism.placement import Placement, shift, turn
 from echelon.mechanism.reading import Reading
 from echelon.regressor.loops.closing import close
@@ -70,7 +70,7 @@ class _Builder:
             else:
                 self._attach(index, link)
         self._attach_inertials()
-        couplings = tuple(Coupling(c.dependent, ((c.leader, as_polynomial(c.ratio)),)) for c in self.couplings.values())
+        couplings = tuple(c.coupling for c in self.couplings.values())
         closures = tuple(build_closure(c, self.tree, self.intent, self._ride) for c in self._moving_closures())
         mechanism = Mechanism(
             self.tree.name,
@@ -165,12 +165,14 @@ class _Builder:
                 read.insert(read.index(moved), self._offset(coupling, moved, label))
         return merge(tuple(read))
 
-    def _offset(self, coupling: LiteralCoupling, motion: Motion, label: str) -> Placement:
+    def _offset(self, coupling: StatedCoupling, motion: Motion, label: str) -> Placement:
         """The constant part of a coupling, as a placement before the motion."""
-        value = coupling.offset * motion.sign
+        offset = coupling.offset * motion.sign
         if motion.kind is MotionKind.TRANSLATION:
-            x, y, z = (as_polynomial(value if k == motion.axis else 0) for k in range(3))
+            x, y, z = (offset if k == motion.axis else 0 for k in range(3))
             return shift(x, y, z)
+        value = offset.number
+        assert isinstance(value, int | Fraction)
         return turn(motion.axis, self.intent.angle(value, f"{coupling.element} offset", f"offset{label}"))
 
     def _check_massless(self) -> None:
@@ -206,30 +208,14 @@ class _Builder:
 
     # -- couplings -------------------------------------------------------------------------------------------------
 
-    def _resolved_couplings(self) -> dict[str, LiteralCoupling]:
-        """Couplings by dependent coordinate, with chains of mimics followed to an independent leader."""
-        stated: dict[str, LiteralCoupling] = {}
-        for coupling in () if self.options.independent_mimics else self.tree.couplings:
-            if coupling.dependent in stated:
-                raise InputError(
-                    f"'{coupling.dependent}' is coupled twice", source=self.tree.source, element=coupling.element
-                )
-            stated[coupling.dependent] = coupling
-        resolved = {}
-        for name, coupling in stated.items():
-            seen = {name}
-            while coupling.leader in stated:
-                if coupling.leader in seen:
-                    raise InputError("couplings go in a circle", source=self.tree.source, element=coupling.element)
-                seen.add(coupling.leader)
-                upper = stated[coupling.leader]
-                coupling = replace(
-                    coupling,
-                    leader=upper.leader,
-                    ratio=coupling.ratio * upper.ratio,
-                    offset=coupling.ratio * upper.offset + coupling.offset,
-                )
-            resolved[name] = coupling
-        if resolved:
-            self.notes.append(f"coupled to another joint: {', '.join(resolved)}")
-        return resolved
+    def _resolved_couplings(self) -> dict[str, StatedCoupling]:
+        """Couplings by dependent coordinate, unless they are to be ignored."""
+        if self.options.independent_mimics:
+            return {}
+        found = resolved(self.tree.couplings, self._error)
+        if found:
+            self.notes.append(f"coupled to another joint: {', '.join(found)}")
+        return found
+
+    def _error(self, element: str, problem: str) -> InputError:
+        return InputError(problem, source=self.tree.source, element=element)

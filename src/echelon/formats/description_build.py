@@ -11,7 +11,7 @@ import numpy as np
 
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.description_couplings import StatedCoupling, offset_placement, read_couplings
+from echelon.formats.description_couplings import offset_placement, read_couplings
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_loops import add_loops
 from echelon.formats.description_parts import BASE, Part, read_parts
@@ -21,6 +21,7 @@ from echelon.formats.description_text import Document
 from echelon.formats.inertia import Inertial, move_inertial
 from echelon.formats.intent import numeric_value, symbol_stem
 from echelon.formats.options import ReadingOptions, gravity_vector
+from echelon.formats.stated_couplings import StatedCoupling
 from echelon.hints import nearest_of
 from echelon.mechanism.joint import Joint, Motion, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism

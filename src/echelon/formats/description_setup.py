@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from echelon.conventions import PARAMETERS
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.description_couplings import LinearReader
+from echelon.formats.description_couplings import CouplingReader
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_joints import Joints
 from echelon.formats.description_parts import BASE
 from echelon.hints import nearest_of
+from echelon.mechanism.coupling import Coupling
 from echelon.mechanism.effect import Action, Effect, Side, ready_made
 from echelon.mechanism.joint import Joint, Motion, MotionKind, merge
-from echelon.mechanism.mechanism import GROUND, Body, Coupling, Mechanism
+from echelon.mechanism.mechanism import GROUND, Body, Mechanism
 from echelon.mechanism.output import ActuatorForce, Channel, Cut, JointForce, Output, plain
+from echelon.mechanism.spline import linear
 from echelon.mechanism.transmission import Actuator
 
 if TYPE_CHECKING:
@@ -76,17 +78,16 @@ class _Setup:
         """A combination of coordinates that no coupling makes dependent; actuators may stand for what they are."""
         moving = {m.name: m for m in self.mechanism.motions if m.name not in self.mechanism.dependent}
         single = {name: m for name, m in moving.items() if m.kind is not MotionKind.BALL}
-        reader = LinearReader(self.expressions, single)
+        reader = CouplingReader(self.expressions, single)
         if not isinstance(entry, str):
-            terms: Mapping[str, Polynomial] = reader.terms(entry.terms, path)
+            terms = reader.ratios(entry.terms, path)
         else:
             drives = {a.name: dict(a.terms) for a in self.mechanism.actuators}
             if entry in drives:
                 return tuple(drives[entry].items())
-            stated = reader.linear(path, entry, path)
-            if stated.offset:
+            terms, offset = reader.linear(entry, path)
+            if offset:
                 raise self.expressions.error(path, f"'{entry}' has a constant part; a transmission has none")
-            terms = stated.terms
         return tuple(terms.items())
 
     def _add_rotor(self, rotor: RotorEntry, path: str) -> None:
@@ -99,7 +100,8 @@ class _Setup:
         parent = self._body(rotor.on, f"{path}.on")
         # of a rotor that is symmetric about its axis all but the spin inertia counts to its carrier
         body = Body(rotor.name, label, parent, joint, (_SPIN[kind],))
-        coupling = Coupling(spin, self._linear(rotor.drives, f"{path}.drives"))
+        drives = self._linear(rotor.drives, f"{path}.drives")
+        coupling = Coupling(spin, tuple((name, linear(ratio)) for name, ratio in drives))
         self.mechanism = replace(
             self.mechanism,
             bodies=(*self.mechanism.bodies, body),

@@ -58,7 +58,7 @@ def inverse_dynamics_regressor(mechanism: Mechanism, columns: Sequence[int] | No
     rows = []
     for output in mechanism.outputs:
         speeds = {output.name: recorded.program.one}
-        motion = virtual_motion(mechanism, recorded.program, recorded.probes, speeds)
+        motion = virtual_motion(mechanism, recorded.probes, speeds)
         rows.append(recorded.powers(motion, set(wanted)))
     entries = {
         (row, place): powers[column].node
@@ -86,10 +86,10 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
     recorded = _RecordedPowers(mechanism)
     program, recorder, probes = recorded.program, recorded.recorder, recorded.probes
     if mechanism.closures and mechanism.measures_every_force:
-        motion, known = any_motion(mechanism, program), None
+        motion, known = any_motion(mechanism, recorder), None
     else:
         speeds = {output.name: program.input(f"u[{output.name}]") for output in mechanism.outputs}
-        motion = virtual_motion(mechanism, program, probes, speeds)
+        motion = virtual_motion(mechanism, probes, speeds)
         known = motion.chosen
     powers = recorded.powers(motion, range(len(mechanism.parameters)))
     entries = {(0, column): power.node for column, power in powers.items() if not power.is_zero}
