@@ -21,6 +21,7 @@ from echelon.formats.literal import (
     LiteralTree,
 )
 from echelon.formats.options import ReadingOptions, gravity_vector
+from echelon.formats.riders import Riders
 from echelon.formats.stated_couplings import StatedCoupling, resolved
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, setup_placements
@@ -48,7 +49,10 @@ def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collect
     InputError
         If the tree has unusable couplings or names.
     """
-    return _Builder(tree, options, literal).build()
+    try:
+        return _Builder(tree, options, literal).build()
+    except InputError as error:
+        raise error.located(tree.source) from None
 
 
 class _Builder:
@@ -84,7 +88,10 @@ class _Builder:
         symbols = {name: symbol for name, symbol in self.intent.symbols.items() if name in used}
         # a placement on the way to a closure is read once more
         snaps = tuple(dict.fromkeys(self.intent.snaps))
-        reading = Reading(snaps, tuple(self.notes), partial(build_mechanism, self.tree, self.options))
+        names = {body.name for body in self.bodies}
+        rides = {k: self._ride(k) for k, link in enumerate(self.tree.links) if link.name not in names}
+        riders = Riders(self.tree, self.intent, rides)
+        reading = Reading(snaps, tuple(self.notes), partial(build_mechanism, self.tree, self.options), riders)
         mechanism = replace(mechanism, symbols=symbols, reading=reading)
         return self._closed(mechanism) if closures else mechanism
 
@@ -114,7 +121,8 @@ class _Builder:
     def _makes_body(self, index: int, link: LiteralLink) -> bool:
         moves = any(not isinstance(step, LiteralPlacement) for step in link.steps)
         is_world = index == 0 and self.tree.root_is_world
-        return moves or index == self.floating_link or (self.options.every_link and not is_world)
+        kept = self.options.every_link or link.name in self.options.separate
+        return moves or index == self.floating_link or (kept and not is_world)
 
     def _floating_link(self) -> int:
         """The link that floats: the root, or what hangs on the world where the world is the root."""

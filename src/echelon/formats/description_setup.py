@@ -12,12 +12,13 @@ from echelon.exact.polynomial import Polynomial
 from echelon.formats.description_couplings import CouplingReader
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_joints import Joints
+from echelon.formats.description_loops import FindPart
 from echelon.formats.description_parts import BASE
 from echelon.hints import nearest_of
 from echelon.mechanism.coupling import Coupling
 from echelon.mechanism.effect import Action, Effect, Side, ready_made
 from echelon.mechanism.joint import Joint, Motion, MotionKind, merge
-from echelon.mechanism.mechanism import GROUND, Body, Mechanism
+from echelon.mechanism.mechanism import Body, Mechanism
 from echelon.mechanism.output import ActuatorForce, Channel, Cut, JointForce, Output, plain
 from echelon.mechanism.spline import linear
 from echelon.mechanism.transmission import Actuator
@@ -30,7 +31,12 @@ EVERY = "all"
 _SPIN = (PARAMETERS.index("XX"), PARAMETERS.index("YY"), PARAMETERS.index("ZZ"))
 
 
-def add_setup(mechanism: Mechanism, robot: RobotDescription, expressions: Expressions) -> Mechanism:
+def cut_off(robot: RobotDescription) -> tuple[str, ...]:
+    """Names of what force/torque sensors carry: sensors see fixed parts apart from what they are fixed to."""
+    return tuple(w for w in (getattr(output, "wrench", BASE) for output in robot.outputs or ()) if w != BASE)
+
+
+def add_setup(mechanism: Mechanism, robot: RobotDescription, expressions: Expressions, find: FindPart) -> Mechanism:
     """A mechanism with the drives, rotors, effects and outputs that a description states.
 
     Parameters
@@ -38,18 +44,20 @@ def add_setup(mechanism: Mechanism, robot: RobotDescription, expressions: Expres
     mechanism : Mechanism
     robot : RobotDescription
     expressions : Expressions
+    find : callable
+        Finds what rotors and sensors are on.
 
     Raises
     ------
     InputError
         If something refers to bodies, coordinates or actuators that do not exist; names the element.
     """
-    return _Setup(mechanism, robot, expressions).added()
+    return _Setup(mechanism, robot, expressions, find).added()
 
 
 class _Setup:
-    def __init__(self, mechanism: Mechanism, robot: RobotDescription, expressions: Expressions) -> None:
-        self.mechanism, self.robot, self.expressions = mechanism, robot, expressions
+    def __init__(self, mechanism: Mechanism, robot: RobotDescription, expressions: Expressions, find: FindPart) -> None:
+        self.mechanism, self.robot, self.expressions, self.find = mechanism, robot, expressions, find
         self.joints = Joints(expressions)
 
     def added(self) -> Mechanism:
@@ -96,8 +104,8 @@ class _Setup:
         motion = Motion(MotionKind.ROTATION, spin, kind, -1 if rotor.axis.startswith("-") else 1)
         label = rotor.label or f"_{rotor.name}"
         placed = self.joints.frame(rotor.frame, f"{path}.frame", label)
-        joint = Joint(rotor.name, "rotor", merge((placed, motion)))
-        parent = self._body(rotor.on, f"{path}.on")
+        parent, rides = self.find(rotor.on, f"{path}.on")
+        joint = Joint(rotor.name, "rotor", merge((rides @ placed, motion)))
         # of a rotor that is symmetric about its axis all but the spin inertia counts to its carrier
         body = Body(rotor.name, label, parent, joint, (_SPIN[kind],))
         drives = self._linear(rotor.drives, f"{path}.drives")
@@ -106,18 +114,6 @@ class _Setup:
             self.mechanism,
             bodies=(*self.mechanism.bodies, body),
             couplings=(*self.mechanism.couplings, coupling),
-        )
-
-    def _body(self, name: str, path: str) -> int:
-        names = [body.name for body in self.mechanism.bodies]
-        if name in names:
-            return names.index(name)
-        if name == BASE:
-            return GROUND
-        raise self.expressions.error(
-            path,
-            f"there is no moving body '{name}'{nearest_of(name, [BASE, *names])}; "
-            "a part that is fixed to another is a body of its own only with 'separate: true'",
         )
 
     # -- effects ---------------------------------------------------------------------------------------------------
@@ -219,8 +215,8 @@ class _Setup:
         return ActuatorForce(name)
 
     def _wrench(self, entry: WrenchOutput, path: str) -> list[Output]:
-        body = self._body(entry.wrench, f"{path}.wrench")
-        frame = self.joints.frame(entry.frame, f"{path}.frame", f"_{entry.name or entry.wrench}")
+        body, rides = self.find(entry.wrench, f"{path}.wrench")
+        frame = rides @ self.joints.frame(entry.frame, f"{path}.frame", f"_{entry.name or entry.wrench}")
         name = entry.name or entry.wrench
         return [
             plain(

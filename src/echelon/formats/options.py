@@ -44,6 +44,8 @@ class ReadingOptions:
     gravity : Gravity
         ``"file"`` for what the file says (9.81 m/s² along −z if it is silent), ``"generic"`` for an unknown direction,
         None for none, or three numbers or expressions.
+    separate : tuple of str
+        Fixed links that are kept as bodies of their own, because a sensor cuts between them and their parents.
     """
 
     tolerance: float = ANGLE_TOLERANCE
@@ -53,6 +55,7 @@ class ReadingOptions:
     independent_mimics: bool = False
     massless: tuple[str, ...] = ()
     gravity: Gravity = "file"
+    separate: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0 <= self.tolerance <= 0.1:
