@@ -85,6 +85,8 @@ def facts(model: BaseModel) -> list[tuple[str, str]]:
         found.append(("symbols", ", ".join(f"{s.name} = {value_text(s.exact, s.value)}" for s in used)))
     if model.reading.snaps:
         found.append(("read as exact", one_line(snap_summary(model))))
+    if model.reading.mimics is not None:
+        found.append(("mimic joints", str(model.reading.mimics)))
     found += [("note", one_line(note)) for note in model.reading.notes]
     found.append(("certificate", str(model.certificate)))
     return found

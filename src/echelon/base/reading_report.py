@@ -8,11 +8,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from echelon.base.structure import find_structure
+from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.reading import Reading, Snap
 
 ROUNDING = 1e-9
 """Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""
+
+
+@dataclass(frozen=True)
+class MimicRanks:
+    """Ranks of a robot whose file couples joints: as they are coupled, and as if all were independent."""
+
+    coupled: int
+    independent: int
+
+    def __str__(self) -> str:
+        return f"as coupled {self.coupled}; as independent {self.independent}"
 
 
 @dataclass(frozen=True)
@@ -29,12 +41,15 @@ class ReadingReport:
         Rank of the literal reading; None where nothing that matters was snapped.
     decisive : tuple of Snap
         Snaps without any of which the rank would not be the intended one.
+    mimics : MimicRanks, optional
+        Of files that couple joints.
     """
 
     snaps: tuple[Snap, ...] = ()
     notes: tuple[str, ...] = ()
     literal_rank: int | None = None
     decisive: tuple[Snap, ...] = ()
+    mimics: MimicRanks | None = None
 
 
 def report_reading(mechanism: Mechanism, rank: int, rng: np.random.Generator) -> ReadingReport:
@@ -50,16 +65,29 @@ def report_reading(mechanism: Mechanism, rank: int, rng: np.random.Generator) ->
     reading = mechanism.reading
     if reading is None:
         return ReadingReport()
+    mimics = _mimic_ranks(mechanism, reading, rank, rng)
     coarse = [snap for snap in reading.snaps if snap.difference > ROUNDING]
     if not coarse:
-        return ReadingReport(reading.snaps, reading.notes)
+        return ReadingReport(reading.snaps, reading.notes, mimics=mimics)
     literal_rank = find_structure(reading.literal(), rng).rank
     decisive: list[Snap] = []
     if literal_rank != rank:
         elements = list(dict.fromkeys(snap.element for snap in coarse))
         chosen = set(_decisive(reading, elements, rank, rng))
         decisive = [snap for snap in coarse if snap.element in chosen]
-    return ReadingReport(reading.snaps, reading.notes, literal_rank, tuple(decisive))
+    return ReadingReport(reading.snaps, reading.notes, literal_rank, tuple(decisive), mimics)
+
+
+def _mimic_ranks(mechanism: Mechanism, reading: Reading, rank: int, rng: np.random.Generator) -> MimicRanks | None:
+    """The rank beside that of the other reading of mimic joints; None without mimic joints."""
+    if reading.recoupled is None:
+        return None
+    try:
+        other = reading.recoupled()
+    except InputError:
+        return None  # couplings that make no sense, ignored on request
+    found = find_structure(other, rng).rank
+    return MimicRanks(rank, found) if len(mechanism.couplings) > len(other.couplings) else MimicRanks(found, rank)
 
 
 def _decisive(reading: Reading, elements: Sequence[str], rank: int, rng: np.random.Generator) -> list[str]:

@@ -117,7 +117,13 @@ def _added_to_file(
     mechanism, read = add(stated), stated.reading
     if mechanism.reading is None or read is None:
         return mechanism
-    return replace(mechanism, reading=replace(mechanism.reading, rebuild=lambda literal: add(read.rebuild(literal))))
+    other = read.recoupled
+    reading = replace(
+        mechanism.reading,
+        rebuild=lambda literal: add(read.rebuild(literal)),
+        recoupled=None if other is None else lambda: add(other()),
+    )
+    return replace(mechanism, reading=reading)
 
 
 class _FileParts:

@@ -134,6 +134,8 @@ class LiteralTree:
         Positions at which the loops close; zero where absent.
     driven : tuple of str
         Coordinates with actuators.
+    has_mimics : bool
+        Whether the file couples joints, whatever is made of it.
     """
 
     name: str
@@ -146,3 +148,4 @@ class LiteralTree:
     closures: tuple[LiteralClosure, ...] = ()
     assembly: Mapping[str, float] = field(default_factory=dict)
     driven: tuple[str, ...] = ()
+    has_mimics: bool = False

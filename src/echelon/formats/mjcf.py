@@ -98,6 +98,7 @@ def read_mjcf(text: str | bytes, source: str, directory: Path | None, *, mimics:
         closures=tuple(read_closures(loops, model, spec)),
         assembly=reference_positions(model) if loops else {},
         driven=driven,
+        has_mimics=bool(couplings) or len(relations) < len(couples),
     )
 
 

@@ -85,7 +85,9 @@ class _Reader:
         position = {name: i for i, name in enumerate(order)}
         links = tuple(self._link(name, parents.get(name), position) for name in order)
         couplings = tuple(self._couplings()) if mimics else ()
-        return LiteralTree(self.root.get("name") or "robot", self.source, links, couplings, notes=tuple(self.notes))
+        name = self.root.get("name") or "robot"
+        has_mimics = any(joint.find("mimic") is not None for joint in self.joints.values())
+        return LiteralTree(name, self.source, links, couplings, notes=tuple(self.notes), has_mimics=has_mimics)
 
     # -- tree ------------------------------------------------------------------------------------------------------
 

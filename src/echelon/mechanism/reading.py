@@ -70,12 +70,15 @@ class Reading:
         Builds the mechanism again with the numbers of some elements taken literally.
     riders : mapping of str to Rider
         Links that are fixed to others, by name.
+    recoupled : callable, optional
+        Of files that couple joints: builds the mechanism with them independent, if they are coupled, or coupled.
     """
 
     snaps: tuple[Snap, ...]
     notes: tuple[str, ...]
     rebuild: Callable[[Collection[str]], Mechanism] = field(repr=False, compare=False)
     riders: Mapping[str, Rider] = field(default_factory=dict, repr=False, compare=False)
+    recoupled: Callable[[], Mechanism] | None = field(default=None, repr=False, compare=False)
 
     def literal(self, elements: Collection[str] | None = None) -> Mechanism:
         """The mechanism with these snapped elements (all, if omitted) taken literally."""
