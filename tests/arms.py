@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from echelon.exact.expressions import parse, parse_angle
+from echelon.mechanism.coupling import Coupling
 from echelon.mechanism.joint import (
     Joint,
     Step,
@@ -18,8 +19,9 @@ from echelon.mechanism.joint import (
     translation,
     universal_motions,
 )
-from echelon.mechanism.mechanism import ALL, GROUND, Body, Coupling, Mechanism, Symbol
+from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, Symbol
 from echelon.mechanism.placement import Placement, Vector, shift, turn
+from echelon.mechanism.spline import linear
 
 DOWN = "0 0 -g"
 GENERIC = "gx gy gz"
@@ -59,7 +61,9 @@ def tree(
     values: Mapping[str, str] | None = None,
 ) -> Mechanism:
     """A mechanism; couplings are given as ``{"q3": {"q1": "2"}}``."""
-    tied = tuple(Coupling(q, tuple((k, parse(r)) for k, r in terms.items())) for q, terms in (couplings or {}).items())
+    tied = tuple(
+        Coupling(q, tuple((k, linear(parse(r))) for k, r in terms.items())) for q, terms in (couplings or {}).items()
+    )
     return Mechanism(name, bodies, vector(gravity), tied, known(values or {}))
 
 

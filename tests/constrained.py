@@ -82,8 +82,9 @@ class Constrained:
                     matrix[first + k, names.index(name)] = 1
         for coupling in self.mechanism.couplings:
             row = self.model.joints[self.joints[coupling.coordinate]].idx_v
-            for name, ratio in coupling.terms:
-                matrix[row, names.index(name)] = self._number(ratio)
+            for name, function in coupling.terms:
+                assert function.ratio is not None
+                matrix[row, names.index(name)] = self._number(function.ratio)
         return matrix
 
     # -- states ----------------------------------------------------------------------------------------------------
@@ -92,7 +93,7 @@ class Constrained:
         """Pinocchio's configuration; its quaternions end with w."""
         known = dict(zip(self.mechanism.positions, q, strict=True))
         for coupling in self.mechanism.couplings:
-            known[coupling.coordinate] = sum(self._number(r) * known[n] for n, r in coupling.terms)
+            known[coupling.coordinate] = sum(self._number(f.ratio) * known[n] for n, f in coupling.terms)
         result = np.zeros(self.model.nq)
         for motion in self.mechanism.motions:
             values = [known[name] for name in motion.positions]

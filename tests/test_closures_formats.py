@@ -264,8 +264,35 @@ def test_loops_of_a_robot_file(tmp_path: Path) -> None:
     closed_at_base = ADDED.replace("[coupler, rocker]", "[base, coupler]").replace("[0.3, 0, 0]", "[0.25, 0, 0]")
     ground = added(tmp_path, closed_at_base.split("assembly")[0])
     assert (ground.closures[0].first, ground.closures[0].second) == (GROUND, 1)
-    with pytest.raises(ec.InputError, match=r"connects\[1\]: there is no moving body 'rokker'; did you mean 'rocker'"):
+    with pytest.raises(ec.InputError, match=r"connects\[1\]: there is no body 'rokker'; did you mean 'rocker'"):
         added(tmp_path, ADDED.replace(", rocker]", ", rokker]"))
+
+
+PIN = """<link name="pin"/><link name="eye"/><link name="post"/>
+<joint name="f1" type="fixed"><parent link="coupler"/><child link="pin"/><origin xyz="0.35 0 0" rpy="0 0 0.3"/></joint>
+<joint name="f2" type="fixed"><parent link="rocker"/><child link="eye"/><origin xyz="0.1 0 0"/></joint>
+<joint name="f3" type="fixed"><parent link="eye"/><child link="post"/><origin xyz="0.2 0 0" rpy="0 0 1.5708"/></joint>
+</robot>"""
+
+
+def test_loops_may_connect_fixed_links_of_a_robot_file(tmp_path: Path) -> None:
+    """They are where their parents carry them: the same loop as between the moving links."""
+    file = URDF.replace("</robot>", PIN)
+    text = ADDED.split("loops:")[0] + "loops: [{joint: revolute, connects: [pin, post], on_second: {}}]\n"
+    text += "assembly:" + ADDED.split("assembly:")[1]
+    mechanism, same = added(tmp_path, text, file), added(tmp_path, ADDED)
+    assert mechanism.bodies == same.bodies
+    (closure,), (expected,) = mechanism.closures, same.closures
+    assert (closure.first, closure.second) == (expected.first, expected.second)
+    assert closure.first_frame.translation == expected.first_frame.translation
+    assert closure.second_frame.translation == expected.second_frame.translation
+    assert set(mechanism.symbols) == {"yaw_pin"}  # 0.3 rad has no exact sine
+    assert mechanism.reading is not None
+    assert [snap.element for snap in mechanism.reading.snaps] == ["joint 'f3' origin yaw"]
+    assert ec.base_parameters(mechanism).rank == ec.base_parameters(same).rank
+    assert not mechanism.reading.literal().reading.snaps  # type: ignore[union-attr]
+    with pytest.raises(ec.InputError, match="'pin' and 'coupler' do not move against each other"):
+        added(tmp_path, text.replace("post", "coupler"), file)
 
 
 # -- examples and round trips ------------------------------------------------------------------------------------------

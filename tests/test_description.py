@@ -227,7 +227,7 @@ MISTAKES = {
     "parallel axes": (bodies("name: a, joint: {type: universal, axis: z, axis2: z}"), "perpendicular"),
     "coupling unknown": (DH + "couplings: [{j9: j1}]\n", "j9"),
     "coupling itself": (row("joint: revolute") + "couplings: [{j2: 2*j2}]\n", "j2"),
-    "coupling nonlinear": (row("joint: revolute") + "couplings: [{j2: j1*j1}]\n", "j2"),
+    "coupling nonlinear": (row("joint: revolute") + "couplings: [{j2: cos(j1)}]\n", "j2"),
     "gravity": (DH + "gravity: [0, 0]\n", "gravity"),
     "gravity word": (DH + "gravity: sideways\n", "gravity"),
     "inertial": (row("joint: revolute, inertial: {mass: 1}"), "inertial"),

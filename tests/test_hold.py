@@ -278,5 +278,5 @@ def test_couplings_are_held_whole_or_not() -> None:
     q = np.array([[0.1, 0.2]])
     np.testing.assert_allclose(Kinematics(both).frames(np.zeros((1, 0))), Kinematics(sums).frames(q), atol=6 * TURNED)
     geared = written("couplings: [{j3: l1*j1}]\n")
-    with pytest.raises(InputError, match="the ratio of 'j3' is a symbol"):
+    with pytest.raises(InputError, match="the coupling of 'j3' has symbols"):
         held(geared, {"j1": 0.1})

@@ -65,7 +65,7 @@ def by_hand(mechanism: Mechanism, q: Floats) -> Floats:
     position = dict(zip(mechanism.positions, q.tolist(), strict=True))
     known = {name: s.value for name, s in mechanism.symbols.items() if s.value is not None}
     for coupling in mechanism.couplings:
-        position[coupling.coordinate] = sum(r.evaluate(known, float) * position[n] for n, r in coupling.terms)
+        position[coupling.coordinate] = sum(f.floats(position[n], known)[0] for n, f in coupling.terms)
     poses: list[Floats] = []
     for index, body in enumerate(mechanism.bodies):
         before = np.eye(4) if body.parent == GROUND else poses[body.parent]

@@ -161,6 +161,81 @@ def test_coupled_joints() -> None:
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
+def test_a_joint_follows_by_a_polynomial() -> None:
+    """As a knee's slide follows its angle; degree four, about reference positions, and a follower of the follower."""
+    a = np.array([0.05, -0.3, 0.4, 0.2, -0.1])
+    equality = (
+        f'<equality><joint joint1="c" joint2="b" polycoef="{" ".join(map(str, a))}"/>'
+        '<joint joint1="d" joint2="c" polycoef="0.2 3 -2 0 0"/></equality>'
+    )
+    text = model(CHAIN, tail=equality)
+    mechanism = mechanism_of(read(text))
+    assert mechanism.velocities == ("a", "b")
+    q, qd, qdd = random_states(mechanism, 5)
+    first, second = np.polynomial.Polynomial(a), np.polynomial.Polynomial([0.2, 3, -2])
+    x = q[:, 1] - np.deg2rad(20)
+    functions = [first, second(first)]
+    T = np.zeros((5, 4, 2))
+    T[:, 0, 0] = T[:, 1, 1] = 1
+    T[:, 2:, 1] = np.transpose([f.deriv()(x) for f in functions])
+    positions = np.column_stack([q, 0.1 + first(x), functions[1](x)])
+    moved = np.einsum("sij,sj->si", T, qdd)
+    moved[:, 2:] += np.transpose([f.deriv(2)(x) for f in functions]) * qd[:, 1:] ** 2
+    expected = simulated_inverse_dynamics(text, positions, np.einsum("sij,sj->si", T, qd), moved)
+    found = float_regressor(mechanism, q, qd, qdd) @ standard_vector(mechanism)
+    expected = np.einsum("sij,si->sj", T, expected)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_tendons_couple_joints() -> None:
+    """Lengths of fixed tendons as linear relations; those that no actuator drives follow, the last one first."""
+    tendons = (
+        '<tendon><fixed name="t"><joint joint="a" coef="1"/><joint joint="b" coef="2"/></fixed>'
+        '<fixed name="u"><joint joint="c" coef="-4"/></fixed>'
+        '<fixed name="v"><joint joint="b" coef="1"/><joint joint="d" coef="-1"/></fixed></tendon>'
+        '<actuator><motor joint="b"/></actuator>'
+        '<equality><tendon tendon1="t" tendon2="u" polycoef="0.1 -0.5 0 0 0"/><tendon tendon1="v"/></equality>'
+    )
+    mechanism = mechanism_of(read(model(CHAIN, tail=tendons)))
+    # a + 2 (b - b0) = 0.1 + 2 (c - c0), and b - b0 = d
+    assert mechanism.velocities == ("a", "b")
+    T = np.array([[1.0, 0], [0, 1], [0.5, 1], [0, 1]])
+    b0 = np.deg2rad(20)
+    q0 = np.array([0, 0, 0.1 - 0.05 - b0, -b0])
+    found, expected = coupled_efforts(model(CHAIN, tail=tendons), mechanism, T, q0)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_tendon_of_one_joint_holds_it() -> None:
+    tendon = '<tendon><fixed name="t"><joint joint="b" coef="2"/></fixed></tendon>'
+    text = model(CHAIN, tail=tendon + '<equality><tendon tendon1="t" polycoef="0.6 0 0 0 0"/></equality>')
+    held = '<equality><joint joint1="b" polycoef="0.3 0 0 0 0"/></equality>'
+    assert mechanism_of(read(text)).bodies == mechanism_of(read(model(CHAIN, tail=held))).bodies
+    ignored = read(text, mimics=False)
+    assert mechanism_of(ignored).velocities == ("a", "c", "d")
+
+
+def test_a_tendon_that_says_nothing_new_is_noted() -> None:
+    tendon = (
+        '<tendon><fixed name="t"><joint joint="b" coef="2"/><joint joint="a" coef="-6"/></fixed></tendon>'
+        '<equality><joint joint1="b" joint2="a" polycoef="0 3 0 0 0"/><tendon tendon1="t"/></equality>'
+    )
+    tree = read(model(CHAIN, tail=tendon))
+    assert mechanism_of(tree).velocities == ("a", "c", "d")
+    assert "equality tendon 't' says nothing that the other equalities do not say" in tree.notes
+
+
+def test_a_tendon_follows_a_single_joint_by_a_polynomial() -> None:
+    tendon = (
+        '<tendon><fixed name="t"><joint joint="a" coef="2"/></fixed>'
+        '<fixed name="u"><joint joint="d" coef="0.5"/></fixed></tendon>'
+        '<equality><tendon tendon1="t" tendon2="u" polycoef="0 1 0 2 0"/></equality>'
+    )
+    same = '<equality><joint joint1="a" joint2="d" polycoef="0 0.25 0 0.125 0"/></equality>'
+    found, expected = (mechanism_of(read(model(CHAIN, tail=tail))) for tail in (tendon, same))
+    assert found.couplings == expected.couplings
+
+
 def test_held_joints_are_fixed_where_the_equality_holds_them() -> None:
     equality = '<equality><joint joint1="b" polycoef="0.3 9 9 9 9"/><joint joint1="d" joint2="b"/></equality>'
     text = model(CHAIN, tail=equality)

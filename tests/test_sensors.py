@@ -28,7 +28,7 @@ from echelon.mechanism.placement import Placement, as_matrix
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
-from oracles import random_states
+from oracles import float_regressor, random_states, standard_vector
 from robots import robot_file
 
 MJCF = """
@@ -193,11 +193,50 @@ def test_sensors_command() -> None:
     assert data["rank"] == 48
 
 
+SERIAL = """<robot name="r">
+<link name="root"/><link name="arm">INERTIA</link><link name="ft"/><link name="tool">INERTIA</link>
+<joint name="j1" type="continuous"><parent link="root"/><child link="arm"/><axis xyz="0 1 0"/></joint>
+<joint name="f1" type="fixed"><parent link="arm"/><child link="ft"/><origin xyz="0.2 0 0.1" rpy="0 0.4 0"/></joint>
+<joint name="f2" type="fixed"><parent link="ft"/><child link="tool"/><origin xyz="0 0 0.1"/></joint>
+</robot>""".replace(
+    "INERTIA",
+    '<inertial><origin xyz="0.1 0.2 0.05"/><mass value="2"/>'
+    '<inertia ixx="0.1" ixy="0.01" ixz="0.02" iyy="0.2" iyz="0" izz="0.15"/></inertial>',
+)
+
+
+def test_sensors_may_carry_fixed_links(tmp_path: Path) -> None:
+    """A sensor cuts between a fixed link and its parent: what it carries counts apart, as with a moving joint there."""
+    (tmp_path / "r.urdf").write_text(SERIAL)
+    (tmp_path / "setup.yaml").write_text("echelon: 1\nrobot: {file: r.urdf}\noutputs: [{wrench: ft}, {joint: j1}]\n")
+    robot = ec.load(tmp_path / "setup.yaml")
+    assert [body.name for body in robot.bodies] == ["arm", "ft"]
+    moving = SERIAL.replace('name="f1" type="fixed"', 'name="f1" type="continuous"')
+    (tmp_path / "r.urdf").write_text(moving)
+    free = ec.load(tmp_path / "setup.yaml")
+    q, qd, qdd = random_states(robot, 4)
+    still = np.zeros((4, 1))
+    expected = float_regressor(free, np.hstack([q, still]), np.hstack([qd, still]), np.hstack([qdd, still]))
+    zeta = standard_vector(free)
+    assert np.abs(expected @ zeta).max() > 1
+    np.testing.assert_allclose(float_regressor(robot, q, qd, qdd) @ standard_vector(robot), expected @ zeta, atol=1e-12)
+
+
+def test_rotors_may_sit_on_fixed_links(tmp_path: Path) -> None:
+    (tmp_path / "r.urdf").write_text(SERIAL)
+    text = "echelon: 1\nrobot: {file: r.urdf}\nrotors: [{name: m, on: PLACE, drives: 50*j1, axis: z}]\n"
+    (tmp_path / "a.yaml").write_text(text.replace("PLACE", "ft"))
+    (tmp_path / "b.yaml").write_text(text.replace("PLACE", "arm, frame: {xyz: [0.2, 0, 0.1], rpy: [0, 0.4, 0]}"))
+    first, second = (ec.load(tmp_path / name) for name in ("a.yaml", "b.yaml"))
+    q, qd, qdd = random_states(first, 3)
+    np.testing.assert_allclose(float_regressor(first, q, qd, qdd), float_regressor(second, q, qd, qdd), atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("entries", "message"),
     [
         ({"outputs": [{"joint": "ghost"}]}, "no joint coordinate 'ghost'"),
-        ({"outputs": [{"wrench": "ghost"}]}, "no moving body 'ghost'"),
+        ({"outputs": [{"wrench": "ghost"}]}, "there is no body 'ghost'"),
         ({"outputs": [{"torque": "joint1"}]}, "outputs"),
         ({"actuators": {"a": "joint1 + joint2", "b": "2*joint1 + 2*joint2"}}, "singular"),
         ({"actuators": {"a": "joint1 + joint2"}}, "1 actuators drive 2"),

@@ -277,7 +277,7 @@ def ratio(arm: Mechanism, coordinate: str, leader: str) -> float:
     if coordinate not in arm.dependent:
         return float(coordinate == leader)
     (terms,) = (c.terms for c in arm.couplings if c.coordinate == coordinate)
-    return sum(float(r.number or 0) for name, r in terms if name == leader)
+    return sum(f.floats(0, {})[1] for name, f in terms if name == leader)
 
 
 @settings(max_examples=60)

@@ -87,6 +87,8 @@ def facts(model: BaseModel) -> list[tuple[str, str]]:
         found.append(("stated values", one_line(str(model.special))))
     if model.reading.snaps:
         found.append(("read as exact", one_line(snap_summary(model))))
+    if model.reading.mimics is not None:
+        found.append(("mimic joints", str(model.reading.mimics)))
     found += [("note", one_line(note)) for note in model.reading.notes]
     if model.reading.doubt:
         found.append(("doubt", model.reading.doubt))

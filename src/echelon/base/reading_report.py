@@ -22,6 +22,17 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
+class MimicRanks:
+    """Ranks of a robot whose file couples joints: as they are coupled, and as if all were independent."""
+
+    coupled: int
+    independent: int
+
+    def __str__(self) -> str:
+        return f"as coupled {self.coupled}; as independent {self.independent}"
+
+
+@dataclass(frozen=True)
 class ReadingReport:
     """How a file was read: the literal reading beside the intended one.
 
@@ -37,6 +48,8 @@ class ReadingReport:
         Snaps without any of which the rank would not be the intended one.
     doubt : str
         Where the float ranks of the literal numbers do not confirm the exact one, what they are; otherwise empty.
+    mimics : MimicRanks, optional
+        Of files that couple joints.
     """
 
     snaps: tuple[Snap, ...] = ()
@@ -44,6 +57,7 @@ class ReadingReport:
     literal_rank: int | None = None
     decisive: tuple[Snap, ...] = ()
     doubt: str = ""
+    mimics: MimicRanks | None = None
 
 
 def report_reading(mechanism: Mechanism, rank: int, rng: np.random.Generator) -> ReadingReport:
@@ -59,9 +73,10 @@ def report_reading(mechanism: Mechanism, rank: int, rng: np.random.Generator) ->
     reading = mechanism.reading
     if reading is None:
         return ReadingReport(doubt=_doubt(mechanism, rank))
+    mimics = _mimic_ranks(mechanism, reading, rank, rng)
     coarse = [snap for snap in reading.snaps if snap.difference > ROUNDING]
     if not coarse:
-        return ReadingReport(reading.snaps, reading.notes, doubt=_doubt(mechanism, rank))
+        return ReadingReport(reading.snaps, reading.notes, doubt=_doubt(mechanism, rank), mimics=mimics)
     literal_rank = stated_structure(reading.literal(), rng).rank
     decisive: list[Snap] = []
     if literal_rank != rank:
@@ -69,7 +84,7 @@ def report_reading(mechanism: Mechanism, rank: int, rng: np.random.Generator) ->
         chosen = set(_decisive(reading, elements, rank, rng))
         decisive = [snap for snap in coarse if snap.element in chosen]
     doubt = _doubt(mechanism, literal_rank)
-    return ReadingReport(reading.snaps, reading.notes, literal_rank, tuple(decisive), doubt)
+    return ReadingReport(reading.snaps, reading.notes, literal_rank, tuple(decisive), doubt, mimics)
 
 
 def _doubt(mechanism: Mechanism, expected: int) -> str:
@@ -83,6 +98,18 @@ def _doubt(mechanism: Mechanism, expected: int) -> str:
         return ""
     ranks = ", ".join(f"{r} at {t:.0e}" for r, t in zip(found.ranks, found.tolerances, strict=True))
     return f"the file's numbers in floating point do not confirm {expected}: rank {ranks}"
+
+
+def _mimic_ranks(mechanism: Mechanism, reading: Reading, rank: int, rng: np.random.Generator) -> MimicRanks | None:
+    """The rank beside that of the other reading of mimic joints; None without mimic joints."""
+    if reading.recoupled is None:
+        return None
+    try:
+        other = reading.recoupled()
+    except InputError:
+        return None  # couplings that make no sense, ignored on request
+    found = stated_structure(other, rng).rank
+    return MimicRanks(rank, found) if len(mechanism.couplings) > len(other.couplings) else MimicRanks(found, rank)
 
 
 def _decisive(reading: Reading, elements: Sequence[str], rank: int, rng: np.random.Generator) -> list[str]:

@@ -97,6 +97,8 @@ class RecordedOutputs:
     def inertial_slopes(self) -> dict[Index, Scalar]:
         """Derivatives of the inertial forces by row and column; columns are positions, then velocities."""
         mechanism = self._reframed.mechanism
+        if not all(coupling.is_linear for coupling in mechanism.couplings):
+            return self._slopes_on_sphere(self.inertial(True, {}))
         recorder, recursion = self._recursion({})
         by_angle, by_rate = map(
             self._outer, effort_slopes(mechanism, recorder, recursion, self._inertias, recorder.gravity())
@@ -116,18 +118,42 @@ class RecordedOutputs:
 
     def effect_slopes(self) -> dict[Index, Scalar]:
         """The same of the effects."""
+        return self._slopes(self.effects({}))
+
+    def _slopes(self, forces: Sequence[Scalar]) -> dict[Index, Scalar]:
+        """Derivatives by the state, by row and column."""
         program = self.program
-        forces, inputs = self.effects({}), [program.input(name).node for name in self.state]
+        inputs = [program.input(name).node for name in self.state]
         slopes = derivatives(program, [force.node for force in forces], inputs)
         return {index: Scalar(program, node) for index, node in slopes.items()}
+
+    def _slopes_on_sphere(self, forces: Sequence[Scalar]) -> dict[Index, Scalar]:
+        """The same, with those by unit quaternions along the unit sphere: less what they have along it.
+
+        Forces that dependent joints pass on with ratios that vary need it; those of constant ratios come cheaper.
+        """
+        program, found = self.program, self._slopes(forces)
+        for motion in (m for m in self.mechanism.motions if m.kind is MotionKind.BALL):
+            columns = [self.mechanism.positions.index(name) for name in motion.positions]
+            quaternion = [program.input(f"q[{name}]") for name in motion.positions]
+            for row in range(len(forces)):
+                own = [found.get((row, column), program.zero) for column in columns]
+                along = sum((slope * part for slope, part in zip(own, quaternion, strict=True)), program.zero)
+                for column, slope, part in zip(columns, own, quaternion, strict=True):
+                    found[row, column] = slope - along * part
+        return {
+            (row, column): found.get((row, column), program.zero)
+            for row in range(len(forces))
+            for column in range(len(self.state))
+        }
 
     def _outer(self, matrix: Mapping[tuple[str, str], Scalar]) -> dict[Index, Scalar]:
         """Entries between freedoms as entries between outputs and velocity coordinates."""
         mechanism, program = self.mechanism, self.program
         moved = {name: {name: program.one} for name in mechanism.velocities}
-        for coupling in mechanism.couplings:
-            for name, ratio in coupling.terms:
-                moved[name][coupling.coordinate] = program.polynomial(ratio)
+        for coordinate, slopes in Recorder(mechanism, program).slopes.items():
+            for name, slope in slopes.items():
+                moved[name][coordinate] = slope
         found: dict[Index, Scalar] = {}
         for row, motion in enumerate(self._motions):
             for column, name in enumerate(mechanism.velocities):
@@ -207,13 +233,14 @@ class RecordedOutputs:
     def _motions(self) -> list[VirtualMotion]:
         """The virtual motion whose power is the row, for each row."""
         mechanism, program = self.mechanism, self.program
-        probes = Probes(mechanism, Recorder(mechanism, program))
+        recorder = Recorder(mechanism, program)
+        probes = Probes(mechanism, recorder)
         if not mechanism.closures:
-            return [virtual_motion(mechanism, program, probes, {o.name: program.one}) for o in mechanism.outputs]
+            return [virtual_motion(mechanism, probes, {o.name: program.one}) for o in mechanism.outputs]
         if mechanism.measures_every_force:
-            return [any_motion(mechanism, program)]
+            return [any_motion(mechanism, recorder)]
         weights = {output.name: program.input(f"u[{output.name}]") for output in mechanism.outputs}
-        return [virtual_motion(mechanism, program, probes, weights)]
+        return [virtual_motion(mechanism, probes, weights)]
 
 
 def _signs(force: Scalar) -> list[int]:

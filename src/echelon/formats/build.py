@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import replace
+from fractions import Fraction
 from functools import partial
 
 import numpy as np
 
 from echelon.errors import InputError
-from echelon.exact.polynomial import as_polynomial
 from echelon.formats.build_loops import build_closure
 from echelon.formats.inertia import Inertial, move_inertial, numeric_placement
 from echelon.formats.intent import Intent
 from echelon.formats.literal import (
     LiteralClosure,
-    LiteralCoupling,
     LiteralLink,
     LiteralPlacement,
     LiteralStep,
@@ -23,8 +22,10 @@ from echelon.formats.literal import (
 )
 from echelon.formats.options import ReadingOptions, gravity_vector
 from echelon.formats.relations import with_relations
+from echelon.formats.riders import Riders
+from echelon.formats.stated_couplings import StatedCoupling, resolved
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
-from echelon.mechanism.mechanism import ALL, GROUND, Body, Coupling, Mechanism, setup_placements
+from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, setup_placements
 from echelon.mechanism.placement import Placement, shift, turn
 from echelon.mechanism.reading import Reading
 from echelon.regressor.loops.closing import close
@@ -49,7 +50,10 @@ def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collect
     InputError
         If the tree has unusable couplings or names.
     """
-    return _Builder(tree, options, literal).build()
+    try:
+        return _Builder(tree, options, literal).build()
+    except InputError as error:
+        raise error.located(tree.source) from None
 
 
 class _Builder:
@@ -75,7 +79,7 @@ class _Builder:
         gravity = gravity_vector(self.options.gravity, self.intent.gravity())
         if not self.tree.closures:  # loops close at the numbers of the file, not at any others
             self.bodies = with_relations(self.bodies, gravity, self.intent, self.sources)
-        couplings = tuple(Coupling(c.dependent, ((c.leader, as_polynomial(c.ratio)),)) for c in self.couplings.values())
+        couplings = tuple(c.coupling for c in self.couplings.values())
         closures = tuple(build_closure(c, self.tree, self.intent, self._ride) for c in self._moving_closures())
         mechanism = Mechanism(
             self.tree.name,
@@ -89,7 +93,10 @@ class _Builder:
         symbols = {name: symbol for name, symbol in self.intent.symbols.items() if name in used}
         # a placement on the way to a closure is read once more
         snaps = tuple(dict.fromkeys(self.intent.snaps))
-        reading = Reading(snaps, tuple(self.notes), partial(build_mechanism, self.tree, self.options))
+        names = {body.name for body in self.bodies}
+        rides = {k: self._ride(k) for k, link in enumerate(self.tree.links) if link.name not in names}
+        riders = Riders(self.tree, self.intent, rides)
+        reading = Reading(snaps, tuple(self.notes), partial(build_mechanism, self.tree, self.options), riders)
         mechanism = replace(mechanism, symbols=symbols, reading=reading)
         return self._closed(mechanism) if closures else mechanism
 
@@ -119,7 +126,8 @@ class _Builder:
     def _makes_body(self, index: int, link: LiteralLink) -> bool:
         moves = any(not isinstance(step, LiteralPlacement) for step in link.steps)
         is_world = index == 0 and self.tree.root_is_world
-        return moves or index == self.floating_link or (self.options.every_link and not is_world)
+        kept = self.options.every_link or link.name in self.options.separate
+        return moves or index == self.floating_link or (kept and not is_world)
 
     def _floating_link(self) -> int:
         """The link that floats: the root, or what hangs on the world where the world is the root."""
@@ -171,12 +179,14 @@ class _Builder:
                 read.insert(read.index(moved), self._offset(coupling, moved, label))
         return merge(tuple(read))
 
-    def _offset(self, coupling: LiteralCoupling, motion: Motion, label: str) -> Placement:
+    def _offset(self, coupling: StatedCoupling, motion: Motion, label: str) -> Placement:
         """The constant part of a coupling, as a placement before the motion."""
-        value = coupling.offset * motion.sign
+        offset = coupling.offset * motion.sign
         if motion.kind is MotionKind.TRANSLATION:
-            x, y, z = (as_polynomial(value if k == motion.axis else 0) for k in range(3))
+            x, y, z = (offset if k == motion.axis else 0 for k in range(3))
             return shift(x, y, z)
+        value = offset.number
+        assert isinstance(value, int | Fraction)
         return turn(motion.axis, self.intent.angle(value, f"{coupling.element} offset", f"offset{label}"))
 
     def _check_massless(self) -> None:
@@ -212,30 +222,14 @@ class _Builder:
 
     # -- couplings -------------------------------------------------------------------------------------------------
 
-    def _resolved_couplings(self) -> dict[str, LiteralCoupling]:
-        """Couplings by dependent coordinate, with chains of mimics followed to an independent leader."""
-        stated: dict[str, LiteralCoupling] = {}
-        for coupling in () if self.options.independent_mimics else self.tree.couplings:
-            if coupling.dependent in stated:
-                raise InputError(
-                    f"'{coupling.dependent}' is coupled twice", source=self.tree.source, element=coupling.element
-                )
-            stated[coupling.dependent] = coupling
-        resolved = {}
-        for name, coupling in stated.items():
-            seen = {name}
-            while coupling.leader in stated:
-                if coupling.leader in seen:
-                    raise InputError("couplings go in a circle", source=self.tree.source, element=coupling.element)
-                seen.add(coupling.leader)
-                upper = stated[coupling.leader]
-                coupling = replace(
-                    coupling,
-                    leader=upper.leader,
-                    ratio=coupling.ratio * upper.ratio,
-                    offset=coupling.ratio * upper.offset + coupling.offset,
-                )
-            resolved[name] = coupling
-        if resolved:
-            self.notes.append(f"coupled to another joint: {', '.join(resolved)}")
-        return resolved
+    def _resolved_couplings(self) -> dict[str, StatedCoupling]:
+        """Couplings by dependent coordinate, unless they are to be ignored."""
+        if self.options.independent_mimics:
+            return {}
+        found = resolved(self.tree.couplings, self._error)
+        if found:
+            self.notes.append(f"coupled to another joint: {', '.join(found)}")
+        return found
+
+    def _error(self, element: str, problem: str) -> InputError:
+        return InputError(problem, source=self.tree.source, element=element)

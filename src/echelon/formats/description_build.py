@@ -11,22 +11,23 @@ import numpy as np
 
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.description_couplings import StatedCoupling, offset_placement, read_couplings
+from echelon.formats.description_couplings import offset_placement, read_couplings
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_loops import add_loops
 from echelon.formats.description_parts import BASE, Part, read_parts
-from echelon.formats.description_setup import add_setup
+from echelon.formats.description_setup import add_setup, cut_off
 from echelon.formats.description_symbols import check_use, declared_symbols, stated_gravity, with_intended_angles
 from echelon.formats.description_text import Document
 from echelon.formats.inertia import Inertial, move_inertial
 from echelon.formats.intent import numeric_value, symbol_stem
 from echelon.formats.options import ReadingOptions, gravity_vector
 from echelon.formats.relations import with_relations
+from echelon.formats.stated_couplings import StatedCoupling
 from echelon.hints import nearest_of
 from echelon.mechanism.joint import Joint, Motion, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
 from echelon.mechanism.placement import ORIGIN, Placement
-from echelon.mechanism.reading import Reading
+from echelon.mechanism.reading import Reading, Rider, Snap
 
 if TYPE_CHECKING:
     from echelon.formats.schema import RobotDescription
@@ -69,7 +70,8 @@ def build_description(
         return _added_to_file(document, robot, options, read_file)
     symbols, bare = declared_symbols(robot, document)
     expressions = Expressions(document, options, literal, symbols)
-    tree = _Tree(read_parts(robot, expressions), robot.floating_base or options.floating, options, expressions)
+    floating = robot.floating_base or options.floating
+    tree = _Tree(read_parts(robot, expressions), floating, cut_off(robot), options, expressions)
     couplings = tree.couple(robot)
     stated = stated_gravity(robot, expressions)
     chosen = stated if options.gravity == "file" else gravity_vector(options.gravity, stated or ORIGIN)
@@ -85,7 +87,8 @@ def build_description(
         {name: s for name, s in expressions.intent.symbols.items() if name not in bare},
     )
     mechanism = add_loops(mechanism, robot, expressions, tree.find)
-    mechanism = with_intended_angles(add_setup(mechanism, robot, expressions), expressions.intent)
+    mechanism = add_setup(mechanism, robot, expressions, tree.find)
+    mechanism = with_intended_angles(mechanism, expressions.intent)
     notes = (*tree.notes, *check_use(mechanism, robot, document))
     rebuild = partial(build_description, document, robot, options, read_file)
     return replace(mechanism, reading=Reading(tuple(expressions.intent.snaps), notes, rebuild))
@@ -101,6 +104,7 @@ def _added_to_file(
             raise document.error(key, "belongs to the geometry, which is that of the robot file")
     if read_file is None:
         raise document.error("robot", "a description without a place of its own cannot refer to another file")
+    options = replace(options, separate=cut_off(robot))
     # the loops of a geometry in numbers close at these numbers only
     stated = read_file(robot.robot.file, replace(options, symbolic=False) if robot.loops else options)
     symbols, bare = declared_symbols(robot, document)
@@ -109,32 +113,66 @@ def _added_to_file(
         known = {n: s for n, s in symbols.items() if n not in bare}
         expressions = Expressions(document, options, (), {**mechanism.symbols, **symbols})
         mechanism = replace(mechanism, symbols={**mechanism.symbols, **known})
-        mechanism = add_loops(mechanism, robot, expressions, partial(_find_body, mechanism, expressions))
-        return add_setup(mechanism, robot, expressions)
+        find = _FileParts(mechanism, expressions)
+        mechanism = add_setup(add_loops(mechanism, robot, expressions, find), robot, expressions, find)
+        if mechanism.reading is None:
+            return mechanism
+        snaps = (*mechanism.reading.snaps, *find.snaps)
+        return replace(mechanism, reading=replace(mechanism.reading, snaps=tuple(dict.fromkeys(snaps))))
 
-    mechanism, reading = add(stated), stated.reading
-    if reading is None:
+    mechanism, read = add(stated), stated.reading
+    if mechanism.reading is None or read is None:
         return mechanism
-    return replace(mechanism, reading=replace(reading, rebuild=lambda literal: add(reading.rebuild(literal))))
+    other = read.recoupled
+    reading = replace(
+        mechanism.reading,
+        rebuild=lambda literal: add(read.rebuild(literal)),
+        recoupled=None if other is None else lambda: add(other()),
+    )
+    return replace(mechanism, reading=reading)
 
 
-def _find_body(mechanism: Mechanism, expressions: Expressions, name: str | None, path: str) -> tuple[int, Placement]:
-    """A body of a robot file."""
-    names = [body.name for body in mechanism.bodies]
-    if name in names:
-        return names.index(name), Placement()
-    if name is None or name == BASE:
-        return GROUND, Placement()
-    problem = f"there is no moving body '{name}'{nearest_of(name, [BASE, *names])}; a fixed link is part of its parent"
-    raise expressions.error(path, problem)
+class _FileParts:
+    """Finds bodies of a robot file, and what is fixed to them.
+
+    Attributes
+    ----------
+    snaps : list of Snap
+        Numbers that were read as exact where something fixed was found.
+    """
+
+    def __init__(self, mechanism: Mechanism, expressions: Expressions) -> None:
+        self.names = {body.name: k for k, body in enumerate(mechanism.bodies)}
+        self.riders = {} if mechanism.reading is None else mechanism.reading.riders
+        self.expressions, self.snaps = expressions, list[Snap]()
+
+    def __call__(self, name: str | None, path: str) -> tuple[int, Placement]:
+        if name in self.names:
+            return self.names[name], Placement()
+        if name is not None and name in self.riders:
+            return self._rider(self.riders[name], path)
+        if name is None or name == BASE:
+            return GROUND, Placement()
+        valid = [BASE, *self.names, *self.riders]
+        raise self.expressions.error(path, f"there is no body '{name}'{nearest_of(name, valid)}")
+
+    def _rider(self, rider: Rider, path: str) -> tuple[int, Placement]:
+        known = self.expressions.intent.symbols
+        for symbol in rider.symbols:
+            if known.setdefault(symbol.name, symbol) != symbol:
+                raise self.expressions.error(path, f"the robot file has an angle '{symbol.name}': rename the symbol")
+        self.snaps += rider.snaps
+        return rider.body, rider.placement
 
 
 class _Tree:
     """Turns parts into bodies."""
 
-    def __init__(self, parts: list[Part], floating: bool, options: ReadingOptions, expressions: Expressions) -> None:
+    def __init__(
+        self, parts: list[Part], floating: bool, cut: Collection[str], options: ReadingOptions, expressions: Expressions
+    ) -> None:
         self.parts, self.options, self.expressions = parts, options, expressions
-        self.floating = floating
+        self.floating, self.cut = floating, cut
         self.massless = self._massless()
         self.bodies: list[Body] = []
         self.notes: list[str] = []
@@ -166,7 +204,7 @@ class _Tree:
 
     def _add(self, part: Part) -> None:
         floats = self.floating and not self.bodies and not part.moves
-        if not (part.moves or part.separate or self.options.every_link or floats):
+        if not (part.moves or part.separate or part.name in self.cut or self.options.every_link or floats):
             self._attach(part)
             return
         label = self._label(part, floats)

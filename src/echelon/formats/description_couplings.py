@@ -1,37 +1,24 @@
-"""The couplings of a description: dependent coordinates as linear combinations of independent ones."""
+"""The couplings of a description: dependent coordinates as sums of functions of independent ones."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from echelon.exact.numbers import Number
+from echelon.exact.numbers import Number, Rational
 from echelon.exact.polynomial import Monomial, Polynomial, is_trigonometric, symbol_of
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_text import step_into
+from echelon.formats.stated_couplings import StatedCoupling, resolved
 from echelon.hints import nearest_of
 from echelon.mechanism.joint import Motion, MotionKind
-from echelon.mechanism.mechanism import Coupling
 from echelon.mechanism.placement import Placement, shift, turn
+from echelon.mechanism.spline import Spline, linear, natural_spline
 
 if TYPE_CHECKING:
-    from echelon.formats.schema import CouplingEntry, RobotDescription
-
-
-@dataclass(frozen=True)
-class StatedCoupling:
-    """q_coordinate = Σ ratio · q_k + offset."""
-
-    path: str
-    coordinate: str
-    terms: Mapping[str, Polynomial]
-    offset: Polynomial
-
-    @property
-    def coupling(self) -> Coupling:
-        """The coupling without its offset, which belongs into the geometry."""
-        return Coupling(self.coordinate, tuple(self.terms.items()))
+    from echelon.formats.schema import RobotDescription
+    from echelon.formats.schema_couplings import CouplingEntry, CouplingTerms, SplineFunction, SplineThrough
 
 
 def read_couplings(
@@ -49,23 +36,25 @@ def read_couplings(
     Raises
     ------
     InputError
-        If a coupling is not linear, refers to unknown coordinates, or goes in a circle.
+        If a coupling is no sum of functions of single coordinates, refers to unknown ones, or goes in a circle.
     """
-    reader = LinearReader(expressions, {name: m for name, m in motions.items() if m.kind is not MotionKind.BALL})
-    stated: dict[str, StatedCoupling] = {}
+    reader = CouplingReader(expressions, {name: m for name, m in motions.items() if m.kind is not MotionKind.BALL})
+    stated: list[StatedCoupling] = []
     for index, entries in enumerate(robot.couplings):
         for coordinate, entry in entries.items():
             path = step_into(f"couplings[{index}]", coordinate)
             reader.check(coordinate, path)
-            if coordinate in stated:
-                problem = f"'{coordinate}' is already coupled in {stated[coordinate].path}"
-                raise expressions.error(path, problem)
-            stated[coordinate] = reader.read(coordinate, entry, path)
-    return [_resolved(coupling, stated, (), expressions) for coupling in stated.values()]
+            stated.append(reader.read(coordinate, entry, path))
+    found = list(resolved(stated, expressions.error).values())
+    for coupling in found:
+        if any("pi" in value.generators() for function in coupling.terms.values() for value in function.expressions):
+            problem = "pi can occur in the constant part only, not in a ratio: use a symbol"
+            raise expressions.error(coupling.element, problem)
+    return found
 
 
-class LinearReader:
-    """Reads linear combinations of coordinates."""
+class CouplingReader:
+    """Reads sums of functions of coordinates."""
 
     def __init__(self, expressions: Expressions, coordinates: Mapping[str, Motion]) -> None:
         self.expressions, self.coordinates = expressions, coordinates
@@ -77,21 +66,42 @@ class LinearReader:
             raise self.expressions.error(path, problem)
 
     def read(self, coordinate: str, entry: CouplingEntry, path: str) -> StatedCoupling:
-        """A coupling as an expression or term by term."""
+        """A coupling as an expression, term by term, or as a spline."""
         if isinstance(entry, str):
-            return self.linear(coordinate, entry, path)
+            terms, offset = self.polynomials(entry, path)
+            return StatedCoupling(path, coordinate, terms, offset)
+        if hasattr(entry, "spline"):
+            return self._spline(coordinate, entry.spline, f"{path}.spline")
         offset = self.expressions.polynomial(entry.offset, f"{path}.offset")
-        return StatedCoupling(path, coordinate, self.terms(entry.terms, path), offset)
+        return StatedCoupling(path, coordinate, self._terms(entry, path), offset)
 
-    def terms(self, entry: Mapping[str, str], path: str) -> dict[str, Polynomial]:
+    def linear(self, text: str, path: str) -> tuple[dict[str, Polynomial], Polynomial]:
+        """A linear expression: ratios, and the constant part.
+
+        Raises
+        ------
+        InputError
+            If it is not linear.
+        """
+        terms, offset = self.polynomials(text, path)
+        ratios = {name: function.ratio for name, function in terms.items()}
+        known = {name: ratio for name, ratio in ratios.items() if ratio is not None}
+        if len(known) < len(ratios):
+            raise self.expressions.error(path, f"'{text}' is not linear in the coordinates")
+        if any("pi" in ratio.generators() for ratio in known.values()):
+            problem = f"pi can occur in the constant part only, not in a ratio as in '{text}': use a symbol"
+            raise self.expressions.error(path, problem)
+        return known, offset
+
+    def ratios(self, entry: Mapping[str, str], path: str) -> dict[str, Polynomial]:
         """Ratios to coordinates, by name."""
         for name in entry:
             self.check(name, f"{path}.terms.{name}")
         return {name: self.expressions.length(ratio, f"{path}.terms.{name}") for name, ratio in entry.items()}
 
-    def linear(self, coordinate: str, text: str, path: str) -> StatedCoupling:
-        """A linear expression."""
-        terms: dict[str, dict[Monomial, Number]] = {}
+    def polynomials(self, text: str, path: str) -> tuple[dict[str, Spline], Polynomial]:
+        """A sum of polynomials in one coordinate each, and its constant part."""
+        terms: dict[str, dict[int, dict[Monomial, Number]]] = {}
         offset: dict[Monomial, Number] = {}
         for monomial, coefficient in self.expressions.polynomial(text, path, self.coordinates).terms.items():
             moving = [(g, e) for g, e in monomial if symbol_of(g) in self.coordinates]
@@ -99,38 +109,58 @@ class LinearReader:
                 offset[monomial] = coefficient
                 continue
             name, exponent = moving[0]
-            if len(moving) > 1 or exponent > 1 or is_trigonometric(name):
-                raise self.expressions.error(path, f"'{text}' is not linear in the coordinates")
+            if len(moving) > 1 or is_trigonometric(name):
+                problem = f"'{text}' is no sum of polynomials in one coordinate each: other functions are not supported"
+                raise self.expressions.error(path, problem)
             if name in self.expressions.declared:
                 raise self.expressions.error(path, f"'{name}' is both a coordinate and a symbol: rename the symbol")
             rest = tuple(factor for factor in monomial if factor[0] != name)
-            terms.setdefault(name, {})[rest] = coefficient
-        ratios = {name: Polynomial(ratio) for name, ratio in terms.items()}
-        if any("pi" in ratio.generators() for ratio in ratios.values()):
-            problem = f"pi can occur in the constant part only, not in a ratio as in '{text}': use a symbol"
-            raise self.expressions.error(path, problem)
-        return StatedCoupling(path, coordinate, ratios, Polynomial(offset))
+            terms.setdefault(name, {}).setdefault(exponent, {})[rest] = coefficient
+        functions = {
+            name: Spline(tuple(Polynomial(powers.get(k, {})) for k in range(1, max(powers) + 1)))
+            for name, powers in terms.items()
+        }
+        return functions, Polynomial(offset)
 
+    def _terms(self, entry: CouplingTerms, path: str) -> dict[str, Spline]:
+        found: dict[str, Spline] = {}
+        for name, term in entry.terms.items():
+            where = f"{path}.terms.{name}"
+            self.check(name, where)
+            if isinstance(term, str):
+                found[name] = linear(self.expressions.length(term, where))
+            else:
+                found[name] = self._function(term, where)
+        return found
 
-def _resolved(
-    coupling: StatedCoupling,
-    stated: Mapping[str, StatedCoupling],
-    above: tuple[str, ...],
-    expressions: Expressions,
-) -> StatedCoupling:
-    if coupling.coordinate in above:
-        circle = " -> ".join([*above[above.index(coupling.coordinate) :], coupling.coordinate])
-        raise expressions.error(coupling.path, f"the couplings form a circle: {circle}")
-    terms: dict[str, Polynomial] = {}
-    offset = coupling.offset
-    for name, ratio in coupling.terms.items():
-        upper = {name: Polynomial.constant(1)}
-        if name in stated:
-            leader = _resolved(stated[name], stated, (*above, coupling.coordinate), expressions)
-            upper, offset = dict(leader.terms), offset + ratio * leader.offset
-        for independent, factor in upper.items():
-            terms[independent] = terms.get(independent, Polynomial({})) + ratio * factor
-    return StatedCoupling(coupling.path, coupling.coordinate, terms, offset)
+    def _function(self, entry: SplineFunction, path: str) -> Spline:
+        coefficients = [
+            self.expressions.length(c, f"{path}.coefficients[{k}]") for k, c in enumerate(entry.coefficients)
+        ]
+        knots = [
+            (self._rational(knot, f"{path}.knots[{k}]"), self.expressions.length(jump, f"{path}.knots[{k}]"))
+            for k, (knot, jump) in enumerate(entry.knots)
+        ]
+        return Spline(tuple(coefficients), tuple(knots))
+
+    def _spline(self, coordinate: str, entry: SplineThrough, path: str) -> StatedCoupling:
+        self.check(entry.of, f"{path}.of")
+        points = [self._point(point, f"{path}.points[{k}]") for k, point in enumerate(entry.points)]
+        try:
+            function, offset = natural_spline(points)
+        except ValueError as error:
+            raise self.expressions.error(f"{path}.points", str(error)) from None
+        return StatedCoupling(path, coordinate, {entry.of: function}, Polynomial.constant(offset))
+
+    def _point(self, texts: Sequence[str], path: str) -> tuple[Rational, Rational]:
+        x, y = (self._rational(text, path) for text in texts)
+        return x, y
+
+    def _rational(self, text: str, path: str) -> Rational:
+        value = self.expressions.number(text, path)
+        if not isinstance(value, int | Fraction):
+            raise self.expressions.error(path, f"'{text}' must be a rational number here")
+        return value
 
 
 def offset_placement(coupling: StatedCoupling, motion: Motion, stem: str, expressions: Expressions) -> Placement:
@@ -143,10 +173,10 @@ def offset_placement(coupling: StatedCoupling, motion: Motion, stem: str, expres
     """
     offset = coupling.offset * motion.sign
     if motion.kind is MotionKind.ROTATION:
-        return turn(motion.axis, expressions.exact_angle(offset, coupling.path, f"offset{stem}"))
+        return turn(motion.axis, expressions.exact_angle(offset, coupling.element, f"offset{stem}"))
     if motion.kind is MotionKind.SCREW:
-        raise expressions.error(coupling.path, "the constant part of a screw belongs into the origin of its joint")
+        raise expressions.error(coupling.element, "the constant part of a screw belongs into the origin of its joint")
     if "pi" in offset.generators():
-        raise expressions.error(coupling.path, "the constant part of a sliding coordinate is a length, without pi")
+        raise expressions.error(coupling.element, "the constant part of a sliding coordinate is a length, without pi")
     x, y, z = (offset if k == motion.axis else 0 for k in range(3))
     return shift(x, y, z)

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from echelon.conventions import PARAMETERS
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.description_couplings import LinearReader
+from echelon.formats.description_couplings import CouplingReader
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_joints import Joints
+from echelon.formats.description_loops import FindPart
 from echelon.formats.description_parts import BASE
 from echelon.hints import nearest_of
+from echelon.mechanism.coupling import Coupling
 from echelon.mechanism.effect import Action, Effect, Side, ready_made
 from echelon.mechanism.joint import Joint, Motion, MotionKind, merge
-from echelon.mechanism.mechanism import GROUND, Body, Coupling, Mechanism
+from echelon.mechanism.mechanism import Body, Mechanism
 from echelon.mechanism.output import ActuatorForce, Channel, Cut, JointForce, Output, plain
+from echelon.mechanism.spline import linear
 from echelon.mechanism.transmission import Actuator
 
 if TYPE_CHECKING:
@@ -28,7 +31,12 @@ EVERY = "all"
 _SPIN = (PARAMETERS.index("XX"), PARAMETERS.index("YY"), PARAMETERS.index("ZZ"))
 
 
-def add_setup(mechanism: Mechanism, robot: RobotDescription, expressions: Expressions) -> Mechanism:
+def cut_off(robot: RobotDescription) -> tuple[str, ...]:
+    """Names of what force/torque sensors carry: sensors see fixed parts apart from what they are fixed to."""
+    return tuple(w for w in (getattr(output, "wrench", BASE) for output in robot.outputs or ()) if w != BASE)
+
+
+def add_setup(mechanism: Mechanism, robot: RobotDescription, expressions: Expressions, find: FindPart) -> Mechanism:
     """A mechanism with the drives, rotors, effects and outputs that a description states.
 
     Parameters
@@ -36,18 +44,20 @@ def add_setup(mechanism: Mechanism, robot: RobotDescription, expressions: Expres
     mechanism : Mechanism
     robot : RobotDescription
     expressions : Expressions
+    find : callable
+        Finds what rotors and sensors are on.
 
     Raises
     ------
     InputError
         If something refers to bodies, coordinates or actuators that do not exist; names the element.
     """
-    return _Setup(mechanism, robot, expressions).added()
+    return _Setup(mechanism, robot, expressions, find).added()
 
 
 class _Setup:
-    def __init__(self, mechanism: Mechanism, robot: RobotDescription, expressions: Expressions) -> None:
-        self.mechanism, self.robot, self.expressions = mechanism, robot, expressions
+    def __init__(self, mechanism: Mechanism, robot: RobotDescription, expressions: Expressions, find: FindPart) -> None:
+        self.mechanism, self.robot, self.expressions, self.find = mechanism, robot, expressions, find
         self.joints = Joints(expressions)
 
     def added(self) -> Mechanism:
@@ -76,17 +86,16 @@ class _Setup:
         """A combination of coordinates that no coupling makes dependent; actuators may stand for what they are."""
         moving = {m.name: m for m in self.mechanism.motions if m.name not in self.mechanism.dependent}
         single = {name: m for name, m in moving.items() if m.kind is not MotionKind.BALL}
-        reader = LinearReader(self.expressions, single)
+        reader = CouplingReader(self.expressions, single)
         if not isinstance(entry, str):
-            terms: Mapping[str, Polynomial] = reader.terms(entry.terms, path)
+            terms = reader.ratios(entry.terms, path)
         else:
             drives = {a.name: dict(a.terms) for a in self.mechanism.actuators}
             if entry in drives:
                 return tuple(drives[entry].items())
-            stated = reader.linear(path, entry, path)
-            if stated.offset:
+            terms, offset = reader.linear(entry, path)
+            if offset:
                 raise self.expressions.error(path, f"'{entry}' has a constant part; a transmission has none")
-            terms = stated.terms
         return tuple(terms.items())
 
     def _add_rotor(self, rotor: RotorEntry, path: str) -> None:
@@ -95,27 +104,16 @@ class _Setup:
         motion = Motion(MotionKind.ROTATION, spin, kind, -1 if rotor.axis.startswith("-") else 1)
         label = rotor.label or f"_{rotor.name}"
         placed = self.joints.frame(rotor.frame, f"{path}.frame", label)
-        joint = Joint(rotor.name, "rotor", merge((placed, motion)))
-        parent = self._body(rotor.on, f"{path}.on")
+        parent, rides = self.find(rotor.on, f"{path}.on")
+        joint = Joint(rotor.name, "rotor", merge((rides @ placed, motion)))
         # of a rotor that is symmetric about its axis all but the spin inertia counts to its carrier
         body = Body(rotor.name, label, parent, joint, (_SPIN[kind],))
-        coupling = Coupling(spin, self._linear(rotor.drives, f"{path}.drives"))
+        drives = self._linear(rotor.drives, f"{path}.drives")
+        coupling = Coupling(spin, tuple((name, linear(ratio)) for name, ratio in drives))
         self.mechanism = replace(
             self.mechanism,
             bodies=(*self.mechanism.bodies, body),
             couplings=(*self.mechanism.couplings, coupling),
-        )
-
-    def _body(self, name: str, path: str) -> int:
-        names = [body.name for body in self.mechanism.bodies]
-        if name in names:
-            return names.index(name)
-        if name == BASE:
-            return GROUND
-        raise self.expressions.error(
-            path,
-            f"there is no moving body '{name}'{nearest_of(name, [BASE, *names])}; "
-            "a part that is fixed to another is a body of its own only with 'separate: true'",
         )
 
     # -- effects ---------------------------------------------------------------------------------------------------
@@ -217,8 +215,8 @@ class _Setup:
         return ActuatorForce(name)
 
     def _wrench(self, entry: WrenchOutput, path: str) -> list[Output]:
-        body = self._body(entry.wrench, f"{path}.wrench")
-        frame = self.joints.frame(entry.frame, f"{path}.frame", f"_{entry.name or entry.wrench}")
+        body, rides = self.find(entry.wrench, f"{path}.wrench")
+        frame = rides @ self.joints.frame(entry.frame, f"{path}.frame", f"_{entry.name or entry.wrench}")
         name = entry.name or entry.wrench
         return [
             plain(

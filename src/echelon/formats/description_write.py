@@ -11,12 +11,15 @@ from typing import TYPE_CHECKING, Any
 from echelon.conventions import PARAMETERS
 from echelon.errors import InputError
 from echelon.formats.description_symbols import GENERIC
+from echelon.formats.intent import exact_text
 from echelon.formats.loops_write import write_loops
 from echelon.formats.setup_write import write_setup
 from echelon.formats.written import expression_text, frame_data
+from echelon.mechanism.coupling import Coupling
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step
-from echelon.mechanism.mechanism import ALL, GROUND, Body, Coupling, Mechanism, Symbol, setup_expressions
+from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, Symbol, setup_expressions
 from echelon.mechanism.placement import Placement, Vector
+from echelon.mechanism.spline import Spline
 
 if TYPE_CHECKING:
     from echelon.formats.description_joints import Joints
@@ -78,7 +81,16 @@ def _gravity(gravity: Vector | None) -> str | list[str]:
 
 
 def _coupling(coupling: Coupling) -> dict[str, Any]:
-    return {coupling.coordinate: {"terms": {name: expression_text(ratio) for name, ratio in coupling.terms}}}
+    return {coupling.coordinate: {"terms": {name: _function(function) for name, function in coupling.terms}}}
+
+
+def _function(function: Spline) -> str | dict[str, Any]:
+    if function.ratio is not None:
+        return expression_text(function.ratio)
+    written: dict[str, Any] = {"coefficients": [expression_text(c) for c in function.coefficients]}
+    if function.knots:
+        written["knots"] = [[exact_text(knot), expression_text(jump)] for knot, jump in function.knots]
+    return written
 
 
 # -- symbols --------------------------------------------------------------------------------------------------------

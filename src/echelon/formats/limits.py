@@ -17,6 +17,7 @@ from typing import Any
 from echelon.errors import InputError
 from echelon.formats.literal import LiteralTree
 from echelon.formats.load import read_bytes
+from echelon.formats.stated_couplings import resolved
 from echelon.formats.xml import parse_xml
 from echelon.mechanism.mechanism import Mechanism
 
@@ -118,14 +119,10 @@ def _offsets(file: Path, data: bytes, tag: str, mechanism: Mechanism) -> dict[st
     """The constant parts of couplings: a file counts them as part of a joint's position, a mechanism does not."""
     if not mechanism.dependent:
         return {}
-    couplings = {coupling.dependent: coupling for coupling in _tree(file, data, tag).couplings}
-
-    def total(name: str) -> float:
-        if name not in couplings:
-            return 0.0
-        return float(couplings[name].ratio) * total(couplings[name].leader) + float(couplings[name].offset)
-
-    return {name: total(name) for name in mechanism.dependent}
+    couplings = resolved(
+        _tree(file, data, tag).couplings, lambda element, problem: InputError(problem, element=element)
+    )
+    return {name: coupling.offset.evaluate({}, float) for name, coupling in couplings.items()}
 
 
 def _tree(file: Path, data: bytes, tag: str) -> LiteralTree:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 
 from echelon.exact.numbers import Rational
+from echelon.formats.stated_couplings import StatedCoupling
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import MotionKind
 
@@ -87,17 +88,6 @@ class LiteralLink:
 
 
 @dataclass(frozen=True)
-class LiteralCoupling:
-    """q_dependent = ratio · q_leader + offset, as a mimic element or an equality constraint states it."""
-
-    element: str
-    dependent: str
-    leader: str
-    ratio: Rational = 1
-    offset: Rational = 0
-
-
-@dataclass(frozen=True)
 class LiteralClosure:
     """A joint that closes a loop.
 
@@ -132,7 +122,8 @@ class LiteralTree:
         Name of the robot, and the file.
     links : tuple of LiteralLink
         Parents before children; the first is the root.
-    couplings : tuple of LiteralCoupling
+    couplings : tuple of StatedCoupling
+        Of mimic elements or equality constraints, with numbers.
     gravity : 3 numbers
         In the root's frame, m/s².
     notes : tuple of str
@@ -143,15 +134,18 @@ class LiteralTree:
         Positions at which the loops close; zero where absent.
     driven : tuple of str
         Coordinates with actuators.
+    has_mimics : bool
+        Whether the file couples joints, whatever is made of it.
     """
 
     name: str
     source: str
     links: tuple[LiteralLink, ...]
-    couplings: tuple[LiteralCoupling, ...] = ()
+    couplings: tuple[StatedCoupling, ...] = ()
     gravity: Triple = (0, 0, Fraction(-981, 100))
     notes: tuple[str, ...] = ()
     root_is_world: bool = False
     closures: tuple[LiteralClosure, ...] = ()
     assembly: Mapping[str, float] = field(default_factory=dict)
     driven: tuple[str, ...] = ()
+    has_mimics: bool = False

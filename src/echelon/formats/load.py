@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from echelon.errors import InputError
@@ -121,18 +122,24 @@ def _parse_xml_robot(data: bytes, source: str, options: ReadingOptions, director
     from echelon.formats.xml import parse_xml
 
     root = parse_xml(data, source)
-    mimics = not options.independent_mimics
     if any(_XACRO.match(str(element.tag)) for element in root.iter()):
         raise InputError("this is xacro source: expand it first (xacro robot.xacro > robot.urdf)", source=source)
     if root.tag == "mujoco":
         from echelon.formats.mjcf import read_mjcf
 
-        return build_mechanism(read_mjcf(data, source, directory, mimics=mimics), options)
-    if root.tag == "robot":
+        tree = read_mjcf(data, source, directory, mimics=not options.independent_mimics)
+    elif root.tag == "robot":
         from echelon.formats.urdf import read_urdf
 
-        return build_mechanism(read_urdf(data, source, mimics=mimics), options)
-    raise InputError(f"the root element is <{root.tag}>; expected <robot> (URDF) or <mujoco> (MJCF)", source=source)
+        tree = read_urdf(data, source, mimics=not options.independent_mimics)
+    else:
+        raise InputError(f"the root element is <{root.tag}>; expected <robot> (URDF) or <mujoco> (MJCF)", source=source)
+    mechanism = build_mechanism(tree, options)
+    if not tree.has_mimics or mechanism.reading is None:
+        return mechanism
+    other = replace(options, independent_mimics=not options.independent_mimics)
+    recoupled = partial(_parse_xml_robot, data, source, other, directory)
+    return replace(mechanism, reading=replace(mechanism.reading, recoupled=recoupled))
 
 
 def read_bytes(file: Path) -> bytes:

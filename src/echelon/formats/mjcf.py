@@ -22,7 +22,7 @@ from echelon.formats.literal import (
     LiteralTree,
     Triple,
 )
-from echelon.formats.mjcf_equality import JOINT, equality_kind, read_equality, resolve, take_equalities
+from echelon.formats.mjcf_equality import JOINT, TENDON, equality_kind, read_relation, resolve, take_equalities
 from echelon.formats.mjcf_loops import driven_joints, read_closures, reference_positions
 from echelon.formats.mjcf_numbers import (
     cleaned,
@@ -67,17 +67,21 @@ def read_mjcf(text: str | bytes, source: str, directory: Path | None, *, mimics:
     Raises
     ------
     InputError
-        If MuJoCo refuses the model, or it is not a tree of rigid bodies with linear couplings; names the element.
+        If MuJoCo refuses the model, or it is not a tree of rigid bodies with couplings of joints; names the element.
     MissingExtraError
         If the package ``mujoco`` is not installed.
     """
     spec = parse_spec(text, source, directory)
     equalities, notes = take_equalities(spec, source)
-    couples = [equality for equality in equalities if equality_kind(equality) == JOINT]
-    relations = [read_equality(equality, source) for equality in couples if mimics or not equality.name2]
+    couples = [equality for equality in equalities if equality_kind(equality) in (JOINT, TENDON)]
+    relations = [read_relation(e, spec, source) for e in couples if mimics or (e.name1 and not e.name2)]
+    relations = [relation for relation in relations if mimics or len(relation.terms) == 1]
     driven = driven_joints(spec)
+    for equality in (e for e in couples if equality_kind(e) == TENDON):  # without tendons they mean nothing
+        spec.delete(equality)
     reader = _Reader(compile_spec(spec, source, directory))
-    held, couplings = resolve(relations, reader.reference, source)
+    held, couplings, found = resolve(relations, reader.reference, driven, source)
+    notes += found
     notes += [f"joint '{name}' is held by an equality and cannot move" for name in held]
     model = reader.model
     loops = [equality for equality in equalities if equality not in couples]
@@ -94,6 +98,7 @@ def read_mjcf(text: str | bytes, source: str, directory: Path | None, *, mimics:
         closures=tuple(read_closures(loops, model, spec)),
         assembly=reference_positions(model) if loops else {},
         driven=driven,
+        has_mimics=bool(couplings) or len(relations) < len(couples),
     )
 
 

@@ -1,43 +1,47 @@
-"""Equality constraints of MJCF, and what those of joints mean: linear couplings, and joints held at a constant value.
+"""Equality constraints of MJCF between coordinates: joints that follow others, and joints held at a constant value.
 
-MuJoCo states y − y₀ = a₀ + a₁ (x − x₀) + … + a₄ (x − x₀)⁴ for two joints, relative to their reference positions, and
-y − y₀ = a₀ for one.
+MuJoCo states y − y₀ = a₀ + a₁ (x − x₀) + … + a₄ (x − x₀)⁴ for two joints or two tendons, relative to their reference
+positions, and y − y₀ = a₀ for one.  The length of a fixed tendon is a linear combination of joints.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.exact.numbers import Rational, parse_decimal
-from echelon.formats.literal import LiteralCoupling
+from echelon.exact.numbers import Rational, inverse, parse_decimal
+from echelon.exact.polynomial import Polynomial
+from echelon.formats.stated_couplings import StatedCoupling, resolved, substituted
+from echelon.mechanism.spline import Spline
 
 JOINT = "joint"
-_SUPPORTED = (JOINT, "connect", "weld")
+TENDON = "tendon"
+_SUPPORTED = (JOINT, TENDON, "connect", "weld")
 _SIZE = 5  # coefficients of polycoef
+_IGNORE = "read the model without couplings (--mimic independent, independent_mimics=True)"
 
 
 @dataclass(frozen=True)
-class JointEquality:
-    """One ``<equality><joint/>`` element.
+class Relation:
+    """Σ f_j(δ_j) + constant = 0, where δ_j is a joint's displacement from its reference position.
 
     Attributes
     ----------
     element : str
     dependent : str
-    leader : str
-        Empty if the dependent joint is held at a constant value.
-    offset, ratio : numbers
-        The coefficients a₀ and a₁.
+        The joint that it determines; empty where any may be chosen.
+    terms : mapping of str to Spline
+        By joint.
+    constant : Polynomial
     """
 
     element: str
     dependent: str
-    leader: str
-    offset: Rational
-    ratio: Rational
+    terms: Mapping[str, Spline]
+    constant: Polynomial
 
 
 def take_equalities(spec: Any, source: str) -> tuple[list[Any], list[str]]:
@@ -75,72 +79,131 @@ def _follows_mocap(equality: Any, spec: Any) -> bool:
     on_sites = str(equality.objtype.name) == "mjOBJ_SITE"
     moved = [body for body in spec.bodies if body.mocap]
     names = {part.name for body in moved for part in (body.sites if on_sites else [body])}
-    return equality_kind(equality) != JOINT and not names.isdisjoint((equality.name1, equality.name2))
+    return equality_kind(equality) not in (JOINT, TENDON) and not names.isdisjoint((equality.name1, equality.name2))
 
 
-def read_equality(equality: Any, source: str) -> JointEquality:
-    """The numbers of a joint equality.
+def read_relation(equality: Any, spec: Any, source: str) -> Relation:
+    """What a joint or tendon equality says.
 
     Raises
     ------
     InputError
-        If the relation is not linear.
+        If it is about a spatial tendon, or a nonlinear function of several joints.
     """
-    coefficients = [parse_decimal(repr(float(a))) for a in equality.data[:_SIZE]]
-    leader = str(equality.name2)
-    if leader and any(coefficients[2:]):
-        shown = " ".join(repr(float(a)) for a in equality.data[:_SIZE])
+    where = equality_label(equality)
+    offset, *powers = (Polynomial.constant(parse_decimal(repr(float(a)))) for a in equality.data[:_SIZE])
+    first, second = str(equality.name1), str(equality.name2)
+    if equality_kind(equality) == JOINT:
+        terms = {first: Spline((-_ONE,))}
+        if second:
+            terms[second] = Spline(tuple(powers))
+        return Relation(where, first, terms, offset)
+    terms = {name: Spline((-coefficient,)) for name, coefficient in _joints(spec, first, source, where).items()}
+    follows = _joints(spec, second, source, where) if second else {}
+    if len(follows) > 1 and any(powers[1:]):
         raise InputError(
-            f"polycoef {shown} is not linear; only linear couplings (third to fifth coefficient zero) are supported",
-            source=source,
-            element=equality_label(equality),
+            f"a nonlinear function of {len(follows)} joints is not supported; {_IGNORE}", source=source, element=where
         )
-    ratio = coefficients[1] if leader else 0
-    return JointEquality(equality_label(equality), str(equality.name1), leader if ratio else "", coefficients[0], ratio)
+    for name, coefficient in follows.items():
+        function, _ = Spline(tuple(powers)).after(Spline((coefficient,)), Polynomial({}))
+        terms[name] = terms.get(name, Spline(())) + function
+    return Relation(where, "", terms, offset)
+
+
+def _joints(spec: Any, tendon: str, source: str, where: str) -> dict[str, Polynomial]:
+    """Coefficients of the joints of a fixed tendon."""
+    path = getattr(next(t for t in spec.tendons if t.name == tendon), "path", None)
+    if path is None:
+        raise InputError("tendons need a newer version of the package mujoco", source=source, element=where)
+    found: dict[str, Polynomial] = {}
+    for part in path:
+        if part.type.name != "mjWRAP_JOINT":
+            problem = f"tendon '{tendon}' is spatial; only fixed tendons are couplings of joints: {_IGNORE}"
+            raise InputError(problem, source=source, element=where)
+        name, coefficient = str(part.target.name), parse_decimal(repr(float(part.coef)))
+        found[name] = found.get(name, Polynomial({})) + Polynomial.constant(coefficient)
+    return found
 
 
 def resolve(
-    equalities: list[JointEquality], reference: Mapping[str, Rational], source: str
-) -> tuple[dict[str, Rational], tuple[LiteralCoupling, ...]]:
-    """Sort equalities into joints that cannot move and joints that follow others.
+    relations: Sequence[Relation], reference: Mapping[str, Rational], driven: Collection[str], source: str
+) -> tuple[dict[str, Rational], tuple[StatedCoupling, ...], list[str]]:
+    """Sort relations into joints that cannot move and joints that follow others.
+
+    Of the joints of a tendon the last one that no actuator drives follows the others.
 
     Parameters
     ----------
-    equalities : list of JointEquality
+    relations : sequence of Relation
     reference : mapping of str to number
-        Reference position of every joint that can be coupled.
+        Reference position of every joint that can be coupled, in the order of the joints.
+    driven : collection of str
+        Joints that actuators drive.
     source : str
 
     Returns
     -------
     held : dict of str to number
         Displacement from the reference position, by joint.
-    couplings : tuple of LiteralCoupling
+    couplings : tuple of StatedCoupling
+    notes : list of str
 
     Raises
     ------
     InputError
-        If two equalities constrain the same joint.
+        If two equalities constrain the same joint, or relations contradict each other.
     """
-    by_joint: dict[str, JointEquality] = {}
-    for equality in equalities:
-        earlier = by_joint.setdefault(equality.dependent, equality)
-        if earlier is not equality:
-            problem = f"{earlier.element} already constrains joint '{equality.dependent}'; one constraint is allowed"
-            raise InputError(problem, source=source, element=equality.element)
-    held = {e.dependent: e.offset for e in by_joint.values() if not e.leader}
-    following = {e.dependent: e for e in by_joint.values() if e.leader}
-    while stopped := [e for e in following.values() if e.leader in held]:  # who follows a held joint is held
-        for equality in stopped:
-            held[equality.dependent] = equality.offset + equality.ratio * held[equality.leader]
-            del following[equality.dependent]
-    return held, tuple(_coupling(e, reference) for e in following.values())
+
+    def error(element: str, problem: str) -> InputError:
+        return InputError(problem, source=source, element=element)
+
+    stated = [_solved(relation, relation.dependent) for relation in relations if relation.dependent]
+    notes: list[str] = []
+    order = sorted(reference, key=lambda name: name not in driven)  # what shall follow, last
+    for relation in (r for r in relations if not r.dependent):
+        known = resolved(stated, error)
+        whole = substituted(StatedCoupling(relation.element, "", relation.terms, relation.constant), known, error)
+        left = Relation(relation.element, "", whole.terms, whole.offset)
+        free = [name for name, function in left.terms.items() if function.ratio is not None]
+        if free:
+            stated.append(_solved(left, max(free, key=order.index)))
+        elif left.terms:
+            raise error(relation.element, f"it cannot be solved for one of its joints; {_IGNORE}")
+        elif left.constant:
+            raise error(relation.element, "it contradicts the other equalities")
+        else:
+            notes.append(f"{relation.element} says nothing that the other equalities do not say")
+    found = resolved(stated, error).values()
+    held = {c.coordinate: _number(c.offset) for c in found if not c.terms}
+    return held, tuple(_counted(c, reference) for c in found if c.terms), notes
 
 
-def _coupling(equality: JointEquality, reference: Mapping[str, Rational]) -> LiteralCoupling:
-    leader, dependent = reference[equality.leader], reference[equality.dependent]
-    offset = dependent + equality.offset - equality.ratio * leader
-    return LiteralCoupling(equality.element, equality.dependent, equality.leader, equality.ratio, offset)
+def _solved(relation: Relation, joint: str) -> StatedCoupling:
+    """A relation as one joint's displacement."""
+    ratio = relation.terms[joint].ratio
+    assert ratio is not None
+    factor = -Polynomial.constant(inverse(_number(ratio)))
+    others = {n: f.mapped(lambda c: c * factor) for n, f in relation.terms.items() if n != joint}
+    return StatedCoupling(relation.element, joint, others, relation.constant * factor)
+
+
+def _counted(coupling: StatedCoupling, reference: Mapping[str, Rational]) -> StatedCoupling:
+    """A coupling of displacements as one of positions, which count from the reference positions."""
+    offset = coupling.offset + reference[coupling.coordinate]
+    terms: dict[str, Spline] = {}
+    for name, function in coupling.terms.items():
+        terms[name], constant = function.after(Spline((_ONE,)), Polynomial.constant(-reference[name]))
+        offset = offset + constant
+    return StatedCoupling(coupling.element, coupling.coordinate, terms, offset)
+
+
+def _number(value: Polynomial) -> Rational:
+    number = value.number
+    assert isinstance(number, int | Fraction)
+    return number
+
+
+_ONE = Polynomial.constant(1)
 
 
 def equality_kind(equality: Any) -> str:

@@ -47,6 +47,8 @@ class ReadingOptions:
         None for none, or three numbers or expressions.
     separate_symbols : bool
         Give every number a symbol of its own, also where magnitudes are equal.
+    separate : tuple of str
+        Fixed links that are kept as bodies of their own, because a sensor cuts between them and their parents.
     """
 
     tolerance: float = ANGLE_TOLERANCE
@@ -57,6 +59,7 @@ class ReadingOptions:
     massless: tuple[str, ...] = ()
     gravity: Gravity = "file"
     separate_symbols: bool = False
+    separate: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0 <= self.tolerance <= 0.1:

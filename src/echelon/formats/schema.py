@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
 
+from echelon.formats.schema_couplings import CouplingEntry
 from echelon.formats.schema_excite import ExcitationEntry
 from echelon.formats.schema_joints import Frame, Joint, Model
 from echelon.formats.schema_log import IdentificationEntry, LogEntry, PreparationEntry
@@ -27,7 +28,6 @@ from echelon.formats.schema_types import (
     Version,
     list_or_mapping,
     list_or_text,
-    mapping_or_expression,
     mapping_or_text,
     refusal,
     standard_or_central,
@@ -55,21 +55,6 @@ class SymbolDetails(Model):
 SymbolEntry = Annotated[
     Annotated[None, Tag("null")] | Annotated[Expression, Tag("text")] | Annotated[SymbolDetails, Tag("mapping")],
     Discriminator(mapping_or_text),
-]
-
-
-class CouplingTerms(Model):
-    """A dependent coordinate term by term, for coordinates whose names cannot stand in an expression."""
-
-    terms: dict[str, Expression] = Field(
-        description="Ratio to each independent coordinate.", examples=[{"left-knee": "1/2"}]
-    )
-    offset: Expression = Field("0", description="Constant part, rad or m.", examples=["pi/2"])
-
-
-CouplingEntry = Annotated[
-    Annotated[Expression, Tag("text")] | Annotated[CouplingTerms, Tag("mapping")],
-    Discriminator(mapping_or_expression),
 ]
 
 

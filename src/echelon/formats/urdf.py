@@ -13,9 +13,9 @@ import numpy as np
 
 from echelon.errors import InputError
 from echelon.exact.numbers import Rational, parse_decimal
+from echelon.exact.polynomial import as_polynomial
 from echelon.formats.inertia import central_inertial, rotation_matrix
 from echelon.formats.literal import (
-    LiteralCoupling,
     LiteralLink,
     LiteralMotion,
     LiteralPlacement,
@@ -23,8 +23,10 @@ from echelon.formats.literal import (
     LiteralTree,
     Triple,
 )
+from echelon.formats.stated_couplings import StatedCoupling
 from echelon.formats.xml import parse_xml
 from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.spline import linear
 
 _MOTIONS: dict[str, MotionKind | str] = {
     "revolute": MotionKind.ROTATION,
@@ -83,7 +85,9 @@ class _Reader:
         position = {name: i for i, name in enumerate(order)}
         links = tuple(self._link(name, parents.get(name), position) for name in order)
         couplings = tuple(self._couplings()) if mimics else ()
-        return LiteralTree(self.root.get("name") or "robot", self.source, links, couplings, notes=tuple(self.notes))
+        name = self.root.get("name") or "robot"
+        has_mimics = any(joint.find("mimic") is not None for joint in self.joints.values())
+        return LiteralTree(name, self.source, links, couplings, notes=tuple(self.notes), has_mimics=has_mimics)
 
     # -- tree ------------------------------------------------------------------------------------------------------
 
@@ -192,7 +196,7 @@ class _Reader:
         rotation = rotation_matrix(*(float(v) for v in origin.rpy))
         return tuple(float(v) for v in central_inertial(float(mass), centre, tensor, rotation))
 
-    def _couplings(self) -> Iterator[LiteralCoupling]:
+    def _couplings(self) -> Iterator[StatedCoupling]:
         for name, joint in self.joints.items():
             mimic = joint.find("mimic")
             if mimic is None:
@@ -212,8 +216,11 @@ class _Reader:
                 kind = self.joints[role].get("type")
                 if kind not in _SINGLE_AXIS:
                     raise self._error(f"joint '{role}' is {kind}; only single-axis joints can be coupled", where)
-            ratio = self._number(mimic.get("multiplier", "1"), where)
-            yield LiteralCoupling(where, name, leader, ratio, self._number(mimic.get("offset", "0"), where))
+            ratio, offset = (
+                as_polynomial(self._number(mimic.get(key, usual), where))
+                for key, usual in (("multiplier", "1"), ("offset", "0"))
+            )
+            yield StatedCoupling(where, name, {leader: linear(ratio)}, offset)
 
     # -- numbers ---------------------------------------------------------------------------------------------------
 

@@ -11,11 +11,13 @@ from math import tan
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial, float_generators
 from echelon.hints import nearest_of
+from echelon.mechanism.coupling import Coupling
 from echelon.mechanism.effect import Effect
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, merge
-from echelon.mechanism.mechanism import Body, Coupling, Mechanism
+from echelon.mechanism.mechanism import Body, Mechanism
 from echelon.mechanism.output import ActuatorForce, Cut, Output
 from echelon.mechanism.placement import IDENTITY, Matrix, Placement, as_matrix
+from echelon.mechanism.spline import Spline
 from echelon.mechanism.transmission import Actuator
 from echelon.mechanism.values import known_values
 
@@ -90,17 +92,17 @@ def _with_coupled(mechanism: Mechanism, positions: Mapping[str, float]) -> dict[
             raise InputError(f"'{coupling.coordinate}' follows {', '.join(leaders)}: hold all of them or none")
         if here:
             found[coupling.coordinate] = sum(
-                _ratio(coupling, ratio) * positions[name] for name, ratio in coupling.terms
+                _known(coupling, f).floats(positions[name], {})[0] for name, f in coupling.terms
             )
     return found
 
 
-def _ratio(coupling: Coupling, ratio: Polynomial) -> float:
-    if ratio.number is None:
+def _known(coupling: Coupling, function: Spline) -> Spline:
+    if any(value.number is None for value in function.expressions):
         raise InputError(
-            f"the ratio of '{coupling.coordinate}' is a symbol; only coordinates of known ratios can be held"
+            f"the coupling of '{coupling.coordinate}' has symbols; only coordinates of known ratios can be held"
         )
-    return float(ratio.number)
+    return function
 
 
 def _body(body: Body, positions: Mapping[str, float]) -> Body:

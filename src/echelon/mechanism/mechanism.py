@@ -10,6 +10,7 @@ from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.closure import Closure
+from echelon.mechanism.coupling import Coupling
 from echelon.mechanism.effect import Action, Effect, Side
 from echelon.mechanism.joint import Joint, Motion, MotionKind
 from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output, plain
@@ -59,17 +60,6 @@ class Body:
 
 
 @dataclass(frozen=True)
-class Coupling:
-    """A dependent coordinate as a linear combination of independent ones: q = Σ ratio · q_k.
-
-    A constant offset belongs into the geometry (a placement), not here.
-    """
-
-    coordinate: str
-    terms: tuple[tuple[str, Polynomial], ...]
-
-
-@dataclass(frozen=True)
 class Symbol:
     """A geometry symbol.
 
@@ -105,7 +95,7 @@ class Mechanism:
     gravity : 3 of Polynomial, or None
         Gravity in the base frame, m/s²; None where there is none.
     couplings : tuple of Coupling
-        Linear relations that make coordinates depend on others.
+        Relations that make coordinates depend on others.
     symbols : mapping of str to Symbol
         Geometry symbols with their values.
     actuators : tuple of Actuator
@@ -243,7 +233,7 @@ def setup_placements(mechanism: Mechanism) -> list[Placement]:
 
 def setup_ratios(mechanism: Mechanism) -> list[Polynomial]:
     """Expressions beside those of placements and of gravity: ratios and weights."""
-    found = [ratio for coupling in mechanism.couplings for _, ratio in coupling.terms]
+    found = [value for coupling in mechanism.couplings for _, f in coupling.terms for value in f.expressions]
     found += [ratio for actuator in mechanism.actuators for _, ratio in actuator.terms]
     return found + [weight for output in mechanism.measured or () for _, weight in output.terms]
 
@@ -286,6 +276,8 @@ def _check_couplings(mechanism: Mechanism) -> None:
             if name not in scalar:
                 valid = ", ".join(sorted(scalar)) or "none"
                 raise InputError(f"'{name}' is not a single coordinate (valid: {valid})", element=where)
+        if mechanism.closures and not coupling.is_linear:
+            raise InputError("with loops, couplings must be linear", element=where)
         for name, _ in coupling.terms:
             if name in dependent:
                 raise InputError(f"'{name}' is itself dependent; refer to independent ones only", element=where)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from echelon.mechanism.mechanism import Mechanism
+    from echelon.mechanism.mechanism import Mechanism, Symbol
+    from echelon.mechanism.placement import Placement
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,28 @@ class Snap:
 
 
 @dataclass(frozen=True)
+class Rider:
+    """A link that is fixed to another and counts as part of a body.
+
+    Attributes
+    ----------
+    body : int
+        Index of the body that carries it, or :data:`echelon.mechanism.mechanism.GROUND`.
+    placement : Placement
+        Its frame in the body's frame.
+    symbols : tuple of Symbol
+        Those of the placement.
+    snaps : tuple of Snap
+        Numbers of the placement that were read as nearby exact ones.
+    """
+
+    body: int
+    placement: Placement
+    symbols: tuple[Symbol, ...] = ()
+    snaps: tuple[Snap, ...] = ()
+
+
+@dataclass(frozen=True)
 class Reading:
     """How a mechanism was read from a file, with the way back to the literal reading.
 
@@ -45,11 +68,17 @@ class Reading:
         Things the reader wants its user to know.
     rebuild : callable
         Builds the mechanism again with the numbers of some elements taken literally.
+    riders : mapping of str to Rider
+        Links that are fixed to others, by name.
+    recoupled : callable, optional
+        Of files that couple joints: builds the mechanism with them independent, if they are coupled, or coupled.
     """
 
     snaps: tuple[Snap, ...]
     notes: tuple[str, ...]
     rebuild: Callable[[Collection[str]], Mechanism] = field(repr=False, compare=False)
+    riders: Mapping[str, Rider] = field(default_factory=dict, repr=False, compare=False)
+    recoupled: Callable[[], Mechanism] | None = field(default=None, repr=False, compare=False)
 
     def literal(self, elements: Collection[str] | None = None) -> Mechanism:
         """The mechanism with these snapped elements (all, if omitted) taken literally."""

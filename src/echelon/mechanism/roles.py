@@ -72,6 +72,10 @@ def _is_length(expression: Polynomial, lengths: set[str]) -> bool:
 
 
 def _mixes_dimensions(mechanism: Mechanism) -> bool:
-    """Whether a coupling ties a translation to a rotation, so that a plain ratio is a length per radian."""
+    """Whether a coupling has plain coefficients with a dimension, as between a translation and a rotation."""
     sliding = {m.name: m.kind is MotionKind.TRANSLATION for m in mechanism.motions}
-    return any(sliding[c.coordinate] != sliding[name] for c in mechanism.couplings for name, _ in c.terms)
+    return any(
+        sliding[c.coordinate] != sliding[name] or (sliding[name] and function.ratio is None)
+        for c in mechanism.couplings
+        for name, function in c.terms
+    )

@@ -48,7 +48,7 @@ def substituted(mechanism: Mechanism, values: Mapping[str, Polynomial]) -> Mecha
         bodies=tuple(put.body(body) for body in mechanism.bodies),
         gravity=gravity if gravity is not None and any(gravity) else None,
         couplings=tuple(
-            replace(c, terms=tuple((name, put.polynomial(ratio)) for name, ratio in c.terms))
+            replace(c, terms=tuple((name, function.mapped(put.polynomial)) for name, function in c.terms))
             for c in mechanism.couplings
         ),
         closures=tuple(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, Cut, JointForce
 from echelon.mechanism.placement import Placement
-from echelon.program.tape import Program, Scalar
+from echelon.program.tape import Scalar
 from echelon.regressor.steps import Freedom, Recorder, Step
 
 
@@ -17,12 +17,13 @@ class Probes:
 
     Attributes
     ----------
+    recorder : Recorder
     names : mapping of Cut to str
         Name of the freedom of every cut.
     """
 
     def __init__(self, mechanism: Mechanism, recorder: Recorder) -> None:
-        self._recorder = recorder
+        self.recorder = recorder
         self.names: dict[Cut, str] = {}
         for output in mechanism.outputs:
             for cut, _ in output.terms:
@@ -39,10 +40,10 @@ class Probes:
         return recorded
 
     def _place(self, placement: Placement) -> Step:
-        return self._recorder.placement(placement)
+        return self.recorder.placement(placement)
 
     def _freedom(self, cut: Cut, name: str) -> Step:
-        program, zeros = self._recorder.program, self._recorder.zeros
+        program, zeros = self.recorder.program, self.recorder.zeros
         x, y, z = (program.one if k == cut.axis else program.zero for k in range(3))
         direction = (x, y, z)
         angular, linear = (direction, zeros) if cut.angular else (zeros, direction)
@@ -68,19 +69,17 @@ class VirtualMotion:
     chosen: Mapping[str, Scalar]
 
 
-def virtual_motion(
-    mechanism: Mechanism, program: Program, probes: Probes, speeds: Mapping[str, Scalar]
-) -> VirtualMotion:
+def virtual_motion(mechanism: Mechanism, probes: Probes, speeds: Mapping[str, Scalar]) -> VirtualMotion:
     """The virtual motion whose power is Σ speed · output.
 
     Parameters
     ----------
     mechanism : Mechanism
-    program : Program
     probes : Probes
     speeds : mapping of str to Scalar
         Virtual velocity conjugate to each output, by name; absent outputs do not take part.
     """
+    program = probes.recorder.program
     freedoms: dict[str, Scalar] = {}
     drives: dict[str, Scalar] = {}
     if mechanism.closures:
@@ -106,31 +105,33 @@ def virtual_motion(
     chosen = dict(freedoms)
     if mechanism.closures:
         freedoms.update({n: program.input(f"v[{n}]") for n in mechanism.velocities if n not in chosen})
-    return VirtualMotion(_coupled(mechanism, program, freedoms), drives, chosen)
+    return VirtualMotion(_coupled(probes.recorder, freedoms), drives, chosen)
 
 
-def any_motion(mechanism: Mechanism, program: Program) -> VirtualMotion:
+def any_motion(mechanism: Mechanism, recorder: Recorder) -> VirtualMotion:
     """A virtual motion whose velocities, of all coordinates that no coupling makes dependent, are inputs ``v[...]``."""
+    program = recorder.program
     freedoms = {name: program.input(f"v[{name}]") for name in mechanism.velocities}
-    return motion_of_joints(mechanism, program, freedoms)
+    return motion_of_joints(mechanism, recorder, freedoms)
 
 
-def motion_of_joints(mechanism: Mechanism, program: Program, freedoms: dict[str, Scalar]) -> VirtualMotion:
+def motion_of_joints(mechanism: Mechanism, recorder: Recorder, freedoms: dict[str, Scalar]) -> VirtualMotion:
     """The virtual motion in which some independent coordinates have given velocities, and the drives follow."""
+    program = recorder.program
     zero = program.zero
     drives = {
         actuator.name: sum((freedoms[n] * program.polynomial(r) for n, r in actuator.terms if n in freedoms), zero)
         for actuator in mechanism.transmission.actuators
         if any(n in freedoms for n, _ in actuator.terms)
     }
-    return VirtualMotion(_coupled(mechanism, program, freedoms), drives, {})
+    return VirtualMotion(_coupled(recorder, freedoms), drives, {})
 
 
-def _coupled(mechanism: Mechanism, program: Program, freedoms: dict[str, Scalar]) -> dict[str, Scalar]:
+def _coupled(recorder: Recorder, freedoms: dict[str, Scalar]) -> dict[str, Scalar]:
     """Virtual velocities completed by those of dependent coordinates."""
     complete = dict(freedoms)
-    for coupling in mechanism.couplings:
-        moved = [freedoms[name] * program.polynomial(ratio) for name, ratio in coupling.terms if name in freedoms]
+    for coordinate, slopes in recorder.slopes.items():
+        moved = [freedoms[name] * slope for name, slope in slopes.items() if name in freedoms]
         if moved:
-            complete[coupling.coordinate] = sum(moved, complete.get(coupling.coordinate, program.zero))
+            complete[coordinate] = sum(moved, complete.get(coordinate, recorder.program.zero))
     return complete

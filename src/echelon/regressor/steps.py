@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import Mechanism
@@ -64,11 +65,19 @@ class Recorder:
     program : Program
     given : mapping of str to Scalar, optional
         Values that stand in for inputs, by the input's name: ``{"qdd[j1]": program.zero}``.
+
+    Attributes
+    ----------
+    coordinates : mapping of str to Coordinates
+        Of every motion, by name.
+    slopes : mapping of str to mapping of str to Scalar
+        For every dependent coordinate, its derivatives by the independent ones that it follows.
     """
 
     def __init__(self, mechanism: Mechanism, program: Program, given: Mapping[str, Scalar] | None = None) -> None:
         self.mechanism, self.program, self._given = mechanism, program, given or {}
         self.zeros: Vec = (program.zero, program.zero, program.zero)
+        self.slopes: dict[str, dict[str, Scalar]] = {}
         self.coordinates = self._record_coordinates()
 
     def steps(self, body: int) -> list[Step]:
@@ -94,13 +103,15 @@ class Recorder:
         dependent = self.mechanism.dependent
         known = {m.name: self._inputs(m) for m in self.mechanism.motions if m.name not in dependent}
         for coupling in self.mechanism.couplings:
-            terms = [(known[name], self.program.polynomial(ratio)) for name, ratio in coupling.terms]
-            zero = self.program.zero
-            known[coupling.coordinate] = Coordinates(
-                (sum((c.position[0] * r for c, r in terms), zero),),
-                (sum((c.rate[0] * r for c, r in terms), zero),),
-                (sum((c.acceleration[0] * r for c, r in terms), zero),),
-            )
+            position = rate = acceleration = self.program.zero
+            slopes = self.slopes[coupling.coordinate] = {}
+            for name, function in coupling.terms:
+                at = known[name]
+                value, slope, curvature = function.derivatives(at.position[0], self.program.polynomial, _positive)
+                slopes[name] = slope
+                position, rate = position + value, rate + at.rate[0] * slope
+                acceleration = acceleration + at.acceleration[0] * slope + at.rate[0] * at.rate[0] * curvature
+            known[coupling.coordinate] = Coordinates((position,), (rate,), (acceleration,))
         return known
 
     def _inputs(self, motion: Motion) -> Coordinates:
@@ -173,6 +184,11 @@ class Recorder:
             for k, name in enumerate(motion.velocities)
         )
         return Step(rotation, None, freedoms)
+
+
+def _positive(x: Scalar) -> Scalar:
+    """1 for positive values, 0 for negative ones."""
+    return (1 + x.sign()) * Fraction(1, 2)
 
 
 def _scaled(axis: Vec, factor: Scalar) -> Vec:

@@ -59,7 +59,7 @@ def inverse_dynamics_regressor(mechanism: Mechanism, columns: Sequence[int] | No
     rows = []
     for output in mechanism.outputs:
         speeds = {output.name: recorded.program.one}
-        motion = virtual_motion(mechanism, recorded.program, recorded.probes, speeds)
+        motion = virtual_motion(mechanism, recorded.probes, speeds)
         rows.append(recorded.powers(motion, set(wanted)))
     entries = {
         (row, place): powers[column].node
@@ -87,10 +87,10 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
     recorded = _RecordedPowers(mechanism)
     program, recorder, probes = recorded.program, recorded.recorder, recorded.probes
     if mechanism.closures and mechanism.measures_every_force:
-        motion, known = any_motion(mechanism, program), None
+        motion, known = any_motion(mechanism, recorder), None
     else:
         speeds = {output.name: program.input(f"u[{output.name}]") for output in mechanism.outputs}
-        motion = virtual_motion(mechanism, program, probes, speeds)
+        motion = virtual_motion(mechanism, probes, speeds)
         known = motion.chosen
     powers = recorded.powers(motion, range(len(mechanism.parameters)))
     entries = {(0, column): power.node for column, power in powers.items() if not power.is_zero}
@@ -110,7 +110,7 @@ def _block_powers(recorded: _RecordedPowers) -> BlockRows:
     for block in blocks:
         entries: dict[tuple[int, int], int] = {}
         for row, name in enumerate(block.coordinates):
-            motion = motion_of_joints(mechanism, program, {name: program.one})
+            motion = motion_of_joints(mechanism, recorded.recorder, {name: program.one})
             powers = recorded.powers_of(motion, block.bodies, block.effects)
             entries |= {(row, column): power.node for column, power in powers.items() if not power.is_zero}
         columns.append(tuple(recorded.columns_of(block.bodies, block.effects)))

@@ -41,6 +41,13 @@ class SnapRecord(_Strict):
     difference: float
 
 
+class MimicRecord(_Strict):
+    """Ranks of a robot whose file couples joints."""
+
+    coupled: int
+    independent: int
+
+
 class ReadingRecord(_Strict):
     """How the file was read."""
 
@@ -49,6 +56,7 @@ class ReadingRecord(_Strict):
     literal_rank: int | None = Field(None, description="Rank without snapping, where something was snapped.")
     decisive: list[SnapRecord] = Field([], description="Snaps that changed the rank.")
     doubt: str = Field("", description="Float ranks of the literal numbers, where none confirms the exact one.")
+    mimics: MimicRecord | None = Field(None, description="Ranks with and without the couplings of the file's joints.")
 
 
 class CertificateRecord(_Strict):

@@ -14,7 +14,7 @@ from echelon.base.certificate import Certificate
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.base.own import SpecialValues
-from echelon.base.reading_report import ReadingReport
+from echelon.base.reading_report import MimicRanks, ReadingReport
 from echelon.errors import CertificateError, EchelonError, InputError
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import float_generators
@@ -152,6 +152,7 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
             record.reading.literal_rank,
             tuple(_snap(s) for s in record.reading.decisive),
             record.reading.doubt,
+            None if (ranks := record.reading.mimics) is None else MimicRanks(ranks.coupled, ranks.independent),
         ),
         record.seed,
         _special(record.special),

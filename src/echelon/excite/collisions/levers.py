@@ -40,9 +40,10 @@ class Levers:
         self.mechanism = mechanism
         self._column = {name: k for k, name in enumerate(mechanism.velocities)}
         used = {s for body in mechanism.bodies for s in body.joint.symbols()}
-        used |= {s for coupling in mechanism.couplings for _, ratio in coupling.terms for s in ratio.symbols()}
+        functions = [function for coupling in mechanism.couplings for _, function in coupling.terms]
+        used |= {s for function in functions for value in function.expressions for s in value.symbols()}
         self._symbols = symbol_values(mechanism, sorted(used), symbols)
-        self._weights = {m.name: self._weighted(m.name) for m in mechanism.motions}
+        self._weights = {m.name: self._weighted(m.name, positions) for m in mechanism.motions}
         self._most = {name: float(weights @ positions) for name, weights in self._weights.items()}
 
     def between(self, first: Shape, second: Shape) -> Floats:
@@ -85,16 +86,17 @@ class Levers:
             return self._most[step.name]
         return abs(self._number(step.pitch)) * self._most[step.name]
 
-    def _weighted(self, name: str) -> Floats:
-        """|dq/dq_k| of a coordinate by the independent ones."""
+    def _weighted(self, name: str, positions: Floats) -> Floats:
+        """What |dq/dq_k| of a coordinate by the independent ones does not exceed."""
         weights = np.zeros(len(self._column))
         coupling = next((c for c in self.mechanism.couplings if c.coordinate == name), None)
         if coupling is None:
             motion = next(m for m in self.mechanism.motions if m.name == name)
             weights[[self._column[velocity] for velocity in motion.velocities]] = 1.0
             return weights
-        for leader, ratio in coupling.terms:
-            weights[self._column[leader]] += abs(self._number(ratio))
+        for leader, function in coupling.terms:
+            column = self._column[leader]
+            weights[column] += function.steepest(float(positions[column]), self._symbols)
         return weights
 
     def _number(self, value: Polynomial) -> float:

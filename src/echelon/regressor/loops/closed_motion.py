@@ -166,7 +166,7 @@ class ClosedMotion:
         probes = Probes(self.mechanism, Recorder(self.mechanism, program))
         found: list[Mapping[str, float]] = []
         for output in self.mechanism.outputs:
-            chosen = virtual_motion(self.mechanism, program, probes, {output.name: program.one}).chosen
+            chosen = virtual_motion(self.mechanism, probes, {output.name: program.one}).chosen
             schedule = Schedule(program, [speed.node for speed in chosen.values()])
             names = {n: program.inputs[n].name for n in schedule.leaves}
             values = symbol_values(self.mechanism, names.values(), self._symbols)

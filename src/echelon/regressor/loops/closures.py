@@ -122,7 +122,7 @@ def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | N
     for closure in mechanism.closures:
         loop = _Loop(mechanism, recorder, probes, closure)
         for value, efforts in loop.conditions():
-            for name, effort in _independent(mechanism, recorder, efforts):
+            for name, effort in _independent(recorder, efforts):
                 key = (len(equations), name)
                 sums[key] = sums[key] + effort if key in sums else effort
             equations.append(value.node)
@@ -131,15 +131,12 @@ def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | N
     return ClosureEquations(tuple(equations), jacobian, tuple(owners))
 
 
-def _independent(
-    mechanism: Mechanism, recorder: Recorder, efforts: list[tuple[str, Scalar]]
-) -> Iterator[tuple[str, Scalar]]:
+def _independent(recorder: Recorder, efforts: list[tuple[str, Scalar]]) -> Iterator[tuple[str, Scalar]]:
     """Efforts at coordinates that no coupling makes dependent."""
-    couplings = {c.coordinate: c.terms for c in mechanism.couplings}
     for name, effort in efforts:
-        if name in couplings:
-            for leader, ratio in couplings[name]:
-                yield leader, effort * recorder.program.polynomial(ratio)
+        if name in recorder.slopes:
+            for leader, slope in recorder.slopes[name].items():
+                yield leader, effort * slope
         else:
             yield name, effort
 
