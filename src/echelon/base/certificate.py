@@ -2,7 +2,8 @@
 
 *Complete* (rank ≤ r): X · N = 0 for the null vectors N that B implies.  This is an identity of rational functions; it
 is checked at random points modulo two random 127-bit primes.  By the Schwartz–Zippel lemma a false identity of degree d
-survives one such point with probability at most d/p.  Where signs make regions, every point is taken in many regions.
+survives one such point with probability at most d/p.  Where signs make regions, there is a point in each known region
+(see :mod:`echelon.program.region`); the certificate tells how many there are and what that leaves to be assumed.
 
 Loops have no random points at hand.  There the identity is checked along random curves from closed poses, each modulo
 its own 31-bit prime, coefficient by coefficient.  A false identity that vanishes at the pose to a lower order than the
@@ -36,8 +37,6 @@ from echelon.seeds import random_generator
 _POINTS = 2
 _CURVES, _CURVE_ORDER, _SURPLUS_ORDER = 5, 24, 16
 _ATTEMPTS = 64
-_REGION_STATES = 64
-"""States per point where signs make regions, of which a point sees one."""
 _MOST_STATES = 4096
 _COEFFICIENT_BITS = 60.0
 """Coefficients are assumed shorter than 2^60 bits, which no computer could write down."""
@@ -64,6 +63,10 @@ class Certificate:
         Decimal logarithm of a bound on the probability that X · N = 0 is false.
     order : int
         With loops, the number of coefficients compared along each curve; 0 without.
+    regions : int
+        Regions of signs that were visited, by the minor and at every point; 0 without signs.
+    regions_note : str
+        Why other regions do not matter, or that this is assumed, and which signs were seen from one side only.
     """
 
     rank: int
@@ -74,6 +77,8 @@ class Certificate:
     degree: int
     log10_error: float
     order: int = 0
+    regions: int = 0
+    regions_note: str = ""
 
     def __str__(self) -> str:
         count = len(self.identity_primes)
@@ -85,7 +90,7 @@ class Certificate:
             )
         return (
             f"rank {self.rank} proved from below by a non-zero minor mod {self.minor_prime}; "
-            f"completeness X·N = 0 checked {how}"
+            f"completeness X·N = 0 checked {how}{f', {self.regions_note}' if self.regions_note else ''}"
         )
 
 
@@ -125,7 +130,12 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int) -> Certificat
     bad_point = log10(max(1, degree)) - min(log10(p) for p in primes)
     bad_prime = log10(2) * (_COEFFICIENT_BITS - CERTIFICATE_BITS + 12)  # few of the many primes divide a coefficient
     error = _POINTS * (max(bad_point, bad_prime) + log10(2))
-    return Certificate(matrix.rank, seed, minor_prime, states, primes, degree, error)
+    return Certificate(matrix.rank, seed, minor_prime, states, primes, degree, error, 0, *_regions(sampler))
+
+
+def _regions(sampler: FieldSampler) -> tuple[int, str]:
+    report = sampler.region_report
+    return (report.count, str(report)) if report is not None else (0, "")
 
 
 def _certified_on_curves(
@@ -135,7 +145,7 @@ def _certified_on_curves(
     sampler = regressor.sampler(order)
     primes = tuple(_check_complete(regressor, matrix, sampler, rng, ARRAY_BITS) for _ in range(_CURVES))
     error = sum(log10(order) - log10(p) for p in primes)
-    return Certificate(matrix.rank, seed, *minor, primes, order, error, order)
+    return Certificate(matrix.rank, seed, *minor, primes, order, error, order, *_regions(sampler))
 
 
 def _curve_order(regressor: LinearForms, matrix: BaseMatrix) -> int:
@@ -171,8 +181,9 @@ def _check_minimal(regressor: LinearForms, matrix: BaseMatrix, rng: np.random.Ge
     """Find a non-zero minor; returns its prime and the number of states used."""
     forms = regressor.columns(matrix.pivots)
     sampler = forms.sampler(_curve_order(regressor, matrix))
-    states, best = 2 + matrix.rank // max(1, forms.shape[0]), -1
-    while states <= _MOST_STATES:
+    regions = sampler.regions
+    states, best = max(2 + matrix.rank // max(1, forms.shape[0]), regions), -1
+    while states <= max(_MOST_STATES, 4 * regions):
         field = PrimeField.random(rng, ARRAY_BITS)
         try:
             geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
@@ -182,8 +193,8 @@ def _check_minimal(regressor: LinearForms, matrix: BaseMatrix, rng: np.random.Ge
         found = rank(rows, field)
         if found == matrix.rank:
             return field.p, states
-        # once twice the states add nothing and rows abound, more will not either
-        if found <= best and states * forms.shape[0] > 4 * matrix.rank + 64:
+        # once twice the states add nothing and rows abound, also in every region, more will not either
+        if found <= best and states * forms.shape[0] > 4 * matrix.rank + 64 and states > regions:
             break
         best, states = max(best, found), 2 * states
     raise CertificateError(
@@ -213,7 +224,7 @@ def _compare_at_point(
     rng: np.random.Generator,
 ) -> None:
     symbols = {s: field.draw(rng, (1,)) for s in sorted({*sampler.symbols, *matrix.symbols})}
-    states = _REGION_STATES if sampler.has_regions else 1
+    states = sampler.regions
     values = sampler.evaluate(field, rng, states, symbols)[:, 0]
     residues = residues_of_generators(matrix.generators, symbols, field)
     generators = {g: int(value[0]) for g, value in residues.items()}

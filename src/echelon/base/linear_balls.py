@@ -25,6 +25,7 @@ from echelon.program.region import RealPoints
 from echelon.program.schedule import Schedule
 
 _BITS, _MOST_BITS, _SURPLUS_ROWS, _DIGITS = 512, 4096, 8, 40
+_POINTS_PER_REGION = 2
 
 
 @dataclass(frozen=True)
@@ -71,8 +72,8 @@ class BallStructure:
         forms = model.regressor
         self._outputs = list(forms.entries.values())
         self._schedule = Schedule(forms.program, self._outputs)
-        self._real = RealPoints(forms.program, self._outputs)
-        self.rows = len(order) + _SURPLUS_ROWS
+        self._real = RealPoints(forms.program, self._outputs, forms.values)
+        self.rows = max(len(order) + _SURPLUS_ROWS, _POINTS_PER_REGION * self._real.count)
 
     def solve(self) -> tuple[BaseMatrix, dict[str, str], BallEvidence]:
         """B, the decimals in it by name, and the evidence.

@@ -17,11 +17,12 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.exact.field import PrimeField, Residues
+from echelon.exact.numbers import Rational
 from echelon.program.canonical import CanonicalForms, Form, Product, Signs, Turn
 from echelon.program.constants import ConstantName, constant_names
 from echelon.program.generator_values import GeneratorValues, residues_of
 from echelon.program.operations import Op
-from echelon.program.region import RealPoints
+from echelon.program.region import RealPoints, RegionReport
 from echelon.program.rewriting import written_out
 from echelon.program.schedule import ModularArithmetic, Schedule
 from echelon.program.tape import Program
@@ -37,6 +38,8 @@ class FieldSampler:
     program : Program
     outputs : sequence of int
         Output nodes.
+    values : mapping of str to number, optional
+        Stated values of constants, on which the regions of signs depend.
 
     Raises
     ------
@@ -44,7 +47,9 @@ class FieldSampler:
         If the algebraic relations between the program's functions are not known.
     """
 
-    def __init__(self, program: Program, outputs: Sequence[int]) -> None:
+    def __init__(
+        self, program: Program, outputs: Sequence[int], values: Mapping[str, Rational | float] | None = None
+    ) -> None:
         self.program, outputs = written_out(program, outputs)
         self.outputs = outputs
         ops = self.program.ops
@@ -57,14 +62,19 @@ class FieldSampler:
         self._plain = {self.program.inputs[n].name for n in needed if self._is_symbol(n)}
         self.canonical = CanonicalForms(self.program)
         has_regions = any(ops[n] in (Op.SIGN, Op.SQRT, Op.LOG) for n in functions)
-        self._region = RealPoints(self.program, outputs) if has_regions else None
+        self._region = RealPoints(self.program, outputs, values) if has_regions else None
         if self._region is None:
             self.canonical.forms([(n, ()) for n in self._functions])
 
     @property
-    def has_regions(self) -> bool:
-        """Whether signs or domains make regions of the real points."""
-        return self._region is not None
+    def regions(self) -> int:
+        """Number of regions that signs and domains make of the real points; so many states visit them all."""
+        return self._region.count if self._region is not None else 1
+
+    @property
+    def region_report(self) -> RegionReport | None:
+        """Which regions are visited, where there are signs."""
+        return self._region.report if self._region is not None and self._sign_leaves else None
 
     @property
     def symbols(self) -> list[str]:
@@ -130,7 +140,8 @@ class FieldSampler:
         """
         geometries = len(next(iter(geometry.values()))) if geometry else 1
         samples = geometries * states
-        reals = self._region.draw(rng, samples) if self._region is not None else {}
+        reals = self._region.draw(rng, states) if self._region is not None else {}
+        reals = {node: np.tile(value, geometries) for node, value in reals.items()}
         patterns = self._patterns(reals, samples)
         spread = {name: np.repeat(value, states) for name, value in geometry.items()}
         wanted = {g for node in patterns for signs, _ in patterns[node] for g in generators_of(self._form(node, signs))}

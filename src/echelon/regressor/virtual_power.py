@@ -16,6 +16,7 @@ from functools import partial
 from echelon.errors import InputError
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.values import known_values
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.accelerations import Wrench, forward_accelerations, unit_wrenches
 from echelon.regressor.effects import EffectRecorder
@@ -96,7 +97,7 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
     loops = loops_of(mechanism, recorder, probes, known)
     if loops is not None:
         loops = replace(loops, real=partial(real_inputs, mechanism))
-    return LinearForms(program, entries, (1, len(mechanism.parameters)), loops)
+    return LinearForms(program, entries, (1, len(mechanism.parameters)), loops, known_values(mechanism))
 
 
 class _RecordedPowers:
