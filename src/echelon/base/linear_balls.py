@@ -72,8 +72,9 @@ class BallStructure:
         forms = model.regressor
         self._outputs = list(forms.entries.values())
         self._schedule = Schedule(forms.program, self._outputs)
-        self._real = RealPoints(forms.program, self._outputs, forms.values)
-        self.rows = max(len(order) + _SURPLUS_ROWS, _POINTS_PER_REGION * self._real.count)
+        # where constants without a value matter, two sets of them show it
+        self._real = [RealPoints(forms.program, self._outputs, forms.values, variant) for variant in range(2)]
+        self.rows = max(len(order) + _SURPLUS_ROWS, _POINTS_PER_REGION * max(real.count for real in self._real))
 
     def solve(self) -> tuple[BaseMatrix, dict[str, str], BallEvidence]:
         """B, the decimals in it by name, and the evidence.
@@ -83,7 +84,7 @@ class BallStructure:
         ClosedFormError
             If a coefficient depends on constants without a value, or no precision decides the rank.
         """
-        first, second = self._echelon(), self._echelon()
+        first, second = map(self._echelon, self._real)
         if first[0].pivots != second[0].pivots:
             raise ClosedFormError("the rank depends on the values of the constants: give them")
         echelon, bits = second
@@ -111,9 +112,9 @@ class BallStructure:
         decimals[name] = value.mid().str(_DIGITS, radius=False)
         return RationalFunction(Polynomial.generator(name))
 
-    def _echelon(self) -> tuple[BallEchelon, int]:
+    def _echelon(self, real: RealPoints) -> tuple[BallEchelon, int]:
         """Echelon form at fresh points, confirmed at twice the precision."""
-        points = self._real.draw(self.rng, self.rows)
+        points = real.draw(self.rng, self.rows)
         bits, previous = _BITS, None
         before = flint.ctx.prec
         try:

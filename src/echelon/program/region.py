@@ -76,12 +76,18 @@ class RealPoints:
     outputs : sequence of int
     values : mapping of str to number, optional
         Stated values of constants, on which the regions depend; others get a positive one.
+    variant : int
+        Another number gives other values to constants that have none.
     """
 
     def __init__(
-        self, program: Program, outputs: Sequence[int], values: Mapping[str, Rational | float] | None = None
+        self,
+        program: Program,
+        outputs: Sequence[int],
+        values: Mapping[str, Rational | float] | None = None,
+        variant: int = 0,
     ) -> None:
-        self.program, self._stated = program, values or {}
+        self.program, self._stated, self._variant = program, values or {}, variant
         self._inputs = [n for n in program.needed(outputs) if program.ops[n] == Op.INPUT]
         self._surfaces = find_surfaces(program, outputs)
 
@@ -104,9 +110,12 @@ class RealPoints:
         InputError
             If no real point is found.
         """
+        previous = None
         for attempt in range(_ATTEMPTS):
-            values = RealValues(self._surfaces, self._constants(attempt))
-            search = RegionSearch(values, random_generator(DEFAULT_SEED))
+            values = RealValues(self._surfaces, self._constants(self._variant * _ATTEMPTS + attempt))
+            if values.constants == previous:
+                break
+            search, previous = RegionSearch(values, random_generator(DEFAULT_SEED)), values.constants
             if search.regions:
                 search.run()
                 return search

@@ -64,15 +64,16 @@ def along_axes(values: RealValues, points: Floats) -> list[Floats]:
 
 def _beside_roots(values: RealValues, points: Floats, axis: int, steps: Floats, table: Floats) -> Floats:
     """Points beside the roots that a change of sign between neighbours on lines brackets."""
-    surface, line, cell = np.nonzero(table[:, :, :-1] * table[:, :, 1:] < 0)
+    first, last = np.sign(table[:, :, :-1]), np.sign(table[:, :, 1:])
+    surface, line, cell = np.nonzero(first * last < 0)
     if not len(surface):
         return points[:, :0]
     moved = points[:, line].copy()
     low, high = steps[cell].copy(), steps[cell + 1].copy()
-    first = table[surface, line, cell] > 0
+    positive = table[surface, line, cell] > 0
     for _ in range(_HALVINGS):
         moved[axis] = (low + high) / 2
-        same = (values.at(moved)[surface, np.arange(len(surface))] > 0) == first
+        same = (values.at(moved)[surface, np.arange(len(surface))] > 0) == positive
         low, high = np.where(same, moved[axis], low), np.where(same, high, moved[axis])
     return beside(moved, np.full(len(surface), axis), high)
 
@@ -165,7 +166,7 @@ def _violation(table: Floats, wanted: Floats, scale: Floats) -> Floats:
 
 
 def _stepped(values: RealValues, points: Floats, table: Floats, wanted: Floats, rng: np.random.Generator) -> Floats:
-    """Each point with one step: to a root of a surface on the wrong side, or by chance."""
+    """Each point with one step: to a root or an extreme value of a surface on the wrong side, or by chance."""
     count, variables = points.shape[1], len(points)
     each = np.arange(count)
     wrong = (wanted != 0) & ~(wanted * table > 0)
@@ -177,21 +178,23 @@ def _stepped(values: RealValues, points: Floats, table: Floats, wanted: Floats, 
     direction[:, several] = rng.standard_normal((variables, int(several.sum())))
     size = 10 ** rng.uniform(-9, 1, count) * np.where(rng.random(count) < 0.5, 1.0, np.abs(points[axis, each]) + 1e-3)
     step = size * rng.choice([-1.0, 1.0], count)
-    secant = rng.random(count) < 0.5
-    h = 1e-6 * (np.abs(points[axis, each]) + 1e-3)
+    h = 10 ** rng.uniform(-6, -1, count) * (np.abs(points[axis, each]) + 1e-3)
+    here = table[surface, each]
+    ahead = values.at(points + h * direction)[surface, each]
+    behind = values.at(points - h * direction)[surface, each]
     with np.errstate(all="ignore"):
-        ahead = values.at(points + h * direction)[surface, each]
-        newton = -table[surface, each] * h / (ahead - table[surface, each])
-    newton = newton * (1 + 10 ** rng.uniform(-10, 0.5, count))
-    step = np.where(secant & np.isfinite(newton), newton, step)
+        root = -here * h / (ahead - here) * (1 + 10 ** rng.uniform(-10, 0.5, count))
+        vertex = h / 2 * (behind - ahead) / (ahead - 2 * here + behind)  # of the parabola: exact for squares
+    for kind, known in ((0, root), (1, vertex)):
+        step = np.where((rng.integers(0, 3, count) == kind) & np.isfinite(known), known, step)
     return np.asarray(points + step * direction, dtype=np.float64)
 
 
 def _chosen_axes(cones: Sequence[Sequence[int]], surface: Places, rng: np.random.Generator) -> Places:
     """A random variable of each surface."""
-    chosen = np.zeros(len(surface), dtype=np.intp)
-    for k in np.unique(surface):
-        where = np.flatnonzero(surface == k)
-        if cones[k]:
-            chosen[where] = rng.choice(cones[k], len(where))
+    sizes = np.array([max(1, len(cone)) for cone in cones])
+    table = np.zeros((len(cones), sizes.max()), dtype=np.intp)
+    for k, cone in enumerate(cones):
+        table[k, : len(cone)] = cone
+    chosen: Places = table[surface, (rng.random(len(surface)) * sizes[surface]).astype(np.intp)]
     return chosen

@@ -28,7 +28,7 @@ COMPLETE, EXHAUSTED, BUDGET = "complete", "exhausted", "budget"
 
 _RANDOM, _LINES, _CHUNK = 512, 6, 4096
 _MOST_PRODUCTS, _MOST_REGIONS, _MOST_TRIES, _POOL = 512, 2048, 3000, 24
-_TRIES_EACH, _BATCH, _STARTS = 3, 256, 3
+_TRIES_EACH, _BATCH, _STARTS, _STRAY = 3, 256, 3, 64
 
 
 @dataclass
@@ -74,6 +74,7 @@ class RegionSearch:
         self._known: dict[bytes, Region | None] = {}
         self._failed: dict[tuple[int, bytes], int] = {}
         self._tries = 0
+        self._weights = rng.integers(-(2**62), 2**62, len(self.surfaces.nodes))  # tell sign vectors apart
         start = self._start()
         self.zero = values.vanishing(start[:, :4])
         self.constant = {n: s for n, s in values.one_sided().items() if n not in self.zero}
@@ -117,6 +118,7 @@ class RegionSearch:
         points = self.values.normal(random_points(self.rng, len(self.values.variables), _RANDOM))
         inside = points[:, self.values.inside(self.values.at(points))]
         if not inside.shape[1] and len(points):
+            points = points[:, :_STRAY]
             moved = descended(self.values, points, np.zeros((len(self.surfaces.nodes), points.shape[1])), self.rng)
             inside = moved[:, self.values.inside(self.values.at(moved))]
         return inside
@@ -160,8 +162,8 @@ class RegionSearch:
     def _note(self, points: Floats, signs: Signs, sizes: Floats) -> None:
         if not points.shape[1]:
             return
-        kinds, which = np.unique(signs, axis=1, return_inverse=True)
-        which = which.reshape(-1)
+        _, first, which = np.unique(self._weights @ signs.astype(np.int64), return_index=True, return_inverse=True)
+        kinds, which = signs[:, first], which.reshape(-1)
         clearest = np.argsort(-sizes.min(axis=0), kind="stable") if len(sizes) else np.arange(points.shape[1])
         members: list[list[int]] = [[] for _ in range(kinds.shape[1])]
         for k in clearest:
