@@ -25,7 +25,7 @@ from echelon.program.region import RealPoints
 from echelon.program.schedule import Schedule
 
 _BITS, _MOST_BITS, _SURPLUS_ROWS, _DIGITS = 512, 4096, 8, 40
-_POINTS_PER_REGION = 2
+_POINTS_PER_REGION, _DOUBLINGS = 2, 4
 
 
 @dataclass(frozen=True)
@@ -84,9 +84,7 @@ class BallStructure:
         ClosedFormError
             If a coefficient depends on constants without a value, or no precision decides the rank.
         """
-        first, second = map(self._echelon, self._real)
-        if first[0].pivots != second[0].pivots:
-            raise ClosedFormError("the rank depends on the values of the constants: give them")
+        first, second = self._agreed()
         echelon, bits = second
         rows: list[dict[int, RationalFunction]] = []
         decimals: dict[str, str] = {}
@@ -101,6 +99,17 @@ class BallStructure:
         matrix = BaseMatrix(self.model.parameters, pivots, tuple(rows), self.order)
         evidence = BallEvidence(len(pivots), bits, self.rows, echelon.residual * 0.30103)
         return matrix, decimals, evidence
+
+    def _agreed(self) -> tuple[tuple[BallEchelon, int], tuple[BallEchelon, int]]:
+        """Two echelon forms with the same pivots; where they differ, twice as many points may show more."""
+        for _ in range(_DOUBLINGS):
+            first, second = map(self._echelon, self._real)
+            if first[0].pivots == second[0].pivots:
+                return first, second
+            self.rows *= 2
+        if None in self.model.constants.values():
+            raise ClosedFormError("the rank depends on the values of the constants: give them")
+        raise ClosedFormError("random real points keep contradicting each other on the rank")
 
     def _coefficient(self, value: Any, other: Any, bits: int, decimals: dict[str, str]) -> RationalFunction:
         found = recognised(value, bits)

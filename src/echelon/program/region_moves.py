@@ -185,8 +185,9 @@ def _stepped(values: RealValues, points: Floats, table: Floats, wanted: Floats, 
     with np.errstate(all="ignore"):
         root = -here * h / (ahead - here) * (1 + 10 ** rng.uniform(-10, 0.5, count))
         vertex = h / 2 * (behind - ahead) / (ahead - 2 * here + behind)  # of the parabola: exact for squares
-    for kind, known in ((0, root), (1, vertex)):
-        step = np.where((rng.integers(0, 3, count) == kind) & np.isfinite(known), known, step)
+    kind = rng.integers(0, 3, count)
+    step = np.where((kind == 0) & np.isfinite(root), root, step)
+    step = np.where((kind == 1) & np.isfinite(vertex), vertex, step)
     return np.asarray(points + step * direction, dtype=np.float64)
 
 

@@ -12,20 +12,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import reduce
 from math import prod
+from operator import mul
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import Rational
+from echelon.program.arcs import check_independent
 from echelon.program.canonical import CanonicalForms, Form, Product, Signs, Turn
 from echelon.program.constants import ConstantName, constant_names
+from echelon.program.derivatives import derivatives
 from echelon.program.generator_values import GeneratorValues, residues_of
 from echelon.program.operations import Op
 from echelon.program.region import RealPoints, RegionReport
 from echelon.program.rewriting import written_out
+from echelon.program.scalar import Scalar
 from echelon.program.schedule import ModularArithmetic, Schedule
 from echelon.program.tape import Program
+from echelon.seeds import DEFAULT_SEED, random_generator
 
 _Pattern = tuple[Signs, npt.NDArray[np.intp]]  # signs, and the samples that have them
 
@@ -57,7 +62,8 @@ class FieldSampler:
         functions = [n for n in needed if ops[n] >= Op.SIN]
         self._schedule = Schedule(self.program, outputs, functions)
         leaves = set(self._schedule.leaves)
-        self._functions = [n for n in functions if n in leaves and ops[n] != Op.SIGN]
+        self._arcs = [n for n in functions if n in leaves and ops[n] == Op.ATAN and self._varies(n)]
+        self._functions = [n for n in functions if n in leaves and ops[n] != Op.SIGN and n not in self._arcs]
         self._sign_leaves = [n for n in functions if n in leaves and ops[n] == Op.SIGN]
         self._plain = {self.program.inputs[n].name for n in needed if self._is_symbol(n)}
         self.canonical = CanonicalForms(self.program)
@@ -65,6 +71,8 @@ class FieldSampler:
         self._region = RealPoints(self.program, outputs, values) if has_regions else None
         if self._region is None:
             self.canonical.forms([(n, ()) for n in self._functions])
+        if self._arcs:
+            self._check_arcs(values)
 
     @property
     def regions(self) -> int:
@@ -109,6 +117,28 @@ class FieldSampler:
         powers = max((canonical.unit(f"x{node}") for node in canonical.rooted), default=1)
         return max((_degree(form) for form in canonical.known), default=1) * roots * powers
 
+    def _varies(self, node: int) -> bool:
+        """Whether a node depends on the state."""
+        inputs = self.program.inputs
+        return any(n in inputs and inputs[n].role == "state" for n in self.program.needed([node]))
+
+    def _check_arcs(self, values: Mapping[str, Rational | float] | None) -> None:
+        """Refuse arc tangents that depend on one another or on angles."""
+        program = self.program
+        circular = [n for n in program.needed(self.outputs) if program.ops[n] in (Op.SIN, Op.COS)]
+        angles = [program.lhs[n] for n in circular if self._varies(n)]
+        nodes = list(dict.fromkeys([*self._arcs, *angles]))
+        inputs = [n for n in program.needed(nodes) if n in program.inputs and not self._is_symbol(n)]
+        recorded = derivatives(program, nodes, inputs)
+        slopes = [recorded.get((i, k), program.zero.node) for i in range(len(nodes)) for k in range(len(inputs))]
+        together = reduce(mul, (Scalar(program, n) for n in recorded.values()))  # so that all signs occur together
+        sampler, rng = FieldSampler(program, [*slopes, together.node], values), random_generator(DEFAULT_SEED)
+        field = PrimeField.random(rng)
+        geometry = {name: field.draw(rng, (1,)) for name in sampler.symbols}
+        table = sampler.evaluate(field, rng, sampler.regions * (len(nodes) + 1), geometry)[:-1, 0]
+        sampled = table.reshape(len(nodes), len(inputs), -1)
+        check_independent(sampled, len(self._arcs), sampler.regions, field)
+
     def _is_symbol(self, node: int) -> bool:
         return node in self.program.inputs and self.program.inputs[node].role == "symbol"
 
@@ -151,6 +181,7 @@ class FieldSampler:
         values = {n: drawn.inputs[n] for n in inputs}
         for node in self._sign_leaves:
             values[node] = _embedded(np.sign(reals[self.program.lhs[node]]), field)
+        values |= {n: field.draw(rng, (samples,)) for n in self._arcs}
         circles = self._circles(generators, field)
         for node, regions in patterns.items():
             values[node] = self._combined(node, regions, generators, circles, field, samples)

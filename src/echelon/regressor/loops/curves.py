@@ -64,6 +64,8 @@ class CurveSampler(FieldSampler):
         functions = [n for n in self._schedule.leaves if n not in self.program.inputs]
         first, last = len(outputs), len(outputs) + len(closing)
         equations = self.outputs[first : first + len(loops.equations.equations)]
+        if self._arcs:
+            raise UnknownRelationsError("an arc tangent of what moves in a mechanism with loops")
         self._main_outputs = first
         self._main = Schedule(self.program, self.outputs[:first], functions)
         self._speeds = Schedule(self.program, self.outputs[last:], functions)
