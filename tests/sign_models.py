@@ -133,12 +133,10 @@ def _corner(meeting: list[_Affine]) -> list[Fraction] | None:
 
 def _columns(rng: np.random.Generator, surfaces: int) -> list[list[_Term]]:
     """Columns, some of which differ from combinations of others in a corner of the space only."""
-    columns: list[list[_Term]] = []
-    for _ in range(int(rng.integers(2, 6))):
-        columns.append([_term(rng, surfaces) for _ in range(int(rng.integers(1, 3)))])
+    columns = [[_term(rng, surfaces) for _ in range(rng.integers(1, 3))] for _ in range(rng.integers(2, 6))]
     for _ in range(int(rng.integers(1, 4))):
         chosen = [t for k in rng.choice(len(columns), 2) for t in columns[k]]
-        columns.append(chosen + [_in_a_corner(rng, surfaces)] if rng.random() < 0.5 else chosen)
+        columns.append([*chosen, _in_a_corner(rng, surfaces)] if rng.random() < 0.5 else chosen)
     return columns
 
 

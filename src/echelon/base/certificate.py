@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import log10
+from typing import Any
 
 import numpy as np
 
@@ -130,12 +131,12 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int) -> Certificat
     bad_point = log10(max(1, degree)) - min(log10(p) for p in primes)
     bad_prime = log10(2) * (_COEFFICIENT_BITS - CERTIFICATE_BITS + 12)  # few of the many primes divide a coefficient
     error = _POINTS * (max(bad_point, bad_prime) + log10(2))
-    return Certificate(matrix.rank, seed, minor_prime, states, primes, degree, error, 0, *_regions(sampler))
+    return Certificate(matrix.rank, seed, minor_prime, states, primes, degree, error, **_regions(sampler))
 
 
-def _regions(sampler: FieldSampler) -> tuple[int, str]:
+def _regions(sampler: FieldSampler) -> dict[str, Any]:
     report = sampler.region_report
-    return (report.count, str(report)) if report is not None else (0, "")
+    return {} if report is None else {"regions": report.count, "regions_note": str(report)}
 
 
 def _certified_on_curves(
@@ -145,7 +146,7 @@ def _certified_on_curves(
     sampler = regressor.sampler(order)
     primes = tuple(_check_complete(regressor, matrix, sampler, rng, ARRAY_BITS) for _ in range(_CURVES))
     error = sum(log10(order) - log10(p) for p in primes)
-    return Certificate(matrix.rank, seed, *minor, primes, order, error, order, *_regions(sampler))
+    return Certificate(matrix.rank, seed, *minor, primes, order, error, order, **_regions(sampler))
 
 
 def _curve_order(regressor: LinearForms, matrix: BaseMatrix) -> int:

@@ -1,8 +1,8 @@
 """Structure and closed forms of a general linear model, in finite fields.
 
 Unlike a robot, a linear model has no chain to follow: all columns are eliminated at once.  Every sample set visits all
-known regions of signs.  Samples are added until twice as many, in another field, give the same dependences: had a region
-more to show, one more point of it would have shown some of it.
+known regions of signs.  Samples are added until twice as many, in another field, give the same dependences: had a
+region more to show, one more point of it would have shown some of it.
 """
 
 from __future__ import annotations

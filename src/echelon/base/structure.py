@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from echelon.base.modes import Dependence, InMode, Mode, dependence, find_modes, own_mode
+from echelon.base.modes import InMode, Mode, dependence, find_modes, own_mode
 from echelon.base.rows import Rows, rows_of
 from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.field import PrimeField, Residues

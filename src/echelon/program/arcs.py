@@ -3,8 +3,8 @@
 e^(i·atan w) = (1 + i·w)/√(1 + w²), so sines and cosines of integer multiples of arc tangents, plus anything, are
 algebraic in their arguments.
 
-2i·atan w is a logarithm of (1 + i·w)/(1 − i·w).  By Ax's theorem ("On Schanuel's conjectures", Annals of Mathematics 93,
-1971) arc tangents are algebraically independent of one another and of the other functions, unless a rational
+2i·atan w is a logarithm of (1 + i·w)/(1 − i·w).  By Ax's theorem ("On Schanuel's conjectures", Annals of Mathematics
+93, 1971) arc tangents are algebraically independent of one another and of the other functions, unless a rational
 combination of them and of arguments of sines and cosines is constant in a region.  Then the same combination of their
 derivatives vanishes.  So arc tangents whose derivatives are linearly independent of these stand for random elements of
 a field; whether they are is decided exactly, region by region.  Where they are not, the combination is constant, but

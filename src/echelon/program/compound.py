@@ -11,17 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 
-from echelon.program.scalar import Scalar
-
-
-def maximum(a: Scalar, b: Scalar) -> Scalar:
-    """The larger of two values: (a + b + |a − b|)/2."""
-    return (a + b + abs(a - b)) / 2
-
-
-def minimum(a: Scalar, b: Scalar) -> Scalar:
-    """The smaller of two values: (a + b − |a − b|)/2."""
-    return (a + b - abs(a - b)) / 2
+from echelon.program.scalar import Scalar, maximum, minimum
 
 
 def heaviside(x: Scalar) -> Scalar:

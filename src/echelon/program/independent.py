@@ -27,12 +27,14 @@ class IndependentRegions:
 
     Parameters
     ----------
-    products : sequence of tuples of (row, exponent)
-        Rows of the signs that are multiplied.
+    products : sequence of tuples of (row, exponent), or None
+        Rows of the signs that are multiplied, shorter products first; None for more than can be told, so that every
+        region adds something.
     """
 
-    def __init__(self, products: Sequence[tuple[tuple[int, int], ...]]) -> None:
-        self.products = list(products)
+    def __init__(self, products: Sequence[tuple[tuple[int, int], ...]] | None) -> None:
+        self._every = products is None
+        self.products = list(products or ())
         self._place = {product: k for k, product in enumerate(self.products)}
         self._basis: Floats = np.zeros((0, len(self.products)))
         self._pivots: list[int] = []
@@ -45,7 +47,7 @@ class IndependentRegions:
     @property
     def complete(self) -> bool:
         """Whether no other region can add anything."""
-        return self.rank == len(self.products)
+        return not self._every and self.rank == len(self.products)
 
     def rests(self, signs: Signs) -> Floats:
         """What of the vectors of some regions is not a combination of those so far.
@@ -68,7 +70,7 @@ class IndependentRegions:
 
     def adds(self, signs: Signs) -> npt.NDArray[np.bool_]:
         """Which regions add something, each by itself."""
-        return np.asarray(self.rests(signs).any(axis=1), dtype=bool)
+        return np.asarray(self.rests(signs).any(axis=1) | self._every, dtype=bool)
 
     def include(self, signs: Signs, accept: Callable[[int], bool]) -> list[int]:
         """Include those of some regions, in their order, that add something to the earlier ones.
@@ -84,6 +86,8 @@ class IndependentRegions:
         list of int
             Those included.
         """
+        if self._every:
+            return [k for k in range(signs.shape[1]) if accept(k)]
         rests, included = self.rests(signs), []
         for k in range(len(rests)):
             places = np.flatnonzero(rests[k])

@@ -162,9 +162,7 @@ class RealPoints:
     def _constants_used(self) -> Mapping[int, Rational | float]:
         return self._search.values.constants
 
-    def _moved(
-        self, rng: np.random.Generator, points: Floats, signs: npt.NDArray[np.int8]
-    ) -> tuple[Floats, Floats]:
+    def _moved(self, rng: np.random.Generator, points: Floats, signs: npt.NDArray[np.int8]) -> tuple[Floats, Floats]:
         """Points at random places of their regions, with the values of the surfaces there."""
         values, zero = self._search.values, self._search.zero
         size = np.where(points == 0, 1.0, np.abs(points)) * 10 ** rng.uniform(-12, 0, points.shape[1])

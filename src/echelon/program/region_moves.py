@@ -175,7 +175,7 @@ def _stepped(values: RealValues, points: Floats, table: Floats, wanted: Floats, 
     direction = np.zeros(points.shape)
     direction[axis, each] = 1.0
     several = rng.random(count) < 0.4
-    direction[:, several] = rng.standard_normal((variables, int(several.sum())))
+    direction[:, several] = rng.standard_normal((variables, int(np.count_nonzero(several))))
     size = 10 ** rng.uniform(-9, 1, count) * np.where(rng.random(count) < 0.5, 1.0, np.abs(points[axis, each]) + 1e-3)
     step = size * rng.choice([-1.0, 1.0], count)
     h = 10 ** rng.uniform(-6, -1, count) * (np.abs(points[axis, each]) + 1e-3)

@@ -28,6 +28,7 @@ COMPLETE, EXHAUSTED, BUDGET = "complete", "exhausted", "budget"
 
 _RANDOM, _LINES, _CHUNK = 512, 6, 4096
 _MOST_PRODUCTS, _MOST_REGIONS, _MOST_TRIES, _POOL = 512, 2048, 3000, 24
+_AROUND = (1e-4, 1e-7, 1e-10)
 _TRIES_EACH, _BATCH, _STARTS, _STRAY = 3, 256, 3, 64
 
 
@@ -71,7 +72,7 @@ class RegionSearch:
         self.surfaces: Surfaces = values.surfaces
         self.regions: list[Region] = []
         self.ended = EXHAUSTED
-        self._known: dict[bytes, Region | None] = {}
+        self._known: dict[bytes, Region] = {}
         self._failed: dict[tuple[int, bytes], int] = {}
         self._tries = 0
         self._weights = rng.integers(-(2**62), 2**62, len(self.surfaces.nodes))  # tell sign vectors apart
@@ -83,7 +84,8 @@ class RegionSearch:
         self._open = [row[n] for n in self.surfaces.nodes if n not in self._fixed]
         self._partners = [self._multiplied_with(n) for n in self.surfaces.nodes]
         products = monomials(self.surfaces, self._fixed, _MOST_PRODUCTS)
-        self._independent = products and IndependentRegions([tuple((row[n], e) for n, e in p) for p in products])
+        rows = None if products is None else [tuple((row[n], e) for n, e in p) for p in products]
+        self._independent = IndependentRegions(rows)
         self._visit(start)
 
     def run(self) -> None:
@@ -103,9 +105,7 @@ class RegionSearch:
                 return
 
     def _settled(self) -> bool:
-        if self._independent is not None and self._independent.complete:
-            self.ended = COMPLETE
-        elif not self._open:
+        if self._independent.complete:
             self.ended = COMPLETE
         elif len(self.regions) >= _MOST_REGIONS or self._tries >= _MOST_TRIES:
             self.ended = BUDGET
@@ -176,30 +176,31 @@ class RegionSearch:
                 new.append(k)
             else:
                 region.points += [points[:, m].copy() for m in members[k][: _POOL - len(region.points)]]
-        self._include(kinds, [k for k in new], [points[:, members[k]] for k in new])
+        self._include(kinds[:, new], [points[:, members[k]] for k in new])
 
-    def _include(self, kinds: Signs, new: list[int], points: list[Floats]) -> None:
-        """Keep those new regions that add something and surely exist."""
+    def _include(self, kinds: Signs, points: list[Floats]) -> None:
+        """Keep those regions that add something and surely exist."""
 
         def exists(k: int) -> bool:
-            if len(self.regions) >= _MOST_REGIONS:
-                return False
-            signs = kinds[:, new[k]]
-            for m in range(min(2, points[k].shape[1])):
-                certain = self.values.certain(points[k][:, m], frozenset(self._fixed))
-                if certain is not None and (certain[self._open] == signs[self._open]).all():
-                    own = [points[k][:, m].copy(), *(points[k][:, j].copy() for j in range(points[k].shape[1]) if j != m)]
-                    region = Region(signs.copy(), own)
+            own = list(points[k].T.copy())
+            for point in own[:2] if len(self.regions) < _MOST_REGIONS else []:
+                if self._is_certain(point, kinds[:, k]):
+                    region = Region(kinds[:, k].copy(), [point, *(p for p in own if p is not point)])
                     self.regions.append(region)
-                    self._known[signs.tobytes()] = region
+                    self._known[kinds[:, k].tobytes()] = region
                     return True
             return False
 
-        if self._independent is not None:
-            self._independent.include(kinds[:, new], exists)
-        else:
-            for k in range(len(new)):
-                exists(k)
+        self._independent.include(kinds, exists)
+
+    def _is_certain(self, point: Floats, signs: Signs) -> bool:
+        """Whether a point surely has these signs; and points around it, where one of them is zero."""
+        around = [point]
+        if (signs[self._open] == 0).any():
+            around += [point + e * (np.abs(point) + e) * self.rng.standard_normal(len(point)) for e in _AROUND]
+        found = [self.values.certain(p, frozenset(self._fixed)) for p in around]
+        same = [s is not None and bool((s[self._open] == signs[self._open]).all()) for s in found]
+        return same[0] and (len(same) == 1 or any(same[1:]))
 
     # -- moves -------------------------------------------------------------------------------------------------------
 
@@ -213,8 +214,7 @@ class RegionSearch:
             rows = [k for _, k in part]
             changed[rows, np.arange(len(part))] = [-s if s else 1 for s in changed[rows, np.arange(len(part))]]
             adds = np.array([changed[:, m].tobytes() not in self._known for m in range(len(part))], dtype=bool)
-            if self._independent is not None:
-                adds &= self._independent.adds(changed)
+            adds &= self._independent.adds(changed)
             found += [(*part[m], changed[:, m]) for m in np.flatnonzero(adds)]
         return found
 
@@ -229,7 +229,7 @@ class RegionSearch:
 
     def _change_signs(self) -> bool:
         """Descend to regions with one sign changed; returns whether there was anything left to try."""
-        batch = []
+        batch: list[tuple[Region, Signs]] = []
         for region, k, signs in self._targets(self.regions):
             key = (k, signs[self._partners[k]].tobytes())
             if self._failed.get(key, 0) < _TRIES_EACH and len(batch) < _BATCH:

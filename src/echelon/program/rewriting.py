@@ -2,8 +2,8 @@
 
 Functions that are rational in others are written out for exact work: |x| = sign(x)·x, tan = sin/cos,
 tanh x = (e²ˣ − 1)/(e²ˣ + 1), and sines of arc tangents (:mod:`echelon.program.arcs`), so that only sine, cosine,
-exponential, logarithm, square root, sign and arc tangent remain.  Programs keep them whole otherwise, because in floating
-point they are faster and do not overflow.
+exponential, logarithm, square root, sign and arc tangent remain.  Programs keep them whole otherwise, because in
+floating point they are faster and do not overflow.
 
 Functions that jump are smoothed for optimisation: sign(x) becomes tanh(x/w), and |x| = x·tanh(x/w).
 """

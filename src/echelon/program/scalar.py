@@ -147,16 +147,14 @@ class Scalar:
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
         """NumPy's functions: the larger and smaller of values, and on arrays of objects what has a method here."""
-        from echelon.program.compound import maximum, minimum
-
         chosen = {"maximum": maximum, "minimum": minimum}.get(ufunc.__name__)
         if chosen is None or method != "__call__":
             return getattr(ufunc, method)(*(_boxed(x) for x in inputs), **options)
-        a, b = np.broadcast_arrays(*(_boxed(x) for x in inputs))
-        pairs = [chosen(*(Scalar(self.program, self._node_of(x)) for x in pair)) for pair in zip(a.flat, b.flat)]
+        a, b = (np.asarray(x, dtype=object) for x in np.broadcast_arrays(*(_boxed(x) for x in inputs)))
         result = np.empty(a.shape, dtype=object)
-        result.ravel()[:] = pairs
-        return result if a.ndim else pairs[0]
+        for place in np.ndindex(a.shape):
+            result[place] = chosen(*(Scalar(self.program, self._node_of(x[place])) for x in (a, b)))
+        return result[()]
 
     # -- what a program cannot hold ------------------------------------------------------------------------------
 
@@ -192,6 +190,16 @@ class Scalar:
 
     def __repr__(self) -> str:
         return f"Scalar({Op(self.program.ops[self.node]).name}, node {self.node})"
+
+
+def maximum(a: Scalar, b: Scalar) -> Scalar:
+    """The larger of two values: (a + b + |a − b|)/2."""
+    return (a + b + abs(a - b)) / 2
+
+
+def minimum(a: Scalar, b: Scalar) -> Scalar:
+    """The smaller of two values: (a + b − |a − b|)/2."""
+    return (a + b - abs(a - b)) / 2
 
 
 def _boxed(value: Any) -> Any:

@@ -126,9 +126,7 @@ def _maximal(masks: Iterable[int]) -> _Masks:
     return (together,)
 
 
-def monomials(
-    surfaces: Surfaces, constant: Mapping[int, int], most: int
-) -> list[tuple[tuple[int, int], ...]] | None:
+def monomials(surfaces: Surfaces, constant: Mapping[int, int], most: int) -> list[tuple[tuple[int, int], ...]] | None:
     """All products of powers of signs that may occur.
 
     Parameters

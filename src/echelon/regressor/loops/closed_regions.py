@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.program.independent import IndependentRegions
-from echelon.program.region import COMPLETE, SAMPLED, RegionReport
+from echelon.program.region import SAMPLED, RegionReport
+from echelon.program.region_search import COMPLETE
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.surfaces import find_surfaces, monomials
 from echelon.program.tape import Program
@@ -52,11 +53,10 @@ def closed_regions(
     row = {node: k for k, node in enumerate(arguments)}
     surfaces = find_surfaces(program, outputs)
     products = monomials(surfaces, {n: 0 for n in surfaces.nodes if n not in row}, _MOST_PRODUCTS)
-    if products is None:
-        return found[:, :_MOST_REGIONS].T.astype(np.int64), RegionReport(min(found.shape[1], _MOST_REGIONS), SAMPLED)
-    independent = IndependentRegions([tuple((row[n], e) for n, e in p) for p in products])
-    kept = independent.include(found, lambda _: independent.rank < _MOST_REGIONS)
-    ended = COMPLETE if independent.complete else SAMPLED
+    rows = None if products is None else [tuple((row[n], e) for n, e in p) for p in products]
+    independent = IndependentRegions(rows)
+    kept = independent.include(found, lambda _: True)[:_MOST_REGIONS]
+    ended = COMPLETE if independent.complete and len(kept) == independent.rank else SAMPLED
     return found[:, kept].T.astype(np.int64), RegionReport(len(kept), ended)
 
 

@@ -18,7 +18,8 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.program.canonical import Turn
 from echelon.program.generator_values import GeneratorValues
 from echelon.program.operations import Op
-from echelon.program.region import COMPLETE, RegionReport
+from echelon.program.region import RegionReport
+from echelon.program.region_search import COMPLETE
 from echelon.program.sampling import FieldSampler, generators_of
 from echelon.program.schedule import Schedule
 from echelon.program.tape import Program
