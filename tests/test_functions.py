@@ -109,6 +109,25 @@ IDENTITIES = {
     "Stribeck with an exponent": "exp(-(abs(v)/b)**a)*exp((abs(v)/b)**a) - 1",
     "sine of abs": "sin(abs(x)) - sign(x)*sin(x)",
     "exp of a root": "exp(2*sqrt(x)) - exp(sqrt(x))**2",
+    "hyperbolic functions": "cosh(x)**2 - sinh(x)**2 - 1",
+    "hyperbolic quotient": "sinh(x) - tanh(x)*cosh(x)",
+    "larger and smaller": "max(x, y)*min(x, y) - x*y",
+    "largest of three": "max(x, y, z) - max(max(z, x), y)",
+    "either the larger or the smaller": "(max(x, y) - x)*(max(x, y) - y)",
+    "clipped": "max(x, 0)*min(x, 0)",
+    "step": "heaviside(x)*x - max(x, 0)",
+    "arc sine and cosine": "sin(asin(x) + acos(x)) - 1",
+    "sine of an arc sine": "sin(asin(x)) - x",
+    "cosine of an arc sine": "cos(asin(x)) - sqrt(1 - x**2)",
+    "tangent of an arc cosine": "tan(acos(x))*x - sqrt(1 - x**2)",
+    "cosine of twice an arc cosine": "cos(2*acos(x)) - 2*x**2 + 1",
+    "sine of an arc tangent": "sin(atan(x))*sqrt(1 + x**2) - x",
+    "sine of an angle and arc tangents": "sin(y - 3*atan(x)) - sin(y - atan(x))*cos(2*atan(x))"
+    " + cos(y - atan(x))*sin(2*atan(x))",
+    "direction of a point": "cos(atan2(y, x))*sqrt(x**2 + y**2) - x",
+    "tangent of a direction": "tan(atan2(y, x)) - y/x",
+    "angle between directions": "sin(atan2(y, x) - atan2(x, y))*(x**2 + y**2) - y**2 + x**2",
+    "quarter of pi": "cos(4*atan(1)) + 1",
 }
 
 
@@ -137,6 +156,9 @@ SPANS = {
                   "sign(v)*exp(-(v/b)**2)"], 7),
     "one-sided": (["x", "abs(x)", "(x + abs(x))/2", "(x - abs(x))/2"], 2),
     "angle and exp": (["sin(x)", "cos(x)", "exp(x)", "x", "tan(x)", "tanh(x)"], 6),
+    "arc functions": (["asin(x)", "acos(x)", "1", "asin(x)*x"], 3),
+    "arc tangents": (["atan(x)", "atan(2*x)", "atan(y)", "atan(x)*log(x)", "log(1 + x**2)", "x", "1"], 7),
+    "arc tangent at scales": (["atan(x/a)", "atan(x/b)", "sign(x)", "atan(x/a)*sign(x)"], 4),
     "abs under log": (["log(abs(x))", "log(1 + abs(x))", "log(1 + x**2 + 2*abs(x))", "sign(x)"], 3),
 }  # fmt: skip
 
@@ -147,7 +169,13 @@ def test_ranks(texts: list[str], expected: int) -> None:
 
 
 UNKNOWN = {
-    "arc tangent": "atan(x)",
+    "arc tangents that add up": "atan(x) + atan(y) - atan((x + y)/(1 - x*y))",
+    "arc tangents of either sign": "atan(x) + atan(abs(x))",
+    "arc tangent of a tangent": "atan(tan(x))",
+    "half an angle": "atan(sin(x)/(1 + cos(x)))",
+    "function of an arc tangent": "exp(atan(x))",
+    "sine of half an arc tangent": "sin(atan(x)/2)",
+    "arc tangent of a constant": "atan(2)*x",
     "function of a root of a sum": "exp(sqrt(1 + x**2))",
     "log of a root of two": "log(x + sqrt(2))",
     "quotient led by a constant": "exp(1/(a*x + 1))",

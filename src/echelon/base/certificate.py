@@ -2,7 +2,8 @@
 
 *Complete* (rank ≤ r): X · N = 0 for the null vectors N that B implies.  This is an identity of rational functions; it
 is checked at random points modulo two random 127-bit primes.  By the Schwartz–Zippel lemma a false identity of degree d
-survives one such point with probability at most d/p.  Where signs make regions, every point is taken in many regions.
+survives one such point with probability at most d/p.  Where signs make regions, there is a point in each known region
+(see :mod:`echelon.program.region`); the certificate tells how many there are and what that leaves to be assumed.
 
 Loops have no random points at hand.  There the identity is checked along random curves from closed poses, each modulo
 its own 31-bit prime, coefficient by coefficient.  A false identity that vanishes at the pose to a lower order than the
@@ -21,6 +22,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import log10
+from typing import Any
 
 import numpy as np
 
@@ -38,8 +40,6 @@ from echelon.seeds import random_generator
 _POINTS = 2
 _CURVES, _CURVE_ORDER, _SURPLUS_ORDER = 5, 24, 16
 _ATTEMPTS = 64
-_REGION_STATES = 64
-"""States per point where signs make regions, of which a point sees one."""
 _MOST_STATES = 4096
 _COEFFICIENT_BITS = 60.0
 """Coefficients are assumed shorter than 2^60 bits, which no computer could write down."""
@@ -69,6 +69,10 @@ class Certificate:
         With loops, the number of coefficients compared along each curve; 0 without.
     at_values : bool
         Whether the minor is non-zero at the stated values of the symbols, and not only for general ones.
+    regions : int
+        Regions of signs that were visited, by the minor and at every point; 0 without signs.
+    regions_note : str
+        Why other regions do not matter, or that this is assumed, and which signs were seen from one side only.
     """
 
     rank: int
@@ -80,6 +84,8 @@ class Certificate:
     log10_error: float
     order: int = 0
     at_values: bool = False
+    regions: int = 0
+    regions_note: str = ""
 
     def __str__(self) -> str:
         count = len(self.identity_primes)
@@ -92,7 +98,7 @@ class Certificate:
         where = " at the stated values" if self.at_values else ""
         return (
             f"rank {self.rank} proved from below by a non-zero minor{where} mod {self.minor_prime}; "
-            f"completeness X·N = 0 checked {how}"
+            f"completeness X·N = 0 checked {how}{f', {self.regions_note}' if self.regions_note else ''}"
         )
 
 
@@ -127,16 +133,22 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: State
     rng = random_generator(seed)
     if regressor.loops is not None or values is None or not values.can_be_drawn:
         values = GENERAL  # lengths of loops cannot be chosen freely modulo a prime
-    minor_prime, states = _check_minimal(regressor, matrix, values, rng)
+    minor = _check_minimal(regressor, matrix, values, rng)
     if regressor.loops is not None:
-        return _certified_on_curves(regressor, matrix, seed, (minor_prime, states), rng)
+        return _certified_on_curves(regressor, matrix, seed, minor, rng)
     sampler = regressor.sampler()
     primes = tuple(_check_complete(regressor, matrix, sampler, rng, CERTIFICATE_BITS) for _ in range(_POINTS))
     degree = _identity_degree(regressor, matrix, sampler.largest_turn)
     bad_point = log10(max(1, degree)) - min(log10(p) for p in primes)
     bad_prime = log10(2) * (_COEFFICIENT_BITS - CERTIFICATE_BITS + 12)  # few of the many primes divide a coefficient
     error = _POINTS * (max(bad_point, bad_prime) + log10(2))
-    return Certificate(matrix.rank, seed, minor_prime, states, primes, degree, error, at_values=bool(values.names))
+    regions = _regions(sampler)
+    return Certificate(matrix.rank, seed, *minor, primes, degree, error, at_values=bool(values.names), **regions)
+
+
+def _regions(sampler: FieldSampler) -> dict[str, Any]:
+    report = sampler.region_report
+    return {} if report is None else {"regions": report.count, "regions_note": str(report)}
 
 
 def _certified_on_curves(
@@ -146,7 +158,7 @@ def _certified_on_curves(
     sampler = regressor.sampler(order)
     primes = tuple(_check_complete(regressor, matrix, sampler, rng, ARRAY_BITS) for _ in range(_CURVES))
     error = sum(log10(order) - log10(p) for p in primes)
-    return Certificate(matrix.rank, seed, *minor, primes, order, error, order)
+    return Certificate(matrix.rank, seed, *minor, primes, order, error, order, **_regions(sampler))
 
 
 def _curve_order(regressor: LinearForms, rank: int) -> int:
@@ -227,16 +239,17 @@ def find_minor(
         try:
             settled = regressor.blocks.independent(columns, field, rng, values) if regressor.blocks else set()
             rest = tuple(p for p in columns if p not in settled)
-            states = doubled * (2 + len(rest) // max(1, regressor.shape[0]))
             sampler = sampler_of(rest)
+            regions = sampler.regions
+            states = doubled * max(2 + len(rest) // max(1, regressor.shape[0]), regions)
             residues = sampler.evaluate(field, rng, states, values.draw(sampler.symbols, field, rng))
         except DegenerateSampleError:
             continue
         found = Minor(len(settled) + rank(regressor.columns(rest).stacked(residues)[0], field), field.p, states)
-        # once twice the states add nothing and rows abound, more will not either
+        # once twice the states add nothing and rows abound, also in every region, more will not either
         enough = found.rank <= best.rank and states * regressor.shape[0] > 4 * len(rest) + 64
         best = max(best, found, key=lambda minor: minor.rank)
-        if best.rank == len(columns) or enough or 2 * states > _MOST_STATES:
+        if best.rank == len(columns) or (enough and states > regions) or 2 * states > max(_MOST_STATES, 4 * regions):
             break
         doubled *= 2
     return best
@@ -264,7 +277,7 @@ def _compare_at_point(
     rng: np.random.Generator,
 ) -> None:
     symbols = {s: field.draw(rng, (1,)) for s in sorted({*sampler.symbols, *matrix.symbols})}
-    states = _REGION_STATES if sampler.has_regions else 1
+    states = sampler.regions
     values = sampler.evaluate(field, rng, states, symbols)[:, 0]
     rows = matrix.modulo(symbols, field)
     for k in range(states):

@@ -16,6 +16,7 @@ import numpy as np
 from echelon.base.modes import in_mode
 from echelon.base.rows import Rows, rows_of
 from echelon.base.structure import Structure, floating_pair, pair_columns
+from echelon.errors import DegenerateSampleError
 from echelon.exact.ansatz import Geometry
 from echelon.exact.elimination import solve_batched
 from echelon.exact.field import PrimeField, Residues
@@ -28,6 +29,8 @@ from echelon.mechanism.roles import symbol_roles
 from echelon.mechanism.substitute import substituted
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.energy import energy_form
+
+_MOST_TIMES = 32  # so many times as many points where regions of signs need them
 
 Combination = dict[int, RationalFunction]
 """A column as a combination of other columns: coefficient by column."""
@@ -164,10 +167,19 @@ class _Relation:
         """Coefficients at given geometries: array of shape (sources · targets, geometries)."""
         first = self.rows.auxiliary
         unknowns = first + len(self.sources)
-        states = unknowns + 1  # one more equation than unknowns: a false relation contradicts itself
-        matrix = self.rows.forms.stacked(sampler.evaluate(field, rng, states, geometry))
-        solution = solve_batched(matrix[:, :, :unknowns], matrix[:, :, unknowns:], field)
-        return solution[:, first:].reshape(len(solution), -1).T
+        # one more equation than unknowns: a false relation contradicts itself
+        states = max(unknowns + 1, sampler.regions)
+        most = states if sampler.regions == 1 else _MOST_TIMES * states
+        while True:
+            matrix = self.rows.forms.stacked(sampler.evaluate(field, rng, states, geometry))
+            try:
+                solution = solve_batched(matrix[:, :, :unknowns], matrix[:, :, unknowns:], field)
+            except DegenerateSampleError:
+                states = 2 * states  # a region of signs may need more points
+                if states > most:
+                    raise
+                continue
+            return solution[:, first:].reshape(len(solution), -1).T
 
 
 def _degrees(mechanism: Mechanism, sources: Sequence[int], targets: Sequence[int]) -> list[int] | None:

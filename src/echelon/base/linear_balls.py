@@ -25,6 +25,7 @@ from echelon.program.region import RealPoints
 from echelon.program.schedule import Schedule
 
 _BITS, _MOST_BITS, _SURPLUS_ROWS, _DIGITS = 512, 4096, 8, 40
+_POINTS_PER_REGION, _DOUBLINGS = 2, 4
 
 
 @dataclass(frozen=True)
@@ -71,8 +72,9 @@ class BallStructure:
         forms = model.regressor
         self._outputs = list(forms.entries.values())
         self._schedule = Schedule(forms.program, self._outputs)
-        self._real = RealPoints(forms.program, self._outputs)
-        self.rows = len(order) + _SURPLUS_ROWS
+        # where constants without a value matter, two sets of them show it
+        self._real = [RealPoints(forms.program, self._outputs, forms.values, variant) for variant in range(2)]
+        self.rows = max(len(order) + _SURPLUS_ROWS, _POINTS_PER_REGION * max(real.count for real in self._real))
 
     def solve(self) -> tuple[BaseMatrix, dict[str, str], BallEvidence]:
         """B, the decimals in it by name, and the evidence.
@@ -82,9 +84,7 @@ class BallStructure:
         ClosedFormError
             If a coefficient depends on constants without a value, or no precision decides the rank.
         """
-        first, second = self._echelon(), self._echelon()
-        if first[0].pivots != second[0].pivots:
-            raise ClosedFormError("the rank depends on the values of the constants: give them")
+        first, second = self._agreed()
         echelon, bits = second
         rows: list[dict[int, RationalFunction]] = []
         decimals: dict[str, str] = {}
@@ -100,6 +100,17 @@ class BallStructure:
         evidence = BallEvidence(len(pivots), bits, self.rows, echelon.residual * 0.30103)
         return matrix, decimals, evidence
 
+    def _agreed(self) -> tuple[tuple[BallEchelon, int], tuple[BallEchelon, int]]:
+        """Two echelon forms with the same pivots; where they differ, twice as many points may show more."""
+        for _ in range(_DOUBLINGS):
+            first, second = map(self._echelon, self._real)
+            if first[0].pivots == second[0].pivots:
+                return first, second
+            self.rows *= 2
+        if None in self.model.constants.values():
+            raise ClosedFormError("the rank depends on the values of the constants: give them")
+        raise ClosedFormError("random real points keep contradicting each other on the rank")
+
     def _coefficient(self, value: Any, other: Any, bits: int, decimals: dict[str, str]) -> RationalFunction:
         found = recognised(value, bits)
         if found is not None and found == recognised(other, bits):
@@ -110,9 +121,9 @@ class BallStructure:
         decimals[name] = value.mid().str(_DIGITS, radius=False)
         return RationalFunction(Polynomial.generator(name))
 
-    def _echelon(self) -> tuple[BallEchelon, int]:
+    def _echelon(self, real: RealPoints) -> tuple[BallEchelon, int]:
         """Echelon form at fresh points, confirmed at twice the precision."""
-        points = self._real.draw(self.rng, self.rows)
+        points = real.draw(self.rng, self.rows)
         bits, previous = _BITS, None
         before = flint.ctx.prec
         try:

@@ -1,7 +1,8 @@
 """Structure and closed forms of a general linear model, in finite fields.
 
-Unlike a robot, a linear model has no chain to follow: all columns are eliminated at once.  Samples are added until
-twice as many, in another field, give the same dependences; then signs with many regions are covered too.
+Unlike a robot, a linear model has no chain to follow: all columns are eliminated at once.  Every sample set visits all
+known regions of signs.  Samples are added until twice as many, in another field, give the same dependences: had a
+region more to show, one more point of it would have shown some of it.
 """
 
 from __future__ import annotations
@@ -18,7 +19,6 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.exact.interpolation import UnknownFunctions, interpolate
 from echelon.exact.numbers import Surd, parts_of
 from echelon.exact.rational import RationalFunction
-from echelon.program.sampling import FieldSampler
 from echelon.regressor.linear import LinearForms
 
 _SURPLUS_ROWS, _ATTEMPTS, _MOST_ROWS = 8, 64, 20_000
@@ -48,7 +48,7 @@ class LinearStructure:
         self, forms: LinearForms, parameters: tuple[str, ...], order: tuple[int, ...], rng: np.random.Generator
     ) -> None:
         self.forms, self.parameters, self.order, self.rng = forms, parameters, order, rng
-        self.sampler = FieldSampler(forms.program, list(forms.entries.values()))
+        self.sampler = forms.sampler()
 
     def dependences(self) -> Supports:
         """Dependent columns, confirmed by more samples in another field.
@@ -58,7 +58,7 @@ class LinearStructure:
         EchelonError
             If samples keep contradicting one another, which has no natural cause.
         """
-        rows, previous = self.forms.shape[1] + _SURPLUS_ROWS, None
+        rows, previous = max(self.forms.shape[1] + _SURPLUS_ROWS, self.sampler.regions * self.forms.shape[0]), None
         for _ in range(_ATTEMPTS):
             field = PrimeField.random(self.rng)
             try:
@@ -67,7 +67,7 @@ class LinearStructure:
                 continue
             if current == previous:
                 return current
-            previous, rows = current, min(2 * rows, _MOST_ROWS)
+            previous, rows = current, min(2 * rows, max(_MOST_ROWS, 2 * self.sampler.regions * self.forms.shape[0]))
         raise EchelonError("random points keep contradicting each other; please report this model")
 
     def matrix(self, supports: Supports) -> BaseMatrix:

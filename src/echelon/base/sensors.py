@@ -151,10 +151,14 @@ def _row_spaces(forms: Mapping[str, LinearForms], field: PrimeField, rng: np.ran
     spaces: dict[str, Residues] = {}
     for name, sampler in samplers.items():
         columns = forms[name].shape[1]
-        states = columns + _SURPLUS
         own = {s: geometry[s] for s in sampler.symbols}
-        matrix = forms[name].stacked(sampler.evaluate(field, rng, states, own))[0]
-        reduced, pivots = reduced_echelon(matrix, field)
+        states, seen = max(columns + _SURPLUS, sampler.regions), -1
+        while True:
+            matrix = forms[name].stacked(sampler.evaluate(field, rng, states, own))[0]
+            reduced, pivots = reduced_echelon(matrix, field)
+            if sampler.regions == 1 or len(pivots) == seen:
+                break
+            states, seen = 2 * states, len(pivots)  # a region of signs may have more to show
         rows = [[int(x) for x in row] for row in reduced.tolist()[: len(pivots)]]
         spaces[name] = np.array(rows, dtype=np.int64).reshape(len(pivots), columns)
     return spaces

@@ -14,13 +14,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from echelon.base.modes import Dependence, InMode, Mode, dependence, find_modes, own_mode
+from echelon.base.modes import InMode, Mode, dependence, find_modes, own_mode
 from echelon.base.rows import Rows, rows_of
 from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.field import PrimeField, Residues
 from echelon.mechanism.joint import Joint, Motion, floating_motions
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
 from echelon.mechanism.output import Cut
+from echelon.program.sampling import FieldSampler
 from echelon.regressor.blocks import FEW_COLUMNS
 from echelon.regressor.energy import energy_changes, energy_form
 from echelon.regressor.linear import LinearForms
@@ -174,13 +175,16 @@ def _settled(mechanism: Mechanism, rows: Rows, columns: Sequence[int], rng: np.r
 def _agreed(rows: Rows, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
     """Dependent parameters with their supports, confirmed by independent primes, geometries and states."""
     seen: list[dict[int, tuple[int, ...]]] = []
+    sampler, count = rows.forms.sampler(), rows.forms.shape[1] + _SURPLUS_ROWS
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)
         try:
-            current = _dependent_columns(rows, field, rng)
+            matrix = sample_matrix(rows.forms, sampler, field, rng, count)
         except DegenerateSampleError:
             continue
-        seen.append(current)
+        seen.append(dependence(matrix, rows.auxiliary, field))
+        if sampler.regions > 1:  # had a region of signs more to show, twice the points would show some of it
+            count *= 2
         # an unlucky point can only make more columns dependent, never fewer
         fewest = min(len(s) for s in seen)
         agreeing = [s for s in seen if len(s) == fewest and s == seen[-1]]
@@ -189,17 +193,16 @@ def _agreed(rows: Rows, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
     raise EchelonError("random points keep contradicting each other; please report this model")
 
 
-def _dependent_columns(rows: Rows, field: PrimeField, rng: np.random.Generator) -> Dependence:
-    matrix = sample_matrix(rows.forms, field, rng, rows.forms.shape[1] + _SURPLUS_ROWS)
-    return dependence(matrix, rows.auxiliary, field)
-
-
-def sample_matrix(forms: LinearForms, field: PrimeField, rng: np.random.Generator, rows: int) -> Residues:
-    """At least this many rows of the forms at random states of one random geometry.
+def sample_matrix(
+    forms: LinearForms, sampler: FieldSampler, field: PrimeField, rng: np.random.Generator, rows: int
+) -> Residues:
+    """At least this many rows of the forms at random states, in all regions of signs, of one random geometry.
 
     Parameters
     ----------
     forms : LinearForms
+    sampler : FieldSampler
+        Of the forms.
     field : PrimeField
     rng : numpy Generator
     rows : int
@@ -208,8 +211,7 @@ def sample_matrix(forms: LinearForms, field: PrimeField, rng: np.random.Generato
     -------
     array of shape (rows or a few more, columns)
     """
-    sampler = forms.sampler()
-    states = -(-rows // max(1, forms.shape[0]))
+    states = max(-(-rows // max(1, forms.shape[0])), sampler.regions)
     geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
     matrix: Residues = forms.stacked(sampler.evaluate(field, rng, states, geometry))[0]
     return matrix

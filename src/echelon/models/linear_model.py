@@ -142,7 +142,8 @@ class LinearModel:
     def _keep(self, program: Program, rows: Sequence[Sequence[Scalar]], outputs: Sequence[str] | None) -> None:
         self.outputs = self._output_names(outputs, len(rows))
         entries = {(i, j): e.node for i, row in enumerate(rows) for j, e in enumerate(row) if not e.is_zero}
-        self.regressor = LinearForms(program, entries, (len(rows), len(self.parameters)))
+        stated = {name: value for name, value in self.constants.items() if value is not None}
+        self.regressor = LinearForms(program, entries, (len(rows), len(self.parameters)), values=stated)
 
     @property
     def values(self) -> dict[str, float]:

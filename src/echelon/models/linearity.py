@@ -20,6 +20,7 @@ _Powers = tuple[int, ...]  # parameter nodes, sorted, with repetition
 _Parts = dict[_Powers, Scalar]
 _LARGEST_DEGREE = 8
 _ATTEMPTS = 16
+_STATES = 16
 
 
 def linear_rows(
@@ -109,7 +110,7 @@ def _vanishes(value: Scalar) -> bool:
         field = PrimeField.random(rng, CERTIFICATE_BITS)
         try:
             geometry = {name: field.draw(rng, (1,)) for name in sampler.symbols}
-            return not sampler.evaluate(field, rng, 16, geometry).any()
+            return not sampler.evaluate(field, rng, max(_STATES, sampler.regions), geometry).any()
         except DegenerateSampleError:
             continue
     raise InputError("division by zero at every point")

@@ -112,7 +112,7 @@ def _traced(function: Any, scalars: Mapping[str, Scalar]) -> Any:
     except InputError as error:
         raise InputError(error.problem, element=f"function '{getattr(function, '__name__', 'X')}'") from None
     except (TypeError, AttributeError, ValueError) as error:
-        problem = f"cannot be recorded: {error} (use + - * / **, abs and NumPy's sin, cos, tan, exp, log, tanh, sqrt)"
+        problem = f"cannot be recorded: {error} (use + - * / **, abs and NumPy's elementary functions)"
         raise InputError(problem, element=f"function '{getattr(function, '__name__', 'X')}'") from None
 
 

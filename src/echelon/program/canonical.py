@@ -47,7 +47,8 @@ class Generator:
     name : str
     kind : str
         ``"input"``: the input, or its root if it is under a root.  ``"exp"``: exp(element / unit).  ``"angle"``: the
-        tangent of half of element / unit.  ``"log"``: log|element|.  ``"root"``: |element|^(1 / unit).
+        tangent of half of element / unit.  ``"log"``: log|element|.  ``"root"``: |element|^(1 / unit).  ``"atan"``: the
+        arc tangent of a constant.
     element : RationalFunction
         In earlier generators.
     node : int
@@ -184,6 +185,8 @@ class CanonicalForms:
             return {Op.ADD: a.__add__, Op.SUB: a.__sub__, Op.MUL: a.__mul__, Op.DIV: a.__truediv__}[op](b)
         if op is Op.NEG:
             return -known[program.lhs[node]]
+        if op is Op.ATAN:
+            raise UnknownRelationsError("a function of an arc tangent, other than sines of its integer multiples")
         return self._nested(op, self._form(node, signs))
 
     def _input(self, node: int, signs: Signs) -> RationalFunction:
@@ -230,6 +233,10 @@ class CanonicalForms:
             return self._logarithm(argument)
         if op is Op.SQRT:
             return self._powers(argument, Fraction(1, 2))
+        if op is Op.ATAN and argument == RationalFunction(1):  # a quarter of pi
+            return RationalFunction(Polynomial.generator(self._named("atan", argument, argument, set())))
+        if op is Op.ATAN:
+            raise UnknownRelationsError("the arc tangent of a constant other than 1")
         raise UnknownRelationsError(f"{op.name.lower()}, whose relations to other functions are not looked for")
 
     def _turn(self, argument: RationalFunction) -> Turn:

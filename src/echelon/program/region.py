@@ -1,28 +1,70 @@
-"""Random real points: which signs can occur together, and where logarithms and roots are real.
+"""Real points of every region: which signs can occur together, and where logarithms and roots are real.
 
 A sign is constant on a region of the real inputs, and not every combination of signs is a region: sign(x), sign(y) and
-sign(x + y) have six of eight.  So signs are taken from random real points of the domain.  Floating point decides
-nothing but on which side of a surface a random point lies.
+sign(x + y) have six of eight.  The row space of a model is that of the union over its regions.  Within a region all is
+analytic, so random points of a field stand for any of its points once the signs are known; so signs are taken from
+regions that surely exist (:mod:`echelon.program.region_search`), and every sample set visits all of them in turn.
+
+Points on the surfaces themselves, where a sign is zero, are left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from zlib import crc32
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
+from echelon.exact.numbers import Rational
 from echelon.program.operations import Op
-from echelon.program.schedule import FloatArithmetic, Schedule
+from echelon.program.real_values import RealValues
+from echelon.program.region_search import BUDGET, COMPLETE, EXHAUSTED, RegionSearch
+from echelon.program.surfaces import find_surfaces
 from echelon.program.tape import Program
+from echelon.seeds import DEFAULT_SEED, random_generator
 
 Floats = npt.NDArray[np.float64]
 
-_ROUNDS = 200
-_PATIENCE = 8
+SAMPLED = "sampled"
+_ATTEMPTS = 16
 _SPREAD = 1.5
-_CANDIDATES = 8
+_ENDED = {
+    EXHAUSTED: "no change of one sign led to another",
+    BUDGET: "the search ended by its budget",
+    SAMPLED: "they are those of random closed states at all speeds",
+}
+
+
+@dataclass(frozen=True)
+class RegionReport:
+    """Which regions were visited, and why no others.
+
+    Attributes
+    ----------
+    count : int
+        Regions visited; those whose signs make the same products as others are left out.
+    ended : str
+        ``"complete"`` if no other region can add anything, ``"exhausted"`` if no change of one sign led to another that
+        does, ``"budget"`` if the search was cut short, ``"sampled"`` if regions are those of random closed states.
+    remarks : tuple of str
+        Signs of which only one side is known, and constants that were given a value.
+    """
+
+    count: int
+    ended: str
+    remarks: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        regions = f"in {self.count} region{'s' * (self.count != 1)} of signs"
+        if self.ended == COMPLETE:
+            text = f"{regions}, which is enough for all products of signs that occur"
+        else:
+            text = f"{regions}; assumed: that no other region adds anything ({_ENDED[self.ended]})"
+        return "; ".join([text, *self.remarks])
 
 
 class RealPoints:
@@ -32,25 +74,65 @@ class RealPoints:
     ----------
     program : Program
     outputs : sequence of int
+    values : mapping of str to number, optional
+        Stated values of constants, on which the regions depend; others get a positive one.
+    variant : int
+        Another number gives other values to constants that have none.
     """
 
-    def __init__(self, program: Program, outputs: Sequence[int]) -> None:
-        ops, lhs = program.ops, program.lhs
-        needed = program.needed(outputs)
-        self.program = program
-        self._inputs = [n for n in needed if ops[n] == Op.INPUT]
-        self._positive = {lhs[n] for n in needed if ops[n] in (Op.LOG, Op.SQRT)}
-        signs = {lhs[n] for n in needed if ops[n] == Op.SIGN}
-        self._nonzero = self._positive | signs
-        self.watched = sorted(self._nonzero | set(self._inputs))
-        self._sign_rows = [row for row, node in enumerate(self.watched) if node in signs]
-        self._schedule = Schedule(program, self.watched)
+    def __init__(
+        self,
+        program: Program,
+        outputs: Sequence[int],
+        values: Mapping[str, Rational | float] | None = None,
+        variant: int = 0,
+    ) -> None:
+        self.program, self._stated, self._variant = program, values or {}, variant
+        self._inputs = [n for n in program.needed(outputs) if program.ops[n] == Op.INPUT]
+        self._surfaces = find_surfaces(program, outputs)
+
+    @property
+    def count(self) -> int:
+        """Number of regions."""
+        return len(self._search.regions)
+
+    @cached_property
+    def report(self) -> RegionReport:
+        """What was visited."""
+        return RegionReport(self.count, self._search.ended, (*self._one_sided(), *self._unstated()))
+
+    @cached_property
+    def _search(self) -> RegionSearch:
+        """All regions, at constants where the domain is not empty.
+
+        Raises
+        ------
+        InputError
+            If no real point is found.
+        """
+        previous = None
+        for attempt in range(_ATTEMPTS):
+            values = RealValues(self._surfaces, self._constants(self._variant * _ATTEMPTS + attempt))
+            if values.constants == previous:
+                break
+            search, previous = RegionSearch(values, random_generator(DEFAULT_SEED)), values.constants
+            if search.regions:
+                search.run()
+                return search
+        raise InputError("no real point was found at which all logarithms and square roots of the model are real")
+
+    def _constants(self, attempt: int) -> dict[int, Rational | float]:
+        """Constants of the model; those not stated have a value that only their name decides."""
+        found: dict[int, Rational | float] = {}
+        for n in self._inputs:
+            entry = self.program.inputs[n]
+            if entry.role == "symbol":
+                drawn = random_generator(crc32(entry.name.encode()) + attempt).standard_normal()
+                found[n] = self._stated.get(entry.name, float(np.exp(_SPREAD * drawn)))
+        return found
 
     def draw(self, rng: np.random.Generator, samples: int) -> dict[int, Floats]:
-        """Values of the inputs and of the arguments of signs, logarithms and roots.
-
-        Constants of the model are positive and the same at all samples.  Regions take turns, so that small ones are not
-        missed.
+        """Values of the inputs and of the arguments of signs, at points of all regions in turn.
 
         Returns
         -------
@@ -61,48 +143,63 @@ class RealPoints:
         InputError
             If no real point is found.
         """
-        found: list[Floats] = []
-        count, constants = 0, self._constants(rng)
-        for attempt in range(_ROUNDS):
-            table = self._try(rng, max(64, _CANDIDATES * samples), constants)
-            found.append(table)
-            count += table.shape[1]
-            if count >= samples:
-                chosen = self._by_turns(np.concatenate(found, axis=1), samples)
-                return dict(zip(self.watched, chosen, strict=True))
-            if not count and attempt % _PATIENCE == _PATIENCE - 1:
-                constants = self._constants(rng)
-        raise InputError("no real point was found at which all logarithms and square roots of the model are real")
+        search, values = self._search, self._search.values
+        turns = [search.regions[k % self.count] for k in range(samples)]
+        points = np.stack([r.points[int(rng.integers(len(r.points)))] for r in turns], axis=1)
+        signs = np.stack([r.signs for r in turns], axis=1)
+        points, table = self._moved(rng, points, signs)
+        reals = {n: np.full(samples, float(x)) for n, x in self._constants_used().items()}
+        for n in self._inputs:
+            if n not in reals:
+                size = np.exp(_SPREAD * rng.standard_normal(samples))
+                reals[n] = size * rng.choice([-1.0, 1.0], samples)
+        reals |= {n: points[k] for k, n in enumerate(values.variables)}
+        for k, n in enumerate(self._surfaces.nodes):
+            if n not in self._inputs:
+                reals[n] = signs[k] * np.maximum(np.abs(table[k]), np.finfo(float).tiny)
+        return reals
 
-    def _by_turns(self, table: Floats, samples: int) -> Floats:
-        """So many points, from every region in turn."""
-        if not self._sign_rows:
-            return table[:, :samples]
-        _, region = np.unique(table[self._sign_rows] > 0, axis=1, return_inverse=True)
-        region = region.reshape(-1)
-        by_region = np.argsort(region, kind="stable")
-        starts = np.searchsorted(region[by_region], np.arange(region.max() + 1))
-        turn = np.empty(len(region), dtype=np.intp)
-        turn[by_region] = np.arange(len(region)) - starts[region[by_region]]
-        return table[:, np.argsort(turn, kind="stable")[:samples]]
+    def _constants_used(self) -> Mapping[int, Rational | float]:
+        return self._search.values.constants
 
-    def _constants(self, rng: np.random.Generator) -> Mapping[int, float]:
-        symbols = [n for n in self._inputs if self.program.inputs[n].role == "symbol"]
-        return {n: float(np.exp(_SPREAD * rng.standard_normal())) for n in symbols}
+    def _moved(self, rng: np.random.Generator, points: Floats, signs: npt.NDArray[np.int8]) -> tuple[Floats, Floats]:
+        """Points at random places of their regions, with the values of the surfaces there."""
+        values, zero = self._search.values, self._search.zero
+        size = np.where(points == 0, 1.0, np.abs(points)) * 10 ** rng.uniform(-12, 0, points.shape[1])
+        moved = values.normal(points + size * rng.standard_normal(points.shape))
+        table = values.at(moved)
+        same = ~np.isnan(table).any(axis=0) & (table[len(signs) :] > 0).all(axis=0)
+        for k, n in enumerate(self._surfaces.nodes):
+            if n not in zero:
+                same &= np.sign(table[k]) == signs[k]
+        points = np.where(same, moved, points)
+        return points, values.at(points)
 
-    def _try(self, rng: np.random.Generator, samples: int, constants: Mapping[int, float]) -> Floats:
-        """Those of some random points that lie in the domain: array of shape (watched, points)."""
-        values = {}
-        for node in self._inputs:
-            magnitude = np.exp(_SPREAD * rng.standard_normal(samples))
-            random = magnitude * rng.choice([-1.0, 1.0], samples)
-            values[node] = np.full(samples, constants[node]) if node in constants else random
-        with np.errstate(all="ignore"):
-            table = self._schedule.run(FloatArithmetic(), values, samples)
-        good = np.isfinite(table).all(axis=0)
-        for row, node in enumerate(self.watched):
-            if node in self._positive:
-                good &= table[row] > 0
-            elif node in self._nonzero:
-                good &= table[row] != 0
-        return np.asarray(table[:, good], dtype=np.float64)
+    # -- remarks -----------------------------------------------------------------------------------------------------
+
+    def _one_sided(self) -> list[str]:
+        """Signs of which only one side is known."""
+        program, search = self.program, self._search
+        signs = {program.lhs[n] for n, op in enumerate(program.ops) if op == Op.SIGN} - set(self._surfaces.positive)
+        remarks = []
+        for k, n in enumerate(self._surfaces.nodes):
+            seen = {int(r.signs[k]) for r in search.regions}
+            if n not in signs or len(seen) > 1:
+                continue
+            kind = {1: "positive", -1: "negative", 0: "zero"}[seen.pop()]
+            known = "everywhere" if n in search.constant else "as far as 512 bits tell"
+            text = f"{kind} {known}" if n in search.constant or kind == "zero" else f"only {kind} values were found"
+            remarks.append(f"sign({self._shown(n)}): {text}")
+        return remarks
+
+    def _unstated(self) -> list[str]:
+        """Constants without a value that a surface depends on."""
+        drawn = [n for n in self._surfaces.inputs if n in self._constants_used()]
+        inputs, values = self.program.inputs, self._constants_used()
+        shown = [f"{inputs[n].name} = {float(values[n]):.3g}" for n in drawn if inputs[n].name not in self._stated]
+        return [f"regions as for {', '.join(shown)}, which have no stated value"] if shown else []
+
+    def _shown(self, node: int) -> str:
+        from echelon.program.sympy_bridge import to_sympy
+
+        return str(to_sympy(self.program, [node])[0])

@@ -1,8 +1,9 @@
 """Programs with some functions in the place of others.
 
 Functions that are rational in others are written out for exact work: |x| = sign(x)·x, tan = sin/cos,
-tanh x = (e²ˣ − 1)/(e²ˣ + 1), so that only sine, cosine, exponential, logarithm, square root and sign remain.  Programs
-keep them whole otherwise, because in floating point they are faster and do not overflow.
+tanh x = (e²ˣ − 1)/(e²ˣ + 1), and sines of arc tangents (:mod:`echelon.program.arcs`), so that only sine, cosine,
+exponential, logarithm, square root, sign and arc tangent remain.  Programs keep them whole otherwise, because in
+floating point they are faster and do not overflow.
 
 Functions that jump are smoothed for optimisation: sign(x) becomes tanh(x/w), and |x| = x·tanh(x/w).
 """
@@ -14,16 +15,17 @@ from fractions import Fraction
 from functools import partial
 
 from echelon.errors import InputError
+from echelon.program.arcs import circular
 from echelon.program.function import Argument, Function
 from echelon.program.operations import Op
 from echelon.program.scalar import Scalar
 from echelon.program.tape import Program
 
-_WRITTEN_OUT = (Op.ABS, Op.TAN, Op.TANH)
+_WRITTEN_OUT = (Op.ABS, Op.TAN, Op.TANH, Op.ATAN)
 
 
 def written_out(program: Program, outputs: Sequence[int]) -> tuple[Program, list[int]]:
-    """The same outputs without ABS, TAN and TANH; the program itself if it has none.
+    """The same outputs without ABS, TAN, TANH and sines of arc tangents; the program itself if it has none.
 
     Returns
     -------
@@ -98,7 +100,9 @@ def _in_rational_terms(copy: Program, op: Op, x: Scalar) -> Scalar:
     if op is Op.ABS:
         return copy.function(Op.SIGN, x) * x
     if op is Op.TAN:
-        return copy.sin(x) / copy.cos(x)
+        return circular(Op.SIN, x) / circular(Op.COS, x)
+    if op in (Op.SIN, Op.COS):
+        return circular(op, x)
     if op is Op.TANH:
         square = copy.function(Op.EXP, 2 * x)
         return (square - 1) / (square + 1)

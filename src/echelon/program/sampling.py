@@ -12,19 +12,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import reduce
 from math import prod
+from operator import mul
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.exact.field import PrimeField, Residues
+from echelon.exact.numbers import Rational
+from echelon.program.arcs import check_independent
 from echelon.program.canonical import CanonicalForms, Form, Product, Signs, Turn
 from echelon.program.constants import ConstantName, constant_names
+from echelon.program.derivatives import derivatives
 from echelon.program.generator_values import GeneratorValues, residues_of
 from echelon.program.operations import Op
-from echelon.program.region import RealPoints
+from echelon.program.region import RealPoints, RegionReport
 from echelon.program.rewriting import written_out
+from echelon.program.scalar import Scalar
 from echelon.program.schedule import ModularArithmetic, Schedule
 from echelon.program.tape import Program
+from echelon.seeds import DEFAULT_SEED, random_generator
 
 _Pattern = tuple[Signs, npt.NDArray[np.intp]]  # signs, and the samples that have them
 
@@ -37,6 +43,8 @@ class FieldSampler:
     program : Program
     outputs : sequence of int
         Output nodes.
+    values : mapping of str to number, optional
+        Stated values of constants, on which the regions of signs depend.
 
     Raises
     ------
@@ -44,7 +52,9 @@ class FieldSampler:
         If the algebraic relations between the program's functions are not known.
     """
 
-    def __init__(self, program: Program, outputs: Sequence[int]) -> None:
+    def __init__(
+        self, program: Program, outputs: Sequence[int], values: Mapping[str, Rational | float] | None = None
+    ) -> None:
         self.program, outputs = written_out(program, outputs)
         self.outputs = outputs
         ops = self.program.ops
@@ -52,19 +62,27 @@ class FieldSampler:
         functions = [n for n in needed if ops[n] >= Op.SIN]
         self._schedule = Schedule(self.program, outputs, functions)
         leaves = set(self._schedule.leaves)
-        self._functions = [n for n in functions if n in leaves and ops[n] != Op.SIGN]
+        self._arcs = [n for n in functions if n in leaves and ops[n] == Op.ATAN and self._varies(n)]
+        self._functions = [n for n in functions if n in leaves and ops[n] != Op.SIGN and n not in self._arcs]
         self._sign_leaves = [n for n in functions if n in leaves and ops[n] == Op.SIGN]
         self._plain = {self.program.inputs[n].name for n in needed if self._is_symbol(n)}
         self.canonical = CanonicalForms(self.program)
         has_regions = any(ops[n] in (Op.SIGN, Op.SQRT, Op.LOG) for n in functions)
-        self._region = RealPoints(self.program, outputs) if has_regions else None
+        self._region = RealPoints(self.program, outputs, values) if has_regions else None
         if self._region is None:
             self.canonical.forms([(n, ()) for n in self._functions])
+        if self._arcs:
+            self._check_arcs(values)
 
     @property
-    def has_regions(self) -> bool:
-        """Whether signs or domains make regions of the real points."""
-        return self._region is not None
+    def regions(self) -> int:
+        """Number of regions that signs and domains make of the real points; so many states visit them all."""
+        return self._region.count if self._region is not None else 1
+
+    @property
+    def region_report(self) -> RegionReport | None:
+        """Which regions are visited, where there are signs."""
+        return self._region.report if self._region is not None and self._sign_leaves else None
 
     @property
     def symbols(self) -> list[str]:
@@ -99,6 +117,28 @@ class FieldSampler:
         powers = max((canonical.unit(f"x{node}") for node in canonical.rooted), default=1)
         return max((_degree(form) for form in canonical.known), default=1) * roots * powers
 
+    def _varies(self, node: int) -> bool:
+        """Whether a node depends on the state."""
+        inputs = self.program.inputs
+        return any(n in inputs and inputs[n].role == "state" for n in self.program.needed([node]))
+
+    def _check_arcs(self, values: Mapping[str, Rational | float] | None) -> None:
+        """Refuse arc tangents that depend on one another or on angles."""
+        program = self.program
+        circular = [n for n in program.needed(self.outputs) if program.ops[n] in (Op.SIN, Op.COS)]
+        angles = [program.lhs[n] for n in circular if self._varies(n)]
+        nodes = list(dict.fromkeys([*self._arcs, *angles]))
+        inputs = [n for n in program.needed(nodes) if n in program.inputs and not self._is_symbol(n)]
+        recorded = derivatives(program, nodes, inputs)
+        slopes = [recorded.get((i, k), program.zero.node) for i in range(len(nodes)) for k in range(len(inputs))]
+        together = reduce(mul, (Scalar(program, n) for n in recorded.values()))  # so that all signs occur together
+        sampler, rng = FieldSampler(program, [*slopes, together.node], values), random_generator(DEFAULT_SEED)
+        field = PrimeField.random(rng)
+        geometry = {name: field.draw(rng, (1,)) for name in sampler.symbols}
+        table = sampler.evaluate(field, rng, sampler.regions * (len(nodes) + 1), geometry)[:-1, 0]
+        sampled = table.reshape(len(nodes), len(inputs), -1)
+        check_independent(sampled, len(self._arcs), sampler.regions, field)
+
     def _is_symbol(self, node: int) -> bool:
         return node in self.program.inputs and self.program.inputs[node].role == "symbol"
 
@@ -130,7 +170,8 @@ class FieldSampler:
         """
         geometries = len(next(iter(geometry.values()))) if geometry else 1
         samples = geometries * states
-        reals = self._region.draw(rng, samples) if self._region is not None else {}
+        reals = self._region.draw(rng, states) if self._region is not None else {}
+        reals = {node: np.tile(value, geometries) for node, value in reals.items()}
         patterns = self._patterns(reals, samples)
         spread = {name: np.repeat(value, states) for name, value in geometry.items()}
         wanted = {g for node in patterns for signs, _ in patterns[node] for g in generators_of(self._form(node, signs))}
@@ -140,6 +181,7 @@ class FieldSampler:
         values = {n: drawn.inputs[n] for n in inputs}
         for node in self._sign_leaves:
             values[node] = _embedded(np.sign(reals[self.program.lhs[node]]), field)
+        values |= {n: field.draw(rng, (samples,)) for n in self._arcs}
         circles = self._circles(generators, field)
         for node, regions in patterns.items():
             values[node] = self._combined(node, regions, generators, circles, field, samples)

@@ -11,6 +11,8 @@ from fractions import Fraction
 from math import isqrt
 from typing import TYPE_CHECKING, Any, NoReturn
 
+import numpy as np
+
 from echelon.errors import InputError
 from echelon.exact.numbers import Number, Rational, Surd, parse_decimal
 from echelon.program.operations import Op
@@ -111,6 +113,19 @@ class Scalar:
         """Arc tangent."""
         return self.program.function(Op.ATAN, self)
 
+    def arcsin(self) -> Scalar:
+        """Arc sine, as twice an arc tangent."""
+        return 2 * (self / (1 + (1 - self * self).sqrt())).arctan()
+
+    def arccos(self) -> Scalar:
+        """Arc cosine, as a right angle less the arc sine."""
+        return 2 * self.program.one.arctan() - self.arcsin()
+
+    def arctan2(self, x: Scalar | Number | float) -> Scalar:
+        """Angle of the point (x, self), as twice an arc tangent."""
+        other = Scalar(self.program, self._node_of(x))
+        return 2 * (self / (other + (other * other + self * self).sqrt())).arctan()
+
     def sqrt(self) -> Scalar:
         """Square root."""
         return square_root(self)
@@ -130,12 +145,23 @@ class Scalar:
     def __abs__(self) -> Scalar:
         return self.program.function(Op.ABS, self)
 
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        """NumPy's functions: the larger and smaller of values, and on arrays of objects what has a method here."""
+        chosen = {"maximum": maximum, "minimum": minimum}.get(ufunc.__name__)
+        if chosen is None or method != "__call__":
+            return getattr(ufunc, method)(*(_boxed(x) for x in inputs), **options)
+        a, b = (np.asarray(x, dtype=object) for x in np.broadcast_arrays(*(_boxed(x) for x in inputs)))
+        result = np.empty(a.shape, dtype=object)
+        for place in np.ndindex(a.shape):
+            result[place] = chosen(*(Scalar(self.program, self._node_of(x.item(place))) for x in (a, b)))
+        return result[()]
+
     # -- what a program cannot hold ------------------------------------------------------------------------------
 
     def _refuse(self, operation: str) -> NoReturn:
         raise InputError(
             f"{operation} of a recorded value: a model is recorded once for all values, so it cannot branch, compare "
-            "or convert; use abs(v), v.sign() and smooth functions"
+            "or convert; use abs(v), v.sign(), np.maximum(v, w) of single values and smooth functions"
         )
 
     def __bool__(self) -> bool:
@@ -164,6 +190,21 @@ class Scalar:
 
     def __repr__(self) -> str:
         return f"Scalar({Op(self.program.ops[self.node]).name}, node {self.node})"
+
+
+def maximum(a: Scalar, b: Scalar) -> Scalar:
+    """The larger of two values: (a + b + |a − b|)/2."""
+    return (a + b + abs(a - b)) / 2
+
+
+def minimum(a: Scalar, b: Scalar) -> Scalar:
+    """The smaller of two values: (a + b − |a − b|)/2."""
+    return (a + b - abs(a - b)) / 2
+
+
+def _boxed(value: Any) -> Any:
+    """A scalar as an array of objects without axes."""
+    return np.array(value, dtype=object) if isinstance(value, Scalar) else value
 
 
 def exact(value: Any) -> Number:

@@ -17,6 +17,7 @@ from typing import Any
 from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN
 from echelon.exact.numbers import Number, Rational, parse_decimal, parts_of
+from echelon.program.compound import COMPOUND
 from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.scalar import Scalar, power, square_root
 from echelon.program.tape import Program
@@ -27,6 +28,7 @@ SUPPORTED = {"Abs" if op is Op.ABS else op.name.lower(): op for op in FUNCTIONS}
 
 _CIRCULAR = ("sin", "cos", "tan")
 _BY_EXPONENTIALS = ("sinh", "cosh", "coth", "sech", "csch")
+_COMPOUND = {"asin": "asin", "acos": "acos", "atan2": "atan2", "Max": "max", "Min": "min", "Heaviside": "heaviside"}
 _RADICANDS = (1, 2, 3, 6)
 
 
@@ -154,6 +156,8 @@ class _Reader:
             return self.program.function(Op.EXP, self.program.one)
         if name in _BY_EXPONENTIALS:
             return self.read(e.rewrite(_exponential()))
+        if name in _COMPOUND:
+            return COMPOUND[_COMPOUND[name]][1]([self.read(argument) for argument in e.args])
         if not e.is_Function or name not in SUPPORTED or len(e.args) != 1:
             raise _refusal(e)
         return self._circular(name, e.args[0]) if name in _CIRCULAR else self._function(name, e.args[0])
@@ -230,7 +234,8 @@ def _refusal(e: Any) -> InputError:
     elif e.is_Derivative or (e.is_Function and type(type(e)).__name__ == "UndefinedFunction"):
         problem = "replace functions of time and their derivatives by symbols first (expression.subs)"
     elif e.is_Function:
-        problem = f"the function {type(e).__name__} is not supported (supported: {', '.join(SUPPORTED)})"
+        known = ", ".join((*SUPPORTED, *_BY_EXPONENTIALS, *_COMPOUND))
+        problem = f"the function {type(e).__name__} is not supported (supported: {known})"
     else:
         problem = f"{type(e).__name__} is not a real scalar that a program can hold"
     return InputError(problem, element=f"'{e}'")

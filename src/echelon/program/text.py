@@ -1,8 +1,8 @@
 """Expressions as text, recorded on a program: ``Fc*sign(qd[j5])*exp(-(qd[j5]/0.05)**2)``.
 
 The grammar is that of Python's arithmetic: exact decimals, names, subscripts such as ``qd[j5]`` or ``qd["left-knee"]``,
-``+ - * / **`` (or ``^``), parentheses, and functions of one argument.  ``pi`` is exact in sin, cos and tan.  The text
-is walked as a syntax tree; nothing is ever evaluated as code.
+``+ - * / **`` (or ``^``), parentheses, and functions.  ``pi`` is exact in sin, cos and tan.  The text is walked as a
+syntax tree; nothing is ever evaluated as code.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN
 from echelon.exact.expressions import PI, parse_angle
 from echelon.exact.numbers import parse_decimal
+from echelon.program.compound import COMPOUND
 from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.scalar import Scalar, power, square_root
 from echelon.program.tape import Program
 from echelon.program.turn import turned
 
-FUNCTION_NAMES = {op.name.lower(): op for op in FUNCTIONS}
+_PLAIN = {op.name.lower(): op for op in FUNCTIONS}
+FUNCTION_NAMES = (*_PLAIN, *COMPOUND)
 """The functions that a text may hold."""
 
 _LONGEST = 4000
@@ -89,9 +91,13 @@ class _Recorder:
                 return self.record(operand)
             case ast.BinOp(left=left, op=operation, right=right):
                 return self._binary(node, operation, self.record(left), self.record(right))
-            case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in FUNCTION_NAMES:
-                return self._function(FUNCTION_NAMES[name], argument)
-        valid = f"possible are numbers, names, + - * / ** and {', '.join(FUNCTION_NAMES)} of one argument"
+            case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in _PLAIN:
+                return self._function(_PLAIN[name], argument)
+            case ast.Call(func=ast.Name(id=name), args=[_, *_] as arguments, keywords=[]) if name in COMPOUND:
+                count, write = COMPOUND[name]
+                if count in (None, len(arguments)):
+                    return write([self.record(argument) for argument in arguments])
+        valid = f"possible are numbers, names, + - * / ** and the functions {', '.join(FUNCTION_NAMES)}"
         raise InputError(f"'{self._source(node)}' has no meaning here; {valid}")
 
     def _binary(self, node: ast.expr, operation: ast.operator, a: Scalar, b: Scalar) -> Scalar:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from echelon.exact.field import Residues
+from echelon.exact.numbers import Rational
 from echelon.program.sampling import FieldSampler
 from echelon.program.tape import Program
 from echelon.regressor.blocks import BlockRows
@@ -30,6 +31,8 @@ class LinearForms:
         What keeps motions on closed configurations, where there are loops.
     blocks : BlockRows, optional
         Combinations of rows, over all columns, that see little at a time.
+    values : mapping of str to number
+        Stated values of constants, on which the regions of signs depend.
     """
 
     program: Program
@@ -37,12 +40,13 @@ class LinearForms:
     shape: tuple[int, int]
     loops: Loops | None = None
     blocks: BlockRows | None = None
+    values: Mapping[str, Rational | float] = field(default_factory=dict)
 
     def columns(self, keep: Collection[int]) -> LinearForms:
         """The forms restricted to some columns, renumbered in the given order."""
         position = {column: i for i, column in enumerate(keep)}
         entries = {(r, position[c]): node for (r, c), node in self.entries.items() if c in position}
-        return LinearForms(self.program, entries, (self.shape[0], len(position)), self.loops)
+        return replace(self, entries=entries, shape=(self.shape[0], len(position)))
 
     def sampler(self, order: int | None = None) -> FieldSampler:
         """Evaluates all entries at random states modulo primes.
@@ -54,7 +58,7 @@ class LinearForms:
         """
         nodes = list(self.entries.values())
         if self.loops is None:
-            return FieldSampler(self.program, nodes)
+            return FieldSampler(self.program, nodes, self.values)
         return CurveSampler(self.program, nodes, self.loops, order or DEFAULT_ORDER)
 
     def stacked(self, values: Residues) -> Residues:

@@ -16,6 +16,7 @@ from functools import partial
 from echelon.errors import InputError
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.values import known_values
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.accelerations import Wrench, forward_accelerations, unit_wrenches
 from echelon.regressor.blocks import FEW_COLUMNS, BlockRows, blocks_of
@@ -99,7 +100,7 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
         loops = replace(loops, real=partial(real_inputs, mechanism))
     many = len(mechanism.parameters) > FEW_COLUMNS
     blocks = _block_powers(recorded) if many and mechanism.measures_every_force and not mechanism.closures else None
-    return LinearForms(program, entries, (1, len(mechanism.parameters)), loops, blocks)
+    return LinearForms(program, entries, (1, len(mechanism.parameters)), loops, blocks, known_values(mechanism))
 
 
 def _block_powers(recorded: _RecordedPowers) -> BlockRows:

@@ -71,6 +71,8 @@ class CertificateRecord(_Strict):
     log10_error: float
     order: int = 0
     at_values: bool = Field(False, description="Whether the minor was taken at the stated values of the symbols.")
+    regions: int = Field(0, description="Regions of signs that were visited; 0 without signs.")
+    regions_note: str = ""
 
 
 class SpecialRecord(_Strict):

@@ -18,10 +18,13 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.program.canonical import Turn
 from echelon.program.generator_values import GeneratorValues
 from echelon.program.operations import Op
+from echelon.program.region import RegionReport
+from echelon.program.region_search import COMPLETE
 from echelon.program.sampling import FieldSampler, generators_of
-from echelon.program.schedule import FloatArithmetic, Schedule
+from echelon.program.schedule import Schedule
 from echelon.program.tape import Program
 from echelon.regressor.loops.closed_curve import ClosedCurve
+from echelon.regressor.loops.closed_regions import REAL_STATES, closed_regions
 from echelon.regressor.loops.closures import Loops
 from echelon.regressor.loops.exponentials import Exponentials
 from echelon.regressor.loops.moving import Layout, Pose
@@ -32,7 +35,6 @@ from echelon.seeds import DEFAULT_SEED, random_generator
 DEFAULT_ORDER = 16
 _LOST = 2  # coefficients that are not known of accelerations
 _REGULAR_ORDER = 16  # half of these coefficients show whether a curve is closed
-_REAL_STATES, _MOST_REGIONS = 512, 24  # real states that show which signs occur together
 _SURPLUS = 3  # halves: that many more coefficients are taken than states, because some are not independent
 
 
@@ -63,6 +65,9 @@ class CurveSampler(FieldSampler):
         functions = [n for n in self._schedule.leaves if n not in self.program.inputs]
         first, last = len(outputs), len(outputs) + len(closing)
         equations = self.outputs[first : first + len(loops.equations.equations)]
+        if self._arcs:
+            raise UnknownRelationsError("an arc tangent of what moves in a mechanism with loops")
+        self._main_outputs = first
         self._main = Schedule(self.program, self.outputs[:first], functions)
         self._speeds = Schedule(self.program, self.outputs[last:], functions)
         turns, turning = self._moving_turns(layout)
@@ -136,7 +141,7 @@ class CurveSampler(FieldSampler):
         """Evaluate along random curves from given closed poses; see :meth:`evaluate`."""
         positions = self._positions(field, rng, geometry)
         geometries, curves = positions.samples, 1 + -(-_SURPLUS * states // (2 * self.order))
-        curves = max(curves, min(len(self._regions), _MOST_REGIONS))
+        curves = max(curves, len(self._regions))
         positions = positions.at(np.repeat(np.arange(geometries), curves))
         signs = self._signs(field, rng, geometries * curves)
         curve = self._curve(positions, pose.repeated(curves), rng, self.order + _LOST, signs)
@@ -171,18 +176,29 @@ class CurveSampler(FieldSampler):
 
     # -- signs -----------------------------------------------------------------------------------------------------
 
-    @cached_property
+    @property
+    def regions(self) -> int:
+        """1: every state is a combination of curves through all regions."""
+        return 1
+
+    @property
+    def region_report(self) -> RegionReport | None:
+        """Which regions are visited, where there are signs."""
+        return self._closed_regions[1] if self._sign_leaves else None
+
+    @property
     def _regions(self) -> npt.NDArray[np.int64]:
         """Signs that occur together on closed configurations, (regions, nodes that are signs)."""
+        return self._closed_regions[0]
+
+    @cached_property
+    def _closed_regions(self) -> tuple[npt.NDArray[np.int64], RegionReport]:
         if not self._sign_leaves:
-            return np.ones((1, 0), dtype=np.int64)
+            return np.ones((1, 0), dtype=np.int64), RegionReport(1, COMPLETE)
         if self.loops.real is None:
             raise UnknownRelationsError("signs of what moves in a mechanism with loops")
-        inputs = self.loops.real(random_generator(DEFAULT_SEED), _REAL_STATES)
-        arguments = Schedule(self.program, [self.program.lhs[node] for node in self._sign_leaves])
-        leaves = {node: inputs[self.program.inputs[node].name] for node in arguments.leaves}
-        signs = np.sign(arguments.run(FloatArithmetic(), leaves, _REAL_STATES)).astype(np.int64)
-        return np.unique(signs.T, axis=0)
+        states = self.loops.real(random_generator(DEFAULT_SEED), REAL_STATES)
+        return closed_regions(self.program, self.outputs[: self._main_outputs], self._sign_leaves, states)
 
     def _signs(self, field: PrimeField, rng: np.random.Generator, samples: int) -> dict[int, Residues]:
         """Values of the nodes that are signs: regions take turns, in random order."""

@@ -1,0 +1,91 @@
+"""Arc tangents in exact work: written out inside sines and cosines, independent of all else elsewhere.
+
+e^(i·atan w) = (1 + i·w)/√(1 + w²), so sines and cosines of integer multiples of arc tangents, plus anything, are
+algebraic in their arguments.
+
+2i·atan w is a logarithm of (1 + i·w)/(1 − i·w).  By Ax's theorem ("On Schanuel's conjectures", Annals of Mathematics
+93, 1971) arc tangents are algebraically independent of one another and of the other functions, unless a rational
+combination of them and of arguments of sines and cosines is constant in a region.  Then the same combination of their
+derivatives vanishes.  So arc tangents whose derivatives are linearly independent of these stand for random elements of
+a field; whether they are is decided exactly, region by region.  Where they are not, the combination is constant, but
+that constant is not looked for: such relations count as unknown.
+"""
+
+from __future__ import annotations
+
+from echelon.errors import UnknownRelationsError
+from echelon.exact.elimination import rank
+from echelon.exact.field import PrimeField, Residues
+from echelon.program.operations import Op
+from echelon.program.scalar import Scalar, square_root
+from echelon.program.tape import Program
+
+_LARGEST_MULTIPLE = 24
+
+
+def circular(op: Op, angle: Scalar) -> Scalar:
+    """Sine or cosine of an angle that may hold integer multiples of arc tangents.
+
+    Parameters
+    ----------
+    op : Op
+        SIN or COS.
+    angle : Scalar
+    """
+    program = angle.program
+    arcs: dict[int, int] = {}
+    rest = _without_arcs(program, angle.node, 1, arcs)
+    counts = {program.lhs[n]: count for n, count in arcs.items() if count}
+    if not counts or any(abs(count) > _LARGEST_MULTIPLE for count in counts.values()):
+        return program.function(op, angle)
+    cosine, sine = program.cos(rest), program.sin(rest)
+    for node, count in counts.items():
+        w = Scalar(program, node) if count > 0 else -Scalar(program, node)
+        below = (1 + w * w) ** (abs(count) // 2)
+        for _ in range(abs(count)):
+            cosine, sine = cosine - sine * w, sine + cosine * w
+        below = below * square_root(1 + w * w) if count % 2 else below
+        cosine, sine = cosine / below, sine / below
+    return sine if op is Op.SIN else cosine
+
+
+def _without_arcs(program: Program, node: int, factor: int, arcs: dict[int, int]) -> Scalar:
+    """factor · node without its integer multiples of arc tangents, which are counted."""
+    op, a, b = Op(program.ops[node]), program.lhs[node], program.rhs[node]
+    if op is Op.ATAN:
+        arcs[node] = arcs.get(node, 0) + factor
+        return program.zero
+    if op is Op.NEG:
+        return _without_arcs(program, a, -factor, arcs)
+    if op in (Op.ADD, Op.SUB):
+        other = factor if op is Op.ADD else -factor
+        return _without_arcs(program, a, factor, arcs) + _without_arcs(program, b, other, arcs)
+    if op is Op.MUL:
+        for number, value in ((program.constants.get(a), b), (program.constants.get(b), a)):
+            if isinstance(number, int):
+                return _without_arcs(program, value, factor * number, arcs)
+    return Scalar(program, node) * factor
+
+
+def check_independent(slopes: Residues, arcs: int, regions: int, field: PrimeField) -> None:
+    """Check arc tangents by the derivatives of them and of arguments of sines and cosines.
+
+    Parameters
+    ----------
+    slopes : array of shape (functions, inputs, states)
+        Derivatives, those of the arc tangents first; states visit all regions in turn.
+    arcs : int
+        Number of arc tangents.
+    regions : int
+    field : PrimeField
+
+    Raises
+    ------
+    UnknownRelationsError
+        If they depend on one another in a region.
+    """
+    for region in range(regions):
+        table = slopes[:, :, region::regions].reshape(len(slopes), -1).T
+        angles = rank(table[:, arcs:], field) if arcs < len(slopes) else 0
+        if rank(table, field) < arcs + angles:
+            raise UnknownRelationsError("arc tangents that differ by a constant, or from an angle, in some region")

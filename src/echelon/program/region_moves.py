@@ -1,0 +1,201 @@
+"""Real points where signs are not yet known: random ones, roots along axes, and descent to wanted signs.
+
+All moves work on many points at once.  None has to succeed: what they find is checked before it counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.program.real_values import RealValues
+
+Floats = npt.NDArray[np.float64]
+Places = npt.NDArray[np.intp]
+
+_SPREAD, _DECADES = 1.5, 6.0
+_GRID = np.concatenate([[0.0], 10 ** np.linspace(-8, 8, 161), np.linspace(0.05, 8, 160)])
+_HALVINGS = 60
+_BESIDE = 10.0 ** -np.array([0.5, 1, 2, 3, 5, 7, 9, 11])
+"""How far beside a root to look, relative to its size: other surfaces may be near."""
+_SECANT_STEPS = 4
+_DESCENT, _UNREAL = 150, 1e6
+
+
+def random_points(rng: np.random.Generator, variables: int, count: int) -> Floats:
+    """Random points of either sign: of order one, of one random order of magnitude each, and of many.
+
+    Returns
+    -------
+    array of shape (variables, count)
+    """
+    magnitude = np.exp(_SPREAD * rng.standard_normal((variables, count)))
+    size = 10 ** rng.uniform(-_DECADES, _DECADES, (variables, count))
+    kind = np.arange(count) % 4
+    magnitude = np.where(kind == 2, magnitude * size[:1], np.where(kind == 3, size, magnitude))
+    return np.asarray(magnitude * rng.choice([-1.0, 1.0], magnitude.shape), dtype=np.float64)
+
+
+def along_axes(values: RealValues, points: Floats) -> list[Floats]:
+    """Points along all axes through some points, and beside the roots of surfaces between them.
+
+    Parameters
+    ----------
+    values : RealValues
+    points : array of shape (variables, points)
+
+    Returns
+    -------
+    list of arrays of shape (variables, any number)
+    """
+    steps = np.concatenate([-_GRID[::-1], _GRID])
+    steps.sort()
+    found = []
+    for axis in range(len(points)):
+        line = np.repeat(points[:, :, None], len(steps), axis=2)
+        line[axis] = steps
+        flat = line.reshape(len(points), -1)
+        table = values.at(flat).reshape(-1, points.shape[1], len(steps))
+        found += [flat, _beside_roots(values, points, axis, steps, table)]
+    return found
+
+
+def _beside_roots(values: RealValues, points: Floats, axis: int, steps: Floats, table: Floats) -> Floats:
+    """Points beside the roots that a change of sign between neighbours on lines brackets."""
+    first, last = np.sign(table[:, :, :-1]), np.sign(table[:, :, 1:])
+    surface, line, cell = np.nonzero(first * last < 0)
+    if not len(surface):
+        return points[:, :0]
+    moved = points[:, line].copy()
+    low, high = steps[cell].copy(), steps[cell + 1].copy()
+    positive = table[surface, line, cell] > 0
+    for _ in range(_HALVINGS):
+        moved[axis] = (low + high) / 2
+        same = (values.at(moved)[surface, np.arange(len(surface))] > 0) == positive
+        low, high = np.where(same, moved[axis], low), np.where(same, high, moved[axis])
+    return beside(moved, np.full(len(surface), axis), high)
+
+
+def beside(points: Floats, axis: Places, root: Floats) -> Floats:
+    """Points on both sides of a root along an axis, near and less near.
+
+    Parameters
+    ----------
+    points : array of shape (variables, roots)
+    axis : array of shape (roots,)
+    root : array of shape (roots,)
+        Coordinates along the axes.
+
+    Returns
+    -------
+    array of shape (variables, sides · roots)
+    """
+    sides = np.concatenate([-_BESIDE, _BESIDE])
+    spread = np.repeat(points[:, :, None], len(sides), axis=2)
+    size = np.where(root == 0, 1.0, np.abs(root))
+    spread[axis, np.arange(len(root))] = root[:, None] + size[:, None] * sides
+    return spread.reshape(len(points), -1)
+
+
+def solved(values: RealValues, points: Floats, surface: Places, axis: Places) -> Floats:
+    """Points beside roots of surfaces along axes, by secants: exact where a surface is affine in a variable.
+
+    Parameters
+    ----------
+    values : RealValues
+    points : array of shape (variables, points)
+    surface, axis : arrays of shape (points,)
+        The surface to cross from each point, and the variable to change.
+    """
+    each = np.arange(len(surface))
+    old, new = points.copy(), points.copy()
+    new[axis, each] += 1e-3 * (1 + np.abs(points[axis, each]))
+    value = values.at(old)[surface, each]
+    with np.errstate(all="ignore"):
+        for _ in range(_SECANT_STEPS):
+            other = values.at(new)[surface, each]
+            step = other * (new[axis, each] - old[axis, each]) / (other - value)
+            old, value = new.copy(), other
+            new[axis, each] -= np.where(np.isfinite(step), step, 0.0)
+    good = np.isfinite(new).all(axis=0)
+    return beside(new[:, good], axis[good], new[axis, each][good])
+
+
+def descended(values: RealValues, points: Floats, wanted: Floats, rng: np.random.Generator) -> Floats:
+    """Points moved towards wanted signs, by random steps of all sizes that violate them less.
+
+    Parameters
+    ----------
+    values : RealValues
+    points : array of shape (variables, points)
+    wanted : array of shape (surfaces, points)
+        ±1, or 0 for signs that do not matter.  What must be positive is wanted so in addition.
+    rng : numpy Generator
+
+    Returns
+    -------
+    array of shape (variables, points)
+    """
+    points = points.copy()
+    table = values.at(points)
+    wanted = np.concatenate([wanted, np.ones((len(table) - len(wanted), points.shape[1]))])
+    scale = np.abs(table)
+    scale[~(scale > 0) | ~np.isfinite(scale)] = 1.0
+    cost = _violation(table, wanted, scale)
+    for _ in range(_DESCENT):
+        left = np.flatnonzero(cost > 0)
+        if not len(left):
+            break
+        tried = _stepped(values, points[:, left], table[:, left], wanted[:, left], rng)
+        found = values.at(values.normal(tried))
+        better = _violation(found, wanted[:, left], scale[:, left])
+        kept = better < cost[left]
+        chosen = left[kept]
+        points[:, chosen], table[:, chosen], cost[chosen] = tried[:, kept], found[:, kept], better[kept]
+    return points
+
+
+def _violation(table: Floats, wanted: Floats, scale: Floats) -> Floats:
+    """How far points are from the wanted signs, in units of the surfaces' first values."""
+    with np.errstate(all="ignore"):
+        wrong = np.where(wanted * table > 0, 0.0, 1e-12 + np.abs(table) / scale)
+    wrong = np.where(np.isfinite(wrong), wrong, _UNREAL)
+    return np.asarray(np.where(wanted == 0, 0.0, wrong).sum(axis=0), dtype=np.float64)
+
+
+def _stepped(values: RealValues, points: Floats, table: Floats, wanted: Floats, rng: np.random.Generator) -> Floats:
+    """Each point with one step: to a root or an extreme value of a surface on the wrong side, or by chance."""
+    count, variables = points.shape[1], len(points)
+    each = np.arange(count)
+    wrong = (wanted != 0) & ~(wanted * table > 0)
+    surface = np.argmax(wrong * rng.random(wrong.shape), axis=0)
+    axis = _chosen_axes(values.cones, surface, rng)
+    direction = np.zeros(points.shape)
+    direction[axis, each] = 1.0
+    several = rng.random(count) < 0.4
+    direction[:, several] = rng.standard_normal((variables, int(np.count_nonzero(several))))
+    size = 10 ** rng.uniform(-9, 1, count) * np.where(rng.random(count) < 0.5, 1.0, np.abs(points[axis, each]) + 1e-3)
+    step = size * rng.choice([-1.0, 1.0], count)
+    h = 10 ** rng.uniform(-6, -1, count) * (np.abs(points[axis, each]) + 1e-3)
+    here = table[surface, each]
+    ahead = values.at(points + h * direction)[surface, each]
+    behind = values.at(points - h * direction)[surface, each]
+    with np.errstate(all="ignore"):
+        root = -here * h / (ahead - here) * (1 + 10 ** rng.uniform(-10, 0.5, count))
+        vertex = h / 2 * (behind - ahead) / (ahead - 2 * here + behind)  # of the parabola: exact for squares
+    kind = rng.integers(0, 3, count)
+    step = np.where((kind == 0) & np.isfinite(root), root, step)
+    step = np.where((kind == 1) & np.isfinite(vertex), vertex, step)
+    return np.asarray(points + step * direction, dtype=np.float64)
+
+
+def _chosen_axes(cones: Sequence[Sequence[int]], surface: Places, rng: np.random.Generator) -> Places:
+    """A random variable of each surface."""
+    sizes = np.array([max(1, len(cone)) for cone in cones])
+    table = np.zeros((len(cones), sizes.max()), dtype=np.intp)
+    for k, cone in enumerate(cones):
+        table[k, : len(cone)] = cone
+    chosen: Places = table[surface, (rng.random(len(surface)) * sizes[surface]).astype(np.intp)]
+    return chosen
