@@ -7,13 +7,14 @@ DEV := $(VENV)/.dev
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help venv demo test lint slow bench clean
+.PHONY: help venv demo test lint slow mutate bench clean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo    derive the base parameters of a robot arm"
 	@echo "make test    lint, types, layers and tests"
 	@echo "make slow    the tests that take long"
+	@echo "make mutate  plant small faults in the core, which the tests must notice"
 	@echo "make bench   compare speed and results with other tools"
 	@echo "make venv    only set up the development environment"
 	@echo "make clean   remove the environment and everything generated"
@@ -45,6 +46,10 @@ test: lint
 
 slow: $(DEV)
 	$(BIN)/pytest -n auto -m slow
+
+# MUTATE="--only exact/ --jobs 4" chooses faults and how many run at the same time
+mutate: $(DEV)
+	cd tests && ../$(BIN)/python -m mutation $(MUTATE)
 
 bench: $(DEV)
 	$(BIN)/python benchmarks/bench.py

@@ -11,6 +11,8 @@ import sympy
 import arms
 import echelon as ec
 from echelon.base.order import column_order
+from echelon.formats.description import read_description_data
+from echelon.formats.options import ReadingOptions
 from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.parameter import Parameter, inertial_parameter
@@ -68,6 +70,20 @@ def test_tip_to_base_takes_the_last_bodies_first() -> None:
     model = ec.base_parameters(arms.rx90(), order="tip-to-base")
     assert [model.parameters[c] for c in model.matrix.order[:10]] == list(model.parameters[-10:])
     assert [name[-1] for name in model.pivots] == sorted((name[-1] for name in model.pivots), reverse=True)
+
+
+def test_parameters_of_effects_stay_last() -> None:
+    """From the tip, too: friction is a representative of nothing but itself unless it is preferred."""
+    row = {"joint": "revolute", "alpha": "pi/2", "a": "0.2"}
+    effects = [{"type": kind, "at": "all"} for kind in ("viscous", "rotor_inertia")]
+    data = {"echelon": 1, "name": "arm", "modified_dh": [row] * 2, "effects": effects}
+    arm = read_description_data(data, "arm", ReadingOptions())
+    order = column_order(arm.columns, "tip-to-base")
+    assert [arm.parameters[c] for c in order[-4:]] == ["Fv1", "Fv2", "Ia1", "Ia2"]
+    assert [arm.parameters[c][-1] for c in order[:20]] == ["2"] * 10 + ["1"] * 10
+    assert [arm.parameters[c] for c in column_order(arm.columns, "tip-to-base", ["Ia2"])[:2]] == ["Ia2", "XX2"]
+    # the inertia of the first rotor cannot be told from those of links, among which are the representatives
+    assert "Ia1" not in ec.base_parameters(arm, order="tip-to-base").pivots
 
 
 def test_what_cannot_be_seen_cannot_be_a_representative() -> None:

@@ -19,6 +19,8 @@ from echelon.excite.constraints.motion import MotionLimit
 from echelon.excite.constraints.narrowed import narrowed
 from echelon.excite.constraints.state import StateConstraint, StateLimits
 from echelon.mechanism.mechanism import Mechanism
+from echelon.program.function import Argument, Function
+from echelon.program.tape import Program
 from exciting import Floats, all_limits, points, slopes_by_state, torques, tx40_standard, ur10
 from oracles import float_regressor, random_states, standard_vector
 from robots import has_pinocchio, pinocchio_model, pinocchio_state, robot_file
@@ -182,6 +184,43 @@ def test_enclosures_hold(case: int, size: float) -> None:
         assert np.all(values <= high + slack)
     if size == 0:
         np.testing.assert_allclose(high, low, atol=1e-9 * np.abs(values).max())
+
+
+def with_zeros() -> StateLimits:
+    """Limits of five functions of (q1, q2), of which the first, the third and the last are structurally zero."""
+    program = Program()
+    x, y = program.input("x"), program.input("y")
+    argument = Argument("q", (x.node, y.node), ("q1", "q2"), ("rad", "rad"))
+    labels = ("none", "sum", "nothing", "product", "zero")
+    # not in the order of the rows, either
+    function = Function("mixed", program, (argument,), {(3,): (x * y).node, (1,): (x + y).node}, (labels,))
+    high = np.array([1.0, 5, 1, 20, 1])
+    return StateLimits(function, {}, labels, ("",) * 5, -high, high)
+
+
+def test_functions_that_vanish_keep_their_places() -> None:
+    limits = with_zeros()
+    q = np.array([[3.0, 5.0], [-1.0, 4.0]])
+    expected = [[0, 8, 0, 15, 0], [0, 3, 0, -4, 0]]
+    np.testing.assert_array_equal(limits.values(q, 0 * q, 0 * q), expected)
+    low, high = limits.enclosures(dict.fromkeys(STATE, (q, q)))
+    np.testing.assert_allclose(low, expected, atol=1e-12)
+    np.testing.assert_allclose(high, expected, atol=1e-12)
+    by_q, by_qd, by_qdd = limits.slopes(q, 0 * q, 0 * q)
+    assert by_qd is None
+    assert by_qdd is None
+    assert by_q is not None
+    np.testing.assert_array_equal(by_q[0], [[0, 0], [1, 1], [0, 0], [5, 3], [0, 0]])
+
+
+def test_a_limit_is_broken_where_it_is_although_others_vanish() -> None:
+    """The sum reaches 8, beyond its 5; taken for one of its neighbours it would seem to be kept."""
+    limits = with_zeros()
+    box = np.array([[2.9, 4.9]]), np.array([[3.1, 5.1]])
+    low, high = limits.enclosures(dict.fromkeys(STATE, box))
+    assert (low[0, 1], high[0, 1]) == (pytest.approx(7.8), pytest.approx(8.2))
+    assert (low[0, 3], high[0, 3]) == (pytest.approx(2.9 * 4.9), pytest.approx(3.1 * 5.1))
+    np.testing.assert_array_equal(low[0] > limits.high, [False, True, False, False, False])
 
 
 # -- other constraints -------------------------------------------------------------------------------------------------

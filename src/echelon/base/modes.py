@@ -1,13 +1,17 @@
 """Assembly modes: a mechanism with loops can often be put together in several ways, each with a rank of its own.
 
 Modulo a prime there is no telling which of its closed poses belongs to which mode.  But modes that differ in what can
-be seen differ in which columns depend on which; that is found pose by pose, and it sorts poses afterwards.
+be seen differ in which columns depend on which, or in how; that is found pose by pose, and it sorts poses afterwards.
+
+Coefficients at different geometries and primes cannot be compared, but those that are simple rational numbers can: two
+cranks in one guide turn by q₂ = ±q₁, and the first moments of the second one count with the sign.  Modes with the same
+dependences are told apart by such coefficients only; where there are none, it is said and nothing is mixed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -16,32 +20,33 @@ from echelon.base.rows import Rows, rows_of
 from echelon.errors import DegenerateSampleError, EchelonError, InputError, SingularPoseError
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
+from echelon.exact.numbers import Rational
+from echelon.exact.reconstruction import rational
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.linear import LinearForms
-from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.curves import CurveSampler
 from echelon.regressor.loops.moving import Pose
-from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 Dependence = dict[int, tuple[int, ...]]
 """Dependent columns, with the columns that each depends on."""
 
-_Key = tuple[tuple[int, tuple[int, ...]], ...]
+_Relations = dict[int, dict[int, int]]
+"""Dependent columns as combinations of others, modulo a prime."""
+
+_Marks = tuple[tuple[tuple[int, int], Rational], ...]
+_Key = tuple[tuple[tuple[int, tuple[int, ...]], ...], _Marks | None]
 
 _POSES, _FEW_POSES = 6, 1  # variants tried at each random geometry
 _ATTEMPTS = 8
 _FIRST_ORDER, _LARGEST_ORDER = 12, 96
 _SURPLUS_ROWS = 8
-_STATES, _NEAR = 20, 0.2  # real states
-_FITS, _NOISE = 1e-6, 1e-8  # how well a mode's relations hold there, and what counts as nothing
 _ANY = ""  # name of no symbol, to count geometries where there are no symbols
 
 
 @dataclass(frozen=True)
 class Mode:
-    """What depends on what in one assembly mode.
+    """What depends on what in one assembly mode, and how.
 
     Attributes
     ----------
@@ -49,10 +54,14 @@ class Mode:
         Dependent columns of the rows, with the columns that each depends on.
     order : int
         Number of coefficients along curves that showed it.
+    marks : mapping of (int, int) to int or Fraction, or None
+        Coefficients, by dependent column and the column it depends on, in which it differs from modes with the same
+        dependence.  None for several modes that no simple coefficient tells apart.
     """
 
     dependence: Mapping[int, tuple[int, ...]]
     order: int
+    marks: Mapping[tuple[int, int], Rational] | None = field(default_factory=dict)
 
 
 def find_modes(rows: Rows, rng: np.random.Generator) -> list[Mode]:
@@ -75,7 +84,8 @@ def find_modes(rows: Rows, rng: np.random.Generator) -> list[Mode]:
     order, poses, failure = _FIRST_ORDER, _POSES, ""
     for _ in range(_ATTEMPTS):
         try:
-            found = {tuple(sorted(d.items())) for d in _dependences(rows, PrimeField.random(rng), rng, order, poses)}
+            prime = PrimeField.random(rng)
+            found = _keys(_relations_at_poses(rows, prime, rng, order, poses), prime)
         except DegenerateSampleError as error:
             failure = str(error)
             continue
@@ -88,14 +98,45 @@ def find_modes(rows: Rows, rng: np.random.Generator) -> list[Mode]:
         order, poses = min(2 * order, _LARGEST_ORDER), _POSES if len(orders) > 1 else _FEW_POSES
     if not orders:
         raise SingularPoseError(failure)
-    confirmed = [Mode(dict(key), min(seen)) for key, seen in orders.items() if len(seen) > 1]
+    marked = {support for support, marks in orders if marks != ()}
+    confirmed = [
+        Mode(dict(support), min(seen), None if marks is None else dict(marks))
+        for (support, marks), seen in orders.items()
+        if len(seen) > 1 and (marks != () or support not in marked)  # a geometry may show one of several modes only
+    ]
     if not confirmed:
         raise EchelonError("random points keep contradicting each other; please report this model")
     return sorted(confirmed, key=lambda mode: -len(mode.dependence))
 
 
-def _dependences(rows: Rows, field: PrimeField, rng: np.random.Generator, order: int, poses: int) -> list[Dependence]:
-    """What depends on what at some random closed poses of a random geometry."""
+def _keys(poses: Sequence[_Relations], field: PrimeField) -> set[_Key]:
+    """What sets the modes of some poses of one geometry apart, in terms that hold for other geometries and primes."""
+    by_support: dict[tuple[tuple[int, tuple[int, ...]], ...], list[_Relations]] = {}
+    for relations in poses:
+        support = tuple((column, tuple(combination)) for column, combination in sorted(relations.items()))
+        others = by_support.setdefault(support, [])
+        if relations not in others:
+            others.append(relations)
+    return {(support, marks) for support, found in by_support.items() for marks in _marks(found, field)}
+
+
+def _marks(modes: Sequence[_Relations], field: PrimeField) -> list[_Marks | None]:
+    """Simple coefficients that tell some modes with the same dependence apart, for each; None where none do."""
+    differing = [(c, s) for c in modes[0] for s in modes[0][c] if len({mode[c][s] for mode in modes}) > 1]
+    simple: list[tuple[tuple[int, int], list[Rational]]] = []
+    for c, s in differing:
+        values = [rational(mode[c][s], field.p) for mode in modes]
+        known = [value for value in values if value is not None]
+        if len(known) == len(modes):
+            simple.append(((c, s), known))
+    found: list[_Marks | None] = [tuple((place, values[k]) for place, values in simple) for k in range(len(modes))]
+    return found if len(set(found)) == len(modes) else [None]
+
+
+def _relations_at_poses(
+    rows: Rows, field: PrimeField, rng: np.random.Generator, order: int, poses: int
+) -> list[_Relations]:
+    """How columns depend on others at some random closed poses of a random geometry."""
     sampler = rows.forms.sampler(order)
     assert isinstance(sampler, CurveSampler)
     geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
@@ -104,7 +145,7 @@ def _dependences(rows: Rows, field: PrimeField, rng: np.random.Generator, order:
     repeated = {s: np.repeat(value, len(distinct)) for s, value in geometry.items()}
     repeated[_ANY] = np.zeros(len(distinct), dtype=np.int64)
     tables = _tables(rows, sampler, field, rng, repeated, pose.at(distinct))
-    return [dependence(table, rows.auxiliary, field) for table in tables]
+    return [_relations(table, rows.auxiliary, field) for table in tables]
 
 
 def _distinct(pose: Pose) -> npt.NDArray[np.intp]:
@@ -128,11 +169,17 @@ def _tables(
 
 def dependence(table: Residues, auxiliary: int, field: PrimeField) -> Dependence:
     """Dependent columns of a table, counted after the auxiliary ones, with the columns that each depends on."""
+    return {column: tuple(sources) for column, sources in _relations(table, auxiliary, field).items()}
+
+
+def _relations(table: Residues, auxiliary: int, field: PrimeField) -> _Relations:
     reduced, pivots = reduced_echelon(table, field)
     return {
-        column - auxiliary: tuple(
-            p - auxiliary for row, p in enumerate(pivots) if auxiliary <= p < column and int(reduced[row, column])
-        )
+        column - auxiliary: {
+            p - auxiliary: coefficient
+            for row, p in enumerate(pivots)
+            if auxiliary <= p < column and (coefficient := int(reduced[row, column]))
+        }
         for column in sorted(set(range(table.shape[1])) - set(pivots))
     }
 
@@ -162,8 +209,13 @@ class InMode:
         own = {s: geometry[s] if s in geometry else field.draw(rng, (count,)) for s in sampler.symbols}
         own[_ANY] = np.zeros(count, dtype=np.int64)
         tables = _tables(self.rows, sampler, field, rng, own, pose)
+        return np.array([self._holds(_relations(table, self.rows.auxiliary, field), field) for table in tables])
+
+    def _holds(self, relations: _Relations, field: PrimeField) -> bool:
         wanted = self.mode.dependence
-        return np.array([dependence(table, self.rows.auxiliary, field).keys() == wanted.keys() for table in tables])
+        if {column: tuple(sources) for column, sources in relations.items()} != wanted:
+            return False
+        return all(relations[c][s] == field.embed(value) for (c, s), value in (self.mode.marks or {}).items())
 
 
 def in_mode(forms: LinearForms, accepted: InMode | None) -> LinearForms:
@@ -207,38 +259,3 @@ def assembly_modes(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> tuple[i
     except SingularPoseError as error:
         raise InputError(f"no other closed poses were found: {error}") from None
     return tuple(len(mechanism.parameters) - len(mode.dependence) for mode in modes)
-
-
-def own_mode(mechanism: Mechanism, columns: Sequence[int], modes: Sequence[Mode]) -> Mode | None:
-    """The mode that the mechanism's own assembly pose is in.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    columns : sequence of int
-        Those of the mechanism's parameters that the modes count.
-    modes : sequence of Mode
-        Those with the lowest rank first.
-
-    Returns
-    -------
-    Mode or None
-        None where it cannot be told, because symbols have no values or modes meet at the pose.
-    """
-    states = _STATES + 4 * len(columns) // max(1, len(mechanism.outputs))
-    try:
-        # near the pose: farther away the walk could pass to another mode
-        real = Assembly(mechanism).random_closed_states(random_generator(DEFAULT_SEED), states, _NEAR)
-        values = evaluate_floats(virtual_power_form(mechanism), mechanism, *real)
-    except InputError:
-        return None
-    table = values.reshape(-1, values.shape[2])[:, list(columns)]
-    # columns that vanish but for rounding stay small
-    table = table / np.maximum(np.abs(table).max(axis=0), _NOISE * np.abs(table).max())
-    for mode in modes:
-        pivots = [k for k in range(len(columns)) if k not in mode.dependence]
-        others = list(mode.dependence)
-        solution = np.linalg.lstsq(table[:, pivots], table[:, others], rcond=None)[0]
-        if np.abs(table[:, others] - table[:, pivots] @ solution).max(initial=0.0) < _FITS:
-            return mode
-    return None

@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from echelon.base.modes import InMode, Mode, dependence, find_modes, own_mode
+from echelon.base.modes import InMode, Mode, dependence, find_modes
+from echelon.base.own_mode import own_mode
 from echelon.base.rows import Rows, rows_of
 from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.field import PrimeField, Residues
@@ -90,8 +91,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     modes: list[Mode] = []
     if mechanism.closures:
         modes = find_modes(rows, rng)
-        # where it cannot be told: equal lengths are there to make motions special, so the lowest rank
-        mode = (own_mode(mechanism, remaining, modes) if len(modes) > 1 else None) or modes[0]
+        mode = own_mode(mechanism, remaining, modes)
         supports, accepted = mode.dependence, InMode(rows, mode) if len(modes) > 1 else None
     else:
         supports = _agreed(rows, rng)

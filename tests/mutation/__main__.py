@@ -1,0 +1,123 @@
+"""Plant every fault in a copy of the checkout, one after another, and see whether tests notice.
+
+First the tests that are named with a fault run; only if they pass, the wider set.  The exit status is 0 if nearly all
+faults are caught and all still apply to the source.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from queue import SimpleQueue
+
+from mutation.fault import ROOT, Fault
+from mutation.faults import FAULTS
+
+CAUGHT = 0.95
+"""Share of the faults that tests must catch."""
+
+COPIED = ("src", "tests", "examples", "schemas", "docs", "conftest.py", "pyproject.toml", "CHANGELOG.md", "README.md")
+WIDER = (
+    "test_structure.py test_base_model.py test_closed_form.py test_certificate.py test_joints.py test_description.py "
+    "test_urdf.py test_effects.py test_sensors.py test_loops_truths.py test_linear_model.py test_evaluation.py"
+)
+SECONDS = 900
+"""Longer than any of these runs takes; what takes longer has noticed, too."""
+
+
+def copied(folder: Path) -> Path:
+    """A copy of the checkout without what was compiled."""
+    folder.mkdir()
+    ignored = shutil.ignore_patterns("__pycache__", ".*_cache", ".hypothesis")
+    for name in COPIED:
+        source = ROOT / name
+        if source.is_dir():
+            shutil.copytree(source, folder / name, ignore=ignored)
+        elif source.exists():
+            shutil.copy(source, folder / name)
+    return folder
+
+
+def passes(copy: Path, tests: str, compiled: str = "1") -> bool:
+    """Whether some tests pass in a copy; ``compiled`` is empty if bytecode may be kept, which faults must not leave."""
+    environment = {**os.environ, "PYTHONPATH": str(copy / "src"), "PYTHONDONTWRITEBYTECODE": compiled}
+    chosen = [str(Path("tests", test)) for test in dict.fromkeys(tests.split())]
+    options = ["-x", "-q", "--no-header", "-p", "no:cacheprovider", "-m", "not slow"]
+    command = [sys.executable, "-m", "pytest", *options, *chosen]
+    try:
+        run = subprocess.run(command, cwd=copy, env=environment, capture_output=True, timeout=SECONDS, check=False)
+    except subprocess.TimeoutExpired:
+        return False
+    if run.returncode not in (0, 1, 2):  # 1: a test failed; 2: a file could not even be imported
+        sys.exit(f"pytest could not run {' '.join(chosen)}:\n{run.stdout.decode()}{run.stderr.decode()}")
+    return run.returncode == 0
+
+
+def noticed(copy: Path, fault: Fault) -> str:
+    """What became of a fault: ``"caught"``, ``"caught by the wider set"``, ``"SURVIVED"`` or why it does not apply."""
+    file = copy / fault.path
+    text = file.read_text(encoding="utf-8")
+    try:
+        file.write_text(fault.applied(text), encoding="utf-8")
+    except ValueError as error:
+        return f"DOES NOT APPLY: {error}"
+    try:
+        if not passes(copy, fault.tests):
+            return "caught"
+        return "SURVIVED" if passes(copy, WIDER) else "caught by the wider set"
+    finally:
+        file.write_text(text, encoding="utf-8")
+
+
+def run(faults: Sequence[Fault], jobs: int) -> list[str]:
+    """What became of each fault."""
+    copies: SimpleQueue[Path] = SimpleQueue()
+
+    def one(fault: Fault) -> str:
+        copy, start = copies.get(), time.monotonic()
+        outcome = noticed(copy, fault)
+        copies.put(copy)
+        print(f"{outcome:24} {time.monotonic() - start:5.1f} s  {fault.file}: {fault.breaks}", flush=True)
+        return outcome
+
+    with tempfile.TemporaryDirectory() as folder:
+        first = copied(Path(folder, "0"))
+        print("the tests that are to fall, without a fault ...", flush=True)
+        if not passes(first, " ".join(fault.tests for fault in faults), compiled=""):
+            sys.exit("they do not pass as it is; mend that first")
+        copies.put(first)
+        for number in range(1, jobs):
+            copies.put(Path(shutil.copytree(first, Path(folder, str(number)))))
+        with ThreadPoolExecutor(jobs) as pool:
+            return list(pool.map(one, faults))
+
+
+def main() -> int:
+    """Run the faults that were asked for."""
+    parser = argparse.ArgumentParser(prog="make mutate", description=__doc__)
+    parser.add_argument("--only", default="", metavar="TEXT", help="faults whose file or description contains this")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="how many run at the same time")
+    chosen = parser.parse_args()
+    faults = [fault for fault in FAULTS if chosen.only in f"{fault.file}: {fault.breaks}"]
+    if not faults:
+        parser.error(f"no fault is called '{chosen.only}'")
+    outcomes = run(faults, max(1, chosen.jobs))
+    caught = sum(outcome.startswith("caught") for outcome in outcomes)
+    print(f"\n{caught} of {len(faults)} faults were caught")
+    for fault, outcome in zip(faults, outcomes, strict=True):
+        if not outcome.startswith("caught"):
+            print(f"{outcome}: {fault.file}: {fault.breaks}: {fault.old!r} -> {fault.new!r} ({fault.tests})")
+    applied = not any(outcome.startswith("DOES NOT APPLY") for outcome in outcomes)
+    return 0 if applied and caught >= CAUGHT * len(faults) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,71 @@
+"""Faults in base parameters and their certificate."""
+
+from mutation.fault import Fault
+
+CERTIFICATE, ORDER, MATRIX = "base/certificate.py", "base/order.py", "base/matrix.py"
+CLAIMS = "test_false_claims.py"
+
+FAULTS = (
+    Fault(CERTIFICATE, "{*actual, *claimed}", "actual", "a false claim about an invisible parameter", CLAIMS),
+    Fault(CERTIFICATE, "_REGION_STATES if sampler.has_regions else 1", "1", "one region is looked at", CLAIMS),
+    Fault(
+        CERTIFICATE,
+        "if found == matrix.rank:",
+        "if found <= matrix.rank:",
+        "dependent parameters pass as base parameters",
+        "test_certificate.py",
+    ),
+    Fault(
+        CERTIFICATE,
+        "if column != pivot and column in pivots:",
+        "if column in () and column in pivots:",
+        "a representative in another's row",
+        "test_certificate.py",
+    ),
+    Fault(
+        CERTIFICATE,
+        "(target.get(row, 0) + factor * value)",
+        "(factor * value)",
+        "sums in X̄ B",
+        "test_certificate.py::test_right_sets_pass",
+    ),
+    Fault(ORDER, "inf if (body", "-inf if (body", "parameters of effects come first", "test_order.py"),
+    Fault(ORDER, "else -(factor * value)", "else factor * value", "exchange of pivots", "test_order.py"),
+    Fault(
+        "base/classification.py",
+        "len(row) == 1",
+        "len(row) <= 2",
+        "identifiable alone",
+        "test_base_model.py test_display.py",
+    ),
+    Fault("base/lift.py", "prior + root @ correction", "prior + correction", "lift in another metric", "test_lift.py"),
+    Fault("base/lift.py", "base_values - b @ prior", "base_values", "lift with a prior", "test_lift.py"),
+    Fault(
+        MATRIX,
+        '[0 if generator.startswith("cos(") else 1]',
+        '[1 if generator.startswith("cos(") else 0]',
+        "cosines and sines of B",
+        "test_certificate.py test_base_model.py test_order.py",
+    ),
+    Fault(
+        "base/expression.py",
+        "top = -top if sign < 0 else top",
+        "top = top",
+        "signs in printed forms",
+        "test_display.py test_base_model.py",
+    ),
+    Fault(
+        "base/modes.py",
+        "in (self.mode.marks or {}).items()",
+        "in {}.items()",
+        "assembly modes with other signs are mixed",
+        "test_loops_modes.py",
+    ),
+    Fault(
+        "base/own_mode.py",
+        ">= _SAME_MARK * max(",
+        "< _SAME_MARK * max(",
+        "the other assembly mode is taken",
+        "test_loops_modes.py",
+    ),
+)

@@ -1,0 +1,89 @@
+"""Faults in readers and writers of files."""
+
+from mutation.fault import Fault
+
+URDF, INERTIA, NUMBERS, MJCF = "formats/urdf.py", "formats/inertia.py", "formats/mjcf_numbers.py", "formats/mjcf.py"
+BUILD, JOINTS = "formats/build.py", "formats/description_joints.py"
+DYNAMICS = "test_mjcf_dynamics.py test_mjcf.py"
+ROBOTS = "test_newton_euler.py"
+
+FAULTS = (
+    Fault(URDF, "Triple = (1, 0, 0)", "Triple = (0, 0, 1)", "axes left out", "test_urdf.py"),
+    Fault(URDF, '"ixz", "iyy"', '"iyy", "ixz"', "products of inertia", "test_urdf.py " + ROBOTS),
+    Fault(URDF, '"multiplier", "1"', '"multiplier", "-1"', "mimic without a multiplier", "test_urdf.py"),
+    Fault(INERTIA, "cy * sp * sr - sy * cr", "cy * sp * sr + sy * cr", "rpy of inertials", "test_mjcf.py test_urdf.py"),
+    Fault(
+        INERTIA,
+        "- np.outer(p, h) - np.outer(h, p)",
+        "- np.outer(p, h)",
+        "inertia of merged links",
+        "test_urdf.py " + ROBOTS,
+    ),
+    Fault(INERTIA, "turned + mass * (c @ c", "turned - mass * (c @ c", "parallel axes", "test_urdf.py " + ROBOTS),
+    Fault(NUMBERS, "2 * (x * y - w * z)", "2 * (x * y + w * z)", "quaternions", DYNAMICS),
+    Fault(MJCF, "-self.reference[name])", "self.reference[name])", "reference positions", DYNAMICS),
+    Fault(MJCF, "(-x, -y, -z))", "(x, y, z))", "anchors of joints", DYNAMICS),
+    Fault(
+        "formats/mjcf_equality.py",
+        "equality.offset - equality.ratio * leader",
+        "equality.offset + equality.ratio * leader",
+        "offsets of coupled joints",
+        DYNAMICS,
+    ),
+    Fault(
+        BUILD,
+        "offset=coupling.ratio * upper.offset + coupling.offset",
+        "offset=upper.offset + coupling.offset",
+        "offsets of mimics of mimics",
+        "test_urdf.py",
+    ),
+    Fault(
+        BUILD,
+        "translation + rotation @ step_translation",
+        "translation + step_translation",
+        "inertials of links behind turned fixed joints",
+        "test_urdf.py test_newton_euler.py",
+    ),
+    Fault(
+        "formats/second_frame.py",
+        "frame = places[member].inverse() @ frame",
+        "frame = frame @ places[member].inverse()",
+        "second frames of closures",
+        "test_closures_formats.py test_loops_truths.py",
+    ),
+    Fault(
+        "formats/description_couplings.py",
+        "Polynomial({})) + ratio * factor",
+        "Polynomial({})) + factor",
+        "couplings to coupled coordinates",
+        "test_description.py test_description_tree.py test_description_geometry.py",
+    ),
+    Fault(
+        JOINTS,
+        "merge((*_row_motion(row, name), placed))",
+        "merge((placed, *_row_motion(row, name)))",
+        "standard DH read as modified",
+        "test_description_geometry.py test_description.py",
+    ),
+    Fault(
+        JOINTS,
+        "enumerate((joint.axis, joint.axis2), 1)",
+        "enumerate((joint.axis2, joint.axis), 1)",
+        "axes of universal joints",
+        "test_description_geometry.py test_description.py",
+    ),
+    Fault(
+        "formats/literal.py",
+        "Fraction(-981, 100)",
+        "Fraction(-980, 100)",
+        "gravity of URDF files",
+        ROBOTS,
+    ),
+    Fault(
+        "formats/write_values.py",
+        "repr(float(value) + 0.0)",
+        'f"{float(value):.6g}"',
+        "digits of written files",
+        "test_write_robots.py",
+    ),
+)

@@ -1,0 +1,71 @@
+"""Faults in the description of mechanisms."""
+
+from mutation.fault import Fault
+
+PLACEMENT, JOINT, SUBSTITUTE = "mechanism/placement.py", "mechanism/joint.py", "mechanism/substitute.py"
+JOINTS = "test_joints.py test_description_geometry.py"
+
+FAULTS = (
+    Fault(
+        PLACEMENT, "Placement(back, (-x, -y, -z))", "Placement(back, (x, y, z))", "inverse placements", "test_match.py"
+    ),
+    Fault(PLACEMENT, "= c, -s, s, c", "= c, s, -s, c", "sense of turns", JOINTS),
+    Fault(
+        PLACEMENT,
+        "multiply(self.rotation, other.rotation)",
+        "multiply(other.rotation, self.rotation)",
+        "order of turns",
+        JOINTS,
+    ),
+    Fault(JOINT, "merged.pop() @ step", "step @ merged.pop()", "order of fixed frames", JOINTS),
+    Fault(JOINT, '.angle", normal)', '.angle", first)', "axis of a planar joint", JOINTS),
+    Fault(
+        JOINT,
+        "Motion(MotionKind.SCREW, name, axis, sign, pitch)",
+        "Motion(MotionKind.SCREW, name, axis, 1, pitch)",
+        "screws along negative axes",
+        JOINTS,
+    ),
+    Fault(
+        "mechanism/transmission.py",
+        "a - factor * b for",
+        "a + factor * b for",
+        "inverse of a transmission",
+        "test_gains.py test_tx40.py test_sensors.py test_effects.py",
+    ),
+    Fault(
+        "mechanism/motor_side.py",
+        "np.linalg.solve(matrix,",
+        "np.linalg.solve(matrix.T,",
+        "positions on the motor's side",
+        "test_log_gears.py",
+    ),
+    Fault(
+        "mechanism/axes.py",
+        "axis @ np.cross(here, there)",
+        "axis @ np.cross(there, here)",
+        "sense of angles between axes",
+        "test_match.py",
+    ),
+    Fault(
+        SUBSTITUTE,
+        "pitch=self.polynomial(step.pitch)",
+        "pitch=step.pitch",
+        "pitches at values of symbols",
+        "test_structure.py test_base_model.py test_match.py",
+    ),
+    Fault(
+        SUBSTITUTE,
+        "put.placement(c.second_frame)",
+        "c.second_frame",
+        "closures at values of symbols",
+        "test_loops_truths.py test_loops_floats.py",
+    ),
+    Fault(
+        "mechanism/hold.py",
+        "in (c, -s, s, c))",
+        "in (c, s, -s, c))",
+        "sense of held angles",
+        "test_hold.py",
+    ),
+)

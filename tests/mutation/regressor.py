@@ -1,0 +1,58 @@
+"""Faults in the dynamics."""
+
+from mutation.fault import Fault
+
+SPATIAL, ACCELERATIONS, ENERGY = "regressor/spatial.py", "regressor/accelerations.py", "regressor/energy.py"
+POWER, PROBES, LIFTING = "regressor/virtual_power.py", "regressor/probes.py", "regressor/loops/lifting.py"
+JOINTS = "test_joints.py"
+TRUTHS = "test_loops_truths.py::test_four_bar test_loops_truths.py::test_parallelogram"
+
+FAULTS = (
+    Fault(SPATIAL, "a[2] * b[0] - a[0] * b[2]", "a[0] * b[2] - a[2] * b[0]", "cross products", JOINTS),
+    Fault(SPATIAL, "((a, d, g), (b, e, h), (c, f, i))", "((a, b, c), (d, e, f), (g, h, i))", "no transpose", JOINTS),
+    Fault(ACCELERATIONS, "add(add(coriolis, coriolis), ", "add(coriolis, ", "half of Coriolis's acceleration", JOINTS),
+    Fault(ACCELERATIONS, "cross(before, turning)", "cross(turning, before)", "gyroscopic acceleration", JOINTS),
+    Fault(ACCELERATIONS, "(-gx, -gy, -gz)", "(gx, gy, gz)", "gravity upside down", JOINTS),
+    Fault(ACCELERATIONS, "cross(unit, at.linear)", "cross(at.linear, unit)", "moment of a first moment", JOINTS),
+    Fault(ACCELERATIONS, "cross(at.angular, momentum)", "cross(momentum, at.angular)", "ω × I ω", JOINTS),
+    Fault(ENERGY, "lift = lift - dot", "lift = lift + dot", "height of a shifted frame", "test_energy.py"),
+    Fault(ENERGY, "half + rates.lift", "half - rates.lift", "potential energy of masses", "test_energy.py"),
+    Fault(ENERGY, "vw[k] - rates.gravity[k]", "vw[k] + rates.gravity[k]", "energy of first moments", "test_energy.py"),
+    Fault(
+        ENERGY, "cross(rates.linear, rates.angular)", "cross(rates.angular, rates.linear)", "v × ω", "test_energy.py"
+    ),
+    Fault(
+        "regressor/effects.py",
+        "sum((c.rate[0] * r for c, r in known), zero)",
+        "sum((c.rate[0] for c, r in known), zero)",
+        "speeds of motors",
+        "test_effects.py test_gains.py",
+    ),
+    Fault(
+        POWER,
+        "motion.freedoms if side is Side.JOINT else motion.drives",
+        "motion.drives if side is Side.JOINT else motion.freedoms",
+        "which sensors see friction",
+        "test_effects.py test_sensors.py",
+    ),
+    Fault(POWER, "+ dot(twist[1], wrench[1])", "- dot(twist[1], wrench[1])", "power of forces", JOINTS),
+    Fault(
+        "regressor/linear.py",
+        "in enumerate(keep)}",
+        "in enumerate(sorted(keep))}",
+        "order of chosen columns",
+        "test_closed_form.py test_base_model.py",
+    ),
+    Fault(PROBES, "and cut.on_parent == on_parent", "", "side of a cut on which a sensor sits", "test_sensors.py"),
+    Fault(PROBES, "cut.frame.inverse()", "cut.frame", "frames of sensors", "test_sensors.py"),
+    Fault("regressor/steps.py", "(xy + wz,", "(xy - wz,", "rotation of a ball", JOINTS),
+    Fault("regressor/steps.py", "= c, -s, s, c", "= c, s, -s, c", "rotation of a hinge", JOINTS),
+    Fault(LIFTING, "= -change % field.p", "= change % field.p", "Newton's steps along curves", TRUTHS),
+    Fault(
+        LIFTING,
+        "-series.matrix_product(inverse, driven, field)",
+        "series.matrix_product(inverse, driven, field)",
+        "velocities of dependent coordinates",
+        TRUTHS,
+    ),
+)
