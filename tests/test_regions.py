@@ -40,7 +40,9 @@ NAMED: dict[str, tuple[list[str], str, int, int]] = {
     "peak of a product": (["1", "sign(sin(x)*cos(y) - 0.99999)"], "x y", 2, 2),
     "three peaks": (["1", "(1 + sign(cos(x) - 0.9999))*(1 + sign(cos(y) - 0.999))*(1 + sign(sin(z) - 0.99))"],
                     "x y z", 2, 8),
-    "differences": (["1", "sign(x - y - 5)", "sign(y - z - 0.01)", "sign(x - y - 5)*sign(y - z - 0.01)"], "x y z", 4, 4),
+    "differences": (
+        ["1", "sign(x - y - 5)", "sign(y - z - 0.01)", "sign(x - y - 5)*sign(y - z - 0.01)"], "x y z", 4, 4,
+    ),
     "order": (["1", "sign(x - y)", "sign(y - z)", "sign(x - z)", "sign(x - y)*sign(y - z)*sign(x - z)"], "x y z", 4, 6),
     "thin slab": (["1", "(1 + sign(x + y + z - 300))*(1 + sign(300.001 - x - y - z))"], "x y z", 2, 3),
     "small ball": (["1", "sign(1e-6 - (x - 1000)**2 - (y + 500)**2 - (z - 3)**2)"], "x y z", 2, 2),

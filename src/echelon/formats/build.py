@@ -78,7 +78,7 @@ class _Builder:
         self._attach_inertials()
         gravity = gravity_vector(self.options.gravity, self.intent.gravity())
         if not self.tree.closures:  # loops close at the numbers of the file, not at any others
-            self.bodies = with_relations(self.bodies, gravity, self.intent, self.sources)
+            self.bodies, gravity = with_relations(self.bodies, gravity, self.intent, self.sources)
         couplings = tuple(c.coupling for c in self.couplings.values())
         closures = tuple(build_closure(c, self.tree, self.intent, self._ride) for c in self._moving_closures())
         mechanism = Mechanism(

@@ -78,7 +78,7 @@ def build_description(
     chosen = chosen if chosen is not None and any(chosen) else None
     bodies = tree.bodies
     if not robot.loops:
-        bodies = with_relations(bodies, chosen, expressions.intent, tree.sources, expressions.declared)
+        bodies, chosen = with_relations(bodies, chosen, expressions.intent, tree.sources, expressions.declared)
     mechanism = Mechanism(
         robot.name,
         tuple(bodies),

@@ -21,7 +21,7 @@ from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.numbers import cosine_of_turn
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.intent import Intent
-from echelon.formats.options import PRECISION
+from echelon.formats.options import LENGTH_TOLERANCE, PRECISION
 from echelon.mechanism.joint import Motion, MotionKind, Step, merge
 from echelon.mechanism.mechanism import GROUND, Body
 from echelon.mechanism.placement import Placement, Vector, multiply, rotate, transpose, turn
@@ -31,6 +31,7 @@ Floats = npt.NDArray[np.float64]
 
 _STEP = pi / STEPS_PER_HALF_TURN
 _NOISE = 1e-12
+_TURNS = (MotionKind.ROTATION, MotionKind.SCREW)
 _QUARTER = Fraction(1, 2)
 _TO_AXIS = (turn(1, Angle(_QUARTER)), turn(0, Angle(-_QUARTER)), Placement())
 """Rotations that bring z to the x, y and z axis."""
@@ -42,8 +43,8 @@ def with_relations(
     intent: Intent,
     sources: Mapping[str, Collection[str]],
     declared: Collection[str] = (),
-) -> list[Body]:
-    """Bodies whose joints' axes are related exactly where the numbers of the file mean it.
+) -> tuple[list[Body], Vector | None]:
+    """Bodies and gravity, with axes that are related exactly where the numbers of the file mean it.
 
     Parameters
     ----------
@@ -60,15 +61,57 @@ def with_relations(
     """
     found: list[Body] = []
     literal = {label for label, own in sources.items() if any(e.startswith(tuple(own)) for e in intent.literal)}
+    scale, down = _scale(bodies, intent), _down(gravity, intent)
     for body in bodies:
-        pair = _pair(found, body, gravity)
+        pair = _pair(found, body, down)
         if pair is None or pair.symbols() & set(declared):
             found.append(body)
             continue
         parent = None if body.parent == GROUND else bodies[body.parent].label
         as_stated = not literal.isdisjoint({body.label, parent}) or not intent.exact.isdisjoint(pair.symbols())
-        found.append(replace(pair, literal=as_stated).related(intent))
-    return found
+        found.append(replace(pair, literal=as_stated, scale=scale).related(intent))
+        if body.parent == GROUND and down is not None and down.gravity and replace(pair, body=found[-1]).is_exact:
+            gravity = down.gravity
+    return found, gravity
+
+
+@dataclass(frozen=True)
+class _Down:
+    """The direction of gravity: a coordinate axis of a frame in the base.
+
+    Attributes
+    ----------
+    frame : Placement
+    axis : int
+    gravity : 3 of Polynomial, or None
+        Gravity in the base frame by the frame's angles; None for a frame without any.
+    """
+
+    frame: Placement
+    axis: int
+    gravity: Vector | None
+
+
+def _down(gravity: Vector | None, intent: Intent) -> _Down | None:
+    numbers = [part.number for part in gravity or ()]
+    if gravity is None or any(not isinstance(n, int | Fraction) for n in numbers):
+        axes = [k for k, part in enumerate(gravity or ()) if part]
+        return _Down(Placement(), axes[0], None) if len(axes) == 1 else None
+    x, y, z = (Fraction(n) for n in numbers if isinstance(n, int | Fraction))
+    frame, axis, sign = intent.direction((x, y, z), "gravity", "_gravity")
+    if frame.is_identity:
+        return _Down(frame, axis, None)
+    size = Fraction(f"{hypot(x, y, z):.12g}") * sign
+    a, b, c = (row[axis] * size for row in frame.rotation)
+    return _Down(frame, axis, (a, b, c))
+
+
+def _scale(bodies: Sequence[Body], intent: Intent) -> float:
+    """The largest translation whose value is known, m."""
+    known = {name for name, symbol in intent.symbols.items() if symbol.value is not None}
+    steps = [step for body in bodies for step in body.joint.steps if isinstance(step, Placement)]
+    entries = [entry for step in steps for entry in step.translation if set(entry.symbols()) <= known]
+    return max((abs(intent.numeric(entry)) for entry in entries), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -88,6 +131,8 @@ class _Pair:
         Whether the earlier motion is about an axis that has a place.
     literal : bool
         Whether numbers of the frames between are taken literally.
+    scale : float
+        The robot's largest translation, m.
     """
 
     body: Body
@@ -96,6 +141,7 @@ class _Pair:
     trailing: Placement
     turns: bool
     literal: bool = False
+    scale: float = 0.0
 
     @property
     def motion(self) -> Motion:
@@ -107,6 +153,12 @@ class _Pair:
         """From the parent's frame to where the joint moves."""
         first = self.body.joint.steps[0]
         return first if isinstance(first, Placement) else Placement()
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the twist between the axes is a number whatever the symbols are."""
+        rotation = multiply(self.trailing.rotation, self.leading.rotation)
+        return rotation[self.axis][self.motion.axis].number is not None
 
     def symbols(self) -> set[str]:
         """Symbols between the two axes."""
@@ -164,8 +216,8 @@ class _Pair:
 
     def _translation(self, rotation: tuple[Vector, Vector, Vector], intent: Intent) -> Vector:
         """The joint's place in its parent, exactly on the axis before it if it is meant to be."""
-        if self.motion.kind is MotionKind.TRANSLATION:
-            return self.leading.translation
+        if not any(m.kind in _TURNS and m.axis == self.motion.axis for m in self.body.joint.motions):
+            return self.leading.translation  # where a slide is makes no difference
         place = tuple(a + b for a, b in zip(self.trailing.translation, self._moved(), strict=True))
         direction = tuple(row[self.motion.axis] for row in rotation)
         i, j = (self.axis + 1) % 3, (self.axis + 2) % 3
@@ -176,7 +228,8 @@ class _Pair:
         else:
             gap, exact = hypot(p[i], p[j]), place[i] or place[j]
         element = self._element("distance of its axis from")
-        if not exact or gap > max(self._tolerance(intent.length_tolerance(element)), _NOISE):
+        tolerance = PRECISION if self.literal or element in intent.literal else LENGTH_TOLERANCE
+        if not exact or gap > max(tolerance * self.scale if intent.options.tolerance else 0.0, _NOISE):
             return self.leading.translation
         if gap > _NOISE:
             intent.snaps.append(Snap(element, f"{gap:.3g}", "0", float(gap)))
@@ -192,14 +245,13 @@ class _Pair:
         return rotate(self.trailing.rotation, self.leading.translation)
 
 
-def _pair(bodies: Sequence[Body], body: Body, gravity: Vector | None) -> _Pair | None:
+def _pair(bodies: Sequence[Body], body: Body, down: _Down | None) -> _Pair | None:
     """A joint with what moves before it; None where there is no axis to compare with."""
     motions = body.joint.motions
     if not motions or motions[0].kind is MotionKind.BALL:
         return None
     if body.parent == GROUND:
-        axes = [k for k, part in enumerate(gravity or ()) if part]
-        return _Pair(body, "gravity", axes[0], Placement(), turns=False) if len(axes) == 1 else None
+        return None if down is None else _Pair(body, "gravity", down.axis, down.frame.inverse(), turns=False)
     joint = bodies[body.parent].joint
     if not joint.motions or joint.motions[-1].kind is MotionKind.BALL:
         return None
