@@ -12,8 +12,9 @@ from echelon.exact.polynomial import Polynomial, cosine, sine
 STEPS_PER_HALF_TURN = 12
 """π is twelve steps of 15°, the angles with a sine and cosine in Q(√2, √3)."""
 
-_LARGEST_EXPANSION = 32
-"""cos(n x) is a polynomial of degree n in cos(x); beyond this degree it stays a generator of its own."""
+_LARGEST_EXPANSION = 8
+"""cos(n x) is a polynomial of degree n in cos(x), with coefficients up to 2ⁿ that cost digits in floating point; beyond
+this degree it stays a generator of its own."""
 
 
 @dataclass(frozen=True)
