@@ -87,7 +87,7 @@ def base_parameters(
     if isinstance(mechanism, LinearModel):
         if order != "base-to-tip":
             raise InputError("a linear model has no base and tip: choose representatives with prefer")
-        return linear_base_parameters(mechanism, prefer, seed)
+        return linear_base_parameters(mechanism, prefer, seed, generic=generic)
     rng = random_generator(seed)
     columns = column_order(mechanism.columns, order, prefer)
     answer = own_answer(mechanism, rng, generic=generic)

@@ -13,7 +13,10 @@ import numpy.typing as npt
 from echelon.base.base_set import BaseSet
 from echelon.base.certificate import Certificate, certify
 from echelon.base.matrix import BaseMatrix
+from echelon.base.value_relations import RelationSearch, SpecialValues
 from echelon.errors import InputError, UnknownRelationsError
+from echelon.exact.polynomial import Polynomial
+from echelon.mechanism.stated import StatedValues
 from echelon.models.evaluation import definition_values, evaluate_model
 from echelon.models.linear_model import LinearModel
 from echelon.program.sympy_bridge import to_sympy
@@ -43,6 +46,8 @@ class LinearBase(BaseSet):
         ``"finite field"`` for exact algebra, ``"balls"`` where relations between functions were not known.
     certificate : Certificate or BallEvidence
     seed : int
+    special : SpecialValues, optional
+        What the stated values of constants change against general ones; None where they change nothing.
     """
 
     model: LinearModel
@@ -51,6 +56,7 @@ class LinearBase(BaseSet):
     route: str
     certificate: Any
     seed: int
+    special: SpecialValues | None = None
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -179,7 +185,9 @@ class LinearBase(BaseSet):
         return f"$${aligned_latex(self)}$$"
 
 
-def linear_base_parameters(model: LinearModel, prefer: Sequence[str], seed: int) -> LinearBase:
+def linear_base_parameters(
+    model: LinearModel, prefer: Sequence[str], seed: int, *, generic: bool = False
+) -> LinearBase:
     """Base parameters of a linear model: exact where relations are known, by ball arithmetic where not.
 
     Parameters
@@ -188,6 +196,8 @@ def linear_base_parameters(model: LinearModel, prefer: Sequence[str], seed: int)
     prefer : sequence of str
         Parameters that should be representatives, most wanted first.
     seed : int
+    generic : bool
+        Answer for general values of the constants instead of the stated ones.
 
     Raises
     ------
@@ -204,12 +214,36 @@ def linear_base_parameters(model: LinearModel, prefer: Sequence[str], seed: int)
     order = (*wanted, *(c for c in range(len(model.parameters)) if c not in wanted))
     rng = random_generator(seed)
     try:
-        structure = LinearStructure(model.regressor, model.parameters, order, rng)
+        own, special = _own_model(model, order, rng)
+        own = model if generic else own
+        structure = LinearStructure(own.regressor, own.parameters, order, rng)
         dependences = structure.dependences()
     except UnknownRelationsError:
         found, decimals, evidence = BallStructure(model, order, rng).solve()
         return LinearBase(model, found, decimals, BALLS, evidence, seed)
     matrix = structure.matrix(dependences)
-    certificate: Certificate = certify(model.regressor, matrix, seed)
+    certificate: Certificate = certify(own.regressor, matrix, seed)
     definitions = {n: d for n, d in structure.sampler.definitions.items() if n in matrix.symbols}
-    return LinearBase(model, matrix, definitions, FINITE_FIELD, certificate, seed)
+    return LinearBase(own, matrix, definitions, FINITE_FIELD, certificate, seed, special)
+
+
+def _own_model(
+    model: LinearModel, order: tuple[int, ...], rng: np.random.Generator
+) -> tuple[LinearModel, SpecialValues | None]:
+    """The model with the relations among its stated constants put in that change its structure."""
+    from echelon.base.linear_structure import LinearStructure
+
+    values = StatedValues({name: value for name, value in model.constants.items() if value is not None}, {}, {})
+
+    def pivots_of(put_in: Mapping[str, Polynomial]) -> tuple[int, ...]:
+        forms = model.with_constants(put_in).regressor if put_in else model.regressor
+        supports = LinearStructure(forms, model.parameters, order, rng).dependences()
+        return tuple(c for c in order if c not in supports)
+
+    general = pivots_of({})
+    stated = pivots_of(values.put_in(values.names)) if values.names else general
+    if stated == general:
+        return model, None
+    relations = RelationSearch(values, stated, pivots_of).find()
+    own = model.with_constants(relations.put_in(values))
+    return own, SpecialValues(len(general), len(stated), relations.texts(values))

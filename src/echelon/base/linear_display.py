@@ -35,6 +35,8 @@ def facts(base: LinearBase) -> list[tuple[str, str]]:
         found.append(("constants", ", ".join(f"{n} = {v}" for n, v in values.items())))
     if base.definitions:
         found.append(("functions of constants", ", ".join(f"{n} = {d}" for n, d in base.definitions.items())))
+    if base.special is not None:
+        found.append(("stated values", str(base.special)))
     found.append(("certificate", str(base.certificate)))
     return [(label, one_line(text)) for label, text in found]
 

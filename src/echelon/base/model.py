@@ -17,8 +17,9 @@ from echelon.base.evaluation import Evaluation
 from echelon.base.lift import Metric, lift, metric_matrix
 from echelon.base.logs import Logs
 from echelon.base.matrix import BaseMatrix
-from echelon.base.own import SpecialValues, at_values
+from echelon.base.own import at_values
 from echelon.base.reading_report import ReadingReport
+from echelon.base.value_relations import SpecialValues
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import stated_values

@@ -75,7 +75,13 @@ def _write_linear(request: DeriveRequest, seed: int, started: float) -> None:
     from echelon.cli.derive_linear import linear_text
 
     text = linear_text(
-        request.robot, request.output_format, request.order, request.prefer, seed, structure=request.structure
+        request.robot,
+        request.output_format,
+        request.order,
+        request.prefer,
+        seed,
+        structure=request.structure,
+        generic=request.generic,
     )
     if request.output is not None:
         write_atomically(request.output, text)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
 from echelon.errors import InputError
 from echelon.exact.numbers import Rational
+from echelon.exact.polynomial import Polynomial
 from echelon.models.linearity import linear_rows
 from echelon.models.reading import constant_values, free_names, names_of, record_rows
+from echelon.program.rewriting import with_values
 from echelon.program.scalar import Scalar
 from echelon.program.tape import Program
 from echelon.regressor.linear import LinearForms
@@ -149,6 +153,26 @@ class LinearModel:
     def values(self) -> dict[str, float]:
         """Values of the constants that have one."""
         return {name: float(Fraction(v)) for name, v in self.constants.items() if v is not None}
+
+    def with_constants(self, values: Mapping[str, Polynomial]) -> LinearModel:
+        """The model with expressions in the place of some constants.
+
+        Parameters
+        ----------
+        values : mapping of str to Polynomial
+            In other constants, by name.
+
+        Raises
+        ------
+        InputError
+            If an entry divides by zero then.
+        """
+        forms, found = self.regressor, copy(self)
+        program, nodes = with_values(forms.program, list(forms.entries.values()), values)
+        entries = {key: n for key, n in zip(forms.entries, nodes, strict=True) if n != program.zero.node}
+        found.constants = {name: value for name, value in self.constants.items() if name not in values}
+        found.regressor = replace(forms, program=program, entries=entries)
+        return found
 
     def __repr__(self) -> str:
         m, n = self.regressor.shape

@@ -10,11 +10,12 @@ Functions that jump are smoothed for optimisation: sign(x) becomes tanh(x/w), an
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from functools import partial
 
 from echelon.errors import InputError
+from echelon.exact.polynomial import Polynomial
 from echelon.program.arcs import circular
 from echelon.program.function import Argument, Function
 from echelon.program.operations import Op
@@ -58,19 +59,51 @@ def smoothed(program: Program, outputs: Sequence[int], width: float) -> tuple[Pr
     return _rewritten(program, outputs, (Op.SIGN, Op.ABS), partial(_gradual, 1 / Fraction(width)))
 
 
+def with_values(
+    program: Program, outputs: Sequence[int], values: Mapping[str, Polynomial]
+) -> tuple[Program, list[int]]:
+    """The same outputs with expressions in the place of inputs.
+
+    Parameters
+    ----------
+    program : Program
+    outputs : sequence of int
+    values : mapping of str to Polynomial
+        In symbols, by the name of the input.
+
+    Returns
+    -------
+    (Program, list of int)
+        A program and its outputs.
+
+    Raises
+    ------
+    InputError
+        If an output divides by zero everywhere.
+    """
+    given = {n for n, i in program.inputs.items() if i.name in values}
+    copy = Program()
+    known = {n: copy.polynomial(values[program.inputs[n].name]).node for n in given}
+    return _replayed(program, outputs, copy, known, lambda copy, op, x: copy.function(op, x))
+
+
 Rule = Callable[[Program, Op, Scalar], Scalar]
 """What stands for a function of a scalar."""
 
 
 def _rewritten(program: Program, outputs: Sequence[int], ops: Sequence[Op], rule: Rule) -> tuple[Program, list[int]]:
-    needed = program.needed(outputs)
-    if not any(program.ops[n] in ops for n in needed):
+    if not any(program.ops[n] in ops for n in program.needed(outputs)):
         return program, list(outputs)
-    copy = Program()
-    new: dict[int, int] = {}
-    for node in needed:
+    return _replayed(program, outputs, Program(), {}, rule)
+
+
+def _replayed(
+    program: Program, outputs: Sequence[int], copy: Program, new: dict[int, int], rule: Rule
+) -> tuple[Program, list[int]]:
+    """The outputs on another program, which holds some nodes already."""
+    for node in program.needed(outputs, new):
         try:
-            new[node] = _copied(program, node, copy, new, rule)
+            new[node] = new[node] if node in new else _copied(program, node, copy, new, rule)
         except ZeroDivisionError:
             raise InputError("division by zero") from None
     for group in program.unit_groups:

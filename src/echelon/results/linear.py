@@ -46,6 +46,7 @@ def linear_to_dict(base: LinearBase) -> dict[str, Any]:
         "base": _rows(base),
         "definitions": dict(base.definitions),
         "classification": classes,
+        "special": None if base.special is None else asdict(base.special),
         "certificate": evidence,
         "model": _document(base),
     }

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from echelon.base.certificate import Certificate
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
-from echelon.base.own import SpecialValues
 from echelon.base.reading_report import MimicRanks, ReadingReport
+from echelon.base.value_relations import SpecialValues
 from echelon.errors import CertificateError, EchelonError, InputError
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import float_generators
