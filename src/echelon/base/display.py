@@ -84,7 +84,7 @@ def facts(model: BaseModel) -> list[tuple[str, str]]:
     if used:
         found.append(("symbols", ", ".join(f"{s.name} = {value_text(s.exact, s.value)}" for s in used)))
     if model.special is not None:
-        found.append(("stated values", one_line(str(model.special))))
+        found.append(("stated values", one_line(model.special.text("robot"))))
     if model.reading.snaps:
         found.append(("read as exact", one_line(snap_summary(model))))
     if model.reading.mimics is not None:

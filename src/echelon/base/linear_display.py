@@ -36,7 +36,7 @@ def facts(base: LinearBase) -> list[tuple[str, str]]:
     if base.definitions:
         found.append(("functions of constants", ", ".join(f"{n} = {d}" for n, d in base.definitions.items())))
     if base.special is not None:
-        found.append(("stated values", str(base.special)))
+        found.append(("stated values", base.special.text("model")))
     found.append(("certificate", str(base.certificate)))
     return [(label, one_line(text)) for label, text in found]
 

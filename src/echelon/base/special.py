@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 from echelon.base.structure import find_structure
-from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
+from echelon.exact.polynomial import Polynomial, cosine, is_trigonometric, sine, symbol_of
 from echelon.mechanism.mechanism import Mechanism, setup_expressions
-from echelon.mechanism.placement import Placement
+from echelon.mechanism.placement import Placement, Vector
 from echelon.mechanism.substitute import substituted
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 _ZERO, _ONE = Polynomial({}), Polynomial.constant(1)
 _TURNS = (("0", _ONE, _ZERO), ("90°", _ZERO, _ONE), ("180°", -_ONE, _ZERO), ("-90°", _ZERO, -_ONE))
+_GRAVITY = "gravity"
+_MOST_PAIRS = 200
 _AXES = (("x", (1, 0, 0)), ("y", (0, 1, 0)), ("z", (0, 0, 1)))
 
 
@@ -44,20 +46,44 @@ class SpecialGeometry:
     rank : int
         For generic values of the symbols.
     tried : int
-        Number of conditions that were tried, one at a time.
+        Number of conditions and pairs of conditions that were tried.
     cases : tuple of SpecialCase
-        Those that change the rank.
+        Conditions that change the rank, and pairs that change it further than either alone.
     seed : int
+    left_out : int
+        Pairs of conditions that were not tried, because there are too many.
     """
 
     rank: int
     tried: int
     cases: tuple[SpecialCase, ...]
     seed: int
+    left_out: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class _Condition:
+    """What is put in for generators, or gravity."""
+
+    text: str
+    symbols: frozenset[str]
+    put_in: Mapping[str, Polynomial]
+    gravity: Vector | None = None
+
+    def __and__(self, other: _Condition) -> _Condition:
+        text, symbols = f"{self.text}, {other.text}", self.symbols | other.symbols
+        return _Condition(text, symbols, {**self.put_in, **other.put_in}, self.gravity or other.gravity)
+
+    def of(self, mechanism: Mechanism) -> Mechanism:
+        """The mechanism under this condition."""
+        special = substituted(mechanism, self.put_in)
+        if _GRAVITY not in self.symbols:
+            return special
+        return replace(special, gravity=self.gravity if self.gravity and any(self.gravity) else None)
 
 
 def special_geometry(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> SpecialGeometry:
-    """Try special values of the symbols and special directions of gravity, one at a time.
+    """Try special values of the symbols and special directions of gravity, one at a time and two together.
 
     Each length or other constant is set to zero, each pair of them equal and opposite, each angle to a multiple of
     90°, and gravity along each axis of the base frame and to nothing.
@@ -82,32 +108,34 @@ def special_geometry(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> Speci
     """
     rng = random_generator(seed)
     rank = find_structure(mechanism, rng).rank
-    tried: int = 0
-    cases: list[SpecialCase] = []
-    for condition, special in _conditions(mechanism):
-        tried += 1
-        found = find_structure(special, rng).rank
-        if found != rank:
-            cases.append(SpecialCase(condition, found))
-    return SpecialGeometry(rank, tried, tuple(cases), seed)
+    single = list(_conditions(mechanism))
+    alone = {condition: find_structure(condition.of(mechanism), rng).rank for condition in single}
+    cases = [SpecialCase(condition.text, found) for condition, found in alone.items() if found != rank]
+    pairs = [(a, b) for a, b in combinations(single, 2) if not a.symbols & b.symbols]
+    for a, b in pairs[:_MOST_PAIRS]:
+        found = find_structure((a & b).of(mechanism), rng).rank
+        if found < min(alone[a], alone[b]):
+            cases.append(SpecialCase((a & b).text, found))
+    tried = len(single) + min(len(pairs), _MOST_PAIRS)
+    return SpecialGeometry(rank, tried, tuple(cases), seed, max(0, len(pairs) - _MOST_PAIRS))
 
 
-def _conditions(mechanism: Mechanism) -> Iterator[tuple[str, Mechanism]]:
+def _conditions(mechanism: Mechanism) -> Iterator[_Condition]:
     plain, angles = _symbols(mechanism)
     for name in plain:
-        yield f"{name} = 0", substituted(mechanism, {name: _ZERO})
+        yield _Condition(f"{name} = 0", frozenset({name}), {name: _ZERO})
     for first, second in combinations(plain, 2):
         for sign, text in ((1, ""), (-1, "-")):
             value = Polynomial.generator(second) * sign
-            yield f"{first} = {text}{second}", substituted(mechanism, {first: value})
+            yield _Condition(f"{first} = {text}{second}", frozenset({first, second}), {first: value})
     for name in angles:
-        for degrees, cosine, sine in _TURNS:
-            values = {f"cos({name})": cosine, f"sin({name})": sine}
-            yield f"{name} = {degrees}", substituted(mechanism, values)
+        for degrees, c, s in _TURNS:
+            yield _Condition(f"{name} = {degrees}", frozenset({name}), {cosine(name): c, sine(name): s})
+    own = frozenset({_GRAVITY, *(symbol for part in mechanism.gravity or () for symbol in part.symbols())})
     for axis, direction in _AXES:
         x, y, z = (Polynomial.constant(component) for component in direction)
-        yield f"gravity along {axis}", replace(mechanism, gravity=(x, y, z), reading=None)
-    yield "no gravity", replace(mechanism, gravity=None, reading=None)
+        yield _Condition(f"gravity along {axis}", own, {}, (x, y, z))
+    yield _Condition("no gravity", own, {}, None)
 
 
 def _symbols(mechanism: Mechanism) -> tuple[list[str], list[str]]:

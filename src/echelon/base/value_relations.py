@@ -39,11 +39,18 @@ class SpecialValues:
     rank: int
     relations: tuple[str, ...]
 
-    def __str__(self) -> str:
+    def text(self, what: str) -> str:
+        """Both counts with the reason.
+
+        Parameters
+        ----------
+        what : str
+            What has the stated values, such as ``robot``.
+        """
         reason = " and ".join(self.relations)
         if self.rank == self.generic_rank:
-            return f"{self.rank} base parameters, but other representatives than in general, because {reason}"
-        return f"{self.generic_rank} in general; {self.rank} for this robot, because {reason}"
+            return f"{self.rank} as in general, but with other representatives for this {what}, because {reason}"
+        return f"{self.generic_rank} in general; {self.rank} for this {what}, because {reason}"
 
 
 Terms = tuple[tuple[str, Fraction], ...]

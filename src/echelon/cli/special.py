@@ -31,7 +31,9 @@ def run_special(
         lines = [f"{one_line(mechanism.name)}: {found.rank} base parameters for generic values of its symbols"]
         width = max((len(case.condition) for case in found.cases), default=0)
         lines += [f"  {one_line(case.condition):<{width}}  {case.rank}" for case in found.cases]
-        lines.append(f"{found.tried} conditions tried, {len(found.cases)} change the number")
+        lines.append(f"{found.tried} conditions tried, one or two at a time; {len(found.cases)} change the number")
+        if found.left_out:
+            lines.append(f"{found.left_out} pairs of conditions were not tried")
         text = "\n".join(lines)
     if output is not None:
         write_atomically(output, text + "\n")
