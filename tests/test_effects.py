@@ -185,11 +185,7 @@ REGIONS: dict[str, tuple[list[dict[str, object]], int, int]] = {
     # max(0, v) − max(0, −v) = v, but only together
     "viscous, by sides": ([acting("A", j1="max(0, qd)"), acting("B", j1="min(0, qd)"), acting("V", j1="qd")], 2, 2),
     "dead zone": ([acting("A", j1="max(0, qd - d)"), acting("B", j1="max(0, qd)"), acting("V", j1="qd")], 3, 3),
-    "corner": (
-        [acting("A", j1="(1 + sign(q - 30))*(1 + sign(qd - 99))*(1 + sign(q[j2] + 9))*(1 + sign(qd[j2]))")],
-        1,
-        16,
-    ),
+    "corner": ([acting("A", j1="(1 + sign(q - 30))*(1 + sign(qd - 99))*(1 + sign(q[j2] + 9))")], 1, 8),
     "no such corner": ([acting("A", j1="(1 + sign(qd - 9))*(1 - sign(qd - d))")], 0, 3),
     "friction": ([{"type": "coulomb", "at": "all"}, {"type": "asymmetric_coulomb", "at": "all"}], 4, 3),
 }
@@ -214,11 +210,8 @@ def test_friction_of_many_joints_needs_no_combinations() -> None:
 def test_dead_zones_of_speed_in_a_loop() -> None:
     path = Path(__file__).parent.parent / "examples" / "loops" / "four_bar.yaml"
     data = yaml.safe_load(path.read_text())
-    data["effects"] = [
-        acting("A", crank="max(0, qd - 0.001)"),
-        acting("B", crank="max(0, qd)"),
-        acting("V", crank="qd"),
-    ]
+    terms = {"A": "max(0, qd - 0.001)", "B": "max(0, qd)", "V": "qd"}
+    data["effects"] = [acting(name, crank=term) for name, term in terms.items()]
     base = ec.base_parameters(read_description_data(data, "four bar", ReadingOptions()))
     assert base.rank == 8 + 3
     assert base.certificate.regions == 3
