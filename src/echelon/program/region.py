@@ -92,6 +92,11 @@ class RealPoints:
         self._surfaces = find_surfaces(program, outputs)
 
     @property
+    def has_signs(self) -> bool:
+        """Whether there are regions of signs, and not only of a domain."""
+        return bool(self._surfaces.signs)
+
+    @property
     def count(self) -> int:
         """Number of regions."""
         return len(self._search.regions)
@@ -168,7 +173,7 @@ class RealPoints:
         size = np.where(points == 0, 1.0, np.abs(points)) * 10 ** rng.uniform(-12, 0, points.shape[1])
         moved = values.normal(points + size * rng.standard_normal(points.shape))
         table = values.at(moved)
-        same = ~np.isnan(table).any(axis=0) & (table[len(signs) :] > 0).all(axis=0)
+        same = values.in_domain(table)
         for k, n in enumerate(self._surfaces.nodes):
             if n not in zero:
                 same &= np.sign(table[k]) == signs[k]
@@ -180,7 +185,7 @@ class RealPoints:
     def _one_sided(self) -> list[str]:
         """Signs of which only one side is known."""
         program, search = self.program, self._search
-        signs = {program.lhs[n] for n, op in enumerate(program.ops) if op == Op.SIGN} - set(self._surfaces.positive)
+        signs = self._surfaces.signs - set(self._surfaces.positive)
         remarks = []
         for k, n in enumerate(self._surfaces.nodes):
             seen = {int(r.signs[k]) for r in search.regions}
