@@ -17,7 +17,8 @@ import numpy as np
 from flint import fmpq, fmpq_mat
 
 FAR = 10**9
-FUNCTIONS = ("1", "x0", "x0**2", "sin(x0)", "exp(x0/7)", "x0*z")
+FUNCTIONS = ("1", "x0", "x1", "x2", "x0**2", "sin(x0)", "exp(x0/7)", "x0*z")
+_OF_EVERY_MODEL = (0, 1, 4, 5, 6, 7)
 
 
 @dataclass(frozen=True)
@@ -29,10 +30,10 @@ class _Term:
     signs: tuple[int, ...] = ()
     corner: tuple[tuple[int, int], ...] = ()
 
-    def value(self, cell: tuple[int, ...]) -> int:
-        """The coefficient of the function in a region."""
+    def values(self, cell: tuple[int, ...]) -> dict[int, Fraction]:
+        """The coefficients of functions in a region."""
         sides = [1 + side * cell[k] for k, side in self.corner]
-        return self.factor * math.prod(cell[k] for k in self.signs) * math.prod(sides)
+        return {self.function: Fraction(self.factor * math.prod(cell[k] for k in self.signs) * math.prod(sides))}
 
     def text(self, surfaces: list[str]) -> str:
         factors = [f"sign({surfaces[k]})" for k in self.signs]
@@ -62,6 +63,23 @@ class _Affine:
         return f"{' + '.join(terms)} + ({self.offset.numerator}/{self.offset.denominator})"
 
 
+@dataclass(frozen=True)
+class _Stop:
+    """max(0, surface), by number and as the affine function that it is."""
+
+    surface: int
+    affine: _Affine
+
+    def values(self, cell: tuple[int, ...]) -> dict[int, Fraction]:
+        """The coefficients of functions in a region."""
+        if cell[self.surface] < 0:
+            return {}
+        return {0: self.affine.offset, **{1 + k: Fraction(a) for k, a in enumerate(self.affine.normal)}}
+
+    def text(self, surfaces: list[str]) -> str:
+        return f"max(0, {surfaces[self.surface]})"
+
+
 def sign_model(seed: int) -> SignModel:
     """A random model: affine signs, dead zones and stops of all magnitudes, narrow peaks of cosines."""
     rng = np.random.default_rng(seed)
@@ -74,7 +92,7 @@ def sign_model(seed: int) -> SignModel:
     peaks = int(rng.integers(0, 2))
     texts = [*map(str, affine), *(_peak(rng, k) for k in range(peaks))]
     cells = [(*cell, *peak) for cell in sorted(regions) for peak in itertools.product((-1, 1), repeat=peaks)]
-    columns = _columns(rng, len(texts))
+    columns = _columns(rng, affine, len(texts))
     names = (*(f"x{k}" for k in range(variables)), *(f"y{k}" for k in range(peaks)), "z")
     written = tuple(" + ".join(term.text(texts) for term in column) for column in columns)
     return SignModel(written, names, len(cells), _rank(columns, cells))
@@ -131,9 +149,13 @@ def _corner(meeting: list[_Affine]) -> list[Fraction] | None:
     return [Fraction(int(x.p), int(x.q)) for x in matrix.solve(right).entries()]
 
 
-def _columns(rng: np.random.Generator, surfaces: int) -> list[list[_Term]]:
+def _columns(rng: np.random.Generator, affine: list[_Affine], surfaces: int) -> list[list[_Term | _Stop]]:
     """Columns, some of which differ from combinations of others in a corner of the space only."""
-    columns = [[_term(rng, surfaces) for _ in range(rng.integers(1, 3))] for _ in range(rng.integers(2, 6))]
+    columns: list[list[_Term | _Stop]] = [
+        [_term(rng, surfaces) for _ in range(rng.integers(1, 3))] for _ in range(rng.integers(2, 6))
+    ]
+    stops = rng.choice(len(affine), int(rng.integers(0, len(affine) + 1)), replace=False)
+    columns += [[_Stop(int(k), affine[k])] for k in stops]
     for _ in range(int(rng.integers(1, 4))):
         chosen = [t for k in rng.choice(len(columns), 2) for t in columns[k]]
         columns.append([*chosen, _in_a_corner(rng, surfaces)] if rng.random() < 0.5 else chosen)
@@ -142,20 +164,21 @@ def _columns(rng: np.random.Generator, surfaces: int) -> list[list[_Term]]:
 
 def _term(rng: np.random.Generator, surfaces: int) -> _Term:
     signs = rng.choice(surfaces, int(rng.integers(0, min(3, surfaces) + 1)), replace=False)
-    return _Term(int(rng.choice([-2, -1, 1, 2])), int(rng.integers(len(FUNCTIONS))), tuple(sorted(map(int, signs))))
+    return _Term(int(rng.choice([-2, -1, 1, 2])), int(rng.choice(_OF_EVERY_MODEL)), tuple(sorted(map(int, signs))))
 
 
 def _in_a_corner(rng: np.random.Generator, surfaces: int) -> _Term:
     """A function that is there on one side of some surfaces only."""
     chosen = rng.choice(surfaces, int(rng.integers(1, surfaces + 1)), replace=False)
     corner = tuple((int(k), int(rng.choice([-1, 1]))) for k in chosen)
-    return _Term(1, int(rng.integers(len(FUNCTIONS))), (), corner)
+    return _Term(1, int(rng.choice(_OF_EVERY_MODEL)), (), corner)
 
 
-def _rank(columns: list[list[_Term]], cells: list[tuple[int, ...]]) -> int:
-    table = [[0] * len(columns) for _ in range(len(cells) * len(FUNCTIONS))]
+def _rank(columns: list[list[_Term | _Stop]], cells: list[tuple[int, ...]]) -> int:
+    table = [[Fraction(0)] * len(columns) for _ in range(len(cells) * len(FUNCTIONS))]
     for c, column in enumerate(columns):
         for term in column:
             for r, cell in enumerate(cells):
-                table[r * len(FUNCTIONS) + term.function][c] += term.value(cell)
-    return int(fmpq_mat([[fmpq(x) for x in row] for row in table]).rank())
+                for function, value in term.values(cell).items():
+                    table[r * len(FUNCTIONS) + function][c] += value
+    return int(fmpq_mat([[fmpq(x.numerator, x.denominator) for x in row] for row in table]).rank())

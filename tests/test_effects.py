@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import echelon as ec
 from echelon.formats.description import read_description_data
@@ -172,3 +173,49 @@ def test_a_point_payload_adds_its_mass_alone() -> None:
     assert robot.parameters[-1] == "ML"
     assert len(robot.parameters) == 11
     assert [str(e) for e in ec.base_parameters(robot).expressions] == ["YY1 + 9/100·ML", "MX1 + 3/10·ML", "MZ1"]
+
+
+def acting(parameter: str, **terms: str) -> dict[str, object]:
+    return {"parameter": parameter, "unit": "N·m", "acts": [{"at": at, "term": term} for at, term in terms.items()]}
+
+
+REGIONS: dict[str, tuple[list[dict[str, object]], int, int]] = {
+    "end stop": ([acting("K", j1="max(0, q - 200)"), acting("S", j1="q")], 2, 2),
+    "backlash": ([acting("K", j1="max(0, q - d) + min(0, q + d)"), acting("S", j1="q")], 2, 3),
+    # max(0, v) − max(0, −v) = v, but only together
+    "viscous, by sides": ([acting("A", j1="max(0, qd)"), acting("B", j1="min(0, qd)"), acting("V", j1="qd")], 2, 2),
+    "dead zone": ([acting("A", j1="max(0, qd - d)"), acting("B", j1="max(0, qd)"), acting("V", j1="qd")], 3, 3),
+    "corner": ([acting("A", j1="(1 + sign(q - 30))*(1 + sign(qd - 99))*(1 + sign(q[j2] + 9))")], 1, 8),
+    "no such corner": ([acting("A", j1="(1 + sign(qd - 9))*(1 - sign(qd - d))")], 0, 3),
+    "friction": ([{"type": "coulomb", "at": "all"}, {"type": "asymmetric_coulomb", "at": "all"}], 4, 3),
+}
+
+
+@pytest.mark.parametrize("case", REGIONS.values(), ids=REGIONS)
+def test_small_and_distant_regions(case: tuple[list[dict[str, object]], int, int]) -> None:
+    effects, added, regions = case
+    base = ec.base_parameters(arm(effects=effects, symbols={"d": {"value": 0.001, "meaning": "half width"}}))
+    assert base.rank == 10 + added
+    assert base.certificate.regions == regions
+    assert base.certificate.log10_error < -30
+
+
+def test_friction_of_many_joints_needs_no_combinations() -> None:
+    base = ec.base_parameters(arm(30, effects=[{"type": "coulomb", "at": "all"}]))
+    assert base.rank == ec.base_parameters(arm(30)).rank + 30
+    assert base.certificate.regions == 31  # of 2^30
+    assert "enough for all products" in str(base.certificate)
+
+
+def test_dead_zones_of_speed_in_a_loop() -> None:
+    path = Path(__file__).parent.parent / "examples" / "loops" / "four_bar.yaml"
+    data = yaml.safe_load(path.read_text())
+    terms = {"A": "max(0, qd - 0.001)", "B": "max(0, qd)", "V": "qd"}
+    data["effects"] = [acting(name, crank=term) for name, term in terms.items()]
+    base = ec.base_parameters(read_description_data(data, "four bar", ReadingOptions()))
+    assert base.rank == 8 + 3
+    assert base.certificate.regions == 3
+    data["effects"] = [acting("A", crank="max(0, q - 2000)")]
+    stop = ec.base_parameters(read_description_data(data, "four bar", ReadingOptions()))
+    assert stop.rank == 8
+    assert "sign(2000 - q[crank]): only positive values were found" in str(stop.certificate)

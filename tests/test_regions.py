@@ -40,15 +40,15 @@ NAMED: dict[str, tuple[list[str], str, int, int]] = {
     "peak of a product": (["1", "sign(sin(x)*cos(y) - 0.99999)"], "x y", 2, 2),
     "three peaks": (["1", "(1 + sign(cos(x) - 0.9999))*(1 + sign(cos(y) - 0.999))*(1 + sign(sin(z) - 0.99))"],
                     "x y z", 2, 8),
-    "differences": (
-        ["1", "sign(x - y - 5)", "sign(y - z - 0.01)", "sign(x - y - 5)*sign(y - z - 0.01)"], "x y z", 4, 4,
-    ),
+    "differences": (["1", "sign(x - y - 5)", "sign(y - z - 0.01)", "sign(x - y - 5)*sign(y - z - 0.01)"],
+                    "x y z", 4, 4),
     "order": (["1", "sign(x - y)", "sign(y - z)", "sign(x - z)", "sign(x - y)*sign(y - z)*sign(x - z)"], "x y z", 4, 6),
     "thin slab": (["1", "(1 + sign(x + y + z - 300))*(1 + sign(300.001 - x - y - z))"], "x y z", 2, 3),
     "small ball": (["1", "sign(1e-6 - (x - 1000)**2 - (y + 500)**2 - (z - 3)**2)"], "x y z", 2, 2),
     "no such corner": (["1", "(1 + sign(x))*(1 + sign(y))*(1 - sign(x + y))"], "x y", 1, 6),
     "seven steps": (["1", "*".join(f"(1 + sign(x - {k}))" for k in range(7))], "x", 2, 8),
     "overflow": (["1", "sign(exp(x) - 1e300)"], "x", 2, 2),
+    "domain of a maximum": (["x/max(x, 0)", "x", "1"], "x", 2, 1),
     "zero on a half": (["1", "sign(max(x, 0))", "sign(max(x, 0))**2"], "x", 2, 2),
     "zero everywhere": (["1", "sign(sin(x)**2 + cos(x)**2 - 1)"], "x", 1, 1),
     "distant domain": (["1", "log(x - 1e5)", "sign(x - 2e5)"], "x", 3, 2),
@@ -96,13 +96,12 @@ def test_certificates_state_their_regions() -> None:
 
 
 def test_a_false_relation_in_one_small_region_is_caught() -> None:
-    """A set that is right in all regions but one of 256 does not pass."""
+    """A set that is right in all regions but one of 32 does not pass."""
     from dataclasses import replace
 
     from echelon.base.certificate import certify
 
-    variables = " ".join(f"x{i}" for i in range(8))
-    base = base_of(["1", box(8)], variables)
+    base = base_of(["1", box(5)], "x0 x1 x2 x3 x4")
     wrong = replace(base.matrix, pivots=base.matrix.pivots[:1], rows=base.matrix.rows[:1])
     with pytest.raises(ec.CertificateError, match="does not reproduce the effect of p1"):
         certify(base.model.regressor, wrong, seed=1)
@@ -153,13 +152,13 @@ def test_balls_visit_all_regions() -> None:
     assert (base.route, base.rank) == ("balls", 4)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(8))
 def test_random_models(seed: int) -> None:
     check(seed)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(12, 212))
+@pytest.mark.parametrize("seed", range(8, 208))
 def test_many_random_models(seed: int) -> None:
     check(seed)
 

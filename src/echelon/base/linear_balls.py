@@ -42,17 +42,24 @@ class BallEvidence:
         Rows of X that were eliminated.
     log10_residual : float
         Decimal logarithm of a bound on what was taken as zero.
+    regions : int
+        Regions of signs that the rows visit; 0 without signs.
+    regions_note : str
+        Whether other regions could matter.
     """
 
     rank: int
     bits: int
     rows: int
     log10_residual: float
+    regions: int = 0
+    regions_note: str = ""
 
     def __str__(self) -> str:
         return (
             f"rank {self.rank} proved from below in ball arithmetic of {self.bits} bits; completeness is not proven: "
             f"what is left of {self.rows} rows is below 1e{int(self.log10_residual)}"
+            f"{f', {self.regions_note}' if self.regions_note else ''}"
         )
 
 
@@ -97,7 +104,9 @@ class BallStructure:
             rows.append(dict(sorted(row.items())))
         pivots = tuple(self.order[p] for p in echelon.pivots)
         matrix = BaseMatrix(self.model.parameters, pivots, tuple(rows), self.order)
-        evidence = BallEvidence(len(pivots), bits, self.rows, echelon.residual * 0.30103)
+        real = self._real[1]
+        regions = (real.count, str(real.report)) if real.has_signs else (0, "")
+        evidence = BallEvidence(len(pivots), bits, self.rows, echelon.residual * 0.30103, *regions)
         return matrix, decimals, evidence
 
     def _agreed(self) -> tuple[tuple[BallEchelon, int], tuple[BallEchelon, int]]:

@@ -40,10 +40,11 @@ class RealValues:
         self.surfaces, self.constants = surfaces, constants
         self.variables = [n for n in surfaces.inputs if n not in constants]
         program = surfaces.program
-        self._schedule = Schedule(program, [*surfaces.nodes, *surfaces.positive])
+        rows = [*surfaces.nodes, *surfaces.positive, *surfaces.nonzero]
+        self._schedule = Schedule(program, rows)
         place = {n: k for k, n in enumerate(self.variables)}
         self.spheres = [[place[n] for n in group] for group in program.unit_groups if all(n in place for n in group)]
-        self.cones = [self._cone(n) for n in (*surfaces.nodes, *surfaces.positive)]
+        self.cones = [self._cone(n) for n in rows]
         self._nested = np.array([n in surfaces.nested for n in surfaces.nodes], dtype=bool)
 
     def _cone(self, node: int) -> list[int]:
@@ -59,7 +60,7 @@ class RealValues:
         return points
 
     def at(self, points: Floats) -> Floats:
-        """Values of the surfaces, then of what must be positive.
+        """Values of the surfaces, then of what must be positive, and of what must not vanish.
 
         Parameters
         ----------
@@ -67,7 +68,7 @@ class RealValues:
 
         Returns
         -------
-        array of shape (surfaces + positive, points)
+        array of shape (surfaces + positive + nonzero, points)
         """
         count = points.shape[1]
         leaves = {n: points[k] for k, n in enumerate(self.variables)}
@@ -78,8 +79,14 @@ class RealValues:
     def inside(self, values: Floats) -> npt.NDArray[np.bool_]:
         """Which points are in the domain and on no surface, but for those that may vanish on a region."""
         count = len(self.surfaces.nodes)
-        good = ~np.isnan(values).any(axis=0) & (values[count:] > 0).all(axis=0)
+        good = self.in_domain(values)
         good &= ((values[:count] != 0) | self._nested[:, None]).all(axis=0)
+        return np.asarray(good, dtype=bool)
+
+    def in_domain(self, values: Floats) -> npt.NDArray[np.bool_]:
+        """Which points are in the domain."""
+        first, last = len(self.surfaces.nodes), len(self.surfaces.nodes) + len(self.surfaces.positive)
+        good = ~np.isnan(values).any(axis=0) & (values[first:last] > 0).all(axis=0) & (values[last:] != 0).all(axis=0)
         return np.asarray(good, dtype=bool)
 
     def certain(self, point: Floats, free: frozenset[int] = frozenset()) -> Signs | None:
@@ -99,7 +106,8 @@ class RealValues:
         count = len(self.surfaces.nodes)
         for bits in _BITS:
             values = self._balls(point, bits)
-            if not all(v > 0 for v in values[count:]):
+            last = count + len(self.surfaces.positive)
+            if not (all(v > 0 for v in values[count:last]) and all(v != 0 for v in values[last:])):
                 continue
             known = [self._sign(v, bits, nested) for v, nested in zip(values, self._nested, strict=False)]
             if all(s is not None or n in free for s, n in zip(known, self.surfaces.nodes, strict=True)):

@@ -92,6 +92,11 @@ class RealPoints:
         self._surfaces = find_surfaces(program, outputs)
 
     @property
+    def has_signs(self) -> bool:
+        """Whether there are regions of signs, and not only of a domain."""
+        return bool(self._surfaces.signs)
+
+    @property
     def count(self) -> int:
         """Number of regions."""
         return len(self._search.regions)
@@ -168,7 +173,7 @@ class RealPoints:
         size = np.where(points == 0, 1.0, np.abs(points)) * 10 ** rng.uniform(-12, 0, points.shape[1])
         moved = values.normal(points + size * rng.standard_normal(points.shape))
         table = values.at(moved)
-        same = ~np.isnan(table).any(axis=0) & (table[len(signs) :] > 0).all(axis=0)
+        same = values.in_domain(table)
         for k, n in enumerate(self._surfaces.nodes):
             if n not in zero:
                 same &= np.sign(table[k]) == signs[k]
@@ -180,16 +185,15 @@ class RealPoints:
     def _one_sided(self) -> list[str]:
         """Signs of which only one side is known."""
         program, search = self.program, self._search
-        signs = {program.lhs[n] for n, op in enumerate(program.ops) if op == Op.SIGN} - set(self._surfaces.positive)
+        signs = self._surfaces.signs - set(self._surfaces.positive)
         remarks = []
         for k, n in enumerate(self._surfaces.nodes):
             seen = {int(r.signs[k]) for r in search.regions}
             if n not in signs or len(seen) > 1:
                 continue
-            kind = {1: "positive", -1: "negative", 0: "zero"}[seen.pop()]
-            known = "everywhere" if n in search.constant else "as far as 512 bits tell"
-            text = f"{kind} {known}" if n in search.constant or kind == "zero" else f"only {kind} values were found"
-            remarks.append(f"sign({self._shown(n)}): {text}")
+            sign = seen.pop()
+            known = "everywhere" if n in search.constant else "" if sign else "as far as 512 bits tell"
+            remarks.append(one_sided(program, n, sign, known))
         return remarks
 
     def _unstated(self) -> list[str]:
@@ -199,7 +203,21 @@ class RealPoints:
         shown = [f"{inputs[n].name} = {float(values[n]):.3g}" for n in drawn if inputs[n].name not in self._stated]
         return [f"regions as for {', '.join(shown)}, which have no stated value"] if shown else []
 
-    def _shown(self, node: int) -> str:
-        from echelon.program.sympy_bridge import to_sympy
 
-        return str(to_sympy(self.program, [node])[0])
+def one_sided(program: Program, node: int, sign: int, known: str = "") -> str:
+    """What to say of a sign of which only one side was seen.
+
+    Parameters
+    ----------
+    program : Program
+    node : int
+        The sign's argument.
+    sign : int
+    known : str
+        Where it is known to have this sign, if it is.
+    """
+    from echelon.program.sympy_bridge import to_sympy
+
+    kind = {1: "positive", -1: "negative", 0: "zero"}[sign]
+    shown = to_sympy(program, [node])[0]
+    return f"sign({shown}): {f'{kind} {known}' if known else f'only {kind} values were found'}"

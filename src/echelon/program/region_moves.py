@@ -140,7 +140,8 @@ def descended(values: RealValues, points: Floats, wanted: Floats, rng: np.random
     """
     points = points.copy()
     table = values.at(points)
-    wanted = np.concatenate([wanted, np.ones((len(table) - len(wanted), points.shape[1]))])
+    others = [len(values.surfaces.positive), len(values.surfaces.nonzero)]
+    wanted = np.concatenate([wanted, *(np.full((n, points.shape[1]), w) for n, w in zip(others, (1, 0), strict=True))])
     scale = np.abs(table)
     scale[~(scale > 0) | ~np.isfinite(scale)] = 1.0
     cost = _violation(table, wanted, scale)

@@ -82,7 +82,7 @@ class FieldSampler:
     @property
     def region_report(self) -> RegionReport | None:
         """Which regions are visited, where there are signs."""
-        return self._region.report if self._region is not None and self._sign_leaves else None
+        return self._region.report if self._region is not None and self._region.has_signs else None
 
     @property
     def symbols(self) -> list[str]:

@@ -153,7 +153,8 @@ class Scalar:
         a, b = (np.asarray(x, dtype=object) for x in np.broadcast_arrays(*(_boxed(x) for x in inputs)))
         result = np.empty(a.shape, dtype=object)
         for place in np.ndindex(a.shape):
-            result[place] = chosen(*(Scalar(self.program, self._node_of(x.item(place))) for x in (a, b)))
+            pair: list[Any] = [a[place], b[place]]
+            result[place] = chosen(*(Scalar(self.program, self._node_of(x)) for x in pair))
         return result[()]
 
     # -- what a program cannot hold ------------------------------------------------------------------------------

@@ -28,8 +28,12 @@ class Surfaces:
     program : Program
     nodes : tuple of int
         Whose zeros are the surfaces: arguments of signs, and factors of arguments of logarithms and roots.
+    signs : frozenset of int
+        Those of ``nodes`` that are arguments of signs.
     positive : tuple of int
         Arguments of logarithms and roots, which are positive in the domain.
+    nonzero : tuple of int
+        Denominators with signs, which could vanish on a region.
     nested : frozenset of int
         Those of ``nodes`` whose value contains a sign: they may vanish on a whole region.
     inputs : tuple of int
@@ -40,7 +44,9 @@ class Surfaces:
 
     program: Program
     nodes: tuple[int, ...]
+    signs: frozenset[int]
     positive: tuple[int, ...]
+    nonzero: tuple[int, ...]
     nested: frozenset[int]
     inputs: tuple[int, ...]
     maximal: tuple[frozenset[int], ...]
@@ -59,10 +65,17 @@ def find_surfaces(program: Program, outputs: Sequence[int]) -> Surfaces:
     positive = {lhs[n] for n in needed if ops[n] in _DOMAIN}
     signs = {lhs[n] for n in needed if ops[n] in (Op.SIGN, Op.ABS)}
     nodes = tuple(sorted(signs | {f for n in positive for f in _factors(program, n) if f not in positive}))
-    jumps = {n for n in needed if ops[n] in (Op.SIGN, Op.ABS)}
-    nested = frozenset(n for n in nodes if jumps & set(program.needed([n])))
-    inputs = tuple(n for n in program.needed([*nodes, *positive]) if ops[n] == Op.INPUT)
-    return Surfaces(program, nodes, tuple(sorted(positive)), nested, inputs, _products(program, outputs, nodes))
+    nested = frozenset(n for n in nodes if _jumps(program, n))
+    below = sorted({program.rhs[n] for n in needed if ops[n] == Op.DIV}) if signs else []
+    nonzero = tuple(n for n in below if _jumps(program, n))
+    inputs = tuple(n for n in program.needed([*nodes, *positive, *nonzero]) if ops[n] == Op.INPUT)
+    products = _products(program, outputs, nodes)
+    return Surfaces(program, nodes, frozenset(signs), tuple(sorted(positive)), nonzero, nested, inputs, products)
+
+
+def _jumps(program: Program, node: int) -> bool:
+    """Whether there is a sign in a node."""
+    return any(program.ops[n] in (Op.SIGN, Op.ABS) for n in program.needed([node]))
 
 
 def _factors(program: Program, node: int) -> set[int]:

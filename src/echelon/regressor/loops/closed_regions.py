@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.program.independent import IndependentRegions
-from echelon.program.region import SAMPLED, RegionReport
+from echelon.program.region import SAMPLED, RegionReport, one_sided
 from echelon.program.region_search import COMPLETE
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.surfaces import find_surfaces, monomials
@@ -57,7 +57,9 @@ def closed_regions(
     independent = IndependentRegions(rows)
     kept = independent.include(found, lambda _: True)[:_MOST_REGIONS]
     ended = COMPLETE if independent.complete and len(kept) == independent.rank else SAMPLED
-    return found[:, kept].T.astype(np.int64), RegionReport(len(kept), ended)
+    seen = [(node, set(found[k].tolist())) for k, node in enumerate(arguments)]
+    remarks = tuple(one_sided(program, node, side.pop()) for node, side in seen if len(side) == 1)
+    return found[:, kept].T.astype(np.int64), RegionReport(len(kept), ended, remarks)
 
 
 def _at_all_speeds(name: str, states: Mapping[str, Floats]) -> Floats:
