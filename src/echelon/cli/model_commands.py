@@ -18,6 +18,8 @@ from echelon.cli.options import (
     Floating,
     Gravity,
     Massless,
+    Measured,
+    Measuring,
     Mimic,
     Mimicking,
     Numeric,
@@ -68,6 +70,7 @@ def derive(
     mimic: Mimicking = Mimic.COUPLED,
     every_link: EveryLink = False,
     massless: Massless = None,
+    measured: Measuring = Measured.DRIVES,
     structure: Annotated[bool, typer.Option("--structure", help="Count and representatives only.")] = False,
     special: Annotated[
         bool, typer.Option("--special", help="Instead: special geometry and gravity where the number changes.")
@@ -77,7 +80,7 @@ def derive(
     """Derive the base inertial parameters of a robot in closed form."""
     from echelon.cli.derive import DeriveRequest, run_derive
 
-    chosen_reading = reading(floating, gravity, tolerance, mimic, every_link, numeric, massless)
+    chosen_reading = reading(floating, gravity, tolerance, mimic, every_link, numeric, massless, measured)
     chosen = Format.JSON if as_json else output_format
     if structure and (prefer or order is not Order.BASE_TO_TIP or chosen in (Format.LATEX, Format.MARKDOWN)):
         raise typer.BadParameter("--structure is in base-to-tip order, as text or JSON, and takes no --prefer")

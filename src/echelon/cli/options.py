@@ -16,6 +16,13 @@ class Mimic(StrEnum):
     INDEPENDENT = "independent"
 
 
+class Measured(StrEnum):
+    """What is measured, where a description does not say so."""
+
+    DRIVES = "drives"
+    FILE = "file"
+
+
 class Order(StrEnum):
     """Column orders."""
 
@@ -42,6 +49,7 @@ Tolerance = Annotated[
 ]
 Numeric = Annotated[bool, typer.Option("--numeric", help="Keep lengths as exact numbers.")]
 Mimicking = Annotated[Mimic, typer.Option(help="Respect mimic joints, or treat them as independent.")]
+Measuring = Annotated[Measured, typer.Option(help="Forces of all drives, or the sensors of an MJCF file.")]
 EveryLink = Annotated[bool, typer.Option("--every-link", help="Keep links fixed to others as bodies.")]
 Massless = Annotated[list[str] | None, typer.Option(help="A link that carries no parameters; may be repeated.")]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the random points.")]
@@ -55,6 +63,7 @@ def reading(
     every_link: bool = False,
     numeric: bool = False,
     massless: list[str] | None = None,
+    measured: Measured = Measured.DRIVES,
 ) -> dict[str, Any]:
     """Keyword arguments of :func:`echelon.load`."""
     return {
@@ -64,5 +73,6 @@ def reading(
         "independent_mimics": mimic is Mimic.INDEPENDENT,
         "every_link": every_link,
         "massless": tuple(massless or ()),
+        "measured": measured.value,
         **({} if tolerance is None else {"tolerance": tolerance}),
     }

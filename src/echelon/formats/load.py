@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 from echelon.errors import InputError
 from echelon.formats.build import build_mechanism
@@ -29,6 +30,7 @@ def load(
     independent_mimics: bool = False,
     massless: Sequence[str] = (),
     gravity: Gravity = "file",
+    measured: Literal["drives", "file"] = "drives",
 ) -> Mechanism:
     """Read a robot description.
 
@@ -52,6 +54,9 @@ def load(
         Links that carry no parameters.
     gravity : "file", "generic", None or 3 numbers or expressions
         Gravity in the base frame, m/s².
+    measured : "drives" or "file"
+        What is measured: the forces of all drives, or what the sensors of an MJCF file measure (see
+        ``docs/formats/mjcf.md``).  Descriptions state their outputs themselves.
 
     Returns
     -------
@@ -68,7 +73,9 @@ def load(
     >>> print(ec.load("examples/panda.yaml"))
     panda: 7 bodies, 7 degrees of freedom
     """
-    options = ReadingOptions(tolerance, symbolic, floating, every_link, independent_mimics, tuple(massless), gravity)
+    options = ReadingOptions(
+        tolerance, symbolic, floating, every_link, independent_mimics, tuple(massless), gravity, measured=measured
+    )
     file = Path(path)
     return parse_robot(read_bytes(file), str(file), options, file.parent)
 

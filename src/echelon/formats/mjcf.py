@@ -33,6 +33,7 @@ from echelon.formats.mjcf_numbers import (
     placements,
     quaternion_matrix,
 )
+from echelon.formats.mjcf_sensors import Sensors
 from echelon.formats.mjcf_spec import NO_MASS, CompiledModel, compile_spec, import_mujoco, parse_spec
 from echelon.mechanism.joint import MotionKind
 
@@ -79,12 +80,14 @@ def read_mjcf(text: str | bytes, source: str, directory: Path | None, *, mimics:
     driven = driven_joints(spec)
     for equality in (e for e in couples if equality_kind(e) == TENDON):  # without tendons they mean nothing
         spec.delete(equality)
+    sensors = Sensors(spec)
     reader = _Reader(compile_spec(spec, source, directory))
     held, couplings, found = resolve(relations, reader.reference, driven, source)
     notes += found
     notes += [f"joint '{name}' is held by an equality and cannot move" for name in held]
     model = reader.model
     loops = [equality for equality in equalities if equality not in couples]
+    measured = tuple(sensors.read(model))
     weightless = model.opt.disableflags & import_mujoco().mjtDisableBit.mjDSBL_GRAVITY
     gravity: Triple = (0, 0, 0) if weightless else exact_triple(model.opt.gravity)
     return LiteralTree(
@@ -93,12 +96,13 @@ def read_mjcf(text: str | bytes, source: str, directory: Path | None, *, mimics:
         tuple(reader.link(index, held) for index in range(model.nbody)),
         couplings,
         gravity,
-        (*notes, *reader.compiled.notes),
+        (*notes, *reader.compiled.notes, *sensors.notes),
         root_is_world=True,
         closures=tuple(read_closures(loops, model, spec)),
         assembly=reference_positions(model) if loops else {},
         driven=driven,
         has_mimics=bool(couplings) or len(relations) < len(couples),
+        sensors=measured,
     )
 
 
