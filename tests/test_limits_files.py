@@ -127,7 +127,8 @@ def test_couplings_by_polynomials_and_tendons_count_without_their_offsets(tmp_pa
     )
     text = f"""<mujoco><worldbody>{joints}</worldbody>
     <tendon><fixed name="t"><joint joint="b" coef="1"/><joint joint="c" coef="4"/></fixed></tendon>
-    <equality><joint joint1="b" joint2="a" polycoef="0.5 0 3 0 0"/><tendon tendon1="t" polycoef="0.1 0 0 0 0"/></equality>
+    <equality><joint joint1="b" joint2="a" polycoef="0.5 0 3 0 0"/>
+    <tendon tendon1="t" polycoef="0.1 0 0 0 0"/></equality>
     </mujoco>"""
     (tmp_path / "robot.xml").write_text(text)
     mechanism = ec.load(tmp_path / "robot.xml")

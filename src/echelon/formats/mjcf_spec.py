@@ -170,9 +170,8 @@ def _wrapped(error: Exception, source: str) -> InputError:
 def _effect_notes(spec: Any) -> list[str]:
     found = [f"joint {name}" for name in _EFFECTS if any(np.any(getattr(joint, name)) for joint in spec.joints)]
     found += ["gravity compensation"] if any(body.gravcomp for body in spec.bodies) else []
-    found += (
-        ["forces of tendons"] if any(np.any(getattr(t, name, 0)) for t in spec.tendons for name in _EFFECTS) else []
-    )
+    acts = any(np.any(getattr(tendon, name, 0)) for tendon in spec.tendons for name in _EFFECTS)
+    found += ["forces of tendons"] if acts else []
     return [f"ignored, since rigid-body parameters do not cover them: {', '.join(found)}"] if found else []
 
 
