@@ -120,6 +120,24 @@ def test_coupled_joints_count_without_the_offset_of_their_coupling(tmp_path: Pat
     assert alone["j2"] == ALL
 
 
+def test_couplings_by_polynomials_and_tendons_count_without_their_offsets(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    joints = "".join(
+        f'<body><joint name="{name}" type="slide" range="-1 2"/><geom size="0.1"/></body>' for name in "abc"
+    )
+    text = f"""<mujoco><worldbody>{joints}</worldbody>
+    <tendon><fixed name="t"><joint joint="b" coef="1"/><joint joint="c" coef="4"/></fixed></tendon>
+    <equality><joint joint1="b" joint2="a" polycoef="0.5 0 3 0 0"/>
+    <tendon tendon1="t" polycoef="0.1 0 0 0 0"/></equality>
+    </mujoco>"""
+    (tmp_path / "robot.xml").write_text(text)
+    mechanism = ec.load(tmp_path / "robot.xml")
+    found = stated_limits(tmp_path / "robot.xml", mechanism)
+    assert found["a"].position == (-1, 2)
+    assert found["b"].position == (-1.5, 1.5)  # b = 0.5 + 3 a²
+    assert found["c"].position == (-0.9, 2.1)  # c = (0.1 − b)/4
+
+
 def test_chains_of_couplings_count_without_their_offsets(tmp_path: Path) -> None:
     third = (
         "<link name='c'/><joint name='j3' type='revolute'><parent link='b'/><child link='c'/><axis xyz='0 0 1'/>"

@@ -213,11 +213,43 @@ def test_includes(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"robot.xml: include 'parts/arm.xml': the model has no directory"):
         read(text)
     (tmp_path / "parts" / "hand.xml").unlink()
-    with pytest.raises(InputError, match=r"parts.arm.xml: include 'hand.xml': no such file"):
+    with pytest.raises(
+        InputError, match=r"parts.arm.xml: include 'hand.xml': no such file, and it is part of the bodies"
+    ):
         read(text, tmp_path)
     (tmp_path / "parts" / "hand.xml").write_text('<!DOCTYPE x [<!ENTITY a "b">]><mujocoinclude/>')
     with pytest.raises(InputError, match=r"hand.xml: document type declarations"):
         read(text, tmp_path)
+
+
+def test_missing_includes_are_left_out_unless_they_are_needed(tmp_path: Path) -> None:
+    """Meshes and materials of a missing file do not matter beside stated inertials; its classes and bodies do."""
+    body = """<body name="a"><joint/>{}<geom type="mesh" mesh="shell" material="steel"/></body>
+    <body name="b"><joint/><geom type="mesh" mesh="shell"/></body>"""
+    tree = read(model(body.format(INERTIA), '<include file="assets.xml"/>'), tmp_path)
+    assert tree.notes[0] == "included files are missing, read without what they define: 'assets.xml'"
+    assert "inertias of body 'b' are unknown: they come from meshes that cannot be read" in tree.notes
+    assert [link.inertial is not None for link in tree.links] == [False, True, False]
+    assert read(model(body.format(INERTIA), '<include file="assets.xml"/>')).links == tree.links
+    for inner, head, problem in (
+        (ARM.replace("<body", '<body childclass="heavy"', 1), "", "unknown default childclass; included files are"),
+        ("", "", "nothing moves; included files are missing: 'assets.xml'"),
+        (ARM + '<include file="hand.xml"/>', "", "include 'hand.xml': no such file, and it is part of the bodies"),
+        (ARM, '<asset><model name="g" file="g.xml"/></asset>', "model 'g.xml': no such file"),
+    ):
+        with pytest.raises(InputError, match=problem):
+            read(model(inner, head + '<include file="assets.xml"/>'), tmp_path)
+    with pytest.raises(InputError, match="mesh 'shell' not found"):
+        read(model('<body><joint/><geom type="mesh" mesh="shell"/></body>'), tmp_path)
+
+
+def test_inertias_from_geometry_are_noted() -> None:
+    text = """<body name="a"><joint/>{}</body><body name="b"><joint/><geom size="0.1"/></body>
+    <body name="c"><joint/></body><body name="d"><joint/><geom size="0.1" mass="0"/></body>"""
+    (note,) = read(model(text.format(INERTIA))).notes
+    assert note == "inertias of body 'b' are computed from their geoms: the file does not state them"
+    (note,) = read(model(text.format(INERTIA), '<compiler inertiafromgeom="true"/>')).notes
+    assert "body 'a', body 'b' are computed" in note
 
 
 def test_attached_models(tmp_path: Path) -> None:

@@ -103,6 +103,19 @@ def test_includes_are_put_in_place_with_their_comments(tmp_path: Path) -> None:
     assert "include" not in written.text
 
 
+def test_missing_includes_stay_where_they_are(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    body = f'<body name="a"><joint name="j"/>{BODY}<geom type="mesh" mesh="gone"/></body>'
+    text = f'<mujoco><include file="assets.xml"/><worldbody>{body}</worldbody></mujoco>'
+    (tmp_path / "in.xml").write_text(text)
+    mechanism = ec.load(tmp_path / "in.xml", tolerance=0)
+    values = random_parameters(mechanism)
+    (written,) = identified_robot(mechanism, values, tmp_path / "in.xml")
+    assert '<include file="assets.xml"/>' in written.text
+    again = reread(written, ReadingOptions(tolerance=0), tmp_path)
+    assert_near(standard(again), values, 1e-11)
+
+
 def test_attached_models_are_written_out(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     (tmp_path / "child.xml").write_text(

@@ -18,6 +18,8 @@ from echelon.cli.options import (
     Floating,
     Gravity,
     Massless,
+    Measured,
+    Measuring,
     Mimic,
     Mimicking,
     Numeric,
@@ -74,6 +76,7 @@ def derive(
     generic: Annotated[
         bool, typer.Option("--generic", help="Answer for general values of the symbols, not for the stated ones.")
     ] = False,
+    measured: Measuring = Measured.DRIVES,
     structure: Annotated[bool, typer.Option("--structure", help="Count and representatives only.")] = False,
     special: Annotated[
         bool, typer.Option("--special", help="Instead: special geometry and gravity where the number changes.")
@@ -86,7 +89,7 @@ def derive(
     """Derive the base inertial parameters of a robot in closed form."""
     from echelon.cli.derive import DeriveRequest, run_derive
 
-    chosen_reading = reading(floating, gravity, tolerance, mimic, every_link, numeric, massless, symbols)
+    chosen_reading = reading(floating, gravity, tolerance, mimic, every_link, numeric, massless, symbols, measured)
     chosen = Format.JSON if as_json else output_format
     if structure and (prefer or order is not Order.BASE_TO_TIP or chosen in (Format.LATEX, Format.MARKDOWN)):
         raise typer.BadParameter("--structure is in base-to-tip order, as text or JSON, and takes no --prefer")

@@ -16,6 +16,13 @@ class Mimic(StrEnum):
     INDEPENDENT = "independent"
 
 
+class Measured(StrEnum):
+    """What is measured, where a description does not say so."""
+
+    DRIVES = "drives"
+    FILE = "file"
+
+
 class Order(StrEnum):
     """Column orders."""
 
@@ -50,6 +57,7 @@ Tolerance = Annotated[
 Numeric = Annotated[bool, typer.Option("--numeric", help="Numbers throughout, for every symbol that has a value.")]
 Symbols = Annotated[SymbolSharing, typer.Option(help="Whether equal magnitudes of a robot file share a symbol.")]
 Mimicking = Annotated[Mimic, typer.Option(help="Respect mimic joints, or treat them as independent.")]
+Measuring = Annotated[Measured, typer.Option(help="Forces of all drives, or the sensors of an MJCF file.")]
 EveryLink = Annotated[bool, typer.Option("--every-link", help="Keep links fixed to others as bodies.")]
 Massless = Annotated[list[str] | None, typer.Option(help="A link that carries no parameters; may be repeated.")]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the random points.")]
@@ -64,6 +72,7 @@ def reading(
     numeric: bool = False,
     massless: list[str] | None = None,
     symbols: SymbolSharing = SymbolSharing.SHARED,
+    measured: Measured = Measured.DRIVES,
 ) -> dict[str, Any]:
     """Keyword arguments of :func:`echelon.load`."""
     return {
@@ -74,5 +83,6 @@ def reading(
         "every_link": every_link,
         "massless": tuple(massless or ()),
         "separate_symbols": symbols is SymbolSharing.SEPARATE,
+        "measured": measured.value,
         **({} if tolerance is None else {"tolerance": tolerance}),
     }

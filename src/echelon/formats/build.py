@@ -11,6 +11,7 @@ import numpy as np
 
 from echelon.errors import InputError
 from echelon.formats.build_loops import build_closure
+from echelon.formats.build_sensors import build_outputs
 from echelon.formats.inertia import Inertial, move_inertial, numeric_placement
 from echelon.formats.intent import Intent
 from echelon.formats.literal import (
@@ -19,6 +20,7 @@ from echelon.formats.literal import (
     LiteralPlacement,
     LiteralStep,
     LiteralTree,
+    LiteralWrench,
 )
 from echelon.formats.options import ReadingOptions, gravity_vector
 from echelon.formats.relations import with_relations
@@ -26,6 +28,7 @@ from echelon.formats.riders import Riders
 from echelon.formats.stated_couplings import StatedCoupling, resolved
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, setup_placements
+from echelon.mechanism.output import Output
 from echelon.mechanism.placement import Placement, shift, turn
 from echelon.mechanism.reading import Reading
 from echelon.regressor.loops.closing import close
@@ -64,6 +67,9 @@ class _Builder:
         self.couplings = self._resolved_couplings()
         self.floating_link = self._floating_link() if options.floating else None
         self.bodies: list[Body] = []
+        self.sensors = tree.sensors if options.measured == "file" else ()
+        wrenches = {s.link for s in self.sensors if isinstance(s, LiteralWrench)}
+        self.separate = {tree.links[k].name for k in wrenches}.union(options.separate)
         self.host: dict[int, int] = {}  # link -> body that carries it
         self.offset: dict[int, tuple[LiteralPlacement, ...]] = {}  # link -> placements from its body's frame
         self.sources: dict[str, list[str]] = {}  # label of a body -> elements that its joint's frames come from
@@ -88,6 +94,7 @@ class _Builder:
             couplings,
             closures=closures,
         )
+        mechanism = replace(mechanism, measured=self._measured(mechanism))
         used = {s for b in self.bodies for s in b.joint.symbols()}
         used.update(s for placement in setup_placements(mechanism) for s in placement.symbols())
         symbols = {name: symbol for name, symbol in self.intent.symbols.items() if name in used}
@@ -99,6 +106,19 @@ class _Builder:
         reading = Reading(snaps, tuple(self.notes), partial(build_mechanism, self.tree, self.options), riders)
         mechanism = replace(mechanism, symbols=symbols, reading=reading)
         return self._closed(mechanism) if closures else mechanism
+
+    def _measured(self, mechanism: Mechanism) -> tuple[Output, ...] | None:
+        """What the sensors of the file measure, if that is asked for."""
+        if self.options.measured == "drives":
+            if self.tree.sensors:
+                unused = f"{len(self.tree.sensors)} sensors of forces in the file are not used"
+                self.notes.append(f"{unused}; --measured file takes them as outputs")
+            return None
+        motions = {m.name: m for m in mechanism.motions if m.name not in mechanism.dependent}
+        outputs = tuple(build_outputs(self.sensors, motions, self._ride, self.intent, self.notes))
+        if not outputs:
+            raise InputError("it has no sensors of forces that could be outputs", source=self.tree.source)
+        return outputs
 
     def _moving_closures(self) -> Iterator[LiteralClosure]:
         for closure in self.tree.closures:
@@ -126,7 +146,7 @@ class _Builder:
     def _makes_body(self, index: int, link: LiteralLink) -> bool:
         moves = any(not isinstance(step, LiteralPlacement) for step in link.steps)
         is_world = index == 0 and self.tree.root_is_world
-        kept = self.options.every_link or link.name in self.options.separate
+        kept = self.options.every_link or link.name in self.separate
         return moves or index == self.floating_link or (kept and not is_world)
 
     def _floating_link(self) -> int:

@@ -113,6 +113,40 @@ class LiteralClosure:
 
 
 @dataclass(frozen=True)
+class LiteralEffort:
+    """A sensor of the force of a joint, times a weight."""
+
+    element: str
+    name: str
+    joint: str
+    weight: Rational = 1
+
+
+@dataclass(frozen=True)
+class LiteralWrench:
+    """A sensor of three forces, or three moments, that a link gets from its parent.
+
+    Attributes
+    ----------
+    element, name : str
+    link : int
+    placements : tuple of LiteralPlacement
+        The sensor's frame in the link's.
+    angular : bool
+        Moments or forces.
+    """
+
+    element: str
+    name: str
+    link: int
+    placements: tuple[LiteralPlacement, ...]
+    angular: bool
+
+
+LiteralSensor = LiteralEffort | LiteralWrench
+
+
+@dataclass(frozen=True)
 class LiteralTree:
     """A whole file.
 
@@ -136,6 +170,8 @@ class LiteralTree:
         Coordinates with actuators.
     has_mimics : bool
         Whether the file couples joints, whatever is made of it.
+    sensors : tuple of LiteralSensor
+        Those that measure forces.
     """
 
     name: str
@@ -149,3 +185,4 @@ class LiteralTree:
     assembly: Mapping[str, float] = field(default_factory=dict)
     driven: tuple[str, ...] = ()
     has_mimics: bool = False
+    sensors: tuple[LiteralSensor, ...] = ()

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 from echelon.errors import InputError
 from echelon.formats.build import build_mechanism
@@ -31,6 +32,7 @@ def load(
     massless: Sequence[str] = (),
     gravity: Gravity = "file",
     separate_symbols: bool = False,
+    measured: Literal["drives", "file"] = "drives",
 ) -> Mechanism:
     """Read a robot description.
 
@@ -57,6 +59,9 @@ def load(
         Gravity in the base frame, m/s².
     separate_symbols : bool
         Give every number of a URDF or MJCF file a symbol of its own; otherwise equal magnitudes share one.
+    measured : "drives" or "file"
+        What is measured: the forces of all drives, or what the sensors of an MJCF file measure (see
+        ``docs/formats/mjcf.md``).  Descriptions state their outputs themselves.
 
     Returns
     -------
@@ -74,7 +79,15 @@ def load(
     panda: 7 bodies, 7 degrees of freedom
     """
     options = ReadingOptions(
-        tolerance, symbolic, floating, every_link, independent_mimics, tuple(massless), gravity, separate_symbols
+        tolerance,
+        symbolic,
+        floating,
+        every_link,
+        independent_mimics,
+        tuple(massless),
+        gravity,
+        separate_symbols=separate_symbols,
+        measured=measured,
     )
     file = Path(path)
     mechanism = parse_robot(read_bytes(file), str(file), options, file.parent)

@@ -8,10 +8,12 @@ chosen so that what was meant as a multiple of 15° is recognised later.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from echelon.errors import InputError
 from echelon.exact.numbers import Rational
 from echelon.formats.inertia import central_inertial
 from echelon.formats.literal import (
@@ -22,6 +24,7 @@ from echelon.formats.literal import (
     LiteralTree,
     Triple,
 )
+from echelon.formats.mjcf_document import check_document
 from echelon.formats.mjcf_equality import JOINT, TENDON, equality_kind, read_relation, resolve, take_equalities
 from echelon.formats.mjcf_loops import driven_joints, read_closures, reference_positions
 from echelon.formats.mjcf_numbers import (
@@ -33,6 +36,7 @@ from echelon.formats.mjcf_numbers import (
     placements,
     quaternion_matrix,
 )
+from echelon.formats.mjcf_sensors import Sensors
 from echelon.formats.mjcf_spec import NO_MASS, CompiledModel, compile_spec, import_mujoco, parse_spec
 from echelon.mechanism.joint import MotionKind
 
@@ -71,20 +75,35 @@ def read_mjcf(text: str | bytes, source: str, directory: Path | None, *, mimics:
     MissingExtraError
         If the package ``mujoco`` is not installed.
     """
+    *_, missing = check_document(text, source, directory)
+    if not missing:
+        return _read(text, source, directory, mimics, lenient=False)
+    names = ", ".join(f"'{name}'" for name in missing)
+    try:
+        tree = _read(text, source, directory, mimics, lenient=True)
+        if not any(isinstance(step, LiteralMotion) for link in tree.links for step in link.steps):
+            raise InputError("nothing moves", source=source)
+    except InputError as error:
+        problem = f"{error.problem}; included files are missing: {names}"
+        raise InputError(problem, source=error.source, element=error.element) from None
+    return replace(tree, notes=(f"included files are missing, read without what they define: {names}", *tree.notes))
+
+
+def _read(text: str | bytes, source: str, directory: Path | None, mimics: bool, *, lenient: bool) -> LiteralTree:
     spec = parse_spec(text, source, directory)
     equalities, notes = take_equalities(spec, source)
     couples = [equality for equality in equalities if equality_kind(equality) in (JOINT, TENDON)]
     relations = [read_relation(e, spec, source) for e in couples if mimics or (e.name1 and not e.name2)]
     relations = [relation for relation in relations if mimics or len(relation.terms) == 1]
     driven = driven_joints(spec)
-    for equality in (e for e in couples if equality_kind(e) == TENDON):  # without tendons they mean nothing
-        spec.delete(equality)
-    reader = _Reader(compile_spec(spec, source, directory))
+    sensors = Sensors(spec)
+    reader = _Reader(compile_spec(spec, source, directory, lenient=lenient))
     held, couplings, found = resolve(relations, reader.reference, driven, source)
     notes += found
     notes += [f"joint '{name}' is held by an equality and cannot move" for name in held]
     model = reader.model
     loops = [equality for equality in equalities if equality not in couples]
+    measured = tuple(sensors.read(model))
     weightless = model.opt.disableflags & import_mujoco().mjtDisableBit.mjDSBL_GRAVITY
     gravity: Triple = (0, 0, 0) if weightless else exact_triple(model.opt.gravity)
     return LiteralTree(
@@ -93,12 +112,13 @@ def read_mjcf(text: str | bytes, source: str, directory: Path | None, *, mimics:
         tuple(reader.link(index, held) for index in range(model.nbody)),
         couplings,
         gravity,
-        (*notes, *reader.compiled.notes),
+        (*notes, *reader.compiled.notes, *sensors.notes),
         root_is_world=True,
         closures=tuple(read_closures(loops, model, spec)),
         assembly=reference_positions(model) if loops else {},
         driven=driven,
         has_mimics=bool(couplings) or len(relations) < len(couples),
+        sensors=measured,
     )
 
 

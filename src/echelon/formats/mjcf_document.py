@@ -6,9 +6,11 @@ take hours over a large ``<replicate>``.  So all documents are read here, and ar
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from math import isfinite, prod
 from pathlib import Path, PurePath
 from typing import Any
+from xml.etree.ElementTree import tostring
 
 from echelon.errors import InputError
 from echelon.formats.xml import parse_xml
@@ -21,8 +23,19 @@ _MULTIPLYING = ("replicate", "composite", "flexcomp")
 _MOST_COPIES = 10_000
 
 
-def check_document(text: str | bytes, source: str, directory: Path | None) -> tuple[str, dict[str, bytes]]:
+def check_document(
+    text: str | bytes, source: str, directory: Path | None
+) -> tuple[str, dict[str, bytes], tuple[str, ...]]:
     """The text of a model, and the contents of the files that it includes or attaches, by the names it uses.
+
+    Includes of missing files are left out, unless they would define parts of bodies.
+
+    Returns
+    -------
+    text : str
+    included : dict of str to bytes
+    missing : tuple of str
+        Names of the missing files.
 
     Parameters
     ----------
@@ -35,7 +48,7 @@ def check_document(text: str | bytes, source: str, directory: Path | None) -> tu
     Raises
     ------
     InputError
-        If a document is malformed, unsafe or has numbers that are not finite, or an included file is missing.
+        If a document is malformed, unsafe or has numbers that are not finite, or a file with bodies is missing.
     """
     root = parse_xml(text, source)
     if root.tag == "mujocoinclude":
@@ -49,29 +62,50 @@ def check_document(text: str | bytes, source: str, directory: Path | None) -> tu
     included: dict[str, bytes] = {}
     _check(root, source)
     _gather(root, source, directory, PurePath(), included)
-    return decoded, included
+    missing = tuple(name for name, content in included.items() if not content)
+    if missing:
+        decoded = _without(root, missing).decode()
+        present = {name: parse_xml(content, name) for name, content in included.items() if name not in missing}
+        included = {name: _without(child, missing) for name, child in present.items()}
+    return decoded, included, missing
 
 
-def _gather(root: Any, source: str, directory: Path | None, folder: PurePath, included: dict[str, bytes]) -> None:
+def _without(root: Any, missing: Collection[str]) -> bytes:
+    """A document without includes of missing files; for MuJoCo an empty file will not do."""
+    for element in list(root.iter()):
+        for child in [c for c in element if c.tag == "include" and c.get("file") in missing]:
+            element.remove(child)
+    return bytes(tostring(root, encoding="utf-8"))
+
+
+def _gather(
+    root: Any, source: str, directory: Path | None, folder: PurePath, included: dict[str, bytes], inside: bool = False
+) -> None:
     """Read and check the files that a document includes or attaches, and those that these include."""
+    in_bodies = {id(e) for tree in root.iter("worldbody") for e in tree.iter("include")}
     for element in root.iter():
         name = element.get("file") if element.tag in ("include", "model") else None
         if name is None or name in included:
             continue
         where = f"{element.tag} '{name}'"
-        if directory is None:
+        needed = inside or element.tag == "model" or id(element) in in_bodies
+        if directory is None and needed:
             raise InputError("the model has no directory to find this file in", source=source, element=where)
         # MuJoCo looks beside the main file first, then beside the including one
-        found = next((p for p in (PurePath(name), folder / name) if (directory / p).is_file()), None)
-        if found is None:
-            raise InputError("no such file", source=source, element=where)
+        places = (PurePath(name), folder / name)
+        found = None if directory is None else next((p for p in places if (directory / p).is_file()), None)
+        if directory is None or found is None:
+            if needed:
+                raise InputError("no such file, and it is part of the bodies", source=source, element=where)
+            included[name] = b""
+            continue
         try:
             included[name] = (directory / found).read_bytes()
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror}", source=source, element=where) from None
         child = parse_xml(included[name], str(found))
         _check(child, str(found))
-        _gather(child, str(found), directory, found.parent, included)
+        _gather(child, str(found), directory, found.parent, included, needed)
 
 
 def _check(root: Any, source: str) -> None:

@@ -56,7 +56,7 @@ def read_closures(equalities: Sequence[Any], model: Any, spec: Any) -> Iterator[
         name = str(equality.name) or _unused(f"loop{number}", taken)
         if equality.objtype == import_mujoco().mjtObj.mjOBJ_SITE:
             (first, at), (second, on_second) = (
-                _site(model, sites[str(site)], label) for site in (equality.name1, equality.name2)
+                site_frame(model, sites[str(site)], label) for site in (equality.name1, equality.name2)
             )
             yield LiteralClosure(label, name, kind, first, second, at, on_second)
         else:
@@ -75,7 +75,8 @@ def _kind(equality: Any) -> ClosureKind:
     return ClosureKind.WELD if rigid else ClosureKind.SPHERICAL
 
 
-def _site(model: Any, site: Any, label: str) -> tuple[int, tuple[LiteralPlacement, ...]]:
+def site_frame(model: Any, site: Any, label: str) -> tuple[int, tuple[LiteralPlacement, ...]]:
+    """The body that carries a site, and the site's frame on it."""
     compiled = model.site(site.name)
     xyz = exact_triple(compiled.pos, site.pos)
     return int(compiled.bodyid[0]), placements(f"{label} site '{site.name}'", xyz, compiled.quat)

@@ -85,7 +85,7 @@ def parse_spec(text: str | bytes, source: str, directory: Path | None) -> Any:
         If MuJoCo does not accept the document, or its text is refused before.
     """
     mujoco = import_mujoco()
-    checked, included = check_document(text, source, directory)
+    checked, included, _ = check_document(text, source, directory)
     try:
         spec = mujoco.MjSpec.from_string(checked, include=included)
     except (ValueError, mujoco.FatalError) as error:
@@ -95,8 +95,18 @@ def parse_spec(text: str | bytes, source: str, directory: Path | None) -> Any:
     return spec
 
 
-def compile_spec(spec: Any, source: str, directory: Path | None) -> CompiledModel:
+def compile_spec(spec: Any, source: str, directory: Path | None, *, lenient: bool = False) -> CompiledModel:
     """Compile a spec for its geometry and inertias; the spec is changed.
+
+    Parameters
+    ----------
+    spec : mujoco.MjSpec
+    source : str
+        File name for messages.
+    directory : Path, optional
+        Where meshes are.
+    lenient : bool
+        Whether meshes may be undefined, as where an included file is missing.
 
     Raises
     ------
@@ -109,7 +119,9 @@ def compile_spec(spec: Any, source: str, directory: Path | None) -> CompiledMode
         notes.append("free bodies keep the frames of the file: the alignment that it asks for is ignored")
     _name_all(spec)
     _remove_irrelevant(spec)
-    stages = [_absent_meshes(spec, directory)] if directory is None else [set(), _absent_meshes(spec, directory)]
+    undefined = {g.meshname for g in spec.geoms if g.meshname and lenient} - {_mesh_name(m) for m in spec.meshes}
+    absent = _absent_meshes(spec, directory) | undefined
+    stages = [absent] if directory is None or undefined else [set(), absent]
     unknown: set[str] = set()
     for doomed in (*stages, {_mesh_name(mesh) for mesh in spec.meshes if mesh.file}):
         unknown |= _remove_meshes(spec, doomed)
@@ -125,6 +137,9 @@ def compile_spec(spec: Any, source: str, directory: Path | None) -> CompiledMode
     if unknown:
         notes.append(f"inertias of {_listed(unknown)} are unknown: they come from meshes that cannot be read")
     _check_compiled(model, source)
+    inferred = _inferred(spec, model) - unknown
+    if inferred:
+        notes.append(f"inertias of {_listed(inferred)} are computed from their geoms: the file does not state them")
     return CompiledModel(model, spec, frozenset(unknown), tuple(notes))
 
 
@@ -155,7 +170,8 @@ def _wrapped(error: Exception, source: str) -> InputError:
 def _effect_notes(spec: Any) -> list[str]:
     found = [f"joint {name}" for name in _EFFECTS if any(np.any(getattr(joint, name)) for joint in spec.joints)]
     found += ["gravity compensation"] if any(body.gravcomp for body in spec.bodies) else []
-    found += ["tendons"] if spec.tendons else []
+    acts = any(np.any(getattr(tendon, name, 0)) for tendon in spec.tendons for name in _EFFECTS)
+    found += ["forces of tendons"] if acts else []
     return [f"ignored, since rigid-body parameters do not cover them: {', '.join(found)}"] if found else []
 
 
@@ -189,10 +205,14 @@ def _remove_irrelevant(spec: Any) -> None:
     for group in _IRRELEVANT:
         for element in list(getattr(spec, group)):
             spec.delete(element)
+    for equality in [e for e in spec.equalities if e.type == import_mujoco().mjtEq.mjEQ_TENDON]:
+        spec.delete(equality)
     for material in spec.materials:
         material.textures = [""] * len(material.textures)
     for geom in [g for g in spec.geoms if g.hfieldname or (g.meshname and not _contributes(spec, g))]:
         spec.delete(geom)
+    for element in (*spec.geoms, *spec.sites):
+        element.material = ""
     used = {geom.meshname for geom in spec.geoms}
     unused = [mesh for mesh in spec.meshes if _mesh_name(mesh) not in used]
     for element in (*spec.textures, *spec.hfields, *unused):
@@ -210,6 +230,14 @@ def _contributes(spec: Any, geom: Any) -> bool:
     first, last = spec.compiler.inertiagrouprange
     weight = geom.density if isnan(geom.mass) else geom.mass
     return bool(weight) and first <= geom.group <= last
+
+
+def _inferred(spec: Any, model: Any) -> set[str]:
+    """Names of the bodies whose inertias come from geoms."""
+    always = spec.compiler.inertiafromgeom == import_mujoco().mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    shaped = {geom.parent.name for geom in spec.geoms if _contributes(spec, geom)}
+    heavy = {b.name for b in spec.bodies if always or not b.explicitinertial} & shaped
+    return {name for name in heavy if float(model.body(name).mass[0]) > 2 * NO_MASS}
 
 
 def _absent_meshes(spec: Any, directory: Path | None) -> set[str]:

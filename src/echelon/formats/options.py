@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
@@ -49,6 +50,8 @@ class ReadingOptions:
         Give every number a symbol of its own, also where magnitudes are equal.
     separate : tuple of str
         Fixed links that are kept as bodies of their own, because a sensor cuts between them and their parents.
+    measured : "drives" or "file"
+        Whether the forces of all drives are measured, or what the sensors of the file measure.
     """
 
     tolerance: float = ANGLE_TOLERANCE
@@ -60,10 +63,13 @@ class ReadingOptions:
     gravity: Gravity = "file"
     separate_symbols: bool = False
     separate: tuple[str, ...] = ()
+    measured: Literal["drives", "file"] = "drives"
 
     def __post_init__(self) -> None:
         if not 0 <= self.tolerance <= 0.1:
             raise InputError(f"the snapping tolerance must be between 0 and 0.1 rad, not {self.tolerance}")
+        if self.measured not in ("drives", "file"):
+            raise InputError(f"measured is 'drives' or 'file', not '{self.measured}'")
 
 
 def gravity_vector(gravity: Gravity, stated: Vector) -> Vector | None:

@@ -206,7 +206,9 @@ class _Reader:
             if not leader:
                 raise self._error("needs joint='...', the joint that it follows", where)
             if leader not in self.joints:
-                raise self._error(f"it follows joint '{leader}', which does not exist", where)
+                raise self._error(
+                    f"it follows joint '{leader}', which does not exist (--mimic independent ignores that)", where
+                )
             if leader == name:
                 raise self._error("the joint mimics itself", where)
             if joint.get("type") == "fixed":

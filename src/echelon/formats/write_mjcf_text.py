@@ -51,7 +51,8 @@ class NamedModel:
 
     def __init__(self, text: str, source: str, directory: Path) -> None:
         text = text.removeprefix("\ufeff")  # MuJoCo would stumble over the mark of byte order
-        _, included = check_document(text, source, directory)
+        _, included, missing = check_document(text, source, directory)
+        self._lenient = bool(missing)
         parse_spec(text, source, directory)  # which refuses files that include themselves
         self.notes: tuple[str, ...] = ()
         self._read(_with_includes(text, source, included), source, directory)
@@ -63,7 +64,7 @@ class NamedModel:
 
     def _read(self, text: str, source: str, directory: Path) -> None:
         self.editor = XmlEditor(text, source)
-        self.spec = compile_spec(parse_spec(text, source, directory), source, directory).spec
+        self.spec = compile_spec(parse_spec(text, source, directory), source, directory, lenient=self._lenient).spec
         self._spec_bodies = [str(body.name) for body in self.spec.bodies][1:]
         self._spec_joints = [str(joint.name) for joint in self.spec.joints]
         world = [e for part in self.editor.root.findall("worldbody") for e in part.iter()]
@@ -83,6 +84,8 @@ def _with_includes(text: str, source: str, included: Mapping[str, bytes]) -> str
     editor = XmlEditor(text, source)
     for element in editor.root.iter("include"):
         name = element.get("file")
+        if name not in included:
+            continue  # missing from the start, and still needed for whatever it defines
         inner = XmlEditor(_with_includes(decoded(included[name], name), name, included), name)
         editor.replace(element, inner.inside(inner.root))
     return editor.result()
