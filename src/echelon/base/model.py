@@ -13,7 +13,7 @@ import numpy.typing as npt
 from echelon.base.base_set import BaseSet
 from echelon.base.certificate import Certificate
 from echelon.base.evaluation import Evaluation
-from echelon.base.lift import Metric, lift, metric_matrix
+from echelon.base.lift import Metric, lift, metric_matrix, pseudo_inverse_floats
 from echelon.base.logs import Logs
 from echelon.base.matrix import BaseMatrix
 from echelon.base.reading_report import ReadingReport
@@ -184,13 +184,30 @@ class BaseModel(BaseSet, Evaluation, Logs):
             raise InputError(f"expected {self.rank} base parameters and a prior of {size} standard parameters")
         if not (np.isfinite(target).all() and np.isfinite(start).all()):
             raise InputError("base parameters and prior must be finite numbers")
+        return lift(self.B_float(symbols), target, start, self._metric(metric, length))
+
+    def pseudo_inverse_float(
+        self,
+        metric: Metric = "physical",
+        length: float | None = None,
+        symbols: Mapping[str, float] | None = None,
+    ) -> Floats:
+        """B† = S Bᵀ (B S Bᵀ)⁻¹ in double precision, with which :meth:`lift` corrects a prior.
+
+        Parameters
+        ----------
+        metric, length, symbols
+            As for :meth:`lift`.
+
+        Returns
+        -------
+        array of shape (n, r)
+        """
+        return pseudo_inverse_floats(self.B_float(symbols), self._metric(metric, length))
+
+    def _metric(self, metric: Metric, length: float | None) -> Floats:
         scale = characteristic_length(self.mechanism) if length is None else length
-        return lift(
-            self.B_float(symbols),
-            target,
-            start,
-            metric_matrix(metric, [c.length_degree for c in self.mechanism.columns], scale),
-        )
+        return metric_matrix(metric, [c.length_degree for c in self.mechanism.columns], scale)
 
     # -- recorded forms -----------------------------------------------------------------------------------------
 
