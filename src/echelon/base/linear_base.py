@@ -22,6 +22,8 @@ from echelon.seeds import random_generator
 if TYPE_CHECKING:
     import sympy
 
+    from echelon.base.symbolic import Form, SymbolicRegressor
+
 Floats = npt.NDArray[np.float64]
 FINITE_FIELD, BALLS = "finite field", "balls"
 
@@ -141,6 +143,23 @@ class LinearBase(BaseSet):
         array of shape (N, outputs, parameters)
         """
         return evaluate_model(self.model, self.model.regressor, variables, constants)
+
+    def symbolic_regressor(self, form: Form = "auto") -> SymbolicRegressor:
+        """The reduced regressor X̄ as formulas in the variables and constants.
+
+        Parameters
+        ----------
+        form : "auto", "short" or "named"
+            As for :meth:`BaseModel.symbolic_regressor`.
+
+        Returns
+        -------
+        SymbolicRegressor
+        """
+        from echelon.base.symbolic import symbolic_regressor
+
+        forms = self.model.regressor.columns(self.matrix.pivots)
+        return symbolic_regressor(self.model.name, forms, self.model.outputs, self.pivots, form)
 
     def _constants_used(self) -> list[str]:
         from echelon.models.evaluation import recorded_definitions

@@ -26,6 +26,8 @@ from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_
 if TYPE_CHECKING:
     import sympy
 
+    from echelon.base.symbolic import Form, SymbolicRegressor
+
 Floats = npt.NDArray[np.float64]
 
 
@@ -222,6 +224,40 @@ class BaseModel(BaseSet, Evaluation, Logs):
     def reduced(self) -> LinearForms:
         """X̄, the pivot columns of X, as recorded forms; evaluating it needs only the operations that it uses."""
         return self.standard_forms.columns(self.matrix.pivots)
+
+    def symbolic_regressor(self, form: Form = "auto") -> SymbolicRegressor:
+        """The base regressor X̄ as formulas in the states and the geometry's symbols.
+
+        With loops it is the one row uᵀX̄ in virtual velocities.
+
+        Parameters
+        ----------
+        form : "auto", "short" or "named"
+            Short formulas where no value has more than 64 terms when multiplied out, or up to 4096 if ``"short"`` is
+            asked for; otherwise what is used more than once gets a name.
+
+        Returns
+        -------
+        SymbolicRegressor
+
+        Raises
+        ------
+        ClosedFormError
+            If short formulas are asked for and a value has too many terms.
+
+        Examples
+        --------
+        >>> import echelon as ec
+        >>> base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
+        >>> base.symbolic_regressor().entries[1, 4]
+        g*cos(q1 + q2) + l1*qd1**2*sin(q2) + l1*qdd1*cos(q2)
+        """
+        from echelon.base.short_form import absolute_angles
+        from echelon.base.symbolic import symbolic_regressor
+
+        robot = self.mechanism
+        rows = ["power"] if robot.closures else [output.name for output in robot.outputs]
+        return symbolic_regressor(robot.name, self.reduced, rows, self.pivots, form, absolute_angles(robot))
 
     # -- showing ------------------------------------------------------------------------------------------------
 

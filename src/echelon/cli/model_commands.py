@@ -44,6 +44,13 @@ class Format(StrEnum):
     MARKDOWN = "markdown"
 
 
+class Formulas(StrEnum):
+    """Languages of ``derive --regressor``."""
+
+    LATEX = "latex"
+    SYMPY = "sympy"
+
+
 class Schema(StrEnum):
     """Published schemas."""
 
@@ -75,6 +82,9 @@ def derive(
     compare_numeric: Annotated[
         bool, typer.Option("--compare-numeric", help="Instead: what SVD and QR would have counted, beside the truth.")
     ] = False,
+    regressor: Annotated[
+        Formulas | None, typer.Option("--regressor", help="Instead: the base regressor as formulas.")
+    ] = None,
     seed: Seed = None,
 ) -> None:
     """Derive the base inertial parameters of a robot in closed form."""
@@ -84,6 +94,14 @@ def derive(
     chosen = Format.JSON if as_json else output_format
     if structure and (prefer or order is not Order.BASE_TO_TIP or chosen in (Format.LATEX, Format.MARKDOWN)):
         raise typer.BadParameter("--structure is in base-to-tip order, as text or JSON, and takes no --prefer")
+    if regressor is not None:
+        if structure or special or compare_numeric or chosen is not Format.TEXT:
+            raise typer.BadParameter("--regressor prints formulas: without --format or other choices of what to print")
+        from echelon.cli.derive_regressor import run_regressor
+
+        formulas = regressor.value
+        run_regressor(robot, formulas, chosen_reading, order.value, tuple(prefer or ()), output, seed)
+        return
     if compare_numeric:
         if (
             structure
