@@ -252,7 +252,7 @@ class BaseModel(BaseSet, Evaluation, Logs):
         >>> base.symbolic_regressor().entries[1, 4]
         g*cos(q1 + q2) + l1*qd1**2*sin(q2) + l1*qdd1*cos(q2)
         """
-        from echelon.base.short_form import absolute_angles
+        from echelon.base.absolute_angles import absolute_angles
         from echelon.base.symbolic import symbolic_regressor
 
         robot = self.mechanism

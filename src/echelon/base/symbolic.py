@@ -11,8 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
+from echelon.base.absolute_angles import Combination
 from echelon.base.expression import latex_symbol
-from echelon.base.short_form import Combination, ShortForms
+from echelon.base.short_form import ShortForms
 from echelon.errors import ClosedFormError, InputError, one_line
 from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.sympy_bridge import shared_nodes, to_sympy
@@ -135,7 +136,7 @@ def symbolic_regressor(
         Short formulas where no value has more than 64 terms when multiplied out, or up to 4096 if ``"short"`` is
         asked for; or names for what is used more than once.
     absolute : mapping of str to Combination, optional
-        See :func:`echelon.base.short_form.absolute_angles`.
+        See :func:`echelon.base.absolute_angles.absolute_angles`.
 
     Raises
     ------
