@@ -142,6 +142,10 @@ def generate(
             help="Values to put in as constants: 'file' for those of the robot's file, or a JSON or CSV file."
         ),
     ] = None,
+    keep_symbols: Annotated[
+        str | None,
+        typer.Option(help="Geometry that becomes an argument instead of constants: 'all', or names with commas."),
+    ] = None,
     floating: Floating = False,
     gravity: Gravity = "file",
     order: Ordering = Order.BASE_TO_TIP,
@@ -159,9 +163,13 @@ def generate(
 
     chosen_reading = reading(floating, gravity, tolerance, mimic, every_link, numeric, massless)
     functions = tuple(part.strip() for part in function.split(",") if part.strip())
+    kept = tuple(part.strip() for part in (keep_symbols or "").split(",") if part.strip())
     derivation = {"order": order.value, "prefer": tuple(prefer or ()), **({} if seed is None else {"seed": seed})}
     options = {"target": target, "functions": functions, "name": name, "precision": precision}
-    run_generate(GenerateRequest(robot, output, chosen_reading, derivation, options, parameters), as_json=as_json)
+    keeping = {"keep_symbols": kept == ("all",) or kept}
+    run_generate(
+        GenerateRequest(robot, output, chosen_reading, derivation, options | keeping, parameters), as_json=as_json
+    )
 
 
 @app.command(epilog="Example: echelon verify panda.json")
