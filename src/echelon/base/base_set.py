@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from echelon.base.classification import Identifiability, classify
 from echelon.base.expression import Expression, collect
@@ -12,6 +13,8 @@ from echelon.base.matrix import BaseMatrix
 
 if TYPE_CHECKING:
     import sympy
+
+    from echelon.base.exact_metric import ExactMetric
 
 
 class BaseSet(ABC):
@@ -61,4 +64,39 @@ class BaseSet(ABC):
     @cached_property
     def B(self) -> sympy.ImmutableSparseMatrix:
         """B as a sympy matrix in the model's constants, shape (base parameters, standard parameters)."""
-        return self.matrix.sympy()
+        return self.matrix.sympy(self._formulas({}))
+
+    def pseudo_inverse(self, metric: ExactMetric = "identity") -> sympy.ImmutableMatrix:
+        """B† = S Bᵀ (B S Bᵀ)⁻¹ in closed form, for a given metric S (Theorem 1 of the paper); B · B† = 1 is checked.
+
+        Parameters
+        ----------
+        metric : "identity", sequence, or sympy Matrix
+            S or its diagonal: exact numbers, and sympy expressions that are quotients of polynomials.  Decimals count
+            as what they show; symbols are taken for such that S is positive definite.
+
+        Returns
+        -------
+        sympy matrix of shape (standard parameters, base parameters)
+
+        Raises
+        ------
+        InputError
+            If the metric is not valid.
+        ClosedFormError
+            If the closed form is too long to be of use.
+
+        Examples
+        --------
+        >>> import echelon as ec
+        >>> base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
+        >>> base.pseudo_inverse()[19, 1]
+        l1/(l1**4 + l1**2 + 1)
+        """
+        from echelon.base.pseudo_inverse import pseudo_inverse
+
+        return pseudo_inverse(self.matrix, metric, self._formulas({}))
+
+    def _formulas(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """What constants of B stand for, as sympy expressions, where they are not symbols; with values put in."""
+        return dict(values)

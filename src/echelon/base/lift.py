@@ -52,6 +52,24 @@ def metric_matrix(metric: Metric, degrees: Sequence[int], length: float) -> npt.
     return matrix
 
 
+def pseudo_inverse_floats(b: npt.NDArray[np.float64], metric: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """B† = S Bᵀ (B S Bᵀ)⁻¹.
+
+    Parameters
+    ----------
+    b : array of shape (r, n)
+    metric : array of shape (n, n)
+
+    Returns
+    -------
+    array of shape (n, r)
+    """
+    # with S = L Lᵀ this is L pinv(B L), which avoids squaring the condition number
+    root = np.linalg.cholesky(metric)
+    found: npt.NDArray[np.float64] = root @ np.linalg.pinv(b @ root)
+    return found
+
+
 def lift(
     b: npt.NDArray[np.float64],
     base_values: npt.NDArray[np.float64],

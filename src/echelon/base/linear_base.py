@@ -25,6 +25,8 @@ from echelon.seeds import random_generator
 if TYPE_CHECKING:
     import sympy
 
+    from echelon.base.symbolic import Form, SymbolicRegressor
+
 Floats = npt.NDArray[np.float64]
 FINITE_FIELD, BALLS = "finite field", "balls"
 
@@ -64,11 +66,6 @@ class LinearBase(BaseSet):
         return tuple(self.model.units[p] for p in self.matrix.pivots)
 
     @cached_property
-    def B(self) -> sympy.ImmutableSparseMatrix:
-        """B as a sympy matrix in the model's constants, shape (base parameters, parameters)."""
-        return self.matrix.sympy(self._defined({}))
-
-    @cached_property
     def B_exact(self) -> sympy.ImmutableSparseMatrix:
         """B with the constants' exact values put in.
 
@@ -84,7 +81,7 @@ class LinearBase(BaseSet):
         if silent:
             raise InputError(f"constant '{silent[0]}' has no value")
         values = {n: sympy.Rational(str(self.model.constants[n])) for n in used}
-        return self.matrix.sympy({**values, **self._defined(values)})
+        return self.matrix.sympy(self._formulas(values))
 
     def B_float(self, constants: Mapping[str, float] | None = None) -> Floats:
         """B in double precision.
@@ -153,6 +150,23 @@ class LinearBase(BaseSet):
         """
         return evaluate_model(self.model, self.model.regressor, variables, constants)
 
+    def symbolic_regressor(self, form: Form = "auto") -> SymbolicRegressor:
+        """The reduced regressor X̄ as formulas in the variables and constants.
+
+        Parameters
+        ----------
+        form : "auto", "short" or "named"
+            As for :meth:`BaseModel.symbolic_regressor`.
+
+        Returns
+        -------
+        SymbolicRegressor
+        """
+        from echelon.base.symbolic import symbolic_regressor
+
+        forms = self.model.regressor.columns(self.matrix.pivots)
+        return symbolic_regressor(self.model.name, forms, self.model.outputs, self.pivots, form)
+
     def _constants_used(self) -> list[str]:
         from echelon.models.evaluation import recorded_definitions
 
@@ -160,8 +174,8 @@ class LinearBase(BaseSet):
         program, _ = recorded_definitions({n: d for n, d in self.definitions.items() if n in self.matrix.symbols})
         return sorted(plain | {i.name for i in program.inputs.values()})
 
-    def _defined(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """The functions of constants as sympy expressions."""
+    def _formulas(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Constants with values put in, and functions of constants as sympy expressions."""
         import sympy
 
         from echelon.models.evaluation import recorded_definitions
@@ -169,7 +183,7 @@ class LinearBase(BaseSet):
         program, nodes = recorded_definitions(self.definitions)
         replaced = {sympy.Symbol(name): value for name, value in values.items()}
         formulas = to_sympy(program, list(nodes.values()))
-        return {name: e.subs(replaced) for name, e in zip(nodes, formulas, strict=True)}
+        return dict(values) | {name: e.subs(replaced) for name, e in zip(nodes, formulas, strict=True)}
 
     def __repr__(self) -> str:
         return f"LinearBase({self.model.name}: {self.rank} base parameters of {len(self.parameters)})"

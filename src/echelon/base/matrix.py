@@ -119,7 +119,7 @@ class BaseMatrix:
         """
         import sympy
 
-        values = {g: _sympy_generator(g, exact or {}) for g in self.generators}
+        values = {g: sympy_generator(g, exact or {}) for g in self.generators}
         entries = {
             (i, column): coefficient.evaluate(values, sympy_number)
             for i, row in enumerate(self.rows)
@@ -141,7 +141,8 @@ def sympy_number(x: Number) -> Any:
     return sympy.Rational(x.numerator, x.denominator)
 
 
-def _sympy_generator(generator: str, exact: Mapping[str, Any]) -> Any:
+def sympy_generator(generator: str, exact: Mapping[str, Any]) -> Any:
+    """A generator in sympy, with values put in for some symbols."""
     import sympy
 
     name = symbol_of(generator)

@@ -14,7 +14,7 @@ from echelon.base.base_set import BaseSet
 from echelon.base.certificate import Certificate
 from echelon.base.classification import Identifiability, classify
 from echelon.base.evaluation import Evaluation
-from echelon.base.lift import Metric, lift, metric_matrix
+from echelon.base.lift import Metric, lift, metric_matrix, pseudo_inverse_floats
 from echelon.base.logs import Logs
 from echelon.base.matrix import BaseMatrix
 from echelon.base.own import at_values
@@ -29,6 +29,8 @@ from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_
 
 if TYPE_CHECKING:
     import sympy
+
+    from echelon.base.symbolic import Form, SymbolicRegressor
 
 Floats = npt.NDArray[np.float64]
 
@@ -199,13 +201,30 @@ class BaseModel(BaseSet, Evaluation, Logs):
             raise InputError(f"expected {self.rank} base parameters and a prior of {size} standard parameters")
         if not (np.isfinite(target).all() and np.isfinite(start).all()):
             raise InputError("base parameters and prior must be finite numbers")
+        return lift(self.B_float(symbols), target, start, self._metric(metric, length))
+
+    def pseudo_inverse_float(
+        self,
+        metric: Metric = "physical",
+        length: float | None = None,
+        symbols: Mapping[str, float] | None = None,
+    ) -> Floats:
+        """B† = S Bᵀ (B S Bᵀ)⁻¹ in double precision, with which :meth:`lift` corrects a prior.
+
+        Parameters
+        ----------
+        metric, length, symbols
+            As for :meth:`lift`.
+
+        Returns
+        -------
+        array of shape (n, r)
+        """
+        return pseudo_inverse_floats(self.B_float(symbols), self._metric(metric, length))
+
+    def _metric(self, metric: Metric, length: float | None) -> Floats:
         scale = characteristic_length(self.mechanism) if length is None else length
-        return lift(
-            self.B_float(symbols),
-            target,
-            start,
-            metric_matrix(metric, [c.length_degree for c in self.mechanism.columns], scale),
-        )
+        return metric_matrix(metric, [c.length_degree for c in self.mechanism.columns], scale)
 
     # -- recorded forms -----------------------------------------------------------------------------------------
 
@@ -220,6 +239,40 @@ class BaseModel(BaseSet, Evaluation, Logs):
     def reduced(self) -> LinearForms:
         """X̄, the pivot columns of X, as recorded forms; evaluating it needs only the operations that it uses."""
         return self.standard_forms.columns(self.matrix.pivots)
+
+    def symbolic_regressor(self, form: Form = "auto") -> SymbolicRegressor:
+        """The base regressor X̄ as formulas in the states and the geometry's symbols.
+
+        With loops it is the one row uᵀX̄ in virtual velocities.
+
+        Parameters
+        ----------
+        form : "auto", "short" or "named"
+            Short formulas where no value has more than 64 terms when multiplied out, or up to 4096 if ``"short"`` is
+            asked for; otherwise what is used more than once gets a name.
+
+        Returns
+        -------
+        SymbolicRegressor
+
+        Raises
+        ------
+        ClosedFormError
+            If short formulas are asked for and a value has too many terms.
+
+        Examples
+        --------
+        >>> import echelon as ec
+        >>> base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
+        >>> base.symbolic_regressor().entries[1, 4]
+        g*cos(q1 + q2) + l1*qd1**2*sin(q2) + l1*qdd1*cos(q2)
+        """
+        from echelon.base.absolute_angles import absolute_angles
+        from echelon.base.symbolic import symbolic_regressor
+
+        robot = self.mechanism
+        rows = ["power"] if robot.closures else [output.name for output in robot.outputs]
+        return symbolic_regressor(robot.name, self.reduced, rows, self.pivots, form, absolute_angles(robot))
 
     # -- showing ------------------------------------------------------------------------------------------------
 

@@ -48,6 +48,13 @@ class Format(StrEnum):
     MARKDOWN = "markdown"
 
 
+class Formulas(StrEnum):
+    """Languages of ``derive --regressor``."""
+
+    LATEX = "latex"
+    SYMPY = "sympy"
+
+
 class Schema(StrEnum):
     """Published schemas."""
 
@@ -84,6 +91,9 @@ def derive(
     compare_numeric: Annotated[
         bool, typer.Option("--compare-numeric", help="Instead: what SVD and QR would have counted, beside the truth.")
     ] = False,
+    regressor: Annotated[
+        Formulas | None, typer.Option("--regressor", help="Instead: the base regressor as formulas.")
+    ] = None,
     seed: Seed = None,
 ) -> None:
     """Derive the base inertial parameters of a robot in closed form."""
@@ -93,6 +103,14 @@ def derive(
     chosen = Format.JSON if as_json else output_format
     if structure and (prefer or order is not Order.BASE_TO_TIP or chosen in (Format.LATEX, Format.MARKDOWN)):
         raise typer.BadParameter("--structure is in base-to-tip order, as text or JSON, and takes no --prefer")
+    if regressor is not None:
+        if structure or special or compare_numeric or chosen is not Format.TEXT:
+            raise typer.BadParameter("--regressor prints formulas: without --format or other choices of what to print")
+        from echelon.cli.derive_regressor import run_regressor
+
+        formulas = regressor.value
+        run_regressor(robot, formulas, chosen_reading, order.value, tuple(prefer or ()), output, seed)
+        return
     if compare_numeric:
         if (
             structure
@@ -135,6 +153,10 @@ def generate(
             help="Values to put in as constants: 'file' for those of the robot's file, or a JSON or CSV file."
         ),
     ] = None,
+    keep_symbols: Annotated[
+        str | None,
+        typer.Option(help="Geometry that becomes an argument instead of constants: 'all', or names with commas."),
+    ] = None,
     floating: Floating = False,
     gravity: Gravity = "file",
     order: Ordering = Order.BASE_TO_TIP,
@@ -152,9 +174,13 @@ def generate(
 
     chosen_reading = reading(floating, gravity, tolerance, mimic, every_link, numeric, massless)
     functions = tuple(part.strip() for part in function.split(",") if part.strip())
+    kept = tuple(part.strip() for part in (keep_symbols or "").split(",") if part.strip())
     derivation = {"order": order.value, "prefer": tuple(prefer or ()), **({} if seed is None else {"seed": seed})}
     options = {"target": target, "functions": functions, "name": name, "precision": precision}
-    run_generate(GenerateRequest(robot, output, chosen_reading, derivation, options, parameters), as_json=as_json)
+    keeping = {"keep_symbols": kept == ("all",) or kept}
+    run_generate(
+        GenerateRequest(robot, output, chosen_reading, derivation, options | keeping, parameters), as_json=as_json
+    )
 
 
 @app.command(epilog="Example: echelon verify panda.json")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +13,7 @@ from echelon.errors import InputError, one_line
 from echelon.exact.expressions import parse
 from echelon.exact.numbers import Number
 from echelon.mechanism.mechanism import Mechanism, Symbol
-from echelon.mechanism.values import symbol_values
+from echelon.mechanism.values import all_symbols, symbol_values
 from echelon.program.scalar import exact
 
 FROM_FILE = "file"
@@ -34,15 +34,39 @@ class Constants:
         The same for people to read, where they did not give it themselves.
     values : tuple of float, optional
         Base parameters.
+    stated : mapping of str to str
+        Values of symbols that are not put in although they have one.
     """
 
     numbers: Mapping[str, Number] = field(default_factory=dict)
     texts: Mapping[str, str] = field(default_factory=dict)
     values: tuple[float, ...] | None = None
+    stated: Mapping[str, str] = field(default_factory=dict)
 
 
-def symbol_constants(mechanism: Mechanism, given: Mapping[str, float] | None) -> Constants:
-    """All symbols with a value, from the file or given.
+def kept_symbols(
+    mechanism: Mechanism, keep: bool | Sequence[str], given: Mapping[str, float] | None
+) -> tuple[str, ...]:
+    """Symbols that stay arguments although they have values.
+
+    Raises
+    ------
+    InputError
+        If there is no such symbol, or it is given a value, too.
+    """
+    valid = sorted(all_symbols(mechanism))
+    kept = tuple(valid) if keep is True else tuple(keep or ())
+    strange = next((name for name in kept if name not in valid), None)
+    if strange is not None:
+        raise InputError(f"there is no symbol '{one_line(strange)}' to keep (valid: {', '.join(valid) or 'none'})")
+    both = next((name for name in given or {} if name in kept), None)
+    if both is not None:
+        raise InputError(f"the symbol '{one_line(both)}' is kept as an argument, so it takes no value here")
+    return kept
+
+
+def symbol_constants(mechanism: Mechanism, given: Mapping[str, float] | None, kept: Collection[str] = ()) -> Constants:
+    """All symbols with a value, from the file or given, except those that are kept.
 
     Raises
     ------
@@ -51,10 +75,12 @@ def symbol_constants(mechanism: Mechanism, given: Mapping[str, float] | None) ->
     """
     overrides = symbol_values(mechanism, given or {}, given)
     stated = {name: symbol for name, symbol in mechanism.symbols.items() if symbol.value is not None}
+    listed = {name: symbol.exact or repr(symbol.value) for name, symbol in stated.items()}
+    stated = {name: symbol for name, symbol in stated.items() if name not in kept}
     numbers = {name: _number(symbol) for name, symbol in stated.items()}
     numbers |= {name: exact(value) for name, value in overrides.items()}
-    texts = {name: symbol.exact or repr(symbol.value) for name, symbol in stated.items()}
-    return Constants(numbers, texts | {name: repr(value) for name, value in overrides.items()})
+    texts = {name: listed[name] for name in stated} | {name: repr(value) for name, value in overrides.items()}
+    return Constants(numbers, texts, stated={name: text for name, text in listed.items() if name in kept})
 
 
 def _number(symbol: Symbol) -> Number:

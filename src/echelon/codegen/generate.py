@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from echelon.base.model import BaseModel
-from echelon.codegen.constants import parameter_constants, symbol_constants
+from echelon.codegen.constants import kept_symbols, parameter_constants, symbol_constants
 from echelon.codegen.documentation import Subject, documentation
 from echelon.codegen.language import Language
 from echelon.codegen.numbers import Precision
@@ -50,6 +50,7 @@ def generate(
     precision: str = "double",
     parameters: str | Mapping[str, float] | None = None,
     symbols: Mapping[str, float] | None = None,
+    keep_symbols: bool | Sequence[str] = False,
 ) -> dict[str, str]:
     """Source code of functions of a robot.
 
@@ -72,6 +73,10 @@ def generate(
     symbols : mapping of str to float, optional
         Values of geometry symbols that replace or complete those of the file, SI units.  Symbols without a value become
         an argument.
+    keep_symbols : bool or sequence of str
+        Geometry symbols that become an argument although they have values: all, or these.  The base parameters then
+        belong to the geometry that is passed, and the functions are right wherever the same parameters are
+        representatives as for the robot's own values.
 
     Returns
     -------
@@ -92,7 +97,14 @@ def generate(
     ['double_pendulum.h', 'double_pendulum.c']
     """
     source = generate_source(
-        base, target, functions, name=name, precision=precision, parameters=parameters, symbols=symbols
+        base,
+        target,
+        functions,
+        name=name,
+        precision=precision,
+        parameters=parameters,
+        symbols=symbols,
+        keep_symbols=keep_symbols,
     )
     return dict(source.files)
 
@@ -106,12 +118,13 @@ def generate_source(
     precision: str = "double",
     parameters: str | Mapping[str, float] | None = None,
     symbols: Mapping[str, float] | None = None,
+    keep_symbols: bool | Sequence[str] = False,
 ) -> Source:
     """As :func:`generate`, with the functions that were printed.
 
     Parameters
     ----------
-    base, target, functions, name, precision, parameters, symbols
+    base, target, functions, name, precision, parameters, symbols, keep_symbols
         See :func:`generate`.
     """
     language = TARGETS[_valid("target", target, list(TARGETS))]
@@ -120,13 +133,16 @@ def generate_source(
         raise InputError(f"no function is asked for (valid: {', '.join(FUNCTIONS)})")
     mode = Precision.named(precision)
     robot = identifier(base.mechanism.name) if name is None else checked_identifier(name)
-    constants = symbol_constants(base.mechanism, symbols)
+    kept = kept_symbols(base.mechanism, keep_symbols, symbols)
+    if kept and parameters is not None:
+        raise InputError("parameters that are put in belong to one geometry: give them, or keep symbols, not both")
+    constants = symbol_constants(base.mechanism, symbols, kept)
     values = parameter_constants(base, parameters, symbols)
     made = [base.function(function) for function in chosen]
     known = {**constants.numbers, **values.numbers}
     layout = _layout(made, known)
     made = [specialised(function, known, layout) for function in made]
-    subject = Subject(base.mechanism.name, base.expressions, constants.texts, values.values)
+    subject = Subject(base.mechanism.name, base.expressions, constants.texts, values.values, constants.stated)
     return Source(printed(made, language, mode, robot, subject), tuple(made))
 
 

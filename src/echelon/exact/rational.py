@@ -96,7 +96,7 @@ def _lowest_terms(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Poly
     if not top:
         return top, _ONE
     if bottom.number is None:
-        ring = _Ring(top, bottom)
+        ring = Ring(top, bottom)
         short = _coprime(ring.enter(top), ring.enter(bottom))
         plain = _coprime(*ring.rationalised(*short))
         # a true quotient is mostly longer when rationalised, but a polynomial shows itself only then
@@ -106,7 +106,7 @@ def _lowest_terms(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Poly
 
 def _unique(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polynomial]:
     """The one way of writing a quotient with coprime polynomials and no sine or root in the denominator."""
-    ring = _Ring(top, bottom)
+    ring = Ring(top, bottom)
     plain = _coprime(*ring.rationalised(ring.enter(top), ring.enter(bottom)))
     return _monic(*map(ring.leave, plain))
 
@@ -129,10 +129,20 @@ def _coprime(top: Any, bottom: Any) -> tuple[Any, Any]:
     return top / divisor, bottom / divisor
 
 
-class _Ring:
+class Ring:
     """FLINT's ring for some polynomials, with √2 and √3 as extra generators.
 
     FLINT does not know that sines and roots are algebraic, so its gcd may miss a factor that needs their squares.
+
+    Parameters
+    ----------
+    *polynomials : Polynomial
+        That :meth:`enter` is to take.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The generators, in the order of exponents.
     """
 
     def __init__(self, *polynomials: Polynomial) -> None:
@@ -166,6 +176,14 @@ class _Ring:
             root = surd(*(int(k == exponents[-2] + 2 * exponents[-1]) for k in range(4)))
             terms[monomial] = terms.get(monomial, 0) + root * value
         return Polynomial(terms)
+
+    def reduced(self, element: Any) -> Any:
+        """The same element with sines and roots to the first power at most."""
+        for index, generator, square in self.squares:
+            if element.degrees()[index] > 1:
+                p, q = self._split(element, index, square)
+                element = p + q * generator
+        return element
 
     def rationalised(self, top: Any, bottom: Any) -> tuple[Any, Any]:
         """The same quotient with a denominator free of sines and roots, by multiplying with its conjugates."""

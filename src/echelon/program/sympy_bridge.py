@@ -8,6 +8,7 @@ double.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import reduce
@@ -77,7 +78,7 @@ def from_sympy(program: Program, expression: Any, symbols: Mapping[str, Scalar])
         raise InputError("division by zero", element=f"'{expression}'") from None
 
 
-def to_sympy(program: Program, outputs: Sequence[int]) -> list[Any]:
+def to_sympy(program: Program, outputs: Sequence[int], given: Mapping[int, Any] | None = None) -> list[Any]:
     """Nodes of a program as sympy expressions in real symbols named like the inputs.
 
     Parameters
@@ -85,6 +86,8 @@ def to_sympy(program: Program, outputs: Sequence[int]) -> list[Any]:
     program : Program
     outputs : sequence of int
         Nodes.
+    given : mapping of int to sympy expression, optional
+        What some nodes are written as.
 
     Returns
     -------
@@ -101,8 +104,10 @@ def to_sympy(program: Program, outputs: Sequence[int]) -> list[Any]:
     import sympy
 
     functions = {op: getattr(sympy, name) for name, op in SUPPORTED.items()}
-    formulas: dict[int, Any] = {}
-    for node in program.needed(outputs):
+    formulas: dict[int, Any] = dict(given or {})
+    for node in program.needed(outputs, formulas):
+        if node in formulas:
+            continue
         op, a, b = Op(program.ops[node]), formulas.get(program.lhs[node]), formulas.get(program.rhs[node])
         if op is Op.INPUT:
             formulas[node] = sympy.Symbol(program.inputs[node].name)
@@ -111,6 +116,21 @@ def to_sympy(program: Program, outputs: Sequence[int]) -> list[Any]:
         else:
             formulas[node] = functions[op](a) if op in functions else _operated(op, a, b)
     return [formulas[node] for node in outputs]
+
+
+def shared_nodes(program: Program, outputs: Sequence[int]) -> list[int]:
+    """Operations that outputs use more than once, in the order of the program.
+
+    Parameters
+    ----------
+    program : Program
+    outputs : sequence of int
+        Nodes.
+    """
+    needed = program.needed(outputs)
+    uses = Counter(operand for node in needed for operand in (program.lhs[node], program.rhs[node]))
+    uses.update(outputs)
+    return [n for n in needed if uses[n] > 1 and program.ops[n] not in (Op.INPUT, Op.CONSTANT, Op.NEG)]
 
 
 def _operated(op: Op, a: Any, b: Any) -> Any:

@@ -1,0 +1,172 @@
+"""B† = S Bᵀ (B S Bᵀ)⁻¹ in closed form: the way back from base to standard parameters (Theorem 1 of the paper).
+
+B S Bᵀ falls into blocks of base parameters that share standard ones; most are single.  Each block is inverted without
+fractions, with one denominator, its determinant.  B · B† = 1 is then checked as an identity of polynomials.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import reduce
+from math import lcm
+from typing import TYPE_CHECKING, Any
+
+from echelon.base.exact_metric import metric_entries
+from echelon.base.matrix import BaseMatrix, sympy_generator
+from echelon.errors import ClosedFormError, EchelonError
+from echelon.exact.fraction_free import Sparse, adjugate, blocks
+from echelon.exact.polynomial import Polynomial
+from echelon.exact.rational import RationalFunction, Ring
+
+if TYPE_CHECKING:
+    import sympy
+
+MOST_TERMS = 150_000
+"""Of the numerators of one block."""
+
+
+def pseudo_inverse(
+    matrix: BaseMatrix, metric: Any, formulas: Mapping[str, Any], most_terms: int = MOST_TERMS
+) -> sympy.ImmutableMatrix:
+    """The inverse of B from the right that belongs to a metric.
+
+    Parameters
+    ----------
+    matrix : BaseMatrix
+    metric : "identity", sequence, or sympy Matrix
+        See :func:`echelon.base.exact_metric.metric_entries`.
+    formulas : mapping of str to sympy expression
+        What symbols of B stand for, where they are not symbols.
+    most_terms : int
+        Longest closed form of a block.
+
+    Returns
+    -------
+    sympy matrix of shape (standard parameters, base parameters)
+
+    Raises
+    ------
+    InputError
+        If the metric is not valid.
+    ClosedFormError
+        If the closed form is longer than that.
+    """
+    import sympy
+
+    n = len(matrix.parameters)
+    weights, _ = _cleared(metric_entries(metric, n))
+    cleared = [_cleared(dict(row)) for row in matrix.rows]
+    ring = Ring(*weights.values(), *(p for row, factor in cleared for p in (*row.values(), factor)))
+    rows = [{c: ring.enter(p) for c, p in row.items()} for row, _ in cleared]
+    weight: list[Sparse] = [{} for _ in range(n)]
+    for (i, j), polynomial in weights.items():
+        weight[i][j] = ring.enter(polynomial)
+    weighted = [_product(row, weight) for row in rows]
+    columns: list[Sparse] = [{} for _ in range(n)]
+    for i, row in enumerate(rows):
+        for c, entry in row.items():
+            columns[c][i] = entry
+    gram = [_product(row, columns) for row in weighted]
+    factors = [ring.enter(factor) for _, factor in cleared]
+    writer = _Writer(ring, {**_own_symbols(metric, matrix), **formulas})
+    entries = [sympy.S.Zero] * (n * matrix.rank)
+    for block in blocks(gram):
+        try:
+            numerators, denominator = _block(block, gram, weighted, ring.context.constant(1), most_terms)
+        except ClosedFormError as error:
+            problem = f"{error}; numbers for symbols, or pseudo_inverse_float, need no closed form"
+            raise ClosedFormError(problem) from None
+        _check([rows[i] for i in block], numerators, denominator)
+        for c, row in numerators.items():
+            for k, numerator in row.items():
+                entries[c * matrix.rank + block[k]] = writer.quotient(numerator * factors[block[k]], denominator)
+    return sympy.ImmutableMatrix(n, matrix.rank, entries, copy=False)  # a sparse one would sort its entries: slow
+
+
+def _own_symbols(metric: Any, matrix: BaseMatrix) -> dict[str, Any]:
+    """Symbols of the metric as they were given, with their assumptions, unless B has symbols of their names."""
+    given = {} if isinstance(metric, str) else {s.name: s for e in metric for s in getattr(e, "free_symbols", ())}
+    return {name: symbol for name, symbol in given.items() if name not in matrix.symbols}
+
+
+def _cleared(entries: Mapping[Any, RationalFunction]) -> tuple[dict[Any, Polynomial], Polynomial]:
+    """Rational functions times their common denominator, and it."""
+    denominators: dict[Polynomial, None] = {e.denominator: None for e in entries.values()}
+    common = reduce(_common_multiple, denominators, Polynomial.constant(1))
+    scaled = {place: RationalFunction(e.numerator * common, e.denominator).numerator for place, e in entries.items()}
+    return scaled, common
+
+
+def _common_multiple(a: Polynomial, b: Polynomial) -> Polynomial:
+    shortened = RationalFunction(a, b)
+    return shortened.denominator * a
+
+
+def _product(row: Sparse, others: Sequence[Sparse]) -> Sparse:
+    """A sparse row times a sparse matrix."""
+    found: Sparse = {}
+    for k, entry in row.items():
+        for c, other in others[k].items():
+            found[c] = found[c] + entry * other if c in found else entry * other
+    return {c: entry for c, entry in found.items() if entry}
+
+
+def _block(
+    block: Sequence[int], gram: Sequence[Sparse], weighted: Sequence[Sparse], one: Any, most_terms: int
+) -> tuple[dict[int, Sparse], Any]:
+    """Rows of S Bᵀ (B S Bᵀ)⁻¹ for one block, by standard parameter, times the denominator that follows."""
+    place = {row: k for k, row in enumerate(block)}
+    inverse, denominator = adjugate([{place[c]: e for c, e in gram[i].items()} for i in block], one, most_terms)
+    transposed: dict[int, Sparse] = {}
+    for k, i in enumerate(block):
+        for c, entry in weighted[i].items():
+            transposed.setdefault(c, {})[k] = entry
+    return {c: _product(row, inverse) for c, row in transposed.items()}, denominator
+
+
+def _check(rows: Sequence[Sparse], numerators: Mapping[int, Sparse], denominator: Any) -> None:
+    """B · B† = 1 as an identity of polynomials."""
+    for i, row in enumerate(rows):
+        total: Sparse = {}
+        for c, entry in row.items():
+            for k, numerator in numerators.get(c, {}).items():
+                total[k] = total[k] + entry * numerator if k in total else entry * numerator
+        if any(value != (denominator if k == i else 0) for k, value in total.items()) or i not in total:
+            raise EchelonError("B · B† is not the identity; please report this model")
+
+
+class _Writer:
+    """Writes elements of a ring in sympy; what was written before is not written again."""
+
+    def __init__(self, ring: Ring, formulas: Mapping[str, Any]) -> None:
+        import sympy
+
+        self._ring, self._sympy = ring, sympy
+        *names, _, _ = ring.names
+        self._generators = [*(sympy_generator(g, formulas) for g in names), sympy.sqrt(2), sympy.sqrt(3)]
+        self._monomials: dict[tuple[int, ...], Any] = {}
+        self._written: dict[str, Any] = {}
+
+    def quotient(self, top: Any, bottom: Any) -> Any:
+        """In lowest terms, with whole numbers below."""
+        common = top.gcd(bottom)
+        whole = lcm(*(int(coefficient.q) for coefficient in (bottom / common).coeffs()))
+        return self._sum(top * whole / common) / self._sum(bottom * whole / common)
+
+    def _sum(self, element: Any) -> Any:
+        text = str(element)
+        if text not in self._written:
+            terms = self._ring.reduced(element).to_dict().items()
+            self._written[text] = self._sympy.Add(*(self._term(exponents, number) for exponents, number in terms))
+        return self._written[text]
+
+    def _term(self, exponents: tuple[int, ...], coefficient: Any) -> Any:
+        number = self._sympy.Rational(int(coefficient.p), int(coefficient.q))
+        if exponents not in self._monomials:
+            pairs = zip(self._generators, exponents, strict=True)
+            self._monomials[exponents] = self._sympy.Mul(*(g ** int(e) for g, e in pairs if e))
+        monomial = self._monomials[exponents]
+        if number == 1 or not any(exponents[:-2]):
+            return number * monomial
+        # as sympy would put it, without its questions
+        return self._sympy.Mul._from_args((number, *self._sympy.Mul.make_args(monomial)), True)

@@ -1,0 +1,276 @@
+"""Short formulas for the entries of a regressor: multiplied out, then with sums of angles where that is shorter.
+
+An entry is a polynomial in rates, lengths, and sines and cosines of the coordinates.  What multiplies one product of
+rates and lengths is a polynomial in sines and cosines alone, and there are several ways to write it: with the angles
+themselves, with the absolute angles of joints whose axes are parallel (cos q₁ cos q₂ − sin q₁ sin q₂ = cos(q₁ + q₂)),
+or as a Fourier series.  The shortest is taken; then terms with the same sines and cosines are collected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cached_property, reduce
+from typing import Any
+
+from echelon.base.absolute_angles import Combination
+from echelon.base.matrix import sympy_number
+from echelon.errors import ClosedFormError
+from echelon.exact.numbers import Number
+from echelon.exact.polynomial import Monomial, Polynomial, cosine, is_trigonometric, sine, symbol_of
+from echelon.program.operations import FUNCTIONS, Op
+from echelon.program.tape import Program
+
+Series = dict[tuple[bool, Combination], Number]
+"""Coefficients of a Fourier series: whether of a sine, and of which sum of angles."""
+
+_LONGEST_SERIES = 64  # products of sines and cosines that are tried as a Fourier series
+_HIGHEST = 8  # power of one of them
+
+
+@dataclass
+class ShortForms:
+    """Writes nodes of a program as short formulas.
+
+    Attributes
+    ----------
+    program : Program
+    symbols : mapping of str to sympy Symbol
+        For the inputs of the program.
+    absolute : mapping of str to Combination
+        See :func:`echelon.base.absolute_angles.absolute_angles`.
+    most_terms : int
+        Of an intermediate value, multiplied out.
+    """
+
+    program: Program
+    symbols: Mapping[str, Any]
+    absolute: Mapping[str, Combination]
+    most_terms: int
+    _atoms: dict[str, Any] = field(default_factory=dict)
+    _sums: dict[str, Combination] = field(default_factory=dict)
+    _known: dict[int, Polynomial] = field(default_factory=dict)
+
+    def formulas(self, nodes: Sequence[int]) -> list[Any]:
+        """Sympy expressions of nodes.
+
+        Parameters
+        ----------
+        nodes : sequence of int
+
+        Raises
+        ------
+        ClosedFormError
+            If a value has too many terms.
+        """
+        for node in self.program.needed(nodes):
+            self._known[node] = value = self._polynomial(node)
+            if len(value.terms) > self.most_terms:
+                raise ClosedFormError(f"the regressor has values of more than {self.most_terms} terms")
+        return [self._written(self._known[node]) for node in nodes]
+
+    @cached_property
+    def _states(self) -> set[str]:
+        return {given.name for given in self.program.inputs.values() if given.role == "state"}
+
+    # -- multiplied out ------------------------------------------------------------------------------------------
+
+    def _polynomial(self, node: int) -> Polynomial:
+        program = self.program
+        op, a, b = Op(program.ops[node]), self._known.get(program.lhs[node]), self._known.get(program.rhs[node])
+        if op is Op.INPUT:
+            return Polynomial.generator(program.inputs[node].name)
+        if op is Op.CONSTANT:
+            return Polynomial.constant(program.constants[node])
+        assert a is not None
+        if op in FUNCTIONS:
+            return self._function(op, node, a)
+        if op is Op.NEG:
+            return -a
+        assert b is not None
+        if op is Op.DIV:
+            return a * self._atom(f"#{program.rhs[node]}", lambda: 1 / self._written(b))
+        if op is Op.MUL and len(a.terms) * len(b.terms) > 8 * self.most_terms:
+            raise ClosedFormError(f"the regressor has values of more than {self.most_terms} terms")
+        return a * b if op is Op.MUL else a + b if op is Op.ADD else a - b
+
+    def _function(self, op: Op, node: int, argument: Polynomial) -> Polynomial:
+        """Sines and cosines of coordinates are polynomials; other functions stand for themselves."""
+        angle = self.program.inputs.get(self.program.lhs[node])
+        if op in (Op.SIN, Op.COS):
+            label = angle.name if angle is not None else f"#{self.program.lhs[node]}"
+            if angle is None:
+                self._atom(label, lambda: self._written(argument))
+            return Polynomial.generator(cosine(label) if op is Op.COS else sine(label))
+        import sympy
+
+        name = "Abs" if op is Op.ABS else op.name.lower()
+        return self._atom(f"#{node}", lambda: getattr(sympy, name)(self._written(argument)))
+
+    def _atom(self, label: str, formula: Any) -> Polynomial:
+        if label not in self._atoms:
+            self._atoms[label] = formula()
+        return Polynomial.generator(label)
+
+    # -- written shortly -----------------------------------------------------------------------------------------
+
+    def _written(self, value: Polynomial) -> Any:
+        """Terms with equal sines and cosines collected, their coefficients factored."""
+        import sympy
+
+        by_plain: dict[Monomial, dict[Monomial, Number]] = {}
+        for monomial, coefficient in value.terms.items():
+            circular = tuple((g, e) for g, e in monomial if self._varies(g))
+            plain = tuple((g, e) for g, e in monomial if not self._varies(g))
+            by_plain.setdefault(plain, {})[circular] = coefficient
+        by_circular: dict[Monomial, list[Any]] = {}
+        for plain, terms in by_plain.items():
+            for circular, coefficient in self._shortest(Polynomial(terms)).terms.items():
+                by_circular.setdefault(circular, []).append(sympy_number(coefficient) * self._product(plain))
+        factors = [sympy.Add(*terms) for terms in by_circular.values()]
+        factors = [sympy.factor(f) if f.is_Add and f.is_polynomial() else f for f in factors]
+        return sympy.Add(*(f * self._product(c) for f, c in zip(factors, by_circular, strict=True)))
+
+    def _varies(self, generator: str) -> bool:
+        return is_trigonometric(generator) and symbol_of(generator) in self._states
+
+    def _product(self, monomial: Monomial) -> Any:
+        import sympy
+
+        return sympy.Mul(*(self._generator(g) ** e for g, e in monomial))
+
+    def _generator(self, generator: str) -> Any:
+        import sympy
+
+        if not is_trigonometric(generator):
+            return self._atoms[generator] if generator in self._atoms else self.symbols[generator]
+        label = symbol_of(generator)
+        if label in self._sums:
+            angle = sympy.Add(*(factor * self.symbols[name] for name, factor in self._sums[label]))
+        else:
+            angle = self._atoms[label] if label in self._atoms else self.symbols[label]
+        return sympy.cos(angle) if generator.startswith("cos(") else sympy.sin(angle)
+
+    def _shortest(self, circular: Polynomial) -> Polynomial:
+        return min(self._ways(circular), key=_length)
+
+    def _ways(self, circular: Polynomial) -> Iterator[Polynomial]:
+        """The same polynomial in sines and cosines, written in several ways."""
+        yield circular
+        if len(circular.terms) == 1:
+            return
+        yield _without_squares_of_cosines(circular)
+        if any(symbol_of(g) in self.absolute for g in circular.generators()):
+            turned = self._in_absolute_angles(circular)
+            yield turned
+            yield _without_squares_of_cosines(turned)
+        if len(circular.terms) <= _LONGEST_SERIES and _degree(circular) <= _HIGHEST:
+            yield self._series(circular)
+
+    def _in_absolute_angles(self, circular: Polynomial) -> Polynomial:
+        """A relative angle is the difference of two absolute ones."""
+        values = {}
+        for generator in circular.generators():
+            label = symbol_of(generator)
+            values[generator] = Polynomial.generator(generator)
+            if label in self.absolute:
+                *before, (_, sign) = self.absolute[label]
+                (c1, s1), (c2, s2) = self._circle(tuple(before)), self._circle(self.absolute[label])
+                # sign · angle = after − before
+                values[generator] = c2 * c1 + s2 * s1 if generator.startswith("cos(") else (s2 * c1 - c2 * s1) * sign
+        return circular.evaluate(values, Polynomial.constant)
+
+    def _circle(self, angles: Combination) -> tuple[Polynomial, Polynomial]:
+        """Cosine and sine of a sum of angles."""
+        label, sign = self._label(angles)
+        return Polynomial.generator(cosine(label)), Polynomial.generator(sine(label)) * sign
+
+    def _label(self, angles: Combination) -> tuple[str, int]:
+        """A name for a sum of angles or its negative, and which of both."""
+        ordered = tuple(sorted((name, factor) for name, factor in angles if factor))
+        sign = 1 if ordered[0][1] > 0 else -1
+        angles = tuple((name, factor * sign) for name, factor in ordered)
+        if len(angles) == 1 and angles[0][1] == 1:
+            return angles[0][0], sign
+        label = "+".join(f"{factor}·{name}" for name, factor in angles)
+        self._sums[label] = angles
+        return label, sign
+
+    def _series(self, circular: Polynomial) -> Polynomial:
+        """Products of sines and cosines as sums."""
+        total: Series = {}
+        for monomial, coefficient in circular.terms.items():
+            unit: Series = {(False, ()): 1}
+            for key, factor in reduce(_times, _factors(monomial), unit).items():
+                total[key] = total.get(key, 0) + factor * coefficient
+        found = []
+        for (odd, angles), coefficient in total.items():
+            if not angles:
+                found.append(Polynomial.constant(0 if odd else coefficient))
+                continue
+            label, sign = self._label(angles)
+            found.append(
+                Polynomial.generator(sine(label)) * (coefficient * sign)
+                if odd
+                else Polynomial.generator(cosine(label)) * coefficient
+            )
+        return Polynomial.sum(found)
+
+
+def _length(circular: Polynomial) -> int:
+    """Terms and their factors; whole numbers are shorter than fractions."""
+    return sum(2 + len(m) + (Fraction(1) != abs(c)) for m, c in _plain_numbers(circular))
+
+
+def _plain_numbers(circular: Polynomial) -> list[tuple[Monomial, Any]]:
+    return [(m, c if isinstance(c, int | Fraction) else Fraction(2)) for m, c in circular.terms.items()]
+
+
+def _degree(circular: Polynomial) -> int:
+    return max((sum(e for _, e in monomial) for monomial in circular.terms), default=0)
+
+
+def _without_squares_of_cosines(circular: Polynomial) -> Polynomial:
+    """The same with cos² = 1 − sin², which Polynomial itself would turn back."""
+    terms: dict[Monomial, Number] = {}
+    pending = list(circular.terms.items())
+    while pending:
+        monomial, coefficient = pending.pop()
+        square = next((g for g, e in monomial if e > 1 and g.startswith("cos(")), None)
+        if square is None:
+            terms[monomial] = terms.get(monomial, 0) + coefficient
+            continue
+        rest = {g: e - 2 * (g == square) for g, e in monomial}
+        partner = sine(symbol_of(square))
+        squared = {**rest, partner: rest.get(partner, 0) + 2}
+        pending += [(_sorted(rest), coefficient), (_sorted(squared), -coefficient)]
+    return Polynomial(terms)
+
+
+def _sorted(exponents: Mapping[str, int]) -> Monomial:
+    return tuple(sorted((g, e) for g, e in exponents.items() if e))
+
+
+def _factors(monomial: Monomial) -> list[str]:
+    return [g for g, e in monomial for _ in range(e)]
+
+
+def _times(series: Series, generator: str) -> Series:
+    """A Fourier series times one sine or cosine."""
+    odd, name, half = generator.startswith("sin("), symbol_of(generator), Fraction(1, 2)
+    product: Series = {}
+    for (is_sine, angles), coefficient in series.items():
+        for sign in (1, -1):
+            key, weight = (is_sine != odd, _added(angles, name, sign)), coefficient * half
+            # sin·sin = (cos(−) − cos(+))/2, cos·sin = (sin(+) − sin(−))/2
+            if odd:
+                weight = weight * (-sign if is_sine else sign)
+            product[key] = product.get(key, 0) + weight
+    return product
+
+
+def _added(angles: Combination, name: str, sign: int) -> Combination:
+    factors = dict(angles)
+    factors[name] = factors.get(name, 0) + sign
+    return tuple(sorted((n, f) for n, f in factors.items() if f))

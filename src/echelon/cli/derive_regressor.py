@@ -1,0 +1,43 @@
+"""``derive --regressor``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from echelon.base.derive import base_parameters
+from echelon.base.linear_base import LinearBase
+from echelon.base.model import BaseModel
+from echelon.cli.progress import progress
+from echelon.files import write_atomically
+from echelon.formats.linear import holds_linear_model, load_linear
+from echelon.formats.load import load
+from echelon.seeds import DEFAULT_SEED
+
+
+def run_regressor(
+    robot: Path,
+    language: str,
+    reading: Mapping[str, Any],
+    order: str,
+    prefer: Sequence[str],
+    output: Path | None,
+    seed: int | None,
+) -> None:
+    """Derive, then print or write the base regressor as formulas."""
+    with progress(f"deriving {robot.name}"):
+        options: dict[str, Any] = {"order": order, "prefer": prefer, "seed": DEFAULT_SEED if seed is None else seed}
+        base: BaseModel | LinearBase
+        if holds_linear_model(robot):
+            base = base_parameters(load_linear(robot), **options)
+        else:
+            base = base_parameters(load(robot, **reading), **options)
+        found = base.symbolic_regressor()
+        text = found.latex() if language == "latex" else found.python()
+    if output is not None:
+        write_atomically(output, text)
+    else:
+        typer.echo(text, nl=False)

@@ -1,0 +1,96 @@
+"""Inverses of symmetric matrices of polynomials, without fractions on the way.
+
+Bareiss's elimination keeps every entry a minor of the matrix, so each division is exact and no greatest common divisor
+is needed: with FLINT's polynomials a block of 18 rows in four symbols takes half a second, where quotients take
+minutes.  Pivots are on the diagonal, which is never zero for a definite matrix; the shortest goes first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from echelon.errors import ClosedFormError
+
+Sparse = dict[int, Any]
+"""Non-zero entries of a row by column: FLINT polynomials of one ring."""
+
+
+def blocks(rows: Sequence[Sparse]) -> list[list[int]]:
+    """Sets of rows that are connected by non-zero entries of a symmetric matrix, each in ascending order.
+
+    Parameters
+    ----------
+    rows : sequence of rows
+    """
+    found: list[list[int]] = []
+    seen: set[int] = set()
+    for start in range(len(rows)):
+        pending, block = [start], []
+        while pending:
+            row = pending.pop()
+            if row not in seen:
+                seen.add(row)
+                block.append(row)
+                pending += rows[row]
+        if block:
+            found.append(sorted(block))
+    return found
+
+
+def adjugate(rows: Sequence[Sparse], one: Any, most_terms: int) -> tuple[list[Sparse], Any]:
+    """The inverse of a symmetric definite matrix as a matrix of polynomials and a common denominator.
+
+    Parameters
+    ----------
+    rows : sequence of rows
+        Of a square matrix.
+    one : polynomial
+        The ring's 1.
+    most_terms : int
+        Of all polynomials together.
+
+    Returns
+    -------
+    rows, denominator
+        With matrix · rows = denominator · identity.
+
+    Raises
+    ------
+    ClosedFormError
+        If the matrix is singular, or the polynomials get longer than that.
+    """
+    size = len(rows)
+    table: list[Sparse] = [{**row, size + k: one} for k, row in enumerate(rows)]
+    previous, left = one, set(range(size))
+    while left:
+        regular = [k for k in left if k in table[k]]
+        if not regular:
+            raise ClosedFormError("the metric is not definite: B S Bᵀ has no inverse")
+        k = min(regular, key=lambda i: (len(table[i][i]), i))
+        left.remove(k)
+        pivot, leading = table[k][k], table[k]
+        for i in range(size):
+            if i != k:
+                table[i] = _eliminated(table[i], leading, k, pivot, previous)
+        previous = pivot
+        if sum(len(entry) for row in table for entry in row.values()) > most_terms:
+            raise ClosedFormError(f"the closed form has more than {most_terms} terms")
+    return [{c - size: entry for c, entry in row.items() if c >= size} for row in table], previous
+
+
+def _eliminated(row: Sparse, leading: Sparse, column: int, pivot: Any, previous: Any) -> Sparse:
+    """(pivot · row − factor · leading) / previous, without the column."""
+    factor = row.get(column)
+    if factor is None:
+        return {c: entry * pivot / previous for c, entry in row.items()}
+    found: Sparse = {}
+    for c in {**row, **leading}:
+        if c == column:
+            continue
+        entry = row[c] * pivot if c in row else None
+        if c in leading:
+            entry = -(factor * leading[c]) if entry is None else entry - factor * leading[c]
+        if entry:
+            found[c] = entry / previous
+    return found
