@@ -30,7 +30,7 @@ from targets import Target
 
 RESULTS = Path(__file__).parent / "results"
 TARGETS = (
-    ("panda, symbolic lengths, closed forms", "panda", "closed_forms", 0.15),
+    ("panda, symbolic lengths, closed forms", "panda", "closed_forms", 0.04),
     ("talos_full_v2, floating, closed forms", "talos_full_v2", "closed_forms", 5.0),
     ("tiago_dual, floating, closed forms", "tiago_dual", "closed_forms", 15.0),
     ("tiago_dual, floating, structure only", "tiago_dual", "structure", 1.5),
@@ -40,7 +40,8 @@ TARGETS = (
     ("Gough–Stewart platform, structure only", "gough_stewart", "structure", 1.0),
     ("biped with rods, floating, closed forms", "biped", "closed_forms", 3.0),
 )
-START_UP_TARGETS = (("import echelon", 0.3), ("echelon --help", 0.5))
+START_UP_TARGETS = (("import echelon", 0.15), ("echelon --help", 0.5))
+LARGE_TARGETS = (("chain of 500", 10.0), ("binary tree of 255", 4.0))
 CHAINS = (2, 5, 10, 20, 50, 100)
 BASE, MACHINE = "base", "machine"
 _ONLY = f"parts to run: {BASE}, {MACHINE}, or of the latter {', '.join(PARTS)}"
@@ -75,17 +76,19 @@ def run(parts: Collection[str], quick: bool, repeats: int, report: Callable[[str
 
 
 def run_base(quick: bool, repeats: int, report: Callable[[str], None]) -> dict[str, Any]:
-    """Start-up, robots, linkages and chains."""
+    """Start-up, robots, linkages, chains and large mechanisms."""
     start_up = {name: t.as_dict() for name, t in measure.start_up(repeats, report).items()}
     rows = measure.robots(chosen_robots(quick), repeats, report)
     looped = linkages.measured(linkages.chosen_linkages(quick), repeats, report)
     chains = measure.chains(CHAINS[:2] if quick else CHAINS, repeats, report)
+    large = [] if quick else measure.large(min(repeats, 3), report)
     return {
-        "targets": judged(start_up, rows, looped),
+        "targets": judged(start_up, rows, looped, large),
         "start_up": start_up,
         "robots": rows,
         "linkages": looped,
         "chains": chains,
+        "large": large,
         "chain_exponents": measure.exponents(chains),
     }
 
@@ -112,12 +115,17 @@ def completed(found: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def judged(
-    start_up: dict[str, dict[str, float]], rows: list[dict[str, Any]], looped: list[dict[str, Any]]
+    start_up: dict[str, dict[str, float]],
+    rows: list[dict[str, Any]],
+    looped: list[dict[str, Any]],
+    large: list[dict[str, Any]],
 ) -> list[dict[str, Any]]:
     """Targets that this run can judge, by median."""
     by_name = {row["robot"]: row["seconds"] for row in rows} | {row["linkage"]: row["seconds"] for row in looped}
     medians = [(f"{name}, fresh process", start_up[name]["median"], limit) for name, limit in START_UP_TARGETS]
     medians += [(text, by_name[n][part]["median"], limit) for text, n, part, limit in TARGETS if n in by_name]
+    derived = {row["mechanism"]: row["seconds"]["median"] for row in large}
+    medians += [(f"{name}, closed forms", derived[name], limit) for name, limit in LARGE_TARGETS if name in derived]
     return [Target(*median).as_dict() for median in medians]
 
 

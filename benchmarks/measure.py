@@ -17,13 +17,14 @@ from echelon.base.derive import classical_matrix
 from echelon.base.structure import find_structure
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED
-from robots import Robot, chain, serial_model
+from robots import Robot, binary_tree, chain, serial_model
 from timing import Times, interleaved
 
 _HELP = "import sys; sys.argv = ['echelon', '--help']; from echelon.cli import main; main()"
 _PROGRAMS = {
     "python, nothing imported": "pass",
     "import echelon": "import echelon",
+    "import echelon, load and base_parameters": "from echelon import base_parameters, load",
     "echelon --help": _HELP,
     "import pinocchio": "import pinocchio",
 }
@@ -108,6 +109,18 @@ def chains(lengths: Iterable[int], repeats: int, report: Report) -> list[dict[st
                 "seconds": {name: t.as_dict() for name, t in times.items()},
             }
         )
+    return rows
+
+
+def large(repeats: int, report: Report) -> list[dict[str, Any]]:
+    """Large mechanisms with a symbol for every offset, from the mechanism to the certificate."""
+    rows = []
+    for mechanism in (chain(500), binary_tree(255)):
+        report(mechanism.name)
+        times, results = interleaved({"derive": lambda m=mechanism: ec.base_parameters(m)}, repeats)
+        base = results["derive"]
+        counted = {"bodies": len(mechanism.bodies), "symbols": len(mechanism.symbols), "rank": base.rank}
+        rows.append({"mechanism": mechanism.name, **counted, "seconds": times["derive"].as_dict()})
     return rows
 
 

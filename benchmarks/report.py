@@ -80,6 +80,8 @@ def to_markdown(results: dict[str, Any]) -> str:
     if "robots" in results:
         blocks += [_start_up(results["start_up"]), _robots(results["robots"])]
         blocks += [_linkages(results["linkages"]), _chains(results)]
+    if results.get("large"):
+        blocks.append(_large(results["large"]))
     if machine:
         blocks.append(tables.to_markdown(machine))
     return "\n\n".join(blocks) + "\n"
@@ -186,6 +188,12 @@ def _chains(results: dict[str, Any]) -> str:
 
 
 # -- plot --------------------------------------------------------------------------------------------------------------
+
+
+def _large(rows: list[dict[str, Any]]) -> str:
+    head = ["mechanism", "symbols", "rank", "closed forms and certificate"]
+    cells = [[r["mechanism"], r["symbols"], r["rank"], Times(**r["seconds"])] for r in rows]
+    return "## Large mechanisms\n\n" + table(head, cells)
 
 
 def plot_chains(results: dict[str, Any], path: Path) -> None:

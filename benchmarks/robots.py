@@ -69,6 +69,20 @@ def chain(joints: int) -> Mechanism:
     return modified_dh(f"chain of {joints}", rows, values)
 
 
+def binary_tree(bodies: int) -> Mechanism:
+    """Every body carries two others on revolute joints, each placed by two symbolic offsets."""
+    random = Random(bodies)
+    values = {f"{s}{i}": f"0.{random.randint(100, 399)}" for i in range(2, bodies + 1) for s in "ad"}
+    tree = []
+    for i in range(1, bodies + 1):
+        offsets = shift(parse(f"a{i}"), parse(f"d{i}"), 0) if i > 1 else shift(0, 0, 0)
+        steps = (offsets, turn(i % 2, parse_angle("pi/2")), rotation(f"q{i}"))
+        tree.append(Body(f"link{i}", str(i), i // 2 - 1, Joint(f"q{i}", "revolute", merge(steps))))
+    symbols = {s: Symbol(s, float(text), text) for s, text in values.items()}
+    gravity = (parse("0"), parse("0"), parse("-9.81"))
+    return Mechanism(f"binary tree of {bodies}", tuple(tree), gravity, symbols=symbols)
+
+
 def modified_dh(name: str, rows: Any, values: dict[str, str]) -> Mechanism:
     """A serial arm from rows (alpha, a, d) of a modified DH table (Khalil–Kleinfinger, Craig)."""
     bodies = []

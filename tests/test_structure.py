@@ -138,16 +138,15 @@ def test_seed_does_not_matter(seed: int) -> None:
 def test_bad_luck_is_outvoted(monkeypatch: pytest.MonkeyPatch) -> None:
     """A random point where more columns seem dependent than are, or a zero denominator, costs a repetition only."""
     true, unlucky = {1: (0,)}, {1: (0,), 2: ()}
-    points = iter([None, DegenerateSampleError(), None, None, None])
-    found_there = iter([unlucky, true, unlucky, true])
+    draws = iter([unlucky, DegenerateSampleError(), true, unlucky, true])
 
-    def draw(*_: object) -> None:
-        drawn = next(points)
-        if drawn is not None:
+    def draw(*_: object) -> dict[int, tuple[int, ...]]:
+        drawn = next(draws)
+        if isinstance(drawn, Exception):
             raise drawn
+        return drawn
 
-    monkeypatch.setattr("echelon.base.structure.sample_matrix", draw)
-    monkeypatch.setattr("echelon.base.structure.dependence", lambda *_: next(found_there))
+    monkeypatch.setattr("echelon.base.structure._dependent_columns", draw)
     found = ec.base_structure(arms.modified_dh("pendulum", "R 0 0 0"))
     assert found.by_robot == true
 

@@ -186,7 +186,7 @@ def _check_echelon(matrix: BaseMatrix) -> None:
             other = matrix.parameters[column]
             if column != pivot and column in pivots:
                 raise CertificateError(f"row {name} contains the representative {other}")
-            if coefficient and position[column] < position[pivot]:
+            if position[column] < position[pivot] and coefficient:
                 raise CertificateError(f"row {name} contains {other}, which comes before it in the column order")
 
 

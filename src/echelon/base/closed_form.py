@@ -1,32 +1,35 @@
 """Closed forms: the exact matrix B, entry by entry, from the structure.
 
 Every dependent column is a combination of columns to its left.  For columns that move across one joint the combination
-is interpolated on the two bodies of that joint and then, going from the base to the tips, the parent's own dependent
-columns are substituted.  Columns that depend for other reasons (restricted motion near the base, couplings, massless
-bodies) are interpolated on just the columns that take part.
+is interpolated on the two bodies of that joint.  On a whole parent that is done in the frame where the joint begins to
+move, so that equal joints share it, and a change of frame leads to the parent's own.  Then, going from the base to the
+tips, the parent's own dependent columns are substituted.  Columns that depend for other reasons (restricted motion near
+the base, couplings, massless bodies) are interpolated on just the columns that take part.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 
 from echelon.base.modes import in_mode
 from echelon.base.rows import Rows, rows_of
-from echelon.base.structure import Structure, floating_pair, pair_columns
+from echelon.base.structure import Structure, floating_pair, mount, pair_columns, pair_signature
+from echelon.conventions import PER_BODY
 from echelon.errors import DegenerateSampleError
 from echelon.exact.ansatz import Geometry
 from echelon.exact.elimination import solve_batched
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.interpolation import UnknownFunctions, interpolate
-from echelon.exact.polynomial import Polynomial, as_polynomial, cosine, sine
+from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.exact.rational import RationalFunction
-from echelon.mechanism.joint import Joint, Motion, Step
+from echelon.inertia.spatial import move
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.placement import Placement
 from echelon.mechanism.roles import symbol_roles
-from echelon.mechanism.substitute import substituted
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.energy import energy_form
 
@@ -71,45 +74,50 @@ def _substituted(combination: Combination, solved: Mapping[int, Combination]) ->
         plain = coefficient == _ONE
         for pivot, inner in solved.get(column, {column: _ONE}).items():
             addend = inner if plain else coefficient * inner
-            total[pivot] = total[pivot] + addend if pivot in total else addend
-    return {column: c for column, c in sorted(total.items()) if c}
+            if pivot in total:
+                addend = total.pop(pivot) + addend
+            if addend:
+                total[pivot] = addend
+    return dict(sorted(total.items()))
 
 
 def _across_joints(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> dict[int, Combination]:
     found: dict[int, Combination] = {}
-    known: dict[object, dict[int, Combination]] = {}  # joints that differ in names only have the same closed forms
+    known: dict[object, dict[int, Combination]] = {}  # by what matters of the two bodies, with columns counted there
     for index, targets in structure.by_joint.items():
         columns = pair_columns(mechanism, index)
         places = [k for k, c in enumerate(columns) if c in targets]
-        pair, names = _plainly_named(floating_pair(mechanism, index))
-        signature = (tuple(places), *((body.carried, _unnamed(body.joint)) for body in pair.bodies))
+        signature = (tuple(places), pair_signature(mechanism, index))
         if signature not in known:
+            pair = floating_pair(mechanism, index)
             sources = [k for k in range(len(columns)) if k not in places]
             rows = Rows(energy_form(pair), 1).columns([*sources, *places])
             known[signature] = _Relation(pair, rows, sources, places, _degrees(pair, sources, places)).solve(rng)
+        moved = _moved(mount(mechanism, index), {k for c in known[signature].values() for k in c if k < PER_BODY})
         for place, combination in known[signature].items():
-            found[columns[place]] = {columns[k]: _renamed(c, names) for k, c in combination.items()}
+            found[columns[place]] = {columns[k]: c for k, c in _substituted(combination, moved).items()}
     return found
 
 
-def _plainly_named(pair: Mechanism) -> tuple[Mechanism, dict[str, Polynomial]]:
-    """The pair with its symbols numbered, in their order, and what the generators stand for."""
-    symbols = sorted({s for body in pair.bodies for s in body.joint.symbols()})
-    plain = {old: f"s{k:03}" for k, old in enumerate(symbols)}
-    pairs = [(make(old), make(new)) for old, new in plain.items() for make in (str, cosine, sine)]
-    there = substituted(pair, {old: Polynomial.generator(new) for old, new in pairs})
-    return there, {new: Polynomial.generator(old) for old, new in pairs}
+def _moved(placement: Placement, kinds: set[int]) -> dict[int, Combination]:
+    """Parameters of a whole body about a placed frame, as combinations of those about the frame of reference."""
+    if placement.is_identity:
+        return {}
+    rows = [(*row, t) for row, t in zip(placement.rotation, placement.translation, strict=True)]
+    plain = [[entry if entry.number is None else entry.number for entry in row] for row in rows]
+    chosen = sorted(kinds)
+    units = np.eye(PER_BODY, dtype=int)[chosen].astype(object)
+    moved = move(units, np.array([*plain, [0, 0, 0, 1]], dtype=object))
+    return {
+        kind: {k: RationalFunction(_integral(as_polynomial(entry))) for k, entry in enumerate(row) if entry}
+        for kind, row in zip(chosen, moved, strict=True)
+    }
 
 
-def _unnamed(joint: Joint) -> tuple[Step, ...]:
-    return tuple(replace(step, name="") if isinstance(step, Motion) else step for step in joint.steps)
-
-
-def _renamed(coefficient: RationalFunction, names: Mapping[str, Polynomial]) -> RationalFunction:
-    parts = (coefficient.numerator, coefficient.denominator)
-    if not any(p.generators() for p in parts):
-        return coefficient
-    return RationalFunction(*(p.evaluate(names, as_polynomial) for p in parts))
+def _integral(polynomial: Polynomial) -> Polynomial:
+    """The same with whole numbers as integers."""
+    terms = polynomial.terms.items()
+    return Polynomial({m: int(c) if isinstance(c, Fraction) and c.denominator == 1 else c for m, c in terms})
 
 
 def _across_robot(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> dict[int, Combination]:

@@ -11,21 +11,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import matmul
 
 import numpy as np
 
-from echelon.base.modes import InMode, Mode, dependence, find_modes
+from echelon.base.modes import Dependence, InMode, Mode, dependence, find_modes
 from echelon.base.own_mode import own_mode
 from echelon.base.rows import Rows, rows_of
 from echelon.errors import DegenerateSampleError, EchelonError
-from echelon.exact.field import PrimeField, Residues
-from echelon.mechanism.joint import Joint, Motion, floating_motions
+from echelon.exact.field import PrimeField
+from echelon.mechanism.joint import Joint, Motion, Step, floating_motions
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
 from echelon.mechanism.output import Cut
+from echelon.mechanism.placement import Placement
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.blocks import FEW_COLUMNS
 from echelon.regressor.energy import energy_changes, energy_form
-from echelon.regressor.linear import LinearForms
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
@@ -102,17 +104,45 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
 
 
 def floating_pair(mechanism: Mechanism, index: int) -> Mechanism:
-    """A body with its parent set free: the mechanism of two bodies that moves all ways the true one can, and more."""
+    """A body with its parent set free: the mechanism of two bodies that moves all ways the true one can, and more.
+
+    The joint is mounted on a whole parent without its :func:`mount`.
+    """
     child, parent = mechanism.bodies[index], mechanism.bodies[mechanism.bodies[index].parent]
     name = "free"
     while any(motion.name.startswith(name) for motion in child.joint.motions):
         name += "_"
     free = Joint(name, "floating", floating_motions(name))
-    return Mechanism(
-        "pair",
-        (replace(parent, parent=GROUND, joint=free, inertial=None), replace(child, parent=0, inertial=None)),
-        gravity=None,
-    )
+    hung = replace(child, parent=0, inertial=None, joint=replace(child.joint, steps=_own_steps(child, parent)))
+    return Mechanism("pair", (replace(parent, parent=GROUND, joint=free, inertial=None), hung), gravity=None)
+
+
+def mount(mechanism: Mechanism, index: int) -> Placement:
+    """Where a body's joint is mounted on its parent; the parent's own frame if the parent is not a whole body.
+
+    What moves to a parent that moves freely does not depend on it: the ten parameters of a whole body about one frame
+    are combinations of those about another.  Of only some of them this is not true.
+    """
+    body = mechanism.bodies[index]
+    parent = mechanism.bodies[body.parent]
+    before = body.joint.steps[: len(body.joint.steps) - len(_own_steps(body, parent))]
+    return reduce(matmul, (step for step in before if isinstance(step, Placement)), Placement())
+
+
+def pair_signature(mechanism: Mechanism, index: int) -> tuple[object, ...]:
+    """All that matters of :func:`floating_pair`: what the bodies carry and the joint without names."""
+    body = mechanism.bodies[index]
+    parent = mechanism.bodies[body.parent]
+    steps = (replace(s, name="") if isinstance(s, Motion) else s for s in _own_steps(body, parent))
+    return (parent.carried, body.carried, *steps)
+
+
+def _own_steps(body: Body, parent: Body) -> tuple[Step, ...]:
+    """The joint without the mount."""
+    steps = body.joint.steps
+    if parent.carried != ALL:
+        return steps
+    return steps[next((k for k, step in enumerate(steps) if isinstance(step, Motion)), len(steps)) :]
 
 
 def pair_columns(mechanism: Mechanism, index: int) -> list[int]:
@@ -130,27 +160,15 @@ def _dependent_by_joint(mechanism: Mechanism, rng: np.random.Generator) -> dict[
     for index, body in enumerate(mechanism.bodies):
         if body.parent == GROUND or body.massless or index in watched:
             continue
-        parent = mechanism.bodies[body.parent]
-        signature = (_child_side(body, whole=parent.carried == ALL), parent.carried)
+        signature = pair_signature(mechanism, index)
         if signature not in cache:
             supports = _agreed(Rows(energy_form(floating_pair(mechanism, index)), 1), rng)
-            offset = len(parent.carried)
+            offset = len(mechanism.bodies[body.parent].carried)
             cache[signature] = tuple(sorted(k - offset for k in supports if k >= offset))
         columns = pair_columns(mechanism, index)[-len(body.carried) :]
         if cache[signature]:
             dependent[index] = tuple(columns[k] for k in cache[signature])
     return dependent
-
-
-def _child_side(body: Body, *, whole: bool) -> tuple[object, ...]:
-    """What the child carries, and its joint without names.
-
-    Where the joint is mounted does not matter on a free parent that is a whole body: its ten parameters about one
-    frame are combinations of those about another.  Of some of them this is not true.
-    """
-    steps = body.joint.steps
-    first = next((k for k, step in enumerate(steps) if isinstance(step, Motion)), len(steps)) if whole else 0
-    return (body.carried, *(replace(s, name="") if isinstance(s, Motion) else s for s in steps[first:]))
 
 
 def _settled(mechanism: Mechanism, rows: Rows, columns: Sequence[int], rng: np.random.Generator) -> set[int]:
@@ -179,10 +197,10 @@ def _agreed(rows: Rows, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)
         try:
-            matrix = sample_matrix(rows.forms, sampler, field, rng, count)
+            current = _dependent_columns(rows, sampler, count, field, rng)
         except DegenerateSampleError:
             continue
-        seen.append(dependence(matrix, rows.auxiliary, field))
+        seen.append(current)
         if sampler.regions > 1:  # had a region of signs more to show, twice the points would show some of it
             count *= 2
         # an unlucky point can only make more columns dependent, never fewer
@@ -193,25 +211,11 @@ def _agreed(rows: Rows, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
     raise EchelonError("random points keep contradicting each other; please report this model")
 
 
-def sample_matrix(
-    forms: LinearForms, sampler: FieldSampler, field: PrimeField, rng: np.random.Generator, rows: int
-) -> Residues:
-    """At least this many rows of the forms at random states, in all regions of signs, of one random geometry.
-
-    Parameters
-    ----------
-    forms : LinearForms
-    sampler : FieldSampler
-        Of the forms.
-    field : PrimeField
-    rng : numpy Generator
-    rows : int
-
-    Returns
-    -------
-    array of shape (rows or a few more, columns)
-    """
-    states = max(-(-rows // max(1, forms.shape[0])), sampler.regions)
+def _dependent_columns(
+    rows: Rows, sampler: FieldSampler, count: int, field: PrimeField, rng: np.random.Generator
+) -> Dependence:
+    """What depends on what at so many random states, in all regions of signs, of one random geometry."""
+    states = max(-(-count // max(1, rows.forms.shape[0])), sampler.regions)
     geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
-    matrix: Residues = forms.stacked(sampler.evaluate(field, rng, states, geometry))[0]
-    return matrix
+    matrix = rows.forms.stacked(sampler.evaluate(field, rng, states, geometry))[0]
+    return dependence(matrix, rows.auxiliary, field)

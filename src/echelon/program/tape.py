@@ -255,16 +255,19 @@ class Program:
 
     def needed(self, outputs: Iterable[int], leaves: Iterable[int] = ()) -> list[int]:
         """Nodes that the outputs depend on, in order; what feeds only a leaf is left out."""
-        stop = set(leaves)
-        pending, seen = list(outputs), set()
+        stop, lhs, rhs = set(leaves), self.lhs, self.rhs
+        pending, seen = list(outputs), {-1}
         while pending:
             node = pending.pop()
-            if node < 0 or node in seen:
+            if node in seen:
                 continue
             seen.add(node)
             if node not in stop:
-                pending.append(self.lhs[node])
-                pending.append(self.rhs[node])
+                if (left := lhs[node]) not in seen:
+                    pending.append(left)
+                if (right := rhs[node]) not in seen:
+                    pending.append(right)
+        seen.discard(-1)
         return sorted(seen)
 
     def count(self, outputs: Iterable[int]) -> dict[str, int]:
