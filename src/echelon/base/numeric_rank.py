@@ -36,6 +36,7 @@ TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-12)
 
 _ROWS_PER_COLUMN = 1.5
 _FEWEST_ROWS = 32
+_MARGIN = 32
 _RATE, _ACCELERATION = 3.0, 10.0  # largest random ones, rad/s and rad/s²
 _BLOCK = 256  # states that are evaluated together
 _ROUNDS = 8  # of drawing, where states outside a function's domain are left out
@@ -121,10 +122,12 @@ def numeric_ranks(
     *,
     literal: bool = True,
     pivoted: bool = False,
+    near: int | None = None,
 ) -> NumericRanks:
     """Singular values of the regressor at random states, in double precision.
 
-    The cost is that of a factorisation of about 1.5n × n numbers, n being the number of standard parameters.
+    The cost is that of a factorisation of about 1.5n × n numbers, n being the number of standard parameters, or of
+    little more than r × r if only ranks near a given r are of interest.
 
     Parameters
     ----------
@@ -138,6 +141,9 @@ def numeric_ranks(
         Numbers as they stand in the file, although they were read as nearby exact ones.
     pivoted : bool
         Factor by QR with column pivoting, too.
+    near : int, optional
+        Tell ranks up to a little above this number apart, and no higher ones: W is then multiplied by a random matrix
+        with fewer columns, which keeps its rank.
 
     Returns
     -------
@@ -151,8 +157,12 @@ def numeric_ranks(
     reading = mechanism.reading
     if literal and reading is not None and reading.snaps:
         mechanism = reading.literal()
-    matrix = sampled_matrix(mechanism, random_generator(seed))
-    return ranks_of_matrix(matrix, tolerances, pivoted=pivoted)
+    rng = random_generator(seed)
+    if near is None or near + 2 * _MARGIN >= len(mechanism.parameters):
+        return ranks_of_matrix(sampled_matrix(mechanism, rng), tolerances, pivoted=pivoted)
+    matrix = sampled_matrix(mechanism, rng, near + 2 * _MARGIN)
+    mixed = matrix @ rng.standard_normal((matrix.shape[1], near + _MARGIN))
+    return ranks_of_matrix(mixed, tolerances, pivoted=pivoted)
 
 
 def ranks_of_matrix(matrix: Floats, tolerances: Sequence[float] = TOLERANCES, *, pivoted: bool = False) -> NumericRanks:
@@ -176,7 +186,7 @@ def ranks_of_matrix(matrix: Floats, tolerances: Sequence[float] = TOLERANCES, *,
     return NumericRanks(columns, rows, tuple(tolerances), _fractions(singular), _fractions(diagonal))
 
 
-def sampled_matrix(mechanism: Mechanism, rng: np.random.Generator) -> Floats:
+def sampled_matrix(mechanism: Mechanism, rng: np.random.Generator, rows: int | None = None) -> Floats:
     """Rows uᵀX at random states and virtual velocities u, columns scaled to unit size.
 
     Rotations are any, translations of the size of the links, rates within 3 rad/s and accelerations within 10 rad/s².
@@ -185,18 +195,19 @@ def sampled_matrix(mechanism: Mechanism, rng: np.random.Generator) -> Floats:
     ----------
     mechanism : Mechanism
     rng : numpy Generator
+    rows : int, optional
+        At least half as many again as columns if omitted.
 
     Returns
     -------
     array of shape (rows, standard parameters)
-        At least half as many rows again as columns.
 
     Raises
     ------
     InputError
         As :func:`numeric_ranks`.
     """
-    rows = max(_FEWEST_ROWS, int(_ROWS_PER_COLUMN * len(mechanism.parameters)))
+    rows = rows or max(_FEWEST_ROWS, int(_ROWS_PER_COLUMN * len(mechanism.parameters)))
     if mechanism.closures:
         stacked = _at_closed_states(mechanism, rng, rows)
         length = characteristic_length(mechanism)

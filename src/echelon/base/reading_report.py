@@ -90,7 +90,7 @@ def report_reading(mechanism: Mechanism, rank: int, rng: np.random.Generator) ->
 def _doubt(mechanism: Mechanism, expected: int) -> str:
     """What the float ranks of the literal numbers are, if none of them is the expected one."""
     try:
-        found = numeric_ranks(mechanism)
+        found = numeric_ranks(mechanism, near=expected)
     except InputError:  # values are missing, or loops do not close at the stated ones
         return ""
     widest = found.widest_gap()
