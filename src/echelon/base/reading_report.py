@@ -21,6 +21,10 @@ ROUNDING = 1e-9
 """Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""
 
 
+_MOST_TRIALS = 60
+"""Readings that are tried to find out which snaps matter."""
+
+
 @dataclass(frozen=True)
 class MimicRanks:
     """Ranks of a robot whose file couples joints: as they are coupled, and as if all were independent."""
@@ -113,11 +117,17 @@ def _mimic_ranks(mechanism: Mechanism, reading: Reading, rank: int, rng: np.rand
 
 
 def _decisive(reading: Reading, elements: Sequence[str], rank: int, rng: np.random.Generator) -> list[str]:
-    """Elements that change the rank when taken literally, by bisection."""
-    if stated_structure(reading.literal(elements), rng).rank == rank:
-        return []
-    if len(elements) == 1:
-        return list(elements)
-    middle = len(elements) // 2
-    halves = [*_decisive(reading, elements[:middle], rank, rng), *_decisive(reading, elements[middle:], rank, rng)]
-    return halves or list(elements)  # only together do they matter
+    """Elements that change the rank when taken literally, by bisection; whole groups once enough has been tried."""
+    trials = iter(range(_MOST_TRIALS))
+
+    def bisected(group: Sequence[str]) -> list[str]:
+        if next(trials, None) is None:
+            return list(group)
+        if stated_structure(reading.literal(group), rng).rank == rank:
+            return []
+        if len(group) == 1:
+            return list(group)
+        middle = len(group) // 2
+        return [*bisected(group[:middle]), *bisected(group[middle:])] or list(group)  # only together do they matter
+
+    return bisected(elements)

@@ -93,16 +93,26 @@ class Intent:
             return Polynomial({})
         if not self.options.symbolic:
             return value
-        if not self.options.separate_symbols:
-            for known, sign in ((value, 1), (-value, -1)):
-                if known in self._lengths:
-                    return sign * Polynomial.generator(self._lengths[known])
         sign = 1 if self.numeric(value) > 0 else -1
-        number, size = (sign * value).number, abs(self.numeric(value))
-        exact, stands_for = (exact_text(number), None) if number is not None else (None, sign * value)
-        symbol = self._new_symbol(name, Symbol(name, size, exact, element, stands_for))
-        self._lengths[sign * value] = symbol
-        return sign * Polynomial.generator(symbol)
+        known = None if self.options.separate_symbols else self._same_length(sign * value, size, element)
+        if known is None:
+            number = (sign * value).number
+            exact, stands_for = (exact_text(number), None) if number is not None else (None, sign * value)
+            known = self._new_symbol(name, Symbol(name, size, exact, element, stands_for))
+            self._lengths[sign * value] = known
+        return sign * Polynomial.generator(known)
+
+    def _same_length(self, value: Polynomial, size: float, element: str) -> str | None:
+        """The symbol of a length that this one is meant to be equal to."""
+        if value in self._lengths:
+            return self._lengths[value]
+        tolerance = self.length_tolerance(element)
+        for symbol in self._lengths.values():
+            known = self.symbols[symbol].value or 0.0
+            if abs(known - size) <= tolerance:
+                self.snaps.append(Snap(element, f"{size:.9g}", f"{symbol} = {known:.9g}", abs(known - size)))
+                return symbol
+        return None
 
     def length(self, value: float, name: str, element: str) -> Polynomial:
         """A measured length: a symbol, or the decimal that it is to twelve digits."""
