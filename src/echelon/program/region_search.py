@@ -28,6 +28,7 @@ COMPLETE, EXHAUSTED, BUDGET = "complete", "exhausted", "budget"
 
 _RANDOM, _LINES, _CHUNK = 512, 6, 4096
 _MOST_PRODUCTS, _MOST_REGIONS, _MOST_TRIES, _POOL = 512, 2048, 3000, 24
+_POINTS_TRIED, _TINY = 4, 1e-30
 _AROUND = (1e-4, 1e-7, 1e-10)
 _TRIES_EACH, _BATCH, _STARTS, _STRAY = 2, 256, 3, 64
 
@@ -142,7 +143,7 @@ class RegionSearch:
             table = self.values.at(chunk)
             good = self.values.inside(table) | self._on_zero(table)
             chunk, table = chunk[:, good], table[: len(self.surfaces.nodes), good]
-            self._note(chunk, self._signs(table), np.abs(table))
+            self._note(chunk, self._signs(table))
 
     def _on_zero(self, table: Floats) -> npt.NDArray[np.bool_]:
         """Points that only seem to be on a surface, because it is zero everywhere."""
@@ -159,14 +160,15 @@ class RegionSearch:
                 signs[k] = self._fixed[n]
         return signs
 
-    def _note(self, points: Floats, signs: Signs, sizes: Floats) -> None:
+    def _note(self, points: Floats, signs: Signs) -> None:
+        """Sort points by region; those of order one come first, because functions are tame there."""
         if not points.shape[1]:
             return
         _, first, which = np.unique(self._weights @ signs.astype(np.int64), return_index=True, return_inverse=True)
         kinds, which = signs[:, first], which.reshape(-1)
-        clearest = np.argsort(-sizes.min(axis=0), kind="stable") if len(sizes) else np.arange(points.shape[1])
+        decades = np.abs(np.log10(np.abs(points) + _TINY)).max(axis=0, initial=0.0)
         members: list[list[int]] = [[] for _ in range(kinds.shape[1])]
-        for k in clearest:
+        for k in np.argsort(decades, kind="stable"):
             if len(members[which[k]]) < _POOL:
                 members[which[k]].append(int(k))
         new = []
@@ -183,7 +185,7 @@ class RegionSearch:
 
         def exists(k: int) -> bool:
             own = list(points[k].T.copy())
-            for point in own[:2] if len(self.regions) < _MOST_REGIONS else []:
+            for point in own[:_POINTS_TRIED] if len(self.regions) < _MOST_REGIONS else []:
                 if self._is_certain(point, kinds[:, k]):
                     region = Region(kinds[:, k].copy(), [point, *(p for p in own if p is not point)])
                     self.regions.append(region)
