@@ -61,6 +61,8 @@ class CertificateRecord(_Strict):
     degree: int
     log10_error: float
     order: int = 0
+    regions: int = Field(0, description="Regions of signs that were visited; 0 without signs.")
+    regions_note: str = ""
 
 
 class BaseModelRecord(_Strict):
