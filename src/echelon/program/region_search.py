@@ -5,9 +5,10 @@ and distance do not matter.  From every region found, each sign is then changed 
 and by descent to the wanted signs.  Only regions that add something count (:mod:`echelon.program.independent`), and
 every one is proved to exist by ball arithmetic at its point.
 
-The search ends when as many regions add something as products of signs occur: then no other region can matter.  Else it
-ends when no change of one sign from a region found led to one that adds something, or when its budget of counted tries
-is spent.  Then it is an assumption that no other region adds anything, and the report says so.
+The search ends when as many regions add something as products of signs occur, less the relations between them that
+parallel surfaces bring (:mod:`echelon.program.parallel`): then no other region can matter.  Else it ends when no change
+of one sign from a region found led to one that adds something, or when its budget of counted tries is spent.  Then it is
+an assumption that no other region adds anything, and the report says so.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.program.independent import IndependentRegions
+from echelon.program.parallel import impossible, relations
 from echelon.program.real_values import RealValues, Signs
 from echelon.program.region_moves import along_axes, descended, random_points, solved
 from echelon.program.surfaces import Surfaces, monomials
@@ -85,8 +87,11 @@ class RegionSearch:
         self._open = [row[n] for n in self.surfaces.nodes if n not in self._fixed]
         self._partners = [self._multiplied_with(n) for n in self.surfaces.nodes]
         products = monomials(self.surfaces, self._fixed, _MOST_PRODUCTS)
-        rows = None if products is None else [tuple((row[n], e) for n, e in p) for p in products]
-        self._independent = IndependentRegions(rows)
+        if products is None:
+            self._independent = IndependentRegions(None)
+        else:
+            known = relations(products, impossible(self.surfaces, values.constants))
+            self._independent = IndependentRegions([tuple((row[n], e) for n, e in p) for p in products], known)
         self._visit(start)
 
     def run(self) -> None:
