@@ -52,6 +52,7 @@ NAMED: dict[str, tuple[list[str], str, int, int]] = {
     "domain of a maximum": (["x/max(x, 0)", "x", "1"], "x", 2, 1),
     "zero on a half": (["1", "sign(max(x, 0))", "sign(max(x, 0))**2"], "x", 2, 2),
     "zero everywhere": (["1", "sign(sin(x)**2 + cos(x)**2 - 1)"], "x", 1, 1),
+    "zero in every digit": (["x", "sign((x + y) - x - y + 0*x)", "sign((x*y)/y - x) + x"], "x y", 1, 1),
     "distant domain": (["1", "log(x - 1e5)", "sign(x - 2e5)"], "x", 3, 2),
     "sign of a sign": (["1", "sign(x - 10*sign(y - 100))"], "x y", 2, 2),
     "sum of thirty": (["1", " + ".join(f"sign(x{i} - {i})" for i in range(30))],

@@ -122,11 +122,11 @@ class RegionSearch:
     def _start(self) -> Floats:
         """Random points in the domain; where chance finds none, by descent."""
         points = self.values.normal(random_points(self.rng, len(self.values.variables), _RANDOM))
-        inside = points[:, self.values.inside(self.values.at(points))]
+        inside = points[:, self.values.in_domain(self.values.at(points))]
         if not inside.shape[1] and len(points):
             points = points[:, :_STRAY]
             moved = descended(self.values, points, np.zeros((len(self.surfaces.nodes), points.shape[1])), self.rng)
-            inside = moved[:, self.values.inside(self.values.at(moved))]
+            inside = moved[:, self.values.in_domain(self.values.at(moved))]
         return inside
 
     def _multiplied_with(self, node: int) -> list[int]:
