@@ -198,6 +198,7 @@ def test_ball_route(columns: list[str], expected: list[str]) -> None:
     if "beta1·" not in expected[-1]:
         assert [str(e) for e in base.expressions] == expected
     assert "completeness is not proven" in str(base)
+    assert "relations not known: a" in str(base)
     assert base.certificate.log10_residual < -100
     x = np.linspace(0.1, 3, 20)
     assert base.regressor({"x": x}) @ base.B_float() == pytest.approx(base.full_regressor({"x": x}), rel=1e-9)

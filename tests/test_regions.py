@@ -10,6 +10,7 @@ import pytest
 import echelon as ec
 from echelon.base.linear_base import LinearBase
 from echelon.program.independent import IndependentRegions
+from echelon.program.parallel import impossible
 from echelon.program.region import RealPoints, RegionReport
 from echelon.program.surfaces import find_surfaces
 from echelon.program.tape import Program
@@ -51,6 +52,7 @@ NAMED: dict[str, tuple[list[str], str, int, int]] = {
     "domain of a maximum": (["x/max(x, 0)", "x", "1"], "x", 2, 1),
     "zero on a half": (["1", "sign(max(x, 0))", "sign(max(x, 0))**2"], "x", 2, 2),
     "zero everywhere": (["1", "sign(sin(x)**2 + cos(x)**2 - 1)"], "x", 1, 1),
+    "zero in every digit": (["x", "sign((x + y) - x - y + 0*x)", "sign((x*y)/y - x) + x"], "x y", 1, 1),
     "distant domain": (["1", "log(x - 1e5)", "sign(x - 2e5)"], "x", 3, 2),
     "sign of a sign": (["1", "sign(x - 10*sign(y - 100))"], "x y", 2, 2),
     "sum of thirty": (["1", " + ".join(f"sign(x{i} - {i})" for i in range(30))],
@@ -120,6 +122,39 @@ def test_products_that_occur() -> None:
     program, outputs = recorded(["(sign(x) + sign(y))*(1 + sign(z))", "1/(2 + sign(x)*sign(v))"])
     shown = {frozenset(program.inputs[n].name for n in s) for s in find_surfaces(program, outputs).maximal}
     assert shown == {frozenset("xz"), frozenset("yz"), frozenset("xv")}
+
+
+EXCLUDED = {
+    "sign(v - 3)*sign(v + 3)": {"-+"},  # in the order of the surfaces
+    "sign(v + 3)*sign(3 - 2*v)": {"--"},
+    "sign(v - 3)*sign(6*x - 2*v)*sign(v - 1)": {"-+"},
+    "sign(v - 3)*sign(6 - 2*v)": {"++", "--"},
+    "sign(v - a)*sign(v + 2*a)": {"-+"},
+    "sign(cos(x) - 1/2)*sign(cos(x) + y)*sign(2*cos(x) + 2*y + 3)": {"+-"},
+    "sign(x)*sign(y)*sign(x + y)": set(),
+    "sign(v - 3) + sign(v + 3)": set(),  # not multiplied
+}
+
+
+@pytest.mark.parametrize("text", EXCLUDED)
+def test_excluded_combinations(text: str) -> None:
+    """Against the signs at many points: excluded pairs do not occur."""
+    program, outputs = recorded([text])
+    surfaces = find_surfaces(program, outputs)
+    constants = {program.input("a", "symbol").node: 0.7}
+    found = impossible(surfaces, constants)
+    shown = {"".join("+" if s > 0 else "-" for _, s in pair) for pair in found}
+    assert {frozenset(pair) for pair in shown} == {frozenset(pair) for pair in EXCLUDED[text]}
+    points = RealPoints(program, outputs, {"a": 0.7}).draw(np.random.default_rng(0), 200)
+    for (f, s), (g, t) in found:
+        assert not ((np.sign(points[f]) == s) & (np.sign(points[g]) == t)).any()
+
+
+def test_parallel_surfaces_need_no_assumption() -> None:
+    columns = [f"sign(v{i} - 0.1)*sign(v{i} + 0.1)" for i in range(6)]
+    base = base_of([*columns, "1"], " ".join(f"v{i}" for i in range(6)))
+    assert (base.rank, base.certificate.regions) == (7, 13)
+    assert "enough for all products" in str(base.certificate)
 
 
 def test_independent_regions() -> None:

@@ -49,7 +49,17 @@ class ShakyPoseError(SingularPoseError):
 
 
 class UnknownRelationsError(EchelonError):
-    """The algebraic relations between some functions are not known, so a finite field cannot stand for them."""
+    """The algebraic relations between some functions are not known, so a finite field cannot stand for them.
+
+    Parameters
+    ----------
+    reason : str
+        What it is about a function.
+    """
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(f"relations between functions are not known: {reason}")
 
 
 class ClosedFormError(EchelonError):

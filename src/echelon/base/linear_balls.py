@@ -46,6 +46,8 @@ class BallEvidence:
         Regions of signs that the rows visit; 0 without signs.
     regions_note : str
         Whether other regions could matter.
+    reason : str
+        Why exact algebra does not decide.
     """
 
     rank: int
@@ -54,12 +56,14 @@ class BallEvidence:
     log10_residual: float
     regions: int = 0
     regions_note: str = ""
+    reason: str = ""
 
     def __str__(self) -> str:
         return (
             f"rank {self.rank} proved from below in ball arithmetic of {self.bits} bits; completeness is not proven: "
             f"what is left of {self.rows} rows is below 1e{int(self.log10_residual)}"
             f"{f', {self.regions_note}' if self.regions_note else ''}"
+            f"{f'; relations not known: {self.reason}' if self.reason else ''}"
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -232,9 +232,9 @@ def linear_base_parameters(
         own = model if generic else own
         structure = LinearStructure(own.regressor, own.parameters, order, rng)
         dependences = structure.dependences()
-    except UnknownRelationsError:
+    except UnknownRelationsError as error:
         found, decimals, evidence = BallStructure(model, order, rng).solve()
-        return LinearBase(model, found, decimals, BALLS, evidence, seed)
+        return LinearBase(model, found, decimals, BALLS, replace(evidence, reason=error.reason), seed)
     matrix = structure.matrix(dependences)
     certificate: Certificate = certify(own.regressor, matrix, seed)
     definitions = {n: d for n, d in structure.sampler.definitions.items() if n in matrix.symbols}

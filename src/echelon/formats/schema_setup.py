@@ -61,7 +61,7 @@ class ActionEntry(Model):
     side: Side | None = Field(None, description="Which of the two; by default the actuator.", examples=["joint"])
     term: Expression = Field(
         description="q, qd, qdd of the place itself, qd[j5] of another one, i for its measured input; sin cos tan exp "
-        "log tanh sqrt abs sign.",
+        "log sinh cosh tanh asin acos atan atan2 sqrt abs sign max min.",
         examples=["sign(qd[m5] + qd[m6])"],
     )
 

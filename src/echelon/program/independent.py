@@ -30,10 +30,12 @@ class IndependentRegions:
     products : sequence of tuples of (row, exponent), or None
         Rows of the signs that are multiplied, shorter products first; None for more than can be told, so that every
         region adds something.
+    relations : int
+        Number of independent relations that products have in all regions.
     """
 
-    def __init__(self, products: Sequence[tuple[tuple[int, int], ...]] | None) -> None:
-        self._every = products is None
+    def __init__(self, products: Sequence[tuple[tuple[int, int], ...]] | None, relations: int = 0) -> None:
+        self._every, self._relations = products is None, relations
         self.products = list(products or ())
         self._place = {product: k for k, product in enumerate(self.products)}
         self._basis: Floats = np.zeros((0, len(self.products)))
@@ -47,7 +49,7 @@ class IndependentRegions:
     @property
     def complete(self) -> bool:
         """Whether no other region can add anything."""
-        return not self._every and self.rank == len(self.products)
+        return not self._every and self.rank + self._relations == len(self.products)
 
     def rests(self, signs: Signs) -> Floats:
         """What of the vectors of some regions is not a combination of those so far.

@@ -21,7 +21,7 @@ _HALVINGS = 60
 _BESIDE = 10.0 ** -np.array([0.5, 1, 2, 3, 5, 7, 9, 11])
 """How far beside a root to look, relative to its size: other surfaces may be near."""
 _SECANT_STEPS = 4
-_DESCENT, _UNREAL = 150, 1e6
+_DESCENT, _PATIENCE, _STAGNANT, _UNREAL = 150, 40, 0.95, 1e6
 
 
 def random_points(rng: np.random.Generator, variables: int, count: int) -> Floats:
@@ -145,8 +145,13 @@ def descended(values: RealValues, points: Floats, wanted: Floats, rng: np.random
     scale = np.abs(table)
     scale[~(scale > 0) | ~np.isfinite(scale)] = 1.0
     cost = _violation(table, wanted, scale)
-    for _ in range(_DESCENT):
+    before = cost.copy()
+    for step in range(_DESCENT):
         left = np.flatnonzero(cost > 0)
+        if step % _PATIENCE == 0 and step:
+            if (cost[left] > _STAGNANT * before[left]).all():
+                break
+            before = cost.copy()
         if not len(left):
             break
         tried = _stepped(values, points[:, left], table[:, left], wanted[:, left], rng)

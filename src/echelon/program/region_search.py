@@ -5,9 +5,10 @@ and distance do not matter.  From every region found, each sign is then changed 
 and by descent to the wanted signs.  Only regions that add something count (:mod:`echelon.program.independent`), and
 every one is proved to exist by ball arithmetic at its point.
 
-The search ends when as many regions add something as products of signs occur: then no other region can matter.  Else it
-ends when no change of one sign from a region found led to one that adds something, or when its budget of counted tries
-is spent.  Then it is an assumption that no other region adds anything, and the report says so.
+The search ends when as many regions add something as products of signs occur, less the relations between them that
+parallel surfaces bring (:mod:`echelon.program.parallel`): then no other region can matter.  Else it ends when no change
+of one sign from a region found led to one that adds something, or when its budget of counted tries is spent.  Then it
+is an assumption that no other region adds anything, and the report says so.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.program.independent import IndependentRegions
+from echelon.program.parallel import impossible, relations
 from echelon.program.real_values import RealValues, Signs
 from echelon.program.region_moves import along_axes, descended, random_points, solved
 from echelon.program.surfaces import Surfaces, monomials
@@ -28,6 +30,7 @@ COMPLETE, EXHAUSTED, BUDGET = "complete", "exhausted", "budget"
 
 _RANDOM, _LINES, _CHUNK = 512, 6, 4096
 _MOST_PRODUCTS, _MOST_REGIONS, _MOST_TRIES, _POOL = 512, 2048, 3000, 24
+_POINTS_TRIED, _TINY = 4, 1e-30
 _AROUND = (1e-4, 1e-7, 1e-10)
 _TRIES_EACH, _BATCH, _STARTS, _STRAY = 2, 256, 3, 64
 
@@ -84,8 +87,11 @@ class RegionSearch:
         self._open = [row[n] for n in self.surfaces.nodes if n not in self._fixed]
         self._partners = [self._multiplied_with(n) for n in self.surfaces.nodes]
         products = monomials(self.surfaces, self._fixed, _MOST_PRODUCTS)
-        rows = None if products is None else [tuple((row[n], e) for n, e in p) for p in products]
-        self._independent = IndependentRegions(rows)
+        if products is None:
+            self._independent = IndependentRegions(None)
+        else:
+            known = relations(products, impossible(self.surfaces, values.constants))
+            self._independent = IndependentRegions([tuple((row[n], e) for n, e in p) for p in products], known)
         self._visit(start)
 
     def run(self) -> None:
@@ -116,11 +122,11 @@ class RegionSearch:
     def _start(self) -> Floats:
         """Random points in the domain; where chance finds none, by descent."""
         points = self.values.normal(random_points(self.rng, len(self.values.variables), _RANDOM))
-        inside = points[:, self.values.inside(self.values.at(points))]
+        inside = points[:, self.values.in_domain(self.values.at(points))]
         if not inside.shape[1] and len(points):
             points = points[:, :_STRAY]
             moved = descended(self.values, points, np.zeros((len(self.surfaces.nodes), points.shape[1])), self.rng)
-            inside = moved[:, self.values.inside(self.values.at(moved))]
+            inside = moved[:, self.values.in_domain(self.values.at(moved))]
         return inside
 
     def _multiplied_with(self, node: int) -> list[int]:
@@ -142,7 +148,7 @@ class RegionSearch:
             table = self.values.at(chunk)
             good = self.values.inside(table) | self._on_zero(table)
             chunk, table = chunk[:, good], table[: len(self.surfaces.nodes), good]
-            self._note(chunk, self._signs(table), np.abs(table))
+            self._note(chunk, self._signs(table))
 
     def _on_zero(self, table: Floats) -> npt.NDArray[np.bool_]:
         """Points that only seem to be on a surface, because it is zero everywhere."""
@@ -159,14 +165,15 @@ class RegionSearch:
                 signs[k] = self._fixed[n]
         return signs
 
-    def _note(self, points: Floats, signs: Signs, sizes: Floats) -> None:
+    def _note(self, points: Floats, signs: Signs) -> None:
+        """Sort points by region; those of order one come first, because functions are tame there."""
         if not points.shape[1]:
             return
         _, first, which = np.unique(self._weights @ signs.astype(np.int64), return_index=True, return_inverse=True)
         kinds, which = signs[:, first], which.reshape(-1)
-        clearest = np.argsort(-sizes.min(axis=0), kind="stable") if len(sizes) else np.arange(points.shape[1])
+        decades = np.abs(np.log10(np.abs(points) + _TINY)).max(axis=0, initial=0.0)
         members: list[list[int]] = [[] for _ in range(kinds.shape[1])]
-        for k in clearest:
+        for k in np.argsort(decades, kind="stable"):
             if len(members[which[k]]) < _POOL:
                 members[which[k]].append(int(k))
         new = []
@@ -183,7 +190,7 @@ class RegionSearch:
 
         def exists(k: int) -> bool:
             own = list(points[k].T.copy())
-            for point in own[:2] if len(self.regions) < _MOST_REGIONS else []:
+            for point in own[:_POINTS_TRIED] if len(self.regions) < _MOST_REGIONS else []:
                 if self._is_certain(point, kinds[:, k]):
                     region = Region(kinds[:, k].copy(), [point, *(p for p in own if p is not point)])
                     self.regions.append(region)
