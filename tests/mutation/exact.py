@@ -102,7 +102,7 @@ FAULTS = (
         "total *= scale**exponent",
         "total *= scale",
         "constants of repeated factors",
-        "test_linear_model.py",
+        "test_factors.py",
     ),
     Fault(
         "exact/straight_line.py",
