@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import settings
+from hypothesis import Phase, settings
 
 # The same examples on every run, and no time limit per example: the first one pays for imports and caches.
 settings.register_profile("echelon", deadline=None, derandomize=True)
 settings.load_profile("echelon")
+# for `make mutate`, which only wants to know whether a test fails: no search for the smallest example that does
+settings.register_profile("unshrunk", settings.get_profile("echelon"), phases=(Phase.explicit, Phase.generate))
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -174,3 +174,12 @@ def test_text() -> None:
     program = Program()
     assert repr(program.input("x") * 2) == "Scalar(MUL, node 4)"
     assert repr(program) == "Program(5 nodes, 1 inputs)"
+
+
+@pytest.mark.parametrize("value", [0, 3, -3, Fraction(-2, 7), ROOT2 + -1, ROOT2 + -2])
+def test_signs_and_sizes_of_constants_are_folded(value: Number) -> None:
+    """|x| = sign(x) · x ≥ 0, also of negative numbers and of roots."""
+    program = Program()
+    constant = program.constant(value)
+    sign, size = (program.function(op, constant).number for op in (Op.SIGN, Op.ABS))
+    assert (sign, size) == ((float(value) > 0) - (float(value) < 0), value if float(value) >= 0 else -value)

@@ -201,6 +201,11 @@ def test_mimics_follow_their_leader(read) -> None:  # type: ignore[no-untyped-de
     assert read(text, independent_mimics=True).velocities == ("p", "q", "r")
 
 
+def test_a_mimic_that_says_no_more_moves_alike(read) -> None:  # type: ignore[no-untyped-def]
+    (coupling,) = read(arm("<mimic joint='j1'/>")).couplings
+    assert [(name, str(ratio)) for name, ratio in coupling.terms] == [("j1", "1")]
+
+
 def test_mimic_on_a_fixed_joint_is_ignored_with_a_note(read) -> None:  # type: ignore[no-untyped-def]
     mechanism = read(arm("<mimic joint='j1'/>", "fixed"))
     assert any("j2" in note and "fixed" in note for note in mechanism.reading.notes)

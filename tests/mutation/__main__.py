@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from queue import SimpleQueue
@@ -29,7 +29,7 @@ WIDER = (
     "test_structure.py test_base_model.py test_closed_form.py test_certificate.py test_joints.py test_description.py "
     "test_urdf.py test_effects.py test_sensors.py test_loops_truths.py test_linear_model.py test_evaluation.py"
 )
-SECONDS = 900
+SECONDS = 300
 """Longer than any of these runs takes; what takes longer has noticed, too."""
 
 
@@ -46,19 +46,25 @@ def copied(folder: Path) -> Path:
     return folder
 
 
-def passes(copy: Path, tests: str, compiled: str = "1") -> bool:
-    """Whether some tests pass in a copy; ``compiled`` is empty if bytecode may be kept, which faults must not leave."""
-    environment = {**os.environ, "PYTHONPATH": str(copy / "src"), "PYTHONDONTWRITEBYTECODE": compiled}
-    chosen = [str(Path("tests", test)) for test in dict.fromkeys(tests.split())]
-    options = ["-x", "-q", "--no-header", "-p", "no:cacheprovider", "-m", "not slow"]
-    command = [sys.executable, "-m", "pytest", *options, *chosen]
+def passes(copy: Path, tests: str) -> bool:
+    """Whether some tests pass in a copy with a fault; bytecode of the fault is not kept."""
     try:
-        run = subprocess.run(command, cwd=copy, env=environment, capture_output=True, timeout=SECONDS, check=False)
+        return not _tested(copy, tests, {"PYTHONDONTWRITEBYTECODE": "1"}, SECONDS)
     except subprocess.TimeoutExpired:
         return False
+
+
+def _tested(copy: Path, arguments: str, variables: Mapping[str, str], limit: float | None) -> str:
+    """Run tests; what was printed if one failed."""
+    environment = {**os.environ, **variables, "PYTHONPATH": str(copy / "src")}
+    options = ["-x", "-q", "--no-header", "-p", "no:cacheprovider", "-m", "not slow"]
+    options += ["--hypothesis-profile", "unshrunk"]
+    chosen = [f"tests/{word}" if word.startswith("test_") else word for word in dict.fromkeys(arguments.split())]
+    command = [sys.executable, "-m", "pytest", *options, *chosen]
+    run = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, timeout=limit, check=False)
     if run.returncode not in (0, 1, 2):  # 1: a test failed; 2: a file could not even be imported
-        sys.exit(f"pytest could not run {' '.join(chosen)}:\n{run.stdout.decode()}{run.stderr.decode()}")
-    return run.returncode == 0
+        sys.exit(f"pytest could not run {arguments}:\n{run.stdout}{run.stderr}")
+    return run.stdout if run.returncode else ""
 
 
 def noticed(copy: Path, fault: Fault) -> str:
@@ -91,8 +97,9 @@ def run(faults: Sequence[Fault], jobs: int) -> list[str]:
     with tempfile.TemporaryDirectory() as folder:
         first = copied(Path(folder, "0"))
         print("the tests that are to fall, without a fault ...", flush=True)
-        if not passes(first, " ".join(fault.tests for fault in faults), compiled=""):
-            sys.exit("they do not pass as it is; mend that first")
+        failed = _tested(first, f"-n {jobs} " + " ".join(fault.tests for fault in faults), {}, None)
+        if failed:
+            sys.exit(f"they do not pass as it is; mend that first\n{failed}")
         copies.put(first)
         for number in range(1, jobs):
             copies.put(Path(shutil.copytree(first, Path(folder, str(number)))))

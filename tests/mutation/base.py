@@ -45,7 +45,7 @@ FAULTS = (
         '[0 if generator.startswith("cos(") else 1]',
         '[1 if generator.startswith("cos(") else 0]',
         "cosines and sines of B",
-        "test_certificate.py test_base_model.py test_order.py",
+        "test_closed_form.py",
     ),
     Fault(
         "base/expression.py",
