@@ -19,9 +19,13 @@ from echelon.base.linear_base import LinearBase
 from echelon.base.match import Match, match
 from echelon.base.model import BaseModel
 from echelon.base.modes import assembly_modes
+from echelon.base.numeric_comparison import NumericComparison, compare_numeric
+from echelon.base.recorded_rows import RecordedRows, energy_regressor, power_regressor
+from echelon.base.row_space import RowSpaces, same_row_space
 from echelon.base.sensors import SensorReport, sensor_report
 from echelon.base.special import SpecialGeometry, special_geometry
 from echelon.base.structure import Structure
+from echelon.base.symbolic import SymbolicRegressor
 from echelon.claims.audit import audit
 from echelon.claims.findings import Verdict
 from echelon.claims.result import Audit
@@ -107,12 +111,16 @@ __all__ = [
     "Mechanism",
     "MissingExtraError",
     "NormalEquations",
+    "NumericComparison",
     "Observation",
     "Payload",
+    "RecordedRows",
+    "RowSpaces",
     "SensorReport",
     "Setup",
     "SpecialGeometry",
     "Structure",
+    "SymbolicRegressor",
     "Trajectory",
     "UnknownRelationsError",
     "Verdict",
@@ -121,9 +129,11 @@ __all__ = [
     "audit",
     "base_parameters",
     "base_structure",
+    "compare_numeric",
     "convert",
     "convert_columns",
     "drive_gains",
+    "energy_regressor",
     "exciting_trajectory",
     "gains_from_logs",
     "generate",
@@ -137,10 +147,12 @@ __all__ = [
     "load_linear",
     "load_setup",
     "match",
+    "power_regressor",
     "predict_log",
     "preview_html",
     "read_trajectory",
     "report_html",
+    "same_row_space",
     "save_base",
     "save_identification",
     "sensor_report",

@@ -109,9 +109,17 @@ def virtual_motion(
     return VirtualMotion(_coupled(mechanism, program, freedoms), drives, chosen)
 
 
-def any_motion(mechanism: Mechanism, program: Program) -> VirtualMotion:
-    """A virtual motion whose velocities, of all coordinates that no coupling makes dependent, are inputs ``v[...]``."""
-    freedoms = {name: program.input(f"v[{name}]") for name in mechanism.velocities}
+def any_motion(mechanism: Mechanism, program: Program, kind: str = "v") -> VirtualMotion:
+    """A virtual motion whose velocities, of all coordinates that no coupling makes dependent, are inputs ``v[...]``.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    program : Program
+    kind : str
+        ``"qd"`` for the true motion.
+    """
+    freedoms = {name: program.input(f"{kind}[{name}]") for name in mechanism.velocities}
     drives = {
         actuator.name: sum((freedoms[n] * program.polynomial(r) for n, r in actuator.terms), program.zero)
         for actuator in mechanism.transmission.actuators
