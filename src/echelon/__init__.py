@@ -22,11 +22,19 @@ if TYPE_CHECKING:  # a name is imported when it is first asked for, so that no c
     from echelon.base.match import match as match
     from echelon.base.model import BaseModel as BaseModel
     from echelon.base.modes import assembly_modes as assembly_modes
+    from echelon.base.numeric_comparison import NumericComparison as NumericComparison
+    from echelon.base.numeric_comparison import compare_numeric as compare_numeric
+    from echelon.base.recorded_rows import RecordedRows as RecordedRows
+    from echelon.base.recorded_rows import energy_regressor as energy_regressor
+    from echelon.base.recorded_rows import power_regressor as power_regressor
+    from echelon.base.row_space import RowSpaces as RowSpaces
+    from echelon.base.row_space import same_row_space as same_row_space
     from echelon.base.sensors import SensorReport as SensorReport
     from echelon.base.sensors import sensor_report as sensor_report
     from echelon.base.special import SpecialGeometry as SpecialGeometry
     from echelon.base.special import special_geometry as special_geometry
     from echelon.base.structure import Structure as Structure
+    from echelon.base.symbolic import SymbolicRegressor as SymbolicRegressor
     from echelon.claims.audit import audit as audit
     from echelon.claims.findings import Verdict as Verdict
     from echelon.claims.result import Audit as Audit
@@ -79,9 +87,13 @@ _NAMES = {
     "base.match": "Match match",
     "base.model": "BaseModel",
     "base.modes": "assembly_modes",
+    "base.numeric_comparison": "NumericComparison compare_numeric",
+    "base.recorded_rows": "RecordedRows energy_regressor power_regressor",
+    "base.row_space": "RowSpaces same_row_space",
     "base.sensors": "SensorReport sensor_report",
     "base.special": "SpecialGeometry special_geometry",
     "base.structure": "Structure",
+    "base.symbolic": "SymbolicRegressor",
     "claims.audit": "audit",
     "claims.findings": "Verdict",
     "claims.result": "Audit",

@@ -108,10 +108,18 @@ def virtual_motion(mechanism: Mechanism, probes: Probes, speeds: Mapping[str, Sc
     return VirtualMotion(_coupled(probes.recorder, freedoms), drives, chosen)
 
 
-def any_motion(mechanism: Mechanism, recorder: Recorder) -> VirtualMotion:
-    """A virtual motion whose velocities, of all coordinates that no coupling makes dependent, are inputs ``v[...]``."""
+def any_motion(mechanism: Mechanism, recorder: Recorder, kind: str = "v") -> VirtualMotion:
+    """A virtual motion whose velocities, of all coordinates that no coupling makes dependent, are inputs ``v[...]``.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    recorder : Recorder
+    kind : str
+        ``"qd"`` for the true motion.
+    """
     program = recorder.program
-    freedoms = {name: program.input(f"v[{name}]") for name in mechanism.velocities}
+    freedoms = {name: program.input(f"{kind}[{name}]") for name in mechanism.velocities}
     return motion_of_joints(mechanism, recorder, freedoms)
 
 
