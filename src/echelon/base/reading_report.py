@@ -21,8 +21,8 @@ ROUNDING = 1e-9
 """Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""
 
 
-_MOST_TRIALS = 60
-"""Readings that are tried to find out which snaps matter."""
+_MOST_TRIALS, _FEWEST_TRIALS = 600, 8
+"""Readings that are tried to find out which snaps matter, times the number of bodies, and at least."""
 
 
 @dataclass(frozen=True)
@@ -85,20 +85,24 @@ def report_reading(mechanism: Mechanism, rank: int, rng: np.random.Generator) ->
     decisive: list[Snap] = []
     if literal_rank != rank:
         elements = list(dict.fromkeys(snap.element for snap in coarse))
-        chosen = set(_decisive(reading, elements, rank, rng))
+        chosen = set(_decisive(reading, elements, rank, len(mechanism.bodies), rng))
         decisive = [snap for snap in coarse if snap.element in chosen]
-    doubt = _doubt(mechanism, literal_rank)
+    doubt = _doubt(mechanism, literal_rank, rank)
     return ReadingReport(reading.snaps, reading.notes, literal_rank, tuple(decisive), doubt, mimics)
 
 
-def _doubt(mechanism: Mechanism, expected: int) -> str:
-    """What the float ranks of the literal numbers are, if none of them is the expected one."""
+def _doubt(mechanism: Mechanism, expected: int, intended: int | None = None) -> str:
+    """What the float ranks of the literal numbers are, if none of them is what was expected.
+
+    Snaps explain all ranks from the intended one to the literal one: what they move by little shows little.
+    """
+    low, high = sorted((expected, expected if intended is None else intended))
     try:
-        found = numeric_ranks(mechanism, near=expected)
+        found = numeric_ranks(mechanism, near=high)
     except InputError:  # values are missing, or loops do not close at the stated ones
         return ""
     widest = found.widest_gap()
-    if expected in found.ranks or widest is None or widest[0] == expected:
+    if widest is None or any(low <= r <= high for r in (*found.ranks, widest[0])):
         return ""
     ranks = ", ".join(f"{r} at {t:.0e}" for r, t in zip(found.ranks, found.tolerances, strict=True))
     return f"the file's numbers in floating point do not confirm {expected}: rank {ranks}"
@@ -116,9 +120,9 @@ def _mimic_ranks(mechanism: Mechanism, reading: Reading, rank: int, rng: np.rand
     return MimicRanks(rank, found) if len(mechanism.couplings) > len(other.couplings) else MimicRanks(found, rank)
 
 
-def _decisive(reading: Reading, elements: Sequence[str], rank: int, rng: np.random.Generator) -> list[str]:
+def _decisive(reading: Reading, elements: Sequence[str], rank: int, bodies: int, rng: np.random.Generator) -> list[str]:
     """Elements that change the rank when taken literally, by bisection; whole groups once enough has been tried."""
-    trials = iter(range(_MOST_TRIALS))
+    trials = iter(range(max(_FEWEST_TRIALS, _MOST_TRIALS // bodies)))
 
     def bisected(group: Sequence[str]) -> list[str]:
         if next(trials, None) is None:
