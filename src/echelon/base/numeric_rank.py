@@ -121,6 +121,7 @@ def numeric_ranks(
     *,
     literal: bool = True,
     pivoted: bool = False,
+    symbols: Mapping[str, float] | None = None,
 ) -> NumericRanks:
     """Singular values of the regressor at random states, in double precision.
 
@@ -138,6 +139,8 @@ def numeric_ranks(
         Numbers as they stand in the file, although they were read as nearby exact ones.
     pivoted : bool
         Factor by QR with column pivoting, too.
+    symbols : mapping of str to float, optional
+        Values that replace or complete those of the mechanism.
 
     Returns
     -------
@@ -151,7 +154,7 @@ def numeric_ranks(
     reading = mechanism.reading
     if literal and reading is not None and reading.snaps:
         mechanism = reading.literal()
-    matrix = sampled_matrix(mechanism, random_generator(seed))
+    matrix = sampled_matrix(mechanism, random_generator(seed), symbols)
     return ranks_of_matrix(matrix, tolerances, pivoted=pivoted)
 
 
@@ -176,7 +179,9 @@ def ranks_of_matrix(matrix: Floats, tolerances: Sequence[float] = TOLERANCES, *,
     return NumericRanks(columns, rows, tuple(tolerances), _fractions(singular), _fractions(diagonal))
 
 
-def sampled_matrix(mechanism: Mechanism, rng: np.random.Generator) -> Floats:
+def sampled_matrix(
+    mechanism: Mechanism, rng: np.random.Generator, symbols: Mapping[str, float] | None = None
+) -> Floats:
     """Rows uᵀX at random states and virtual velocities u, columns scaled to unit size.
 
     Rotations are any, translations of the size of the links, rates within 3 rad/s and accelerations within 10 rad/s².
@@ -185,6 +190,8 @@ def sampled_matrix(mechanism: Mechanism, rng: np.random.Generator) -> Floats:
     ----------
     mechanism : Mechanism
     rng : numpy Generator
+    symbols : mapping of str to float, optional
+        Values that replace or complete those of the mechanism.
 
     Returns
     -------
@@ -198,31 +205,35 @@ def sampled_matrix(mechanism: Mechanism, rng: np.random.Generator) -> Floats:
     """
     rows = max(_FEWEST_ROWS, int(_ROWS_PER_COLUMN * len(mechanism.parameters)))
     if mechanism.closures:
-        stacked = _at_closed_states(mechanism, rng, rows)
+        stacked = _at_closed_states(mechanism, rng, rows, symbols)
         length = characteristic_length(mechanism)
         stacked /= np.array([length**column.length_degree for column in mechanism.columns])
         sizes = np.linalg.norm(stacked, axis=0)
         scaled: Floats = stacked / np.maximum(sizes, _NOISE_AT_CLOSED_STATES * sizes.max(initial=1e-300))
         return scaled
-    stacked, rounding = _at_states(mechanism, rng, rows)
+    stacked, rounding = _at_states(mechanism, rng, rows, symbols)
     sizes = np.linalg.norm(stacked, axis=0)
     seen = sizes > _NOISE * rounding
     return np.where(seen, stacked, 0.0) / np.where(seen, sizes, 1.0)
 
 
-def _at_closed_states(mechanism: Mechanism, rng: np.random.Generator, rows: int) -> Floats:
-    states = Assembly(mechanism).random_closed_states(rng, -(-rows // max(1, len(mechanism.outputs))))
-    found = evaluate_floats(virtual_power_form(mechanism), mechanism, *states)
+def _at_closed_states(
+    mechanism: Mechanism, rng: np.random.Generator, rows: int, given: Mapping[str, float] | None
+) -> Floats:
+    states = Assembly(mechanism, given).random_closed_states(rng, -(-rows // max(1, len(mechanism.outputs))))
+    found = evaluate_floats(virtual_power_form(mechanism), mechanism, *states, given)
     return found.reshape(-1, found.shape[2])
 
 
-def _at_states(mechanism: Mechanism, rng: np.random.Generator, rows: int) -> tuple[Floats, Floats]:
+def _at_states(
+    mechanism: Mechanism, rng: np.random.Generator, rows: int, given: Mapping[str, float] | None
+) -> tuple[Floats, Floats]:
     """Rows at random states where all entries are finite, and the size of the rounding in every column."""
     forms = virtual_power_form(mechanism)
     program, entries = forms.program, forms.entries
     schedule = Schedule(program, list(entries.values()))
     names = [program.inputs[node].name for node in schedule.leaves if program.inputs[node].role == "symbol"]
-    symbols, scales = symbol_values(mechanism, names), _scales(mechanism)
+    symbols, scales = symbol_values(mechanism, names, given), _scales(mechanism)
     blocks: list[Floats] = []
     count = 0
     for _ in range(_ROUNDS + rows // _BLOCK):
