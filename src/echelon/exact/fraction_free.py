@@ -16,6 +16,8 @@ from echelon.errors import ClosedFormError
 
 _SINGULAR = "the metric is not definite: B S Bᵀ has no inverse"
 
+_PASSES = 4  # over a table of the greatest length; numbers get longer in every one
+
 Sparse = dict[int, Any]
 """Non-zero entries of a row by column: FLINT polynomials of one ring."""
 
@@ -70,7 +72,7 @@ def adjugate(rows: Sequence[Sparse], one: Any, most_terms: int) -> tuple[list[Sp
     if all(entry.is_constant() for row in rows for entry in row.values()):
         return _inverse_of_numbers(rows, one), one
     table: list[Sparse] = [{**row, size + k: one} for k, row in enumerate(rows)]
-    previous, left = one, set(range(size))
+    previous, left, work = one, set(range(size)), 0
     while left:
         regular = [k for k in left if k in table[k]]
         if not regular:
@@ -82,7 +84,9 @@ def adjugate(rows: Sequence[Sparse], one: Any, most_terms: int) -> tuple[list[Sp
             if i != k:
                 table[i] = _eliminated(table[i], leading, k, pivot, previous)
         previous = pivot
-        if sum(len(entry) for row in table for entry in row.values()) > most_terms:
+        length = sum(len(entry) for row in table for entry in row.values())
+        work += length
+        if length > most_terms or work > _PASSES * most_terms:
             raise ClosedFormError(f"the closed form has more than {most_terms} terms")
     return [{c - size: entry for c, entry in row.items() if c >= size} for row in table], previous
 
