@@ -80,6 +80,7 @@ def test_the_states_follow_from_the_seed() -> None:
 def test_a_symbol_without_a_value_is_refused() -> None:
     with pytest.raises(InputError, match="'d2' has no value"):
         numeric_ranks(ec.load(EXAMPLES / "stanford.yaml"))
+    assert numeric_ranks(ec.load(EXAMPLES / "stanford.yaml"), symbols={"d2": 0.15}).ranks == (33,) * 4
 
 
 def test_planted_singular_values() -> None:

@@ -97,6 +97,14 @@ def test_linear_models_too() -> None:
     assert sympy.simplify(found[1, 0] - sympy.exp(k) / (1 + sympy.exp(2 * k))) == 0
 
 
+def test_numbers_instead_of_symbols() -> None:
+    """A robot read with numbers has an inverse in exact numbers."""
+    base = ec.base_parameters(ec.load(EXAMPLES / "two_link.xml", symbolic=False))
+    found = base.pseudo_inverse()
+    assert base.B * found == sympy.eye(base.rank)
+    assert all(entry.is_Rational for entry in found)
+
+
 def test_floats_give_the_lift() -> None:
     base, rng = example("panda"), np.random.default_rng(3)
     values, prior = rng.normal(size=43), rng.normal(size=70)

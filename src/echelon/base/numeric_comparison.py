@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from echelon.base.numeric_rank import TOLERANCES, NumericRanks, numeric_ranks
-from echelon.base.structure import find_structure
+from echelon.base.own import stated_structure
 from echelon.mechanism.mechanism import Mechanism
 from echelon.seeds import DEFAULT_SEED, random_generator
 
@@ -60,7 +60,11 @@ class NumericComparison:
 
 
 def compare_numeric(
-    mechanism: Mechanism, *, seed: int = DEFAULT_SEED, tolerances: Sequence[float] = TOLERANCES
+    mechanism: Mechanism,
+    *,
+    seed: int = DEFAULT_SEED,
+    tolerances: Sequence[float] = TOLERANCES,
+    symbols: Mapping[str, float] | None = None,
 ) -> NumericComparison:
     """The exact rank beside those of singular values and of QR with column pivoting at customary tolerances.
 
@@ -71,6 +75,8 @@ def compare_numeric(
     seed : int
     tolerances : sequence of float
         Relative to the largest singular value.
+    symbols : mapping of str to float, optional
+        Values that replace or complete those of the mechanism.
 
     Returns
     -------
@@ -81,10 +87,10 @@ def compare_numeric(
     InputError
         As :func:`echelon.base.numeric_rank.numeric_ranks`.
     """
-    found = numeric_ranks(mechanism, seed, tolerances, pivoted=True)
+    found = numeric_ranks(mechanism, seed, tolerances, pivoted=True, symbols=symbols)
     rng = random_generator(seed)
-    rank = find_structure(mechanism, rng).rank
+    rank = stated_structure(mechanism, rng).rank
     reading = mechanism.reading
     snapped = reading is not None and bool(reading.snaps)
-    literal = find_structure(reading.literal(), rng).rank if reading is not None and snapped else rank
+    literal = stated_structure(reading.literal(), rng).rank if reading is not None and snapped else rank
     return NumericComparison(rank, literal, found)

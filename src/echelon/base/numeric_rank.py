@@ -123,6 +123,7 @@ def numeric_ranks(
     literal: bool = True,
     pivoted: bool = False,
     near: int | None = None,
+    symbols: Mapping[str, float] | None = None,
 ) -> NumericRanks:
     """Singular values of the regressor at random states, in double precision.
 
@@ -144,6 +145,8 @@ def numeric_ranks(
     near : int, optional
         Tell ranks up to a little above this number apart, and no higher ones: W is then multiplied by a random matrix
         with fewer columns, which keeps its rank.
+    symbols : mapping of str to float, optional
+        Values that replace or complete those of the mechanism.
 
     Returns
     -------
@@ -159,8 +162,8 @@ def numeric_ranks(
         mechanism = reading.literal()
     rng = random_generator(seed)
     if near is None or near + 2 * _MARGIN >= len(mechanism.parameters):
-        return ranks_of_matrix(sampled_matrix(mechanism, rng), tolerances, pivoted=pivoted)
-    matrix = sampled_matrix(mechanism, rng, near + 2 * _MARGIN)
+        return ranks_of_matrix(sampled_matrix(mechanism, rng, symbols=symbols), tolerances, pivoted=pivoted)
+    matrix = sampled_matrix(mechanism, rng, near + 2 * _MARGIN, symbols)
     mixed = matrix @ rng.standard_normal((matrix.shape[1], near + _MARGIN))
     return ranks_of_matrix(mixed, tolerances, pivoted=pivoted)
 
@@ -186,7 +189,12 @@ def ranks_of_matrix(matrix: Floats, tolerances: Sequence[float] = TOLERANCES, *,
     return NumericRanks(columns, rows, tuple(tolerances), _fractions(singular), _fractions(diagonal))
 
 
-def sampled_matrix(mechanism: Mechanism, rng: np.random.Generator, rows: int | None = None) -> Floats:
+def sampled_matrix(
+    mechanism: Mechanism,
+    rng: np.random.Generator,
+    rows: int | None = None,
+    symbols: Mapping[str, float] | None = None,
+) -> Floats:
     """Rows uᵀX at random states and virtual velocities u, columns scaled to unit size.
 
     Rotations are any, translations of the size of the links, rates within 3 rad/s and accelerations within 10 rad/s².
@@ -197,6 +205,8 @@ def sampled_matrix(mechanism: Mechanism, rng: np.random.Generator, rows: int | N
     rng : numpy Generator
     rows : int, optional
         At least half as many again as columns if omitted.
+    symbols : mapping of str to float, optional
+        Values that replace or complete those of the mechanism.
 
     Returns
     -------
@@ -209,31 +219,35 @@ def sampled_matrix(mechanism: Mechanism, rng: np.random.Generator, rows: int | N
     """
     rows = rows or max(_FEWEST_ROWS, int(_ROWS_PER_COLUMN * len(mechanism.parameters)))
     if mechanism.closures:
-        stacked = _at_closed_states(mechanism, rng, rows)
+        stacked = _at_closed_states(mechanism, rng, rows, symbols)
         length = characteristic_length(mechanism)
         stacked /= np.array([length**column.length_degree for column in mechanism.columns])
         sizes = np.linalg.norm(stacked, axis=0)
         scaled: Floats = stacked / np.maximum(sizes, _NOISE_AT_CLOSED_STATES * sizes.max(initial=1e-300))
         return scaled
-    stacked, rounding = _at_states(mechanism, rng, rows)
+    stacked, rounding = _at_states(mechanism, rng, rows, symbols)
     sizes = np.linalg.norm(stacked, axis=0)
     seen = sizes > _NOISE * rounding
     return np.where(seen, stacked, 0.0) / np.where(seen, sizes, 1.0)
 
 
-def _at_closed_states(mechanism: Mechanism, rng: np.random.Generator, rows: int) -> Floats:
-    states = Assembly(mechanism).random_closed_states(rng, -(-rows // max(1, len(mechanism.outputs))))
-    found = evaluate_floats(virtual_power_form(mechanism), mechanism, *states)
+def _at_closed_states(
+    mechanism: Mechanism, rng: np.random.Generator, rows: int, given: Mapping[str, float] | None
+) -> Floats:
+    states = Assembly(mechanism, given).random_closed_states(rng, -(-rows // max(1, len(mechanism.outputs))))
+    found = evaluate_floats(virtual_power_form(mechanism), mechanism, *states, given)
     return found.reshape(-1, found.shape[2])
 
 
-def _at_states(mechanism: Mechanism, rng: np.random.Generator, rows: int) -> tuple[Floats, Floats]:
+def _at_states(
+    mechanism: Mechanism, rng: np.random.Generator, rows: int, given: Mapping[str, float] | None
+) -> tuple[Floats, Floats]:
     """Rows at random states where all entries are finite, and the size of the rounding in every column."""
     forms = virtual_power_form(mechanism)
     program, entries = forms.program, forms.entries
     schedule = Schedule(program, list(entries.values()))
     names = [program.inputs[node].name for node in schedule.leaves if program.inputs[node].role == "symbol"]
-    symbols, scales = symbol_values(mechanism, names), _scales(mechanism)
+    symbols, scales = symbol_values(mechanism, names, given), _scales(mechanism)
     blocks: list[Floats] = []
     count = 0
     for _ in range(_ROUNDS + rows // _BLOCK):

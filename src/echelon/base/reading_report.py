@@ -104,6 +104,8 @@ def _doubt(mechanism: Mechanism, expected: int, intended: int | None = None) -> 
     widest = found.widest_gap()
     if widest is None or any(low <= r <= high for r in (*found.ranks, widest[0])):
         return ""
+    if mechanism.effects and max(found.ranks) < low:  # random states may miss small regions of signs
+        return ""
     ranks = ", ".join(f"{r} at {t:.0e}" for r, t in zip(found.ranks, found.tolerances, strict=True))
     return f"the file's numbers in floating point do not confirm {expected}: rank {ranks}"
 

@@ -10,7 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import flint
+
 from echelon.errors import ClosedFormError
+
+_SINGULAR = "the metric is not definite: B S Bᵀ has no inverse"
+
+_PASSES = 4  # over a table of the greatest length; numbers get longer in every one
 
 Sparse = dict[int, Any]
 """Non-zero entries of a row by column: FLINT polynomials of one ring."""
@@ -61,12 +67,16 @@ def adjugate(rows: Sequence[Sparse], one: Any, most_terms: int) -> tuple[list[Sp
         If the matrix is singular, or the polynomials get longer than that.
     """
     size = len(rows)
+    if 4 * size * size > most_terms:  # even in numbers, whose digits grow with the size
+        raise ClosedFormError(f"the closed form has more than {most_terms} terms")
+    if all(entry.is_constant() for row in rows for entry in row.values()):
+        return _inverse_of_numbers(rows, one), one
     table: list[Sparse] = [{**row, size + k: one} for k, row in enumerate(rows)]
-    previous, left = one, set(range(size))
+    previous, left, work = one, set(range(size)), 0
     while left:
         regular = [k for k in left if k in table[k]]
         if not regular:
-            raise ClosedFormError("the metric is not definite: B S Bᵀ has no inverse")
+            raise ClosedFormError(_SINGULAR)
         k = min(regular, key=lambda i: (len(table[i][i]), i))
         left.remove(k)
         pivot, leading = table[k][k], table[k]
@@ -74,9 +84,23 @@ def adjugate(rows: Sequence[Sparse], one: Any, most_terms: int) -> tuple[list[Sp
             if i != k:
                 table[i] = _eliminated(table[i], leading, k, pivot, previous)
         previous = pivot
-        if sum(len(entry) for row in table for entry in row.values()) > most_terms:
+        length = sum(len(entry) for row in table for entry in row.values())
+        work += length
+        if length > most_terms or work > _PASSES * most_terms:
             raise ClosedFormError(f"the closed form has more than {most_terms} terms")
     return [{c - size: entry for c, entry in row.items() if c >= size} for row in table], previous
+
+
+def _inverse_of_numbers(rows: Sequence[Sparse], one: Any) -> list[Sparse]:
+    """The inverse itself, where FLINT's algorithm for rational numbers will do."""
+    size, zero = len(rows), flint.fmpq(0)
+    values = [{c: next(iter(entry.coeffs())) for c, entry in row.items()} for row in rows]
+    matrix = flint.fmpq_mat(size, size, [row.get(c, zero) for row in values for c in range(size)])
+    try:
+        inverse = matrix.inv()
+    except ZeroDivisionError:
+        raise ClosedFormError(_SINGULAR) from None
+    return [{c: one * inverse[k, c] for c in range(size) if inverse[k, c] != 0} for k in range(size)]
 
 
 def _eliminated(row: Sparse, leading: Sparse, column: int, pivot: Any, previous: Any) -> Sparse:
