@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -9,7 +10,7 @@ from itertools import combinations, product
 
 from echelon.errors import EchelonError
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
-from echelon.exact.numbers import Surd, format_number
+from echelon.exact.numbers import Surd, decimal_text
 from echelon.exact.polynomial import Polynomial, format_polynomial
 from echelon.mechanism.stated import StatedValues, angle_generators
 
@@ -38,6 +39,13 @@ class SpecialValues:
     generic_rank: int
     rank: int
     relations: tuple[str, ...]
+
+    @property
+    def definitions(self) -> dict[str, str]:
+        """What was put in for symbols, as expressions of those that are left."""
+        pairs = (relation.split(" = ") for relation in self.relations)
+        plain = ((name, right.replace("−", "-").replace("·", "*").removesuffix(" rad")) for name, right in pairs)
+        return {name: re.sub(r"(\d+)°", r"\1*pi/180", right) for name, right in plain}
 
     def text(self, what: str) -> str:
         """Both counts with the reason.
@@ -95,9 +103,7 @@ def _value_text(name: str, values: StatedValues) -> str:
     if name in values.sums:
         return format_polynomial(values.sums[name])
     if name in values.numbers:
-        number = values.numbers[name]
-        exact = format_number(number) if isinstance(number, Surd) or Fraction(number).denominator == 1 else ""
-        return exact or f"{float(number):.9g}"
+        return decimal_text(values.numbers[name])
     angle = values.angles[name]
     steps = angle.half_turns * STEPS_PER_HALF_TURN
     return f"{int(steps) * 15}°" if not angle.radians and steps.denominator == 1 else f"{angle} rad"

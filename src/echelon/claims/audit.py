@@ -81,7 +81,8 @@ def audit(
     source = os.fspath(claims) if isinstance(claims, str | os.PathLike) else None
     found = read_claims(claims)
     chosen, words = find_naming([claim.text for claim in found], base, naming)
-    linking = _Linking(base, chosen, words, dict(define or {}), tuple(ignore), source)
+    put_in = base.special.definitions if base.special is not None and not base.generic else {}
+    linking = _Linking(base, chosen, words, {**put_in, **(define or {})}, tuple(ignore), source)
     rows = [linking.row(claim) for claim in found]
     kept = [(claim, row) for claim, row in zip(found, rows, strict=True) if row is not None]
     if not kept:
@@ -173,7 +174,7 @@ class _Linking:
         except ValueError as error:
             raise InputError(str(error), source=self.source, element=claim.where) from None
         column = {name: k for k, name in enumerate(self.model.parameters)}
-        row = {column[name]: value for name, value in terms.items() if name not in ignored}
+        row = {column[name]: value for name, value in terms.items() if name not in ignored and value}
         if not row and not (terms and ignored):
             raise InputError(f"'{claim.text}' is zero", source=self.source, element=claim.where)
         return row or None

@@ -99,7 +99,10 @@ class _Walk:
             case ast.BinOp(left=left, op=ast.Mult(), right=right):
                 return _product(self.read(left), self.read(right))
             case ast.BinOp(left=left, op=ast.Div(), right=right):
-                return _scaled(self.read(left), _ONE / self._coefficient(right))
+                divisor = self._coefficient(right)
+                if not divisor:
+                    raise ZeroDivisionError
+                return _scaled(self.read(left), _ONE / divisor)
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
                 return {"": self._power(left, right)}
             case ast.Call():
@@ -131,11 +134,9 @@ class _Walk:
 
     def _coefficient(self, node: ast.expr) -> RationalFunction:
         terms = self.read(node)
-        if any(terms.values()) and set(terms) == {""}:
-            return terms[""]
         if set(terms) - {""}:
             raise ValueError(f"'{self._source(node)}' holds a standard parameter, which must be linear")
-        raise ZeroDivisionError
+        return terms.get("", RationalFunction(0))
 
     def _power(self, base: ast.expr, exponent: ast.expr) -> RationalFunction:
         value = self._coefficient(exponent)

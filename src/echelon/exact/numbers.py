@@ -177,6 +177,20 @@ def format_number(x: Number) -> str:
     return " + ".join(pieces).replace("+ -", "- ")
 
 
+def decimal_text(number: Number) -> str:
+    """Exact text of a number, as a terminating decimal where it has one."""
+    if isinstance(number, Surd):
+        return format_number(number)
+    denominator = Fraction(number).denominator
+    for prime in (2, 5):
+        while denominator % prime == 0:
+            denominator //= prime
+    if denominator != 1:
+        return str(number)
+    decimal = repr(float(number))
+    return decimal if Fraction(decimal) == number else str(number)
+
+
 def _format_part(value: Rational, radicand: int) -> str:
     if radicand == 1:
         return str(value)

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from echelon.conventions import PARAMETERS
 from echelon.errors import InputError
+from echelon.exact.numbers import decimal_text
 from echelon.formats.description_symbols import GENERIC
-from echelon.formats.intent import exact_text
 from echelon.formats.loops_write import write_loops
 from echelon.formats.setup_write import write_setup
 from echelon.formats.written import expression_text, frame_data
@@ -89,7 +89,7 @@ def _function(function: Spline) -> str | dict[str, Any]:
         return expression_text(function.ratio)
     written: dict[str, Any] = {"coefficients": [expression_text(c) for c in function.coefficients]}
     if function.knots:
-        written["knots"] = [[exact_text(knot), expression_text(jump)] for knot, jump in function.knots]
+        written["knots"] = [[decimal_text(knot), expression_text(jump)] for knot, jump in function.knots]
     return written
 
 

@@ -15,7 +15,7 @@ from math import atan2, hypot, pi
 
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.expressions import PI
-from echelon.exact.numbers import Number, Rational, Surd, format_number
+from echelon.exact.numbers import Rational, decimal_text
 from echelon.exact.polynomial import Polynomial, as_polynomial, float_generators, format_polynomial
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree, Triple
 from echelon.formats.options import LENGTH_TOLERANCE, PRECISION, ReadingOptions
@@ -97,7 +97,7 @@ class Intent:
         known = None if self.options.separate_symbols else self._same_length(sign * value, size, element)
         if known is None:
             number = (sign * value).number
-            exact, stands_for = (exact_text(number), None) if number is not None else (None, sign * value)
+            exact, stands_for = (decimal_text(number), None) if number is not None else (None, sign * value)
             known = self._new_symbol(name, Symbol(name, size, exact, element, stands_for))
             self._lengths[sign * value] = known
         return sign * Polynomial.generator(known)
@@ -226,7 +226,7 @@ class Intent:
 def _rest_text(angle: Angle, quarters: int, sign: int) -> str:
     """The exact text of what an angle is more, or less, than a number of right angles."""
     turns = Polynomial({((PI, 1),): sign * (angle.half_turns - Fraction(quarters, 2))})
-    return format_polynomial(turns + sign * angle.radians) if turns else exact_text(sign * angle.radians)
+    return format_polynomial(turns + sign * angle.radians) if turns else decimal_text(sign * angle.radians)
 
 
 def symbol_stem(name: str) -> str:
@@ -241,17 +241,3 @@ def numeric_value(value: Polynomial, symbols: dict[str, float]) -> float:
 
 def _decimal(value: Rational | float) -> str:
     return repr(float(value)) if not isinstance(value, int) else str(value)
-
-
-def exact_text(number: Number) -> str:
-    """Exact text of a number, as a terminating decimal where it has one."""
-    if isinstance(number, Surd):
-        return format_number(number)
-    denominator = Fraction(number).denominator
-    for prime in (2, 5):
-        while denominator % prime == 0:
-            denominator //= prime
-    if denominator != 1:
-        return str(number)
-    decimal = repr(float(number))
-    return decimal if Fraction(decimal) == number else str(number)

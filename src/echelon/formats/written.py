@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+from echelon.exact.numbers import decimal_text
 from echelon.exact.polynomial import Polynomial, format_polynomial
-from echelon.formats.intent import exact_text
 from echelon.mechanism.placement import IDENTITY, ORIGIN, Placement
 
 
 def expression_text(value: Polynomial) -> str:
     """An expression that reads back as the same polynomial."""
     number = value.number
-    return format_polynomial(value) if number is None else exact_text(number)
+    return format_polynomial(value) if number is None else decimal_text(number)
 
 
 def frame_data(placement: Placement) -> dict[str, Any]:
