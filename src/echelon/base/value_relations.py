@@ -103,7 +103,8 @@ def _value_text(name: str, values: StatedValues) -> str:
     if name in values.sums:
         return format_polynomial(values.sums[name])
     if name in values.numbers:
-        return decimal_text(values.numbers[name])
+        number = values.numbers[name]
+        return str(number) if isinstance(number, int) else decimal_text(number)
     angle = values.angles[name]
     steps = angle.half_turns * STEPS_PER_HALF_TURN
     return f"{int(steps) * 15}°" if not angle.radians and steps.denominator == 1 else f"{angle} rad"
