@@ -116,4 +116,18 @@ FAULTS = (
         "digits of written files",
         "test_write_robots.py::test_written_urdf_in_pinocchio_and_read_again",
     ),
+    Fault(
+        "formats/relations.py",
+        "difference > max(self._tolerance(",
+        "difference > 0 * max(self._tolerance(",
+        "relations between axes are not read",
+        "test_axis_relations.py::test_one_direction_in_several_spellings",
+    ),
+    Fault(
+        "formats/relations.py",
+        "before @ turn(2, one) @ turn(0, twist) @ turn(2, two)",
+        "before @ turn(2, two) @ turn(0, twist) @ turn(2, one)",
+        "frames between related axes",
+        "test_axis_relations.py::test_the_geometry_stays_where_it_was",
+    ),
 )
