@@ -98,15 +98,27 @@ def find_modes(rows: Rows, rng: np.random.Generator) -> list[Mode]:
         order, poses = min(2 * order, _LARGEST_ORDER), _POSES if len(orders) > 1 else _FEW_POSES
     if not orders:
         raise SingularPoseError(failure)
-    marked = {support for support, marks in orders if marks != ()}
-    confirmed = [
-        Mode(dict(support), min(seen), None if marks is None else dict(marks))
-        for (support, marks), seen in orders.items()
-        if len(seen) > 1 and (marks != () or support not in marked)  # a geometry may show one of several modes only
-    ]
+    confirmed = _confirmed(orders)
     if not confirmed:
         raise EchelonError("random points keep contradicting each other; please report this model")
     return sorted(confirmed, key=lambda mode: -len(mode.dependence))
+
+
+def _confirmed(orders: Mapping[_Key, Sequence[int]]) -> list[Mode]:
+    """Modes whose dependence was seen at two geometries or more.
+
+    A geometry may show one of several modes with the same dependence only, and then without marks.
+    """
+    found: list[Mode] = []
+    for support in dict.fromkeys(support for support, _ in orders):
+        seen = {marks: orders[s, marks] for s, marks in orders if s == support}
+        at = [order for several in seen.values() for order in several]
+        if len(at) < 2:
+            continue
+        marked = [Mode(dict(support), min(o), dict(m)) for m, o in seen.items() if m and len(o) > 1]
+        alone = Mode(dict(support), min(at), {} if set(seen) == {()} else None)
+        found += marked or [alone]
+    return found
 
 
 def _keys(poses: Sequence[_Relations], field: PrimeField) -> set[_Key]:
@@ -219,9 +231,22 @@ class InMode:
 
 
 def in_mode(forms: LinearForms, accepted: InMode | None) -> LinearForms:
-    """The forms at configurations of one assembly mode only."""
+    """The forms at configurations of one assembly mode only.
+
+    Raises
+    ------
+    InputError
+        If it is not known which of several modes with the same dependence it is.
+    """
     if accepted is None or forms.loops is None:
         return forms
+    if accepted.mode.marks is None:
+        raise InputError(
+            "the loops can be assembled in several ways in which the same parameters combine differently, such as "
+            "q2 = q1 and q2 = -q1, and no simple coefficient tells which is meant.  Give all symbols values, and an "
+            "assembly pose that closes the loops exactly and at which these ways do not meet",
+            element="assembly",
+        )
     return replace(forms, loops=replace(forms.loops, accepts=accepted))
 
 

@@ -18,6 +18,7 @@ from echelon.base.certificate import find_minor
 from echelon.base.matrix import BaseMatrix
 from echelon.base.structure import Structure, find_structure
 from echelon.base.value_relations import RelationSearch, SpecialValues
+from echelon.errors import EchelonError
 from echelon.exact.field import CERTIFICATE_BITS, PrimeField
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.mechanism import Mechanism
@@ -38,11 +39,14 @@ class OwnAnswer:
         For general values of the symbols that are left, which is that at the stated values.
     special : SpecialValues, optional
         None where the stated values are like any others.
+    undecided : str
+        Why the structure at the stated values could not be found; empty if it was.
     """
 
     mechanism: Mechanism
     structure: Structure
     special: SpecialValues | None = None
+    undecided: str = ""
 
 
 def own_answer(mechanism: Mechanism, rng: np.random.Generator, *, generic: bool = False) -> OwnAnswer:
@@ -62,7 +66,10 @@ def own_answer(mechanism: Mechanism, rng: np.random.Generator, *, generic: bool 
     structure, values = find_structure(mechanism, rng), stated_values(mechanism)
     if not values.names or _is_general(mechanism, structure, values, rng):
         return OwnAnswer(mechanism, structure)
-    at_values = stated_structure(mechanism, rng)
+    try:
+        at_values = stated_structure(mechanism, rng)
+    except EchelonError as error:
+        return OwnAnswer(mechanism, structure, undecided=f"for general symbols, since at the stated values {error}")
     if at_values.pivots == structure.pivots:
         return OwnAnswer(mechanism, structure)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -34,27 +35,13 @@ def own_mode(mechanism: Mechanism, columns: Sequence[int], modes: Sequence[Mode]
     modes : sequence of Mode
         Those with the lowest rank first.
 
-    Raises
-    ------
-    InputError
-        If that leaves several modes.
+    Returns
+    -------
+    Mode
+        Without marks if it is only known up to modes with the same dependence.
     """
     own = modes[0] if len(modes) == 1 else _mode_of_pose(mechanism, columns, modes)
-    mode = own or modes[0]
-    if mode.marks is None:
-        raise InputError(
-            "the loops can be assembled in several ways in which the same parameters combine differently, and no "
-            "simple coefficient tells these ways apart.  Give the lengths as numbers, and an assembly pose that closes "
-            "the loops exactly",
-            element="assembly",
-        )
-    if own is None and mode.marks:
-        raise InputError(
-            "the loops can be assembled in several ways in which the same parameters combine differently, such as "
-            "q2 = q1 and q2 = -q1.  Give an assembly pose at which these ways do not meet, and values of all symbols",
-            element="assembly",
-        )
-    return mode
+    return own or replace(modes[0], marks=None if modes[0].marks else modes[0].marks)
 
 
 def _mode_of_pose(mechanism: Mechanism, columns: Sequence[int], modes: Sequence[Mode]) -> Mode | None:

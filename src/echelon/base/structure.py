@@ -94,7 +94,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     if mechanism.closures:
         modes = find_modes(rows, rng)
         mode = own_mode(mechanism, remaining, modes)
-        supports, accepted = mode.dependence, InMode(rows, mode) if len(modes) > 1 else None
+        supports, accepted = mode.dependence, InMode(rows, mode) if len(modes) > 1 or mode.marks is None else None
     else:
         supports = _agreed(rows, rng)
     pivots = tuple(sorted((*settled, *(remaining[k] for k in range(len(remaining)) if k not in supports))))

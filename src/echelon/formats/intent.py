@@ -106,7 +106,7 @@ class Intent:
         """The symbol of a length that this one is meant to be equal to."""
         if value in self._lengths:
             return self._lengths[value]
-        tolerance = self.length_tolerance(element)
+        tolerance = 0.0 if element in self.literal else self.length_tolerance(element)
         for symbol in self._lengths.values():
             known = self.symbols[symbol].value or 0.0
             if abs(known - size) <= tolerance:

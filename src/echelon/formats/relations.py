@@ -26,11 +26,14 @@ from echelon.mechanism.joint import Motion, MotionKind, Step, merge
 from echelon.mechanism.mechanism import GROUND, Body
 from echelon.mechanism.placement import Placement, Vector, multiply, rotate, transpose, turn
 from echelon.mechanism.reading import Snap
+from echelon.mechanism.stated import vanishes
 
 Floats = npt.NDArray[np.float64]
 
 _STEP = pi / STEPS_PER_HALF_TURN
-_NOISE = 1e-12
+_NOISE = 1e-14
+_NEAR = 1e-9
+"""Nearer than this, exact values are looked at whatever the tolerance is."""
 _TURNS = (MotionKind.ROTATION, MotionKind.SCREW)
 _QUARTER = Fraction(1, 2)
 _TO_AXIS = (turn(1, Angle(_QUARTER)), turn(0, Angle(-_QUARTER)), Placement())
@@ -193,10 +196,12 @@ class _Pair:
         twist = atan2(hypot(*across), along)
         steps = round(twist / _STEP)
         element, difference = self._element("axis against"), abs(twist - steps * _STEP)
-        is_exact = rotation[self.axis][self.motion.axis] == cosine_of_turn(steps)
-        if is_exact or difference > max(self._tolerance(intent.angle_tolerance(element)), _NOISE):
+        excess = rotation[self.axis][self.motion.axis] - cosine_of_turn(steps)
+        if not excess or difference > max(self._tolerance(intent.angle_tolerance(element)), _NEAR):
             return rotation
-        if difference > _NOISE:
+        if not vanishes(excess, intent.symbols):
+            if not intent.options.tolerance:
+                return rotation
             intent.snaps.append(Snap(element, f"{twist:.9g}", f"{steps * 15}°", difference))
         return self._with_twist(numbers, steps, element, intent)
 
@@ -226,12 +231,14 @@ class _Pair:
         if sine > _NOISE:
             gap, exact = abs(p[i] * d[j] - p[j] * d[i]) / sine, place[i] * direction[j] - place[j] * direction[i]
         else:
-            gap, exact = hypot(p[i], p[j]), place[i] or place[j]
+            gap, exact = hypot(p[i], p[j]), place[i] * place[i] + place[j] * place[j]
         element = self._element("distance of its axis from")
         tolerance = PRECISION if self.literal or element in intent.literal else LENGTH_TOLERANCE
-        if not exact or gap > max(tolerance * self.scale if intent.options.tolerance else 0.0, _NOISE):
+        if not exact or gap > max(tolerance, _NEAR) * self.scale:
             return self.leading.translation
-        if gap > _NOISE:
+        if not vanishes(exact, intent.symbols):
+            if not intent.options.tolerance:
+                return self.leading.translation
             intent.snaps.append(Snap(element, f"{gap:.3g}", "0", float(gap)))
         second = 0.0 if sine <= _NOISE else float(p[i] * d[i] + p[j] * d[j]) / sine**2
         along = [Polynomial({})] * 3

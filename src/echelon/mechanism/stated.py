@@ -20,12 +20,21 @@ import numpy as np
 
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.expressions import parse, parse_angle
-from echelon.exact.field import PrimeField, Residues
+from echelon.exact.field import CERTIFICATE_BITS, PrimeField, Residues
 from echelon.exact.numbers import Number, Surd, cosine_of_turn, format_number, sine_of_turn
-from echelon.exact.polynomial import Polynomial, as_polynomial, cosine, sine, symbol_of
-from echelon.mechanism.mechanism import Mechanism
+from echelon.exact.polynomial import (
+    Polynomial,
+    as_polynomial,
+    cosine,
+    is_trigonometric,
+    multiple_of,
+    sine,
+    symbol_of,
+)
+from echelon.mechanism.mechanism import Mechanism, Symbol
 from echelon.mechanism.roles import symbol_roles
 from echelon.mechanism.substitute import substituted
+from echelon.seeds import DEFAULT_SEED, random_generator
 
 Point = tuple[Residues, Residues]
 """Cosine and sine."""
@@ -120,6 +129,20 @@ class StatedValues:
             for name in names
         }
 
+    def residues(self, generators: Iterable[str], field: PrimeField, rng: np.random.Generator) -> dict[str, int]:
+        """Values of generators whose symbols all have one: the symbols themselves, and sines and cosines of angles."""
+        units = [field.circle(field.draw(rng, (1,))) for _ in range(2)]
+        found = {}
+        for generator in generators:
+            if not is_trigonometric(generator):
+                found[generator] = self._residue(generator, field, units)
+                continue
+            count, name = multiple_of(generator)
+            c, s = (np.array([x], dtype=field.dtype) for x in self._point(name, field, units))
+            point = field.multiply_angle((c, s), count)
+            found[generator] = int(point[0 if generator.startswith("cos") else 1][0])
+        return found
+
     def _residue(self, name: str, field: PrimeField, units: Sequence[Point]) -> int:
         if name in self.numbers:
             return field.embed(self.numbers[name])
@@ -170,19 +193,42 @@ def stated_values(mechanism: Mechanism) -> StatedValues:
     StatedValues
         Without the symbols whose value is known as a float only: they stay general.
     """
-    roles = symbol_roles(mechanism)
+    return values_of(mechanism.symbols, symbol_roles(mechanism).angles)
+
+
+def values_of(symbols: Mapping[str, Symbol], angles: Collection[str]) -> StatedValues:
+    """Exact values of symbols, given which of them are angles."""
     numbers: dict[str, Number] = {}
-    angles: dict[str, Angle] = {}
-    for name, symbol in mechanism.symbols.items():
-        if symbol.exact is None:
-            continue
-        if name in roles.angles:
-            angles[name] = parse_angle(symbol.exact)
-        elif (value := parse(symbol.exact).number) is not None:
+    exact = {name: symbol.exact for name, symbol in symbols.items() if symbol.exact is not None}
+    known = {name: parse_angle(text) for name, text in exact.items() if name in angles}
+    for name, text in exact.items():
+        if name not in angles and (value := parse(text).number) is not None:
             numbers[name] = value
-    named = {name: symbol.stands_for for name, symbol in mechanism.symbols.items() if symbol.stands_for is not None}
-    sums = {name: value for name, value in named.items() if angles.keys() >= set(value.symbols())}
-    return StatedValues(numbers, angles, sums)
+    named = {name: symbol.stands_for for name, symbol in symbols.items() if symbol.stands_for is not None}
+    sums = {name: value for name, value in named.items() if known.keys() >= set(value.symbols())}
+    return StatedValues(numbers, known, sums)
+
+
+def vanishes(value: Polynomial, symbols: Mapping[str, Symbol]) -> bool:
+    """Whether an expression is zero at the exact values of its symbols; False if one has none.
+
+    It is evaluated at a random point modulo a random prime of 127 bits.
+
+    Parameters
+    ----------
+    value : Polynomial
+    symbols : mapping of str to Symbol
+    """
+    names = value.symbols()
+    inner = [s.stands_for for s in (symbols.get(n) for n in names) if s is not None and s.stands_for is not None]
+    generators = [g for expression in (value, *inner) for g in expression.generators()]
+    angles = {symbol_of(g) for g in generators if is_trigonometric(g)}
+    stated = values_of({n: symbols[n] for n in {*names, *angles} if n in symbols}, angles)
+    if not set(stated.names) >= set(names):
+        return False
+    rng = random_generator(DEFAULT_SEED)
+    field = PrimeField.random(rng, CERTIFICATE_BITS)
+    return value.evaluate(stated.residues(value.generators(), field, rng), field.embed) % field.p == 0
 
 
 def angle_generators(name: str, angle: Angle) -> dict[str, Polynomial]:
