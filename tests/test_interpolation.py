@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from echelon.errors import ClosedFormError, DegenerateSampleError
 from echelon.exact.expressions import parse
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.interpolation import UnknownFunctions, interpolate
+from echelon.exact.interpolation import interpolate
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
+from echelon.exact.unknown import UnknownFunctions
 
 LENGTHS, ANGLES, OTHERS = ("d", "r", "l3"), ("a", "b"), ("g", "k")
 

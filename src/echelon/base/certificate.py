@@ -18,12 +18,13 @@ The set was derived from energies; the check uses the inverse dynamics (as rows 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from math import log10
+from dataclasses import dataclass, replace
+from math import inf, log10
 
 import numpy as np
 
 from echelon.base.matrix import BaseMatrix, residue, residues_of_generators
+from echelon.base.stated_check import check_stated
 from echelon.errors import CertificateError, DegenerateSampleError
 from echelon.exact.elimination import rank
 from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField
@@ -64,6 +65,11 @@ class Certificate:
         Decimal logarithm of a bound on the probability that X · N = 0 is false.
     order : int
         With loops, the number of coefficients compared along each curve; 0 without.
+    numbers : int
+        Number of columns of B that are numbers, checked at the stated values of the symbols only.
+    log10_residual : float or None
+        Decimal logarithm of a bound on what X · N leaves there, beside the largest entry of X; None where the numbers
+        are exact.
     """
 
     rank: int
@@ -74,6 +80,8 @@ class Certificate:
     degree: int
     log10_error: float
     order: int = 0
+    numbers: int = 0
+    log10_residual: float | None = None
 
     def __str__(self) -> str:
         count = len(self.identity_primes)
@@ -83,6 +91,9 @@ class Certificate:
                 f"along {count} closed curves, each modulo its own prime of {ARRAY_BITS} bits: what shows up to order "
                 f"{self.order} is missed with probability below 1e{int(self.log10_error)}"
             )
+        if self.numbers:
+            found = "exactly" if self.log10_residual is None else f"in balls, residual below 1e{int(self.log10_residual)}"
+            how += f"; {self.numbers} columns of numbers at the stated values only, {found}"
         return (
             f"rank {self.rank} proved from below by a non-zero minor mod {self.minor_prime}; "
             f"completeness X·N = 0 checked {how}"
@@ -111,6 +122,17 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int) -> Certificat
         not; the message names the parameter.
     """
     _check_echelon(matrix)
+    certificate = _certified(regressor, matrix, seed)
+    if matrix.numbers is None:
+        return certificate
+    order = _curve_order(regressor, matrix)
+    residual = check_stated(regressor, matrix, order, random_generator(seed))
+    return replace(
+        certificate, numbers=len(matrix.numbers.columns), log10_residual=None if residual == -inf else residual
+    )
+
+
+def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int) -> Certificate:
     if regressor.shape[1] != len(matrix.parameters):
         raise CertificateError(
             f"the set has {len(matrix.parameters)} standard parameters, the model {regressor.shape[1]}"
@@ -236,7 +258,10 @@ def _compare_entries(
             target = expected.setdefault(column, {})
             for row, value in by_column.get(pivot, {}).items():
                 target[row] = (target.get(row, 0) + factor * value) % field.p
+    stated = set(matrix.numbers.columns) if matrix.numbers else set()
     for column, name in enumerate(matrix.parameters):
+        if column in stated:  # true at the stated values only, where it is checked on its own
+            continue
         actual, claimed = by_column.get(column, {}), expected.get(column, {})
         if any(actual.get(row, 0) != claimed.get(row, 0) for row in {*actual, *claimed}):
             raise CertificateError(f"the set is incomplete or wrong: it does not reproduce the effect of {name}")

@@ -15,9 +15,10 @@ from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError
 from echelon.exact.ansatz import Geometry
 from echelon.exact.elimination import reduced_echelon, solve_batched
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.interpolation import UnknownFunctions, interpolate
+from echelon.exact.interpolation import interpolate
 from echelon.exact.numbers import Surd, parts_of
 from echelon.exact.rational import RationalFunction
+from echelon.exact.unknown import UnknownFunctions
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.linear import LinearForms
 
@@ -120,12 +121,14 @@ class LinearStructure:
             [0] * len(pairs),
             _irrational(self.forms),
         )
-        try:
-            return interpolate(unknown, self.rng)
-        except ClosedFormError as error:
+        functions = interpolate(unknown, self.rng)
+        found = [f for f in functions if f is not None]
+        if len(found) < len(functions):
             raise ClosedFormError(
-                f"{error}; give constants values, or a name of their own to products of them"
-            ) from None
+                f"{len(functions) - len(found)} coefficients have no closed form within the budget; give constants "
+                "values, or a name of their own to products of them"
+            )
+        return found
 
     def _coefficients(self, field: PrimeField, geometry: Geometry, sources: list[int], targets: list[int]) -> Residues:
         """Coefficients at given constants: array of shape (sources · targets, geometries)."""
