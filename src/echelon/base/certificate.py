@@ -92,7 +92,8 @@ class Certificate:
                 f"{self.order} is missed with probability below 1e{int(self.log10_error)}"
             )
         if self.numbers:
-            found = "exactly" if self.log10_residual is None else f"in balls, residual below 1e{int(self.log10_residual)}"
+            left = self.log10_residual
+            found = "exactly" if left is None else f"in ball arithmetic, residual below 1e{int(left)}"
             how += f"; {self.numbers} columns of numbers at the stated values only, {found}"
         return (
             f"rank {self.rank} proved from below by a non-zero minor mod {self.minor_prime}; "

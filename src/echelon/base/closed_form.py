@@ -96,4 +96,3 @@ def _interpolated(relation: Relation, rng: np.random.Generator, work: Work) -> d
         elif column is not None and function:
             column[source] = function
     return {target: column for target, column in columns.items() if column is not None}
-

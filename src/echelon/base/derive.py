@@ -99,7 +99,7 @@ def base_parameters(
     if isinstance(mechanism, LinearModel):
         if order != "base-to-tip":
             raise InputError("a linear model has no base and tip: choose representatives with prefer")
-        return linear_base_parameters(mechanism, prefer, seed)
+        return linear_base_parameters(mechanism, prefer, seed, budget)
     rng = random_generator(seed)
     columns = column_order(mechanism.columns, order, prefer)
     progress("structure")
@@ -124,4 +124,3 @@ def base_structure(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> Structu
     Structure
     """
     return find_structure(mechanism, random_generator(seed))
-

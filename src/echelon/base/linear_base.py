@@ -13,7 +13,8 @@ import numpy.typing as npt
 from echelon.base.base_set import BaseSet
 from echelon.base.certificate import Certificate, certify
 from echelon.base.matrix import BaseMatrix
-from echelon.errors import InputError, UnknownRelationsError
+from echelon.errors import ClosedFormError, InputError, UnknownRelationsError
+from echelon.exact.work import Work
 from echelon.models.evaluation import definition_values, evaluate_model
 from echelon.models.linear_model import LinearModel
 from echelon.program.sympy_bridge import to_sympy
@@ -179,8 +180,10 @@ class LinearBase(BaseSet):
         return f"$${aligned_latex(self)}$$"
 
 
-def linear_base_parameters(model: LinearModel, prefer: Sequence[str], seed: int) -> LinearBase:
+def linear_base_parameters(model: LinearModel, prefer: Sequence[str], seed: int, budget: float = 1.0) -> LinearBase:
     """Base parameters of a linear model: exact where relations are known, by ball arithmetic where not.
+
+    Ball arithmetic also gives numbers where closed forms take more than the budget and all constants have values.
 
     Parameters
     ----------
@@ -188,11 +191,13 @@ def linear_base_parameters(model: LinearModel, prefer: Sequence[str], seed: int)
     prefer : sequence of str
         Parameters that should be representatives, most wanted first.
     seed : int
+    budget : float
+        How much work closed forms may take.
 
     Raises
     ------
     ClosedFormError
-        If a coefficient has no closed form.
+        If a coefficient has no closed form within the budget, and a constant has no value.
     """
     from echelon.base.linear_balls import BallStructure
     from echelon.base.linear_structure import LinearStructure
@@ -205,11 +210,12 @@ def linear_base_parameters(model: LinearModel, prefer: Sequence[str], seed: int)
     rng = random_generator(seed)
     try:
         structure = LinearStructure(model.regressor, model.parameters, order, rng)
-        dependences = structure.dependences()
-    except UnknownRelationsError:
+        matrix = structure.matrix(structure.dependences(), Work.of(budget))
+    except (UnknownRelationsError, ClosedFormError) as error:
+        if isinstance(error, ClosedFormError) and None in model.constants.values():
+            raise
         found, decimals, evidence = BallStructure(model, order, rng).solve()
         return LinearBase(model, found, decimals, BALLS, evidence, seed)
-    matrix = structure.matrix(dependences)
     certificate: Certificate = certify(model.regressor, matrix, seed)
     definitions = {n: d for n, d in structure.sampler.definitions.items() if n in matrix.symbols}
     return LinearBase(model, matrix, definitions, FINITE_FIELD, certificate, seed)

@@ -115,8 +115,8 @@ class BaseModel(BaseSet, Evaluation, Logs):
             stated = self.mechanism.symbols[name].value
             if name in symbols and symbols[name] != stated:
                 raise InputError(
-                    f"columns of B are numbers at {name} = {stated}: derive again with the other value, or with a larger "
-                    "budget for closed forms"
+                    f"columns of B are numbers at {name} = {stated}: derive again with the other value, or with a "
+                    "larger budget for closed forms"
                 )
 
     # -- numbers -----------------------------------------------------------------------------------------------

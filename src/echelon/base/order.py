@@ -59,9 +59,7 @@ def column_order(columns: Sequence[Parameter], order: str, prefer: Sequence[str]
     return (*first, *(c for c in numbers if c not in set(first)))
 
 
-def reordered(
-    matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generator, work: Work
-) -> BaseMatrix | None:
+def reordered(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generator, work: Work) -> BaseMatrix | None:
     """The reduced echelon form for another column order.
 
     Parameters

@@ -2,8 +2,8 @@
 
 For columns that move across one joint the relation is found on the two bodies of that joint.  Columns that depend for
 other reasons (restricted motion near the base, couplings, massless bodies) have relations of just the columns that take
-part.  A relation's coefficients can be evaluated wherever rows of X can; all relations together, solved from the base to
-the tips, make B.
+part.  A relation's coefficients can be evaluated wherever rows of X can; all relations together, solved from the base
+to the tips, make B.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ import numpy as np
 from echelon.base.ball_rows import Balls, ball_rows, precision
 from echelon.base.matrix import StatedNumbers
 from echelon.base.relations import Relation, substituted
-from echelon.errors import ClosedFormError, DegenerateSampleError
+from echelon.errors import ClosedFormError
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.interpolation import interpolate
@@ -28,6 +28,7 @@ from echelon.exact.unknown import UnknownFunctions, persistent
 from echelon.exact.work import Work
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.roles import symbol_roles
+from echelon.mechanism.values import stated_values
 
 _BITS, _MOST_BITS = 512, 4096
 _DIGITS = 40
@@ -106,13 +107,10 @@ class StatedColumns:
                 return self._modular(field, geometry, self.found)
 
             solved = persistent(attempt)
-            pivots = tuple(sorted({p for p in self._pivots_of(solved)}, key=self.order.index))
+            pivots = tuple(column for column in self.order if column not in solved)
             for column, combination in solved.items():
                 supports.setdefault(column, set()).update(combination)
         return pivots, supports
-
-    def _pivots_of(self, solved: Mapping[int, object]) -> list[int]:
-        return [column for column in self.order if column not in solved]
 
     def _needed(self, columns: Sequence[int]) -> list[Relation]:
         """The relations that some columns depend on."""
@@ -129,15 +127,13 @@ class StatedColumns:
         return needed
 
     def _stated(self, names: set[str]) -> dict[str, str]:
-        at = {}
-        for name in sorted(names):
-            symbol = self.mechanism.symbols.get(name)
-            if symbol is None or (symbol.value is None and symbol.exact is None):
-                raise ClosedFormError(
-                    f"not all coefficients have closed forms within the budget, and the symbol '{name}' has no value: "
-                    "give it a value, or give a larger budget (--budget)"
-                )
-            at[name] = symbol.exact if symbol.exact is not None else repr(symbol.value)
+        at = stated_values(self.mechanism, names)
+        silent = sorted(names - at.keys())
+        if silent:
+            raise ClosedFormError(
+                f"not all coefficients have closed forms within the budget, and the symbol '{silent[0]}' has no value: "
+                "give it a value, or give a larger budget (--budget)"
+            )
         return at
 
     # -- modulo primes -------------------------------------------------------------------------------------------
@@ -174,9 +170,7 @@ class StatedColumns:
             for k in free
         }
 
-    def _exact(
-        self, pairs: Sequence[Pair], needed: Sequence[Relation], meaning: StatedNumbers
-    ) -> list[Number] | None:
+    def _exact(self, pairs: Sequence[Pair], needed: Sequence[Relation], meaning: StatedNumbers) -> list[Number] | None:
         """Exact values, or None where the stated values have no residues."""
         values = meaning.exact(symbol_roles(self.mechanism).angles)
         if values is None:

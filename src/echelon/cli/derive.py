@@ -15,7 +15,7 @@ import typer
 from echelon.base.derive import base_parameters, base_structure
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.model import BaseModel
-from echelon.cli.progress import progress
+from echelon.cli.progress import steps
 from echelon.errors import one_line
 from echelon.files import write_atomically
 from echelon.formats.linear import holds_linear_model
@@ -37,13 +37,15 @@ class DeriveRequest:
     prefer: tuple[str, ...]
     structure: bool
     seed: int | None
+    budget: float
 
 
 def run_derive(request: DeriveRequest) -> None:
     """Derive, then print or write."""
     seed = DEFAULT_SEED if request.seed is None else request.seed
     started = perf_counter()
-    with progress(f"deriving {request.robot.name}"):
+    with steps() as step:
+        step(f"deriving {request.robot.name}")
         if holds_linear_model(request.robot):
             _write_linear(request, seed, started)
             return
@@ -52,7 +54,14 @@ def run_derive(request: DeriveRequest) -> None:
             text = _structure_text(robot, seed, as_json=request.output_format == "json")
             model = None
         else:
-            model = base_parameters(robot, order=request.order, prefer=request.prefer, seed=seed)
+            model = base_parameters(
+                robot,
+                order=request.order,
+                prefer=request.prefer,
+                seed=seed,
+                budget=request.budget,
+                progress=lambda phase: step(f"deriving {request.robot.name}: {phase}"),
+            )
             text = _render(model, request.output_format)
     elapsed = perf_counter() - started
     if request.output is not None:
@@ -71,7 +80,13 @@ def _write_linear(request: DeriveRequest, seed: int, started: float) -> None:
     from echelon.cli.derive_linear import linear_text
 
     text = linear_text(
-        request.robot, request.output_format, request.order, request.prefer, seed, structure=request.structure
+        request.robot,
+        request.output_format,
+        request.order,
+        request.prefer,
+        seed,
+        request.budget,
+        structure=request.structure,
     )
     if request.output is not None:
         write_atomically(request.output, text)

@@ -14,6 +14,7 @@ import typer
 from echelon.cli.app import app
 from echelon.cli.options import (
     AsJson,
+    Budget,
     EveryLink,
     Floating,
     Gravity,
@@ -73,6 +74,7 @@ def derive(
         bool, typer.Option("--special", help="Instead: special geometry and gravity where the number changes.")
     ] = False,
     seed: Seed = None,
+    budget: Budget = 1.0,
 ) -> None:
     """Derive the base inertial parameters of a robot in closed form."""
     from echelon.cli.derive import DeriveRequest, run_derive
@@ -89,7 +91,9 @@ def derive(
         run_special(robot, chosen_reading, output, seed, as_json=chosen is Format.JSON)
         return
     preferred = tuple(prefer or ())
-    run_derive(DeriveRequest(robot, chosen.value, output, chosen_reading, order.value, preferred, structure, seed))
+    run_derive(
+        DeriveRequest(robot, chosen.value, output, chosen_reading, order.value, preferred, structure, seed, budget)
+    )
 
 
 @app.command(epilog="Example: echelon generate panda.urdf --target c -o generated/")

@@ -44,6 +44,12 @@ Numeric = Annotated[bool, typer.Option("--numeric", help="Keep lengths as exact 
 Mimicking = Annotated[Mimic, typer.Option(help="Respect mimic joints, or treat them as independent.")]
 EveryLink = Annotated[bool, typer.Option("--every-link", help="Keep links fixed to others as bodies.")]
 Massless = Annotated[list[str] | None, typer.Option(help="A link that carries no parameters; may be repeated.")]
+Budget = Annotated[
+    float,
+    typer.Option(
+        min=0, help="How much work closed forms may take: 1 is a few seconds, 0 for numbers only, larger for more."
+    ),
+]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the random points.")]
 
 

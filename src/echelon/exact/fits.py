@@ -31,9 +31,7 @@ _FEW_SYMBOLS = 8
 _Sections = dict[str, Section]
 
 
-def find_fits(
-    unknown: UnknownFunctions, field: PrimeField, rng: np.random.Generator, work: Work
-) -> list[Fit | None]:
+def find_fits(unknown: UnknownFunctions, field: PrimeField, rng: np.random.Generator, work: Work) -> list[Fit | None]:
     """Monomials and coefficients of all functions in one field.
 
     Parameters
@@ -57,9 +55,7 @@ def find_fits(
 
 
 class _Fitting:
-    def __init__(
-        self, unknown: UnknownFunctions, field: PrimeField, rng: np.random.Generator, work: Work
-    ) -> None:
+    def __init__(self, unknown: UnknownFunctions, field: PrimeField, rng: np.random.Generator, work: Work) -> None:
         self.unknown, self.field, self.rng, self.work = unknown, field, rng, work
         self.anchor = self._point()
         self._entangled: dict[object, Residual | None] = {}
@@ -220,4 +216,3 @@ class _Fitting:
             raise DegenerateSampleError("a function vanishes at the anchor")
         terms: Residual = {(): start} if start else {}
         return Numerator(index, denominator, {name: s.top for name, s in parts.items()}, degree, terms)
-

@@ -1,10 +1,10 @@
 """Closed forms by interpolation: from values at random geometries to polynomials and quotients.
 
 The caller can evaluate a vector of unknown functions of the geometry symbols at any points of any field.  Group testing
-finds which symbols each function depends on, lines along single symbols the degrees and the denominator
-(:mod:`echelon.exact.denominators`), and sparse interpolation the numerator (:mod:`echelon.exact.numerators`), all in one
-field.  The coefficients of the monomials that occur are then found in as many fields as it takes, one per sign of √2
-and √3 and one per prime, and put together by Chinese remainders and rational reconstruction.
+finds which symbols each function depends on, lines along single symbols give the degrees and the denominator
+(:mod:`echelon.exact.denominators`), and sparse interpolation the numerator (:mod:`echelon.exact.numerators`), all in
+one field.  The coefficients of the monomials that occur are then found in as many fields as it takes, one per sign of
+√2 and √3 and one per prime, and put together by Chinese remainders and rational reconstruction.
 """
 
 from __future__ import annotations

@@ -24,6 +24,7 @@ from echelon.exact.polynomial import Monomial
 from echelon.exact.unknown import persistent
 from echelon.exact.work import SOLVING, Work
 
+
 @dataclass(eq=False)
 class Numerator:
     """A numerator that is being found.

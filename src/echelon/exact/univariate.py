@@ -1,8 +1,8 @@
 """Functions along one symbol: from values on a line to the degrees of numerator and denominator, and the denominator.
 
 On a line along one symbol every function is a quotient of univariate polynomials, found from its values by the extended
-Euclidean algorithm (von zur Gathen and Gerhard, *Modern Computer Algebra*, 5.8).  Along an angle these are polynomials in
-the tangent t of its half; they become polynomials in cosine and sine by a power of 1 + t², the least that is enough.
+Euclidean algorithm (von zur Gathen and Gerhard, *Modern Computer Algebra*, 5.8).  Along an angle these are polynomials
+in the tangent t of its half; they become polynomials in cosine and sine by a power of 1 + t², the least that is enough.
 """
 
 from __future__ import annotations

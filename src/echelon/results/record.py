@@ -61,6 +61,16 @@ class CertificateRecord(_Strict):
     degree: int
     log10_error: float
     order: int = 0
+    numbers: int = Field(0, description="Columns of B that are numbers, checked at the stated values only.")
+    log10_residual: float | None = Field(None, description="Bound on what is left there, where they are not exact.")
+
+
+class NumbersRecord(_Strict):
+    """Columns of B whose coefficients are numbers in place of closed forms."""
+
+    parameters: list[str] = Field(description="Standard parameters whose coefficients are numbers.")
+    at: dict[str, str] = Field(description="Values of the symbols that they are true at; radians for angles.")
+    radius: float = Field(ge=0, description="Largest error of a coefficient; 0 where they are exact.")
 
 
 class BaseModelRecord(_Strict):
@@ -75,6 +85,7 @@ class BaseModelRecord(_Strict):
     parameters: list[str] = Field(description="Standard parameters, the columns of X and B.")
     order: list[str] = Field(description="Column order for which B is in reduced echelon form.")
     base: list[BaseParameterRecord]
+    numbers: NumbersRecord | None = Field(None, description="What has no closed form within the budget.")
     classification: dict[str, list[str]]
     reading: ReadingRecord
     certificate: CertificateRecord
