@@ -22,6 +22,8 @@ from echelon.exact.work import Work
 from echelon.mechanism.parameter import Parameter
 
 ORDERS = ("base-to-tip", "tip-to-base")
+_EXCHANGE = 5.0
+"""What a product takes in an exchange beside one in a sum, because every sum is reduced on its own."""
 
 
 def column_order(columns: Sequence[Parameter], order: str, prefer: Sequence[str] = ()) -> tuple[int, ...]:
@@ -126,7 +128,7 @@ def _pivot(rows: dict[int, dict[int, RationalFunction]], column: int, pivot: int
     row = rows.pop(pivot)
     lead = row[column]
     across = [other[column] for other in rows.values() if column in other]
-    if not work.take(sum(cost_of_products([(a, b)]) for b in row.values() for a in (lead, *across))):
+    if not work.take(_EXCHANGE * sum(cost_of_products([(a, b)]) for b in row.values() for a in (lead, *across))):
         return False
     scaled = {c: value / lead for c, value in row.items()}
     for other in rows.values():

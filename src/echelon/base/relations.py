@@ -67,7 +67,7 @@ class Relation:
         """Number of columns that are solved for."""
         return self.rows.auxiliary + len(self.sources)
 
-    @property
+    @cached_property
     def cost(self) -> float:
         """Operations of one evaluation modulo a prime."""
         forms = self.rows.forms

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from echelon.errors import ClosedFormError
 
-_OPERATIONS = 2e9  # a few seconds
-_TERMS = 1000
+_OPERATIONS = 5e8  # a few seconds
+_TERMS = 500
 SOLVING = 0.05
 """What an operation of FLINT's linear algebra costs beside one of an evaluation in NumPy."""
 
