@@ -16,7 +16,7 @@ from echelon.base.derive import base_parameters
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.model import BaseModel
 from echelon.base.own import OwnAnswer, own_answer
-from echelon.cli.progress import progress
+from echelon.cli.progress import steps
 from echelon.errors import one_line
 from echelon.files import write_atomically
 from echelon.formats.linear import holds_linear_model
@@ -38,13 +38,15 @@ class DeriveRequest:
     structure: bool
     generic: bool
     seed: int | None
+    budget: float
 
 
 def run_derive(request: DeriveRequest) -> None:
     """Derive, then print or write."""
     seed = DEFAULT_SEED if request.seed is None else request.seed
     started = perf_counter()
-    with progress(f"deriving {request.robot.name}"):
+    with steps() as step:
+        step(f"deriving {request.robot.name}")
         if holds_linear_model(request.robot):
             _write_linear(request, seed, started)
             return
@@ -55,7 +57,13 @@ def run_derive(request: DeriveRequest) -> None:
             model = None
         else:
             model = base_parameters(
-                robot, order=request.order, prefer=request.prefer, generic=request.generic, seed=seed
+                robot,
+                order=request.order,
+                prefer=request.prefer,
+                generic=request.generic,
+                seed=seed,
+                budget=request.budget,
+                progress=lambda phase: step(f"deriving {request.robot.name}: {phase}"),
             )
             text = _render(model, request.output_format)
     elapsed = perf_counter() - started
@@ -80,6 +88,7 @@ def _write_linear(request: DeriveRequest, seed: int, started: float) -> None:
         request.order,
         request.prefer,
         seed,
+        request.budget,
         structure=request.structure,
         generic=request.generic,
     )
