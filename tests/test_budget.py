@@ -17,11 +17,13 @@ from typer.testing import CliRunner
 import arms
 from echelon import base_parameters, load, load_base, save_base, verify
 from echelon.base.closed_matrix import base_matrix
+from echelon.base.expression import collect
 from echelon.base.model import BaseModel
 from echelon.base.structure import find_structure
 from echelon.cli.app import app
 from echelon.errors import CertificateError, ClosedFormError, InputError
 from echelon.exact.polynomial import is_trigonometric, symbol_of
+from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Symbol
 from echelon.mechanism.values import all_symbols
 from oracles import FloatArray
@@ -232,6 +234,12 @@ def test_text_says_what_is_a_number_and_how_to_ask_for_more() -> None:
         "closed forms within the budget"
         not in CliRunner().invoke(app, ["derive", str(EXAMPLES / "double_pendulum.yaml")]).stdout
     )
+
+
+def test_small_numbers_in_latex() -> None:
+    expression = collect("ZZ1", "kg·m²", [("M2", RationalFunction(Fraction(-1, 30000)))], ["M2"])
+    assert str(expression) == "ZZ1 − 3.33333333e-05·M2"
+    assert expression.latex == r"\mathit{ZZ}_{1} - 3.33333333\cdot 10^{-5}\,\mathit{M}_{2}"
 
 
 def test_progress_names_the_phases() -> None:
