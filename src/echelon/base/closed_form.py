@@ -14,13 +14,12 @@ from echelon.base.dependent import Kernel, Relation
 from echelon.conventions import PER_BODY
 from echelon.errors import ClosedFormError
 from echelon.exact.interpolation import interpolate
-from echelon.exact.rational import RationalFunction, cost_of_products, sum_of_products
+from echelon.exact.rational import ONE, RationalFunction, cost_of_products, sum_of_products
 from echelon.exact.work import Work
 
 Combination = dict[int, RationalFunction]
 """A column as a combination of other columns: coefficient by column."""
 
-_ONE = RationalFunction(1)
 _SHARE = 0.5
 """What one kernel may take of the work that is left."""
 
@@ -107,11 +106,16 @@ def _substituted(combination: Combination, solved: Mapping[int, Combination], wo
     """A combination of columns as one of others, or None if it takes too much work."""
     products: dict[int, list[tuple[RationalFunction, RationalFunction]]] = {}
     for column, coefficient in combination.items():
-        for pivot, inner in solved.get(column, {column: _ONE}).items():
-            products.setdefault(pivot, []).append((inner, coefficient))
-    if not work.take(sum(map(cost_of_products, products.values()))):
+        if column not in solved:
+            products.setdefault(column, []).append((ONE, coefficient))
+            continue
+        first = ONE if coefficient.is_one else coefficient  # so that what moves unchanged remains one object
+        for pivot, inner in solved[column].items():
+            products.setdefault(pivot, []).append((first, inner))
+    true = [terms for terms in products.values() if len(terms) > 1 or terms[0][0] is not ONE]
+    if not work.take(sum(map(cost_of_products, true))):
         return None
     total = {pivot: sum_of_products(terms) for pivot, terms in sorted(products.items())}
     if any(len(c.numerator.terms) > work.terms for c in total.values()):
         return None
-    return {pivot: c for pivot, c in total.items() if c}
+    return {pivot: c for pivot, c in total.items() if c.numerator.terms}

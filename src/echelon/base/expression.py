@@ -90,6 +90,9 @@ class Style(Protocol):
     def number(self, value: Number) -> str:
         """A non-negative number, or a surd."""
 
+    def decimal(self, text: str) -> str:
+        """A non-negative decimal number, perhaps with an exponent after ``e``."""
+
     def fraction(self, top: str, bottom: str) -> str:
         """A quotient."""
 
@@ -116,6 +119,10 @@ class TextStyle:
         if not isinstance(value, Surd):
             return str(value)
         return re.sub(r"sqrt\((\d)\)", r"√\1", repr(value)).replace("*", "").replace("-", self.minus)
+
+    def decimal(self, text: str) -> str:
+        """As it is."""
+        return text
 
     def fraction(self, top: str, bottom: str) -> str:
         """With a slash, in parentheses because it is followed by a product."""
@@ -149,6 +156,11 @@ class LatexStyle:
         if fraction.denominator == 1:
             return str(fraction.numerator)
         return f"\\tfrac{{{fraction.numerator}}}{{{fraction.denominator}}}"
+
+    def decimal(self, text: str) -> str:
+        """With a power of ten."""
+        mantissa, _, exponent = text.partition("e")
+        return rf"{mantissa}\cdot 10^{{{int(exponent)}}}" if exponent else text
 
     def fraction(self, top: str, bottom: str) -> str:
         """With a fraction bar."""
@@ -197,7 +209,7 @@ def render(expression: Expression, style: Style) -> str:
 def _group(group: Group, style: Style) -> tuple[int, str]:
     """Sign and absolute value of a group."""
     names = [style.parameter(name) for name in group.parameters]
-    sign, factor = _decimal_text(group) if group.decimal else coefficient_text(group.coefficient, style)
+    sign, factor = _decimal_text(group, style) if group.decimal else coefficient_text(group.coefficient, style)
     if not factor:
         joiner = f" {style.minus if sign < 0 else '+'} "
         return sign, joiner.join(names)
@@ -205,11 +217,11 @@ def _group(group: Group, style: Style) -> tuple[int, str]:
     return sign, f"{factor}{style.times}{body}"
 
 
-def _decimal_text(group: Group) -> tuple[int, str]:
+def _decimal_text(group: Group, style: Style) -> tuple[int, str]:
     """Sign and absolute value of a number; the text is empty for ±1."""
     value = group.coefficient.evaluate({}, float)
     size = f"{abs(value):.{_DECIMAL_DIGITS}g}"
-    return (-1 if value < 0 else 1), "" if size == "1" else size
+    return (-1 if value < 0 else 1), "" if size == "1" else style.decimal(size)
 
 
 def coefficient_text(coefficient: RationalFunction, style: Style) -> tuple[int, str]:

@@ -238,9 +238,10 @@ def linear_base_parameters(
         structure = LinearStructure(own.regressor, own.parameters, order, rng)
         matrix = structure.matrix(structure.dependences(), Work.of(budget))
     except (UnknownRelationsError, ClosedFormError) as error:
-        if isinstance(error, ClosedFormError) and None in model.constants.values():
-            raise
-        found, decimals, evidence = BallStructure(model, order, rng).solve()
+        try:
+            found, decimals, evidence = BallStructure(model, order, rng).solve()
+        except ClosedFormError as second:
+            raise (error if isinstance(error, ClosedFormError) else second) from None
         return LinearBase(model, found, decimals, BALLS, evidence, seed)
     certificate: Certificate = certify(own.regressor, matrix, seed)
     definitions = {n: d for n, d in structure.sampler.definitions.items() if n in matrix.symbols}

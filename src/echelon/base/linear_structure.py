@@ -123,13 +123,15 @@ class LinearStructure:
             _irrational(self.forms),
             self._cost(len(sources), len(targets)),
         )
-        functions = interpolate(unknown, self.rng, work)
+        advice = "give constants values, or a name of their own to products of them, or a larger budget (--budget)"
+        try:
+            functions = interpolate(unknown, self.rng, work)
+        except ClosedFormError as error:
+            raise ClosedFormError(f"{error}; {advice}") from None
         found = [f for f in functions if f is not None]
         if len(found) < len(functions):
-            raise ClosedFormError(
-                f"{len(functions) - len(found)} coefficients have no closed form within the budget; give constants "
-                "values, or a name of their own to products of them"
-            )
+            missing = len(functions) - len(found)
+            raise ClosedFormError(f"{missing} coefficients have no closed form within the budget; {advice}")
         return found
 
     def _cost(self, sources: int, targets: int) -> float:

@@ -23,6 +23,8 @@ from echelon.regressor.linear import LinearForms
 _BITS = 512
 _POINTS, _BALL_STATES = 2, 8
 _ATTEMPTS = 64
+_LOOSEST = 1e-30
+"""The largest error of a coefficient, beside the largest coefficient, with which a check means anything."""
 
 
 def check_stated(regressor: LinearForms, matrix: BaseMatrix, order: int | None, rng: np.random.Generator) -> float:
@@ -49,6 +51,9 @@ def check_stated(regressor: LinearForms, matrix: BaseMatrix, order: int | None, 
     numbers = matrix.numbers
     if numbers is None or not numbers.columns:
         return -inf
+    sizes = [abs(x) for column in _combinations(matrix, numbers, float).values() for _, x in column]
+    if not numbers.radius <= _LOOSEST * max(1.0, *sizes):
+        raise CertificateError(f"numbers with errors of {numbers.radius:.0e} prove nothing")
     sampler = regressor.sampler(order)
     if numbers.radius == 0:
         for _ in range(_POINTS):
