@@ -236,9 +236,20 @@ def test_text_says_what_is_a_number_and_how_to_ask_for_more() -> None:
     assert "numbers: the coefficients of YY2" in result.stdout or "numbers: the coefficients of M2" in result.stdout
     assert "larger --budget" in result.stdout
     assert (
-        "closed forms within the budget"
+        "in place of closed forms"
         not in CliRunner().invoke(app, ["derive", str(EXAMPLES / "double_pendulum.yaml")]).stdout
     )
+
+
+def test_numeric_gives_numbers_where_sines_are_not_exact(tmp_path: Path) -> None:
+    file = written(odd_arm(3), tmp_path)
+    result = CliRunner().invoke(app, ["derive", str(file), "--numeric", "--json"])
+    assert result.exit_code == 0, result.output
+    record = json.loads(result.stdout)
+    terms = [term for row in record["base"] for term in row["terms"]]
+    assert all(Fraction(term["coefficient"]) for term in terms)
+    assert 0 < record["numbers"]["radius"] < 1e-30
+    assert record["rank"] == base_parameters(load(file)).rank
 
 
 def test_small_numbers_in_latex() -> None:

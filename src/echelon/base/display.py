@@ -104,8 +104,8 @@ def numbers_text(model: BaseModel, numbers: StatedNumbers) -> str:
     names = " ".join(model.parameters[column] for column in numbers.columns)
     within = "exact" if not numbers.radius else f"within {numbers.radius:.0e}"
     return (
-        f"the coefficients of {names} have no closed forms within the budget; they are numbers at the stated values "
-        f"({within}; a larger --budget finds more closed forms)"
+        f"the coefficients of {names} are numbers at the stated values, in place of closed forms "
+        f"({within}; a larger --budget, without --numeric, finds more closed forms)"
     )
 
 
