@@ -8,15 +8,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from echelon.errors import ClosedFormError, DegenerateSampleError
 from echelon.exact.expressions import parse
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.interpolation import UnknownFunctions, interpolate
+from echelon.exact.interpolation import interpolate
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
+from echelon.exact.univariate import sections
+from echelon.exact.unknown import UnknownFunctions
+from echelon.exact.work import Work
 
 LENGTHS, ANGLES, OTHERS = ("d", "r", "l3"), ("a", "b"), ("g", "k")
 
@@ -148,20 +152,96 @@ def _noise(field: PrimeField, geometry: Any) -> Residues:
     return field.draw(np.random.default_rng(), (1, len(geometry["k"])))
 
 
-def _power(field: PrimeField, geometry: Any) -> Residues:
-    return np.array([[pow(int(k), 40, field.p) for k in geometry["k"]]])
+@pytest.mark.parametrize("budget", [0, 1])
+def test_singular_everywhere_is_an_error(budget: float) -> None:
+    unknown = UnknownFunctions(_always_singular, ["k"], frozenset(), frozenset(), [0], (False, False))
+    with pytest.raises(ClosedFormError, match="singular" if budget else "budget"):
+        interpolate(unknown, np.random.default_rng(10), Work.of(budget))
+
+
+def test_what_has_no_closed_form_is_left_open() -> None:
+    unknown = UnknownFunctions(_noise, ["k"], frozenset(), frozenset(), [0], (False, False))
+    assert interpolate(unknown, np.random.default_rng(10)) == [None]
+
+
+def test_functions_that_cost_too_much_are_left_open() -> None:
+    """Of two functions the one with many terms is left out, whatever the order."""
+    known = Known(["d + r", " + ".join(f"{k}*g^{k}*k^{7 - k}*d" for k in range(1, 7)), "d"], [1, 1, 1])
+    assert interpolate(known.unknown(), np.random.default_rng(0)) == known.functions
+    found = interpolate(known.unknown(), np.random.default_rng(0), Work(1e6, 3))
+    assert [f is None for f in found] == [False, True, False]
+
+
+def test_undeclared_roots_are_left_open() -> None:
+    known = Known(["sqrt(2)*k"])
+    assert interpolate(known.unknown(), np.random.default_rng(11)) == [None]
+
+
+# -- along one symbol -------------------------------------------------------------------------------------------------
+
+_integers = st.lists(st.integers(-50, 50), min_size=1, max_size=5).filter(any)
+
+
+@settings(max_examples=40)
+@given(_integers, _integers, st.integers(0, 99))
+def test_degrees_and_denominator_along_a_line(top: list[int], bottom: list[int], seed: int) -> None:
+    """Against SymPy's cancellation over the same field."""
+    x = sympy.Symbol("x")
+    rng = np.random.default_rng(seed)
+    field = PrimeField.random(rng)
+    quotient = [sympy.Poly(c, x, modulus=field.p) for c in (top, bottom)]
+    shared = quotient[0].gcd(quotient[1])
+    above, below = (part.quo(shared) for part in quotient)
+    nodes = np.unique(field.draw(rng, (16,)))
+    values = [int(quotient[0].eval(int(n))) * field.invert(int(quotient[1].eval(int(n)))) % field.p for n in nodes]
+    (section,) = sections(nodes, np.array([values]), field, angle=False)
+    assert section is not None
+    monic = [int(c) % field.p for c in reversed(below.monic().all_coeffs())]
+    assert (section.top, section.bottom, list(section.denominator)) == (above.degree(), below.degree(), monic)
 
 
 @pytest.mark.parametrize(
-    ("evaluate", "reason"), [(_always_singular, "singular"), (_noise, "no quotient"), (_power, "no quotient")]
+    ("text", "degrees"),
+    [
+        ("cos(a)^2*sin(a)", (3, 0)),
+        ("cos(a) : sin(a)", (1, 1)),
+        ("1 : 1 + cos(a)", (0, 1)),
+        ("sin(a) : 2 + cos(a)^2", (1, 2)),
+        ("3", (0, 0)),
+    ],
 )
-def test_what_has_no_closed_form_is_reported(evaluate: Any, reason: str) -> None:
-    unknown = UnknownFunctions(evaluate, ["k"], frozenset(), frozenset(), [0], (False, False))
-    with pytest.raises(ClosedFormError, match=reason):
-        interpolate(unknown, np.random.default_rng(10))
+def test_degrees_of_trigonometric_quotients(text: str, degrees: tuple[int, int]) -> None:
+    rng = np.random.default_rng(12)
+    field = PrimeField.random(rng)
+    nodes = field.draw(rng, (16,))
+    (section,) = sections(nodes, Known([text]).evaluate(field, {"a": nodes}), field, angle=True)
+    assert section is not None
+    assert (section.top, section.bottom) == degrees
 
 
-def test_undeclared_roots_end_in_an_error() -> None:
-    known = Known(["sqrt(2)*k"])
-    with pytest.raises(ClosedFormError, match="primes"):
-        interpolate(known.unknown(), np.random.default_rng(11))
+_factors = st.lists(st.sampled_from(["d", "r", "l3", "cos(a)", "sin(a)", "cos(b)", "sin(b)", "g", "k"]), max_size=5)
+_sums = st.lists(st.tuples(st.integers(1, 99), _factors), min_size=1, max_size=6).map(
+    lambda terms: " + ".join("*".join([str(c), *factors]) for c, factors in terms)
+)
+_denominators = st.sampled_from(
+    ["1", "k", "cos(a)", "2 + sin(b)", "(1 + k)*cos(a)", "g + k", "3 + cos(a)*sin(b)", "1 - cos(a)^2", "k + cos(b)"]
+)
+
+
+@settings(max_examples=25, deadline=None)
+@given(_sums, _denominators, st.integers(0, 99))
+def test_random_quotients_are_found(top: str, bottom: str, seed: int) -> None:
+    """No length is declared here, so that the terms may have any degrees."""
+    known = Known([f"{top} : {bottom}"])
+    unknown = replace(known.unknown(), lengths=frozenset())
+    assert interpolate(unknown, np.random.default_rng(seed)) == known.functions
+
+
+def test_many_symbols_cost_by_the_term() -> None:
+    """Twelve symbols: all monomials of these degrees would be millions."""
+    text = "d*cos(a)*sin(b)*g*k + r*l3*u*v^2 - 7*w*x*y*z*cos(b)^2 + sin(a)^1*z^2*k^2 : cos(b)"
+    known = Known([text], symbols=(*LENGTHS, *ANGLES, *OTHERS, *"uvwxyz"))
+    work = Work.of(1)
+    unknown = replace(known.unknown(), lengths=frozenset())
+    assert interpolate(unknown, np.random.default_rng(0), work) == known.functions
+    assert Work.of(1).operations - work.operations < 5000

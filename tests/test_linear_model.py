@@ -54,6 +54,21 @@ def test_the_reduced_regressor_reproduces_the_full_one(name: str) -> None:
     assert reduced == pytest.approx(full @ zeta, rel=1e-9)
 
 
+@pytest.mark.parametrize("name", ["thermal_network", "heat_capacity"])
+def test_numbers_after_the_budget(name: str) -> None:
+    """Ball arithmetic answers where closed forms may not take any work and all constants have values."""
+    model = load_linear(EXAMPLES / f"{name}.yaml")
+    closed, numbers = ec.base_parameters(model), ec.base_parameters(model, budget=0)
+    assert numbers.route == "balls"
+    assert numbers.pivots == closed.pivots
+    np.testing.assert_allclose(numbers.B_float(), closed.B_float(), rtol=1e-12)
+
+
+def test_constants_without_values_need_closed_forms() -> None:
+    with pytest.raises(ec.ClosedFormError, match="constants"):
+        ec.base_parameters(load_linear(EXAMPLES / "aircraft_longitudinal.yaml"), budget=0)
+
+
 def test_a_rank_that_floating_point_gets_wrong() -> None:
     model = load_linear(EXAMPLES / "heat_capacity.yaml")
     W = evaluate_model(model, model.regressor, {"T": np.linspace(280, 320, 1000)})[:, 0]

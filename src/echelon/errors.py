@@ -63,7 +63,7 @@ class UnknownRelationsError(EchelonError):
 
 
 class ClosedFormError(EchelonError):
-    """No closed form was found within the degree bounds; rank and pivots are not affected."""
+    """No closed form was found within the budget, and no stated values give numbers; the rank is not affected."""
 
 
 class CertificateError(EchelonError):

@@ -51,8 +51,9 @@ class BaseSet(ABC):
     @cached_property
     def expressions(self) -> tuple[Expression, ...]:
         """Every base parameter in closed form, terms with equal coefficients collected."""
+        decimals = [self.parameters[c] for c in self.matrix.numbers.columns] if self.matrix.numbers else []
         return tuple(
-            collect(name, unit, [(self.parameters[c], value) for c, value in sorted(row.items())])
+            collect(name, unit, [(self.parameters[c], value) for c, value in sorted(row.items())], decimals)
             for name, unit, row in zip(self.pivots, self.units, self.matrix.rows, strict=True)
         )
 

@@ -19,14 +19,15 @@ The set was derived from energies; the check uses the inverse dynamics (as rows 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
-from math import log10
+from math import inf, log10
 from typing import Any
 
 import numpy as np
 
 from echelon.base.matrix import BaseMatrix
+from echelon.base.stated_check import check_stated
 from echelon.errors import CertificateError, DegenerateSampleError
 from echelon.exact.elimination import rank
 from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField
@@ -73,6 +74,11 @@ class Certificate:
         Regions of signs that were visited, by the minor and at every point; 0 without signs.
     regions_note : str
         Why other regions do not matter, or that this is assumed, and which signs were seen from one side only.
+    numbers : int
+        Number of columns of B that are numbers, checked at the stated values of the symbols only.
+    log10_residual : float or None
+        Decimal logarithm of a bound on what X · N leaves there, beside the largest entry of X; None where the numbers
+        are exact.
     """
 
     rank: int
@@ -86,6 +92,8 @@ class Certificate:
     at_values: bool = False
     regions: int = 0
     regions_note: str = ""
+    numbers: int = 0
+    log10_residual: float | None = None
 
     def __str__(self) -> str:
         count = len(self.identity_primes)
@@ -96,6 +104,10 @@ class Certificate:
                 f"{self.order} is missed with probability below 1e{int(self.log10_error)}"
             )
         where = " at the stated values" if self.at_values else ""
+        if self.numbers:
+            left = self.log10_residual
+            found = "exactly" if left is None else f"in ball arithmetic, residual below 1e{int(left)}"
+            how += f"; {self.numbers} columns of numbers at the stated values only, {found}"
         return (
             f"rank {self.rank} proved from below by a non-zero minor{where} mod {self.minor_prime}; "
             f"completeness X·N = 0 checked {how}{f', {self.regions_note}' if self.regions_note else ''}"
@@ -126,6 +138,17 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: State
         not; the message names the parameter.
     """
     _check_echelon(matrix)
+    certificate = _certified(regressor, matrix, seed, values)
+    if matrix.numbers is None:
+        return certificate
+    order = _curve_order(regressor, matrix.rank)
+    residual = check_stated(regressor, matrix, order, random_generator(seed))
+    return replace(
+        certificate, numbers=len(matrix.numbers.columns), log10_residual=None if residual == -inf else residual
+    )
+
+
+def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: StatedValues | None) -> Certificate:
     if regressor.shape[1] != len(matrix.parameters):
         raise CertificateError(
             f"the set has {len(matrix.parameters)} standard parameters, the model {regressor.shape[1]}"
@@ -292,6 +315,9 @@ def _compare_entries(
     by_row: dict[int, dict[int, int]] = {}
     for (row, column), value in entry.items():
         by_row.setdefault(row, {})[column] = value
+    # columns of numbers are true at the stated values only, where they are checked on their own
+    stated = set(matrix.numbers.columns) if matrix.numbers else set()
+    general = [column for column in range(len(matrix.parameters)) if column not in stated]
     for actual in by_row.values():
         claimed = dict.fromkeys(range(len(matrix.parameters)), 0)
         for pivot, combination in zip(matrix.pivots, rows, strict=True):
@@ -299,8 +325,9 @@ def _compare_entries(
             if value:
                 for column, factor in combination.items():
                     claimed[column] += factor * value
-        for column, name in enumerate(matrix.parameters):
+        for column in general:
             if (actual.get(column, 0) - claimed[column]) % field.p:
+                name = matrix.parameters[column]
                 raise CertificateError(f"the set is incomplete or wrong: it does not reproduce the effect of {name}")
 
 

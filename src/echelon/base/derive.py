@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import overload
 
-import numpy as np
-
 from echelon.base.certificate import certify
-from echelon.base.closed_form import dependent_columns
+from echelon.base.closed_matrix import base_matrix
 from echelon.base.linear_base import LinearBase, linear_base_parameters
-from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.base.modes import in_mode
-from echelon.base.order import column_order, reordered
+from echelon.base.order import column_order
 from echelon.base.own import own_answer
 from echelon.base.reading_report import report_reading
 from echelon.base.structure import Structure
 from echelon.errors import InputError
-from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import stated_values
 from echelon.models.linear_model import LinearModel
@@ -26,15 +22,33 @@ from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 
+def _silent(_: str) -> None:
+    """Progress for nobody."""
+
+
 @overload
 def base_parameters(
-    mechanism: Mechanism, *, order: str = ..., prefer: Sequence[str] = ..., generic: bool = ..., seed: int = ...
+    mechanism: Mechanism,
+    *,
+    order: str = ...,
+    prefer: Sequence[str] = ...,
+    generic: bool = ...,
+    seed: int = ...,
+    budget: float = ...,
+    progress: Callable[[str], None] = ...,
 ) -> BaseModel: ...
 
 
 @overload
 def base_parameters(
-    mechanism: LinearModel, *, order: str = ..., prefer: Sequence[str] = ..., generic: bool = ..., seed: int = ...
+    mechanism: LinearModel,
+    *,
+    order: str = ...,
+    prefer: Sequence[str] = ...,
+    generic: bool = ...,
+    seed: int = ...,
+    budget: float = ...,
+    progress: Callable[[str], None] = ...,
 ) -> LinearBase: ...
 
 
@@ -45,6 +59,8 @@ def base_parameters(
     prefer: Sequence[str] = (),
     generic: bool = False,
     seed: int = DEFAULT_SEED,
+    budget: float = 1.0,
+    progress: Callable[[str], None] = _silent,
 ) -> BaseModel | LinearBase:
     """Base parameters in closed form, with a certificate.
 
@@ -63,6 +79,11 @@ def base_parameters(
         Answer for general values of the symbols instead of the stated ones.
     seed : int
         Seed of the random points; the result does not depend on it.
+    budget : float
+        How much work closed forms may take, counted in operations: 1 for a few seconds, 0 for numbers only.  Columns
+        of B that are not done have numbers at the stated values instead (see ``matrix.numbers``).
+    progress : callable
+        Called with what is done next, for people who wait.
 
     Returns
     -------
@@ -71,9 +92,9 @@ def base_parameters(
     Raises
     ------
     InputError
-        If a linear model is to be put in the order of a mechanism.
+        If a linear model is to be put in the order of a mechanism, or the budget is negative.
     ClosedFormError
-        If a coefficient has no closed form within the degree bounds.
+        If a coefficient has no closed form within the budget, and no stated values to give a number at.
     CertificateError
         If the result does not pass its own check.
 
@@ -84,17 +105,19 @@ def base_parameters(
     >>> base.rank, len(base.parameters)
     (43, 70)
     """
+    if not budget >= 0:
+        raise InputError(f"a budget of {budget} is not possible: 0 for numbers only, 1 is the default")
     if isinstance(mechanism, LinearModel):
         if order != "base-to-tip":
             raise InputError("a linear model has no base and tip: choose representatives with prefer")
-        return linear_base_parameters(mechanism, prefer, seed, generic=generic)
+        return linear_base_parameters(mechanism, prefer, seed, budget, generic=generic)
     rng = random_generator(seed)
     columns = column_order(mechanism.columns, order, prefer)
+    progress("structure")
     answer = own_answer(mechanism, rng, generic=generic)
     own, structure = answer.mechanism, answer.structure
-    matrix = classical_matrix(own, structure, rng)
-    if columns != matrix.order:
-        matrix = reordered(matrix, columns, rng)
+    matrix = base_matrix(own, structure, columns, rng, budget, progress)
+    progress("certificate")
     forms = in_mode(virtual_power_form(own), structure.accepted)
     certificate = certify(forms, matrix, seed, None if generic else stated_values(own))
     reading = report_reading(mechanism, structure.rank if answer.special is None else answer.special.rank, rng)
@@ -116,13 +139,3 @@ def base_structure(mechanism: Mechanism, *, generic: bool = False, seed: int = D
     Structure
     """
     return own_answer(mechanism, random_generator(seed), generic=generic).structure
-
-
-def classical_matrix(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> BaseMatrix:
-    """B in base-to-tip order."""
-    rows: dict[int, dict[int, RationalFunction]] = {p: {p: RationalFunction(1)} for p in structure.pivots}
-    for column, combination in dependent_columns(mechanism, structure, rng).items():
-        for pivot, coefficient in combination.items():
-            rows[pivot][column] = coefficient
-    ordered = tuple(dict(sorted(rows[p].items())) for p in structure.pivots)
-    return BaseMatrix(mechanism.parameters, structure.pivots, ordered, tuple(range(structure.parameters)))

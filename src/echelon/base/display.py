@@ -13,6 +13,7 @@ from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import one_line
 
 if TYPE_CHECKING:
+    from echelon.base.matrix import StatedNumbers
     from echelon.base.model import BaseModel
 
 _LATEX_ROWS_PER_PAGE = 40
@@ -85,6 +86,8 @@ def facts(model: BaseModel) -> list[tuple[str, str]]:
         found.append(("symbols", ", ".join(f"{s.name} = {value_text(s.exact, s.value)}" for s in used)))
     if model.special is not None:
         found.append(("stated values", one_line(model.special.text("robot"))))
+    if model.matrix.numbers:
+        found.append(("numbers", one_line(numbers_text(model, model.matrix.numbers))))
     if model.reading.snaps:
         found.append(("read as exact", one_line(snap_summary(model))))
     if model.reading.mimics is not None:
@@ -94,6 +97,16 @@ def facts(model: BaseModel) -> list[tuple[str, str]]:
         found.append(("doubt", model.reading.doubt))
     found.append(("certificate", str(model.certificate)))
     return found
+
+
+def numbers_text(model: BaseModel, numbers: StatedNumbers) -> str:
+    """Which coefficients are numbers in place of closed forms, how exact they are, and how to ask for more."""
+    names = " ".join(model.parameters[column] for column in numbers.columns)
+    within = "exact" if not numbers.radius else f"within {numbers.radius:.0e}"
+    return (
+        f"the coefficients of {names} are numbers at the stated values, in place of closed forms "
+        f"({within}; a larger --budget, without --numeric, finds more closed forms)"
+    )
 
 
 def value_text(exact: str | None, value: float | None) -> str:

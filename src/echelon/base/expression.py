@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Protocol
@@ -14,13 +14,24 @@ from echelon.exact.numbers import Number, Surd
 from echelon.exact.polynomial import Monomial, Polynomial, is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
 
+_DECIMAL_DIGITS = 9
+
 
 @dataclass(frozen=True)
 class Group:
-    """Standard parameters with a common coefficient."""
+    """Standard parameters with a common coefficient.
+
+    Attributes
+    ----------
+    coefficient : RationalFunction
+    parameters : tuple of str
+    decimal : bool
+        Whether the coefficient is a number in place of a closed form, to be shown with a few digits.
+    """
 
     coefficient: RationalFunction
     parameters: tuple[str, ...]
+    decimal: bool = False
 
 
 @dataclass(frozen=True)
@@ -52,14 +63,16 @@ class Expression:
         return f"${self.latex}$"
 
 
-def collect(name: str, unit: str, terms: Sequence[tuple[str, RationalFunction]]) -> Expression:
-    """Group terms with equal coefficients, the representative first."""
-    groups: dict[RationalFunction, list[str]] = {}
+def collect(
+    name: str, unit: str, terms: Sequence[tuple[str, RationalFunction]], decimals: Collection[str] = ()
+) -> Expression:
+    """Group terms with equal coefficients, the representative first; those of ``decimals`` are numbers."""
+    groups: dict[tuple[RationalFunction, bool], list[str]] = {}
     for parameter, coefficient in terms:
         if parameter != name:
-            groups.setdefault(coefficient, []).append(parameter)
+            groups.setdefault((coefficient, parameter in decimals), []).append(parameter)
     head = Group(RationalFunction(1), (name,))
-    return Expression(name, unit, (head, *(Group(c, tuple(names)) for c, names in groups.items())))
+    return Expression(name, unit, (head, *(Group(c, tuple(names), d) for (c, d), names in groups.items())))
 
 
 class Style(Protocol):
@@ -76,6 +89,9 @@ class Style(Protocol):
 
     def number(self, value: Number) -> str:
         """A non-negative number, or a surd."""
+
+    def decimal(self, text: str) -> str:
+        """A non-negative decimal number, perhaps with an exponent after ``e``."""
 
     def fraction(self, top: str, bottom: str) -> str:
         """A quotient."""
@@ -103,6 +119,10 @@ class TextStyle:
         if not isinstance(value, Surd):
             return str(value)
         return re.sub(r"sqrt\((\d)\)", r"√\1", repr(value)).replace("*", "").replace("-", self.minus)
+
+    def decimal(self, text: str) -> str:
+        """As it is."""
+        return text
 
     def fraction(self, top: str, bottom: str) -> str:
         """With a slash, in parentheses because it is followed by a product."""
@@ -136,6 +156,11 @@ class LatexStyle:
         if fraction.denominator == 1:
             return str(fraction.numerator)
         return f"\\tfrac{{{fraction.numerator}}}{{{fraction.denominator}}}"
+
+    def decimal(self, text: str) -> str:
+        """With a power of ten."""
+        mantissa, _, exponent = text.partition("e")
+        return rf"{mantissa}\cdot 10^{{{int(exponent)}}}" if exponent else text
 
     def fraction(self, top: str, bottom: str) -> str:
         """With a fraction bar."""
@@ -184,12 +209,19 @@ def render(expression: Expression, style: Style) -> str:
 def _group(group: Group, style: Style) -> tuple[int, str]:
     """Sign and absolute value of a group."""
     names = [style.parameter(name) for name in group.parameters]
-    sign, factor = coefficient_text(group.coefficient, style)
+    sign, factor = _decimal_text(group, style) if group.decimal else coefficient_text(group.coefficient, style)
     if not factor:
         joiner = f" {style.minus if sign < 0 else '+'} "
         return sign, joiner.join(names)
     body = names[0] if len(names) == 1 else f"({' + '.join(names)})"
     return sign, f"{factor}{style.times}{body}"
+
+
+def _decimal_text(group: Group, style: Style) -> tuple[int, str]:
+    """Sign and absolute value of a number; the text is empty for ±1."""
+    value = group.coefficient.evaluate({}, float)
+    size = f"{abs(value):.{_DECIMAL_DIGITS}g}"
+    return (-1 if value < 0 else 1), "" if size == "1" else style.decimal(size)
 
 
 def coefficient_text(coefficient: RationalFunction, style: Style) -> tuple[int, str]:

@@ -14,8 +14,9 @@ from echelon.base.base_set import BaseSet
 from echelon.base.certificate import Certificate, certify
 from echelon.base.matrix import BaseMatrix
 from echelon.base.value_relations import RelationSearch, SpecialValues
-from echelon.errors import InputError, UnknownRelationsError
+from echelon.errors import ClosedFormError, InputError, UnknownRelationsError
 from echelon.exact.polynomial import Polynomial
+from echelon.exact.work import Work
 from echelon.mechanism.stated import StatedValues
 from echelon.models.evaluation import definition_values, evaluate_model
 from echelon.models.linear_model import LinearModel
@@ -200,9 +201,11 @@ class LinearBase(BaseSet):
 
 
 def linear_base_parameters(
-    model: LinearModel, prefer: Sequence[str], seed: int, *, generic: bool = False
+    model: LinearModel, prefer: Sequence[str], seed: int, budget: float = 1.0, *, generic: bool = False
 ) -> LinearBase:
     """Base parameters of a linear model: exact where relations are known, by ball arithmetic where not.
+
+    Ball arithmetic also gives numbers where closed forms take more than the budget and all constants have values.
 
     Parameters
     ----------
@@ -210,13 +213,15 @@ def linear_base_parameters(
     prefer : sequence of str
         Parameters that should be representatives, most wanted first.
     seed : int
+    budget : float
+        How much work closed forms may take.
     generic : bool
         Answer for general values of the constants instead of the stated ones.
 
     Raises
     ------
     ClosedFormError
-        If a coefficient has no closed form.
+        If a coefficient has no closed form within the budget, and a constant has no value.
     """
     from echelon.base.linear_balls import BallStructure
     from echelon.base.linear_structure import LinearStructure
@@ -231,11 +236,15 @@ def linear_base_parameters(
         own, special = _own_model(model, order, rng)
         own = model if generic else own
         structure = LinearStructure(own.regressor, own.parameters, order, rng)
-        dependences = structure.dependences()
-    except UnknownRelationsError as error:
-        found, decimals, evidence = BallStructure(model, order, rng).solve()
-        return LinearBase(model, found, decimals, BALLS, replace(evidence, reason=error.reason), seed)
-    matrix = structure.matrix(dependences)
+        matrix = structure.matrix(structure.dependences(), Work.of(budget))
+    except (UnknownRelationsError, ClosedFormError) as error:
+        try:
+            found, decimals, evidence = BallStructure(model, order, rng).solve()
+        except ClosedFormError as second:
+            raise (error if isinstance(error, ClosedFormError) else second) from None
+        if isinstance(error, UnknownRelationsError):
+            evidence = replace(evidence, reason=error.reason)
+        return LinearBase(model, found, decimals, BALLS, evidence, seed)
     certificate: Certificate = certify(own.regressor, matrix, seed)
     definitions = {n: d for n, d in structure.sampler.definitions.items() if n in matrix.symbols}
     return LinearBase(own, matrix, definitions, FINITE_FIELD, certificate, seed, special)

@@ -16,9 +16,11 @@ from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError
 from echelon.exact.ansatz import Geometry
 from echelon.exact.elimination import reduced_echelon, solve_batched
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.interpolation import UnknownFunctions, interpolate
+from echelon.exact.interpolation import interpolate
 from echelon.exact.numbers import Surd, parts_of
 from echelon.exact.rational import RationalFunction
+from echelon.exact.unknown import UnknownFunctions
+from echelon.exact.work import Work
 from echelon.regressor.linear import LinearForms
 
 _SURPLUS_ROWS, _ATTEMPTS, _MOST_ROWS = 8, 64, 20_000
@@ -70,18 +72,18 @@ class LinearStructure:
             previous, rows = current, min(2 * rows, max(_MOST_ROWS, 2 * self.sampler.regions * self.forms.shape[0]))
         raise EchelonError("random points keep contradicting each other; please report this model")
 
-    def matrix(self, supports: Supports) -> BaseMatrix:
+    def matrix(self, supports: Supports, work: Work) -> BaseMatrix:
         """B in closed form.
 
         Raises
         ------
         ClosedFormError
-            If a coefficient has no closed form within the degree bounds.
+            If a coefficient has no closed form within the budget.
         """
         pivots = tuple(c for c in self.order if c not in supports)
         rows: dict[int, dict[int, RationalFunction]] = {p: {p: RationalFunction(1)} for p in pivots}
         pairs = [(s, t) for t in supports for s in supports[t]]
-        for (source, target), function in zip(pairs, self._interpolated(pairs), strict=True):
+        for (source, target), function in zip(pairs, self._interpolated(pairs, work), strict=True):
             rows[source][target] = function
         return BaseMatrix(self.parameters, pivots, tuple(dict(sorted(rows[p].items())) for p in pivots), self.order)
 
@@ -102,7 +104,7 @@ class LinearStructure:
 
     # -- closed forms --------------------------------------------------------------------------------------------
 
-    def _interpolated(self, pairs: list[tuple[int, int]]) -> list[RationalFunction]:
+    def _interpolated(self, pairs: list[tuple[int, int]], work: Work) -> list[RationalFunction]:
         if not pairs:
             return []
         sources, targets = sorted({s for s, _ in pairs}), sorted({t for _, t in pairs})
@@ -119,13 +121,23 @@ class LinearStructure:
             frozenset(),
             [0] * len(pairs),
             _irrational(self.forms),
+            self._cost(len(sources), len(targets)),
         )
+        advice = "give constants values, or a name of their own to products of them, or a larger budget (--budget)"
         try:
-            return interpolate(unknown, self.rng)
+            functions = interpolate(unknown, self.rng, work)
         except ClosedFormError as error:
-            raise ClosedFormError(
-                f"{error}; give constants values, or a name of their own to products of them"
-            ) from None
+            raise ClosedFormError(f"{error}; {advice}") from None
+        found = [f for f in functions if f is not None]
+        if len(found) < len(functions):
+            missing = len(functions) - len(found)
+            raise ClosedFormError(f"{missing} coefficients have no closed form within the budget; {advice}")
+        return found
+
+    def _cost(self, sources: int, targets: int) -> float:
+        """Operations of one evaluation."""
+        program = len(self.forms.program.needed(list(self.forms.entries.values())))
+        return float((sources + 2) * (program + sources * (sources + targets)))
 
     def _coefficients(self, field: PrimeField, geometry: Geometry, sources: list[int], targets: list[int]) -> Residues:
         """Coefficients at given constants: array of shape (sources · targets, geometries)."""

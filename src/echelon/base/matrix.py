@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.exact.expressions import parse
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import Number, Surd
 from echelon.exact.polynomial import float_generators, is_trigonometric, multiple_of, symbol_of
@@ -20,6 +21,33 @@ if TYPE_CHECKING:
 
 Row = Mapping[int, RationalFunction]
 """Non-zero entries of a row of B by column."""
+
+
+@dataclass(frozen=True)
+class StatedNumbers:
+    """Columns of B whose coefficients are numbers, true at stated values of the symbols only.
+
+    Attributes
+    ----------
+    columns : tuple of int
+        Ascending.
+    at : mapping of str to str
+        The stated values of the symbols that matter, as exact text; radians for angles.
+    radius : float
+        Largest error of a coefficient; 0 where they are exact.
+    """
+
+    columns: tuple[int, ...]
+    at: Mapping[str, str]
+    radius: float
+
+    def exact(self, angles: frozenset[str]) -> dict[str, Number] | None:
+        """The stated values as exact numbers, or None if angles are among them, whose sines are not."""
+        values = {name: parse(text).number for name, text in self.at.items()}
+        if angles & values.keys():
+            return None
+        known = {name: value for name, value in values.items() if value is not None}
+        return known if len(known) == len(values) else None
 
 
 @dataclass(frozen=True)
@@ -36,12 +64,15 @@ class BaseMatrix:
         Non-zero entries; the pivot's entry is 1.
     order : tuple of int
         Column order for which B is in reduced echelon form.
+    numbers : StatedNumbers, optional
+        Columns without closed forms.
     """
 
     parameters: tuple[str, ...]
     pivots: tuple[int, ...]
     rows: tuple[Row, ...]
     order: tuple[int, ...]
+    numbers: StatedNumbers | None = None
 
     @property
     def rank(self) -> int:

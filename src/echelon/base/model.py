@@ -117,8 +117,24 @@ class BaseModel(BaseSet, Evaluation, Logs):
         Returns
         -------
         array of shape (base parameters, standard parameters)
+
+        Raises
+        ------
+        InputError
+            If a symbol has no value, or another than the stated one while columns of B are numbers at that.
         """
+        self._check_stated(symbols or {})
         return self.matrix.floats(symbol_values(self.mechanism, self.matrix.symbols, symbols))
+
+    def _check_stated(self, symbols: Mapping[str, float]) -> None:
+        numbers = self.matrix.numbers
+        for name in numbers.at if numbers else ():
+            stated = self.mechanism.symbols[name].value
+            if name in symbols and symbols[name] != stated:
+                raise InputError(
+                    f"columns of B are numbers at {name} = {stated}: derive again with the other value, or with a "
+                    "larger budget for closed forms"
+                )
 
     # -- numbers -----------------------------------------------------------------------------------------------
 

@@ -17,10 +17,13 @@ from echelon.conventions import PARAMETERS
 from echelon.errors import EchelonError, InputError
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField
-from echelon.exact.rational import RationalFunction
+from echelon.exact.rational import RationalFunction, cost_of_products
+from echelon.exact.work import Work
 from echelon.mechanism.parameter import Parameter
 
 ORDERS = ("base-to-tip", "tip-to-base")
+_EXCHANGE = 5.0
+"""What a product takes in an exchange beside one in a sum, because every sum is reduced on its own."""
 
 
 def column_order(columns: Sequence[Parameter], order: str, prefer: Sequence[str] = ()) -> tuple[int, ...]:
@@ -58,7 +61,7 @@ def column_order(columns: Sequence[Parameter], order: str, prefer: Sequence[str]
     return (*first, *(c for c in numbers if c not in set(first)))
 
 
-def reordered(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generator) -> BaseMatrix:
+def reordered(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generator, work: Work) -> BaseMatrix | None:
     """The reduced echelon form for another column order.
 
     Parameters
@@ -67,11 +70,13 @@ def reordered(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generat
     order : tuple of int
         A permutation of the columns.
     rng : numpy Generator
+    work : Work
+        What may be spent; some is left.
 
     Returns
     -------
-    BaseMatrix
-        With rows sorted by pivot in the new order.
+    BaseMatrix or None
+        With rows sorted by pivot in the new order; None if it takes too much work.
     """
     wanted = _pivots(matrix, order, rng)
     rows = dict(zip(matrix.pivots, (dict(row) for row in matrix.rows), strict=True))
@@ -81,7 +86,8 @@ def reordered(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generat
         column, pivot = _exchange(rows, entering, leaving)
         entering.remove(column)
         leaving.remove(pivot)
-        _pivot(rows, column, pivot)
+        if not _pivot(rows, column, pivot, work):
+            return None
     return BaseMatrix(matrix.parameters, wanted, tuple(rows[c] for c in wanted), order)
 
 
@@ -115,9 +121,13 @@ def _complexity(coefficient: RationalFunction) -> int:
     return 0 if constant else len(coefficient.numerator.terms) + 10 * len(coefficient.denominator.terms)
 
 
-def _pivot(rows: dict[int, dict[int, RationalFunction]], column: int, pivot: int) -> None:
+def _pivot(rows: dict[int, dict[int, RationalFunction]], column: int, pivot: int, work: Work) -> bool:
+    """Exchange a representative; whether the budget allows it."""
     row = rows.pop(pivot)
     lead = row[column]
+    across = [other[column] for other in rows.values() if column in other]
+    if not work.take(_EXCHANGE * sum(cost_of_products([(a, b)]) for b in row.values() for a in (lead, *across))):
+        return False
     scaled = {c: value / lead for c, value in row.items()}
     for other in rows.values():
         factor = other.pop(column, None)
@@ -130,3 +140,4 @@ def _pivot(rows: dict[int, dict[int, RationalFunction]], column: int, pivot: int
                 if not total:
                     del other[c]
     rows[column] = scaled
+    return True

@@ -25,6 +25,7 @@ from echelon.exact.expressions import parse
 from echelon.exact.numbers import Number, Surd
 from echelon.exact.polynomial import float_generators, is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
+from echelon.exact.work import Work
 
 Row = Mapping[int, RationalFunction]
 """Claimed coefficients by column, in the order of the text."""
@@ -110,9 +111,10 @@ def led_by(matrix: BaseMatrix, rows: Sequence[Row], rng: np.random.Generator) ->
     for row in rows:
         own = [c for c, value in row.items() if uses[c] == 1 and not value.symbols()]
         leaders += ([c for c in own if c in matrix.pivots] or own)[:1]
-    if set(leaders) <= set(matrix.pivots):
+    if set(leaders) <= set(matrix.pivots) or matrix.numbers:
         return matrix
-    return reordered(matrix, (*leaders, *(c for c in matrix.order if c not in leaders)), rng)
+    order = (*leaders, *(c for c in matrix.order if c not in leaders))
+    return reordered(matrix, order, rng, Work.of(1)) or matrix
 
 
 def compare_row(row: Row, matrix: BaseMatrix, geometry: Geometry, precision: Precision, rounded: bool) -> RowComparison:

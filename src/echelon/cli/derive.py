@@ -16,11 +16,13 @@ from echelon.base.derive import base_parameters
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.model import BaseModel
 from echelon.base.own import OwnAnswer, own_answer
-from echelon.cli.progress import progress
+from echelon.cli.progress import steps
 from echelon.errors import one_line
 from echelon.files import write_atomically
 from echelon.formats.linear import holds_linear_model
 from echelon.formats.load import load
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.values import all_symbols
 from echelon.results.saved import to_json
 from echelon.seeds import DEFAULT_SEED, random_generator
 
@@ -38,13 +40,15 @@ class DeriveRequest:
     structure: bool
     generic: bool
     seed: int | None
+    budget: float
 
 
 def run_derive(request: DeriveRequest) -> None:
     """Derive, then print or write."""
     seed = DEFAULT_SEED if request.seed is None else request.seed
     started = perf_counter()
-    with progress(f"deriving {request.robot.name}"):
+    with steps() as step:
+        step(f"deriving {request.robot.name}")
         if holds_linear_model(request.robot):
             _write_linear(request, seed, started)
             return
@@ -55,7 +59,13 @@ def run_derive(request: DeriveRequest) -> None:
             model = None
         else:
             model = base_parameters(
-                robot, order=request.order, prefer=request.prefer, generic=request.generic, seed=seed
+                robot,
+                order=request.order,
+                prefer=request.prefer,
+                generic=request.generic,
+                seed=seed,
+                budget=_budget(request, robot),
+                progress=lambda phase: step(f"deriving {request.robot.name}: {phase}"),
             )
             text = _render(model, request.output_format)
     elapsed = perf_counter() - started
@@ -71,6 +81,14 @@ def run_derive(request: DeriveRequest) -> None:
             typer.echo(f"time: {elapsed:.2f} s")
 
 
+def _budget(request: DeriveRequest, robot: Mechanism) -> float:
+    """No budget where numbers are asked for throughout and angles without exact sines are left as symbols."""
+    left = all_symbols(robot)
+    stated = all(name in robot.symbols and robot.symbols[name].value is not None for name in left)
+    in_balls = left and stated and not robot.closures and not request.generic
+    return 0.0 if in_balls and not request.reading.get("symbolic", True) else request.budget
+
+
 def _write_linear(request: DeriveRequest, seed: int, started: float) -> None:
     from echelon.cli.derive_linear import linear_text
 
@@ -80,6 +98,7 @@ def _write_linear(request: DeriveRequest, seed: int, started: float) -> None:
         request.order,
         request.prefer,
         seed,
+        request.budget,
         structure=request.structure,
         generic=request.generic,
     )

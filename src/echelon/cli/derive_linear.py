@@ -13,7 +13,15 @@ from echelon.results.linear import linear_to_json
 
 
 def linear_text(
-    file: Path, output_format: str, order: str, prefer: Sequence[str], seed: int, *, structure: bool, generic: bool
+    file: Path,
+    output_format: str,
+    order: str,
+    prefer: Sequence[str],
+    seed: int,
+    budget: float,
+    *,
+    structure: bool,
+    generic: bool,
 ) -> str:
     """Base parameters of the linear model in a file, in an output format.
 
@@ -24,7 +32,7 @@ def linear_text(
     """
     if structure:
         raise InputError("--structure is for robots; a linear model is always derived in closed form")
-    base = base_parameters(load_linear(file), order=order, prefer=prefer, generic=generic, seed=seed)
+    base = base_parameters(load_linear(file), order=order, prefer=prefer, generic=generic, seed=seed, budget=budget)
     if output_format == "text":
         return to_text(base) + "\n"
     return {"json": linear_to_json, "latex": to_latex, "markdown": to_markdown}[output_format](base)

@@ -14,6 +14,7 @@ import typer
 from echelon.cli.app import app
 from echelon.cli.options import (
     AsJson,
+    Budget,
     EveryLink,
     Floating,
     Gravity,
@@ -95,6 +96,7 @@ def derive(
         Formulas | None, typer.Option("--regressor", help="Instead: the base regressor as formulas.")
     ] = None,
     seed: Seed = None,
+    budget: Budget = 1.0,
 ) -> None:
     """Derive the base inertial parameters of a robot in closed form."""
     from echelon.cli.derive import DeriveRequest, run_derive
@@ -133,7 +135,9 @@ def derive(
         return
     preferred = tuple(prefer or ())
     run_derive(
-        DeriveRequest(robot, chosen.value, output, chosen_reading, order.value, preferred, structure, generic, seed)
+        DeriveRequest(
+            robot, chosen.value, output, chosen_reading, order.value, preferred, structure, generic, seed, budget
+        )
     )
 
 

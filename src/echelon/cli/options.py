@@ -60,6 +60,12 @@ Mimicking = Annotated[Mimic, typer.Option(help="Respect mimic joints, or treat t
 Measuring = Annotated[Measured, typer.Option(help="Forces of all drives, or the sensors of an MJCF file.")]
 EveryLink = Annotated[bool, typer.Option("--every-link", help="Keep links fixed to others as bodies.")]
 Massless = Annotated[list[str] | None, typer.Option(help="A link that carries no parameters; may be repeated.")]
+Budget = Annotated[
+    float,
+    typer.Option(
+        min=0, help="How much work closed forms may take: 1 is a few seconds, 0 for numbers only, larger for more."
+    ),
+]
 Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the random points.")]
 
 

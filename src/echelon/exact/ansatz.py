@@ -1,19 +1,14 @@
-"""Ansätze: which monomials a function may have, and fitting their coefficients to samples by linear algebra.
-
-Polynomials that share their monomials are fitted together, because one elimination of the design matrix serves any
-number of right-hand sides; quotients are found one by one as null vectors.
-"""
+"""Ansätze: which monomials a function may have, and fitting their coefficients to samples by linear algebra."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement, product
 
 import numpy as np
 
 from echelon.errors import DegenerateSampleError
-from echelon.exact.elimination import null_vectors, reduced_echelon
+from echelon.exact.elimination import null_vectors
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.polynomial import Monomial, cosine, sine
 
@@ -41,24 +36,7 @@ Fit = tuple[Ansatz, list[int]]
 """The occurring monomials and their coefficients in one field."""
 
 
-def monomials_up_to(
-    lengths: list[str], degree: int, angles: list[str], turn: int, others: list[str], power: int
-) -> list[Monomial]:
-    """Monomials homogeneous in lengths, up to degree ``turn`` in each angle and ``power`` in other symbols together."""
-    length_part = [_collect(c) for c in combinations_with_replacement(lengths, degree)]
-    angle_parts = [_circle_basis(angle, turn) for angle in angles]
-    other_part = [_collect(c) for e in range(power + 1) for c in combinations_with_replacement(others, e)]
-    return [
-        tuple(sorted(pair for factor in factors for pair in factor))
-        for factors in product(length_part, *angle_parts, other_part)
-    ]
-
-
-def _collect(names: tuple[str, ...]) -> Monomial:
-    return tuple((name, names.count(name)) for name in sorted(set(names)))
-
-
-def _circle_basis(angle: str, degree: int) -> list[Monomial]:
+def circle_basis(angle: str, degree: int) -> list[Monomial]:
     """Basis of the polynomials of this degree in cos and sin, with sin² eliminated."""
     basis: list[Monomial] = []
     for power in range(degree + 1):
@@ -80,15 +58,15 @@ def generator_values(field: PrimeField, geometry: Geometry, monomials: Sequence[
     return values
 
 
-def _design(field: PrimeField, geometry: Geometry, monomials: Sequence[Monomial], count: int) -> Residues:
-    """Values of the monomials: array of shape (count, monomials)."""
+def design(field: PrimeField, geometry: Geometry, monomials: Sequence[Monomial], count: int) -> Residues:
+    """Values of the monomials at the first points: array of shape (count, monomials)."""
     values = generator_values(field, geometry, monomials)
-    columns = np.ones((count, len(monomials)), dtype=np.int64)
-    for k, monomial in enumerate(monomials):
+    table = np.ones((len(monomials), count), dtype=np.int64)
+    for row, monomial in zip(table, monomials, strict=True):
         for generator, exponent in monomial:
             for _ in range(exponent):
-                columns[:, k] = columns[:, k] * values[generator][:count] % field.p
-    return columns
+                row[:] = row * values[generator][:count] % field.p
+    return table.T
 
 
 def _system(
@@ -100,49 +78,9 @@ def _system(
     count: int,
 ) -> Residues:
     """Equations numerator − value · denominator = 0 in the coefficients."""
-    numerator = _design(field, geometry, top, count)
-    denominator = _design(field, geometry, bottom, count) * values[:count, None] % field.p
+    numerator = design(field, geometry, top, count)
+    denominator = design(field, geometry, bottom, count) * values[:count, None] % field.p
     return np.concatenate([numerator, -denominator % field.p], axis=1)
-
-
-def fit_polynomials(
-    field: PrimeField, geometry: Geometry, values: Residues, monomials: Sequence[Monomial]
-) -> list[Fit | None]:
-    """Fit several functions by polynomials with the same monomials.
-
-    Parameters
-    ----------
-    field : PrimeField
-    geometry : Geometry
-        With at least :data:`EXTRA_SAMPLES` more points than monomials.
-    values : array of shape (functions, points)
-    monomials : sequence of Monomial
-
-    Returns
-    -------
-    list of Fit or None
-        None for a function that is not such a polynomial.
-
-    Raises
-    ------
-    DegenerateSampleError
-        If the points do not tell the monomials apart.
-    """
-    size, count = len(monomials), len(monomials) + EXTRA_SAMPLES
-    table = np.concatenate([_design(field, geometry, monomials, count), values[:, :count].T], axis=1)
-    reduced, pivots = reduced_echelon(table, field)
-    if pivots[:size] != list(range(size)):
-        raise DegenerateSampleError("the points do not tell the monomials apart")
-    fits: list[Fit | None] = []
-    for column in range(size, table.shape[1]):
-        # beyond the first function that does not fit, rows below `size` mix the misfits
-        if any(int(reduced[row, column]) for row in range(size, len(pivots))) or column in pivots:
-            fits.append(None)
-            continue
-        terms = [(m, int(reduced[row, column])) for row, m in enumerate(monomials)]
-        kept = [(m, c) for m, c in terms if c]
-        fits.append((Ansatz(tuple(m for m, _ in kept), ((),)), [*(c for _, c in kept), 1]))
-    return fits
 
 
 def fit_quotient(
@@ -159,7 +97,7 @@ def fit_quotient(
         below = [(m, c) for m, c in zip(bottom, vector[len(top) :], strict=True) if c]
         if below:
             ansatz = Ansatz(tuple(m for m, _ in above), tuple(m for m, _ in below))
-            return ansatz, _normalised([c for _, c in above + below], field)
+            return ansatz, normalised([c for _, c in above + below], field)
     return None
 
 
@@ -175,10 +113,10 @@ def solve_ansatz(ansatz: Ansatz, field: PrimeField, geometry: Geometry, values: 
     solutions = null_vectors(system, field)
     if len(solutions) != 1 or not solutions[0][-1]:
         raise DegenerateSampleError("the ansatz does not have one solution here")
-    return _normalised(solutions[0], field)
+    return normalised(solutions[0], field)
 
 
-def _normalised(vector: list[int], field: PrimeField) -> list[int]:
+def normalised(vector: list[int], field: PrimeField) -> list[int]:
     """Coefficients scaled so that the last one, of the last denominator monomial, is 1."""
     scale = field.invert(vector[-1])
     return [c * scale % field.p for c in vector]

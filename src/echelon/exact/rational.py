@@ -7,17 +7,32 @@ FLINT's multivariate gcd.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
+from hashlib import sha256
 from typing import Any, TypeVar
 
 import flint
 
+from echelon.errors import DegenerateSampleError
+from echelon.exact.field import PrimeField
 from echelon.exact.numbers import Number, Surd, inverse, parts_of, surd
-from echelon.exact.polynomial import Monomial, Polynomial, as_polynomial, format_polynomial
+from echelon.exact.polynomial import (
+    Monomial,
+    Polynomial,
+    as_polynomial,
+    format_polynomial,
+    is_trigonometric,
+    symbol_of,
+)
 
 T = TypeVar("T")
 _ONE = Polynomial.constant(1)
+_PRIME = 2147483543
+_MOST_RATIONALISED = 2000
+"""Terms that conjugates may bring while a polynomial is looked for that is written as a quotient."""
+_PRODUCT, _QUOTIENT = 300.0, 1000.0
+"""Operations on residues that take as long as a product of two terms, and as its part of a quotient."""
 
 
 class RationalFunction:
@@ -66,7 +81,7 @@ class RationalFunction:
     def __hash__(self) -> int:
         if self.is_polynomial:
             return hash(self.numerator)
-        return hash(_unique(self.numerator, self.denominator))
+        return _value_somewhere(self)
 
     def __bool__(self) -> bool:
         return bool(self.numerator)
@@ -75,6 +90,11 @@ class RationalFunction:
     def is_polynomial(self) -> bool:
         """Whether the denominator is 1."""
         return self.denominator == _ONE
+
+    @property
+    def is_one(self) -> bool:
+        """Whether it is the number 1."""
+        return self.numerator == _ONE and self.denominator == _ONE
 
     def symbols(self) -> list[str]:
         """Symbols that occur, sorted."""
@@ -92,23 +112,68 @@ class RationalFunction:
         return f"({top})/({format_polynomial(self.denominator)})"
 
 
+ONE = RationalFunction(1)
+
+
+def sum_of_products(products: Sequence[tuple[RationalFunction, RationalFunction]]) -> RationalFunction:
+    """The sum of some products, brought to lowest terms once; quickest where first factors are :data:`ONE` itself."""
+    if len(products) == 1 and products[0][0] is ONE:
+        return products[0][1]
+    groups: dict[Polynomial, list[Polynomial]] = {}
+    for a, b in products:
+        top = b.numerator if a is ONE else a.numerator * b.numerator
+        bottom = b.denominator if a is ONE or a.is_polynomial else a.denominator * b.denominator
+        groups.setdefault(bottom, []).append(top)
+    tops = {bottom: Polynomial.sum(parts) for bottom, parts in groups.items()}
+    if tops.keys() <= {_ONE}:
+        return RationalFunction(tops.get(_ONE, 0))
+    ring = Ring(*tops)
+    shared = ring.context.constant(1)
+    for bottom in tops:
+        element = ring.enter(bottom)
+        shared = shared * (element / shared.gcd(element))
+    scaled = [top * ring.leave(shared / ring.enter(bottom)) for bottom, top in tops.items()]
+    return RationalFunction(Polynomial.sum(scaled), ring.leave(shared))
+
+
+def cost_of_products(products: Sequence[tuple[RationalFunction, RationalFunction]]) -> float:
+    """Operations of :func:`sum_of_products`, in the count of :class:`echelon.exact.work.Work`."""
+    true = [(a, b) for a, b in products if a is not ONE]
+    if not true:
+        return 0.0
+    size = sum(len(a.numerator.terms) * len(b.numerator.terms) for a, b in true)
+    plain = all(a.is_polynomial and b.is_polynomial for a, b in products)
+    return size * (_PRODUCT if plain else _QUOTIENT)
+
+
 def _lowest_terms(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polynomial]:
     if not top:
         return top, _ONE
     if bottom.number is None:
         ring = Ring(top, bottom)
         short = _coprime(ring.enter(top), ring.enter(bottom))
-        plain = _coprime(*ring.rationalised(*short))
-        # a true quotient is mostly longer when rationalised, but a polynomial shows itself only then
-        top, bottom = map(ring.leave, plain if plain[1].is_constant() else short)
+        if len(top.terms) * len(bottom.terms) ** ring.roots_in(short[1]) <= _MOST_RATIONALISED:
+            plain = _coprime(*ring.rationalised(*short))
+            # a true quotient is mostly longer when rationalised, but a polynomial shows itself only then
+            short = plain if plain[1].is_constant() else short
+        top, bottom = map(ring.leave, short)
     return _monic(top, bottom)
 
 
-def _unique(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polynomial]:
-    """The one way of writing a quotient with coprime polynomials and no sine or root in the denominator."""
-    ring = Ring(top, bottom)
-    plain = _coprime(*ring.rationalised(ring.enter(top), ring.enter(bottom)))
-    return _monic(*map(ring.leave, plain))
+def _value_somewhere(function: RationalFunction) -> int:
+    """The value at a fixed point modulo a fixed prime, which is the same however a quotient is written."""
+    field, point = PrimeField.of(_PRIME), {}
+    for generator in {*function.numerator.generators(), *function.denominator.generators()}:
+        seed = int.from_bytes(sha256(symbol_of(generator).encode()).digest()[:4], "little") % _PRIME
+        if is_trigonometric(generator):
+            scale = field.invert(1 + seed * seed)
+            seed = (1 - seed * seed if generator.startswith("cos(") else 2 * seed) * scale % _PRIME
+        point[generator] = seed
+    try:
+        bottom = function.denominator.evaluate(point, field.embed)
+        return function.numerator.evaluate(point, field.embed) * field.invert(bottom) % _PRIME
+    except DegenerateSampleError:
+        return 0
 
 
 def _monic(top: Polynomial, bottom: Polynomial) -> tuple[Polynomial, Polynomial]:
@@ -185,9 +250,17 @@ class Ring:
                 element = p + q * generator
         return element
 
+    def roots_in(self, element: Any) -> int:
+        """Number of sines and roots in an element."""
+        degrees = element.degrees()
+        return sum(bool(degrees[index]) for index, _, _ in self.squares)
+
     def rationalised(self, top: Any, bottom: Any) -> tuple[Any, Any]:
         """The same quotient with a denominator free of sines and roots, by multiplying with its conjugates."""
+        degrees = bottom.degrees()
         for index, element, square in self.squares:
+            if not degrees[index]:
+                continue
             (p, q), (a, b) = self._split(top, index, square), self._split(bottom, index, square)
             top, bottom = p + q * element, a
             if b:

@@ -73,6 +73,8 @@ class CertificateRecord(_Strict):
     at_values: bool = Field(False, description="Whether the minor was taken at the stated values of the symbols.")
     regions: int = Field(0, description="Regions of signs that were visited; 0 without signs.")
     regions_note: str = ""
+    numbers: int = Field(0, description="Columns of B that are numbers, checked at the stated values only.")
+    log10_residual: float | None = Field(None, description="Bound on what is left there, where they are not exact.")
 
 
 class SpecialRecord(_Strict):
@@ -81,6 +83,14 @@ class SpecialRecord(_Strict):
     generic_rank: int = Field(description="Rank for general values of the symbols.")
     rank: int = Field(description="Rank at the stated values.")
     relations: list[str] = Field(description="Relations among the values that make the difference.")
+
+
+class NumbersRecord(_Strict):
+    """Columns of B whose coefficients are numbers in place of closed forms."""
+
+    parameters: list[str] = Field(description="Standard parameters whose coefficients are numbers.")
+    at: dict[str, str] = Field(description="Values of the symbols that they are true at; radians for angles.")
+    radius: float = Field(ge=0, description="Largest error of a coefficient; 0 where they are exact.")
 
 
 class BaseModelRecord(_Strict):
@@ -95,6 +105,7 @@ class BaseModelRecord(_Strict):
     parameters: list[str] = Field(description="Standard parameters, the columns of X and B.")
     order: list[str] = Field(description="Column order for which B is in reduced echelon form.")
     base: list[BaseParameterRecord]
+    numbers: NumbersRecord | None = Field(None, description="What has no closed form within the budget.")
     classification: dict[str, list[str]]
     reading: ReadingRecord
     special: SpecialRecord | None = Field(None, description="Present where the stated values change the answer.")

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from echelon.base.certificate import Certificate
-from echelon.base.matrix import BaseMatrix
+from echelon.base.matrix import BaseMatrix, StatedNumbers
 from echelon.base.model import BaseModel
 from echelon.base.reading_report import MimicRanks, ReadingReport
 from echelon.base.value_relations import SpecialValues
@@ -22,10 +22,17 @@ from echelon.exact.rational import RationalFunction
 from echelon.files import write_atomically
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.reading import Snap
+from echelon.mechanism.values import stated_values
 from echelon.version import __version__
 
 if TYPE_CHECKING:
-    from echelon.results.record import BaseModelRecord, BaseParameterRecord, SnapRecord, SpecialRecord
+    from echelon.results.record import (
+        BaseModelRecord,
+        BaseParameterRecord,
+        NumbersRecord,
+        SnapRecord,
+        SpecialRecord,
+    )
 
 
 def to_json(model: BaseModel) -> str:
@@ -60,6 +67,7 @@ def to_dict(model: BaseModel) -> dict[str, Any]:
         "parameters": list(model.parameters),
         "order": [model.parameters[c] for c in model.matrix.order],
         "base": _base_rows(model),
+        **_numbers(model),
         "classification": _classes(model),
         "reading": asdict(model.reading),
         "special": None if model.special is None else asdict(model.special),
@@ -67,6 +75,15 @@ def to_dict(model: BaseModel) -> dict[str, Any]:
         "certificate": certificate,
         "model": write_description(model.mechanism),
     }
+
+
+def _numbers(model: BaseModel) -> dict[str, Any]:
+    """The columns of B that are numbers, if there are any."""
+    numbers = model.matrix.numbers
+    if numbers is None:
+        return {}
+    columns = [model.parameters[c] for c in numbers.columns]
+    return {"numbers": {"parameters": columns, "at": dict(numbers.at), "radius": numbers.radius}}
 
 
 def _classes(model: BaseModel) -> dict[str, list[str]]:
@@ -133,6 +150,7 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
         rows = tuple(_row(row, column) for row in record.base)
         pivots = tuple(column[row.name] for row in record.base)
         order = tuple(column[name] for name in record.order)
+        numbers = None if record.numbers is None else _read_numbers(record.numbers, column)
     except KeyError as error:
         raise InputError(f"unknown parameter {error}", source=source, element="base") from None
     except (ValueError, ZeroDivisionError) as error:
@@ -144,7 +162,7 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
         raise InputError("primes are decimal numbers", source=source, element="certificate") from None
     model = BaseModel(
         mechanism,
-        BaseMatrix(mechanism.parameters, pivots, rows, order),
+        BaseMatrix(mechanism.parameters, pivots, rows, order, numbers),
         Certificate(**evidence),
         ReadingReport(
             tuple(_snap(s) for s in record.reading.snaps),
@@ -165,10 +183,14 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
 def _row(record: BaseParameterRecord, column: Mapping[str, int]) -> dict[int, RationalFunction]:
     row = {column[t.parameter]: RationalFunction(parse(t.coefficient), parse(t.denominator)) for t in record.terms}
     if not all(row.values()):
-        raise ValueError(f"a coefficient in {record.name} is zero")
+        raise CertificateError(f"a coefficient in {record.name} is zero")
     if len(row) < len(record.terms):
         raise ValueError(f"a parameter occurs twice in {record.name}")
     return row
+
+
+def _read_numbers(record: NumbersRecord, column: Mapping[str, int]) -> StatedNumbers:
+    return StatedNumbers(tuple(column[name] for name in record.parameters), record.at, record.radius)
 
 
 def _check_derived(record: BaseModelRecord, model: BaseModel) -> None:
@@ -178,12 +200,14 @@ def _check_derived(record: BaseModelRecord, model: BaseModel) -> None:
     for key, mine, theirs in zip(("name", "rank", "outputs", "classification"), true, stated, strict=True):
         if mine != theirs:
             raise CertificateError(f"'{key}' contradicts the model or the terms of its base parameters")
+    if model.matrix.numbers and model.matrix.numbers.at != stated_values(model.mechanism, model.matrix.numbers.at):
+        raise CertificateError("'numbers' are for other values than those stated by the model")
     for row, derived in zip(record.base, _base_rows(model), strict=True):
         # another version may word an expression in another way
         same_text = record.echelon != __version__ or row.expression == derived["expression"]
-        stated_values = {t.parameter: t.value for t in row.terms}
+        shown = {t.parameter: t.value for t in row.terms}
         true_values = {term["parameter"]: term["value"] for term in derived["terms"]}
-        if row.unit != derived["unit"] or not same_text or not _same_values(stated_values, true_values):
+        if row.unit != derived["unit"] or not same_text or not _same_values(shown, true_values):
             raise CertificateError(f"unit, expression or values of {row.name} contradict its terms")
 
 

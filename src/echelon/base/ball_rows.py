@@ -1,0 +1,95 @@
+"""Rows of recorded forms in ball arithmetic, at stated values of the symbols and random exact states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from fractions import Fraction
+from typing import Any
+
+import flint
+import numpy as np
+import numpy.typing as npt
+
+from echelon.exact.expressions import PI, parse
+from echelon.exact.polynomial import is_trigonometric, multiple_of, symbol_of
+from echelon.program.balls import BallArithmetic, ball
+from echelon.program.schedule import Schedule
+from echelon.regressor.linear import LinearForms
+
+Balls = npt.NDArray[Any]
+"""Array of ``arb``."""
+
+_STEPS = 256
+
+
+@contextmanager
+def precision(bits: int) -> Iterator[None]:
+    """FLINT's precision for a while."""
+    before = flint.ctx.prec
+    flint.ctx.prec = bits
+    try:
+        yield
+    finally:
+        flint.ctx.prec = before
+
+
+def stated_ball(text: str) -> Any:
+    """The ball of a stated value, at the precision of FLINT's context."""
+    return parse(text).evaluate({PI: flint.arb.pi()}, ball)
+
+
+def stated_generators(generators: Iterable[str], at: Mapping[str, str]) -> dict[str, Any]:
+    """Balls of symbols, and of sines and cosines of angles, at stated values."""
+    found = {}
+    for generator in generators:
+        value = stated_ball(at[symbol_of(generator)])
+        if is_trigonometric(generator):
+            value = value * multiple_of(generator)[0]
+            value = value.cos() if generator.startswith("cos(") else value.sin()
+        found[generator] = value
+    return found
+
+
+def ball_rows(forms: LinearForms, at: Mapping[str, str], states: int, rng: np.random.Generator) -> Balls:
+    """Entries of forms without loops at random states.
+
+    Parameters
+    ----------
+    forms : LinearForms
+    at : mapping of str to str
+        Values of the symbols, as exact text.
+    states : int
+    rng : numpy Generator
+        The states are short dyadic numbers; quaternions are rational points of the unit sphere.
+
+    Returns
+    -------
+    array of arb, shape (states · rows, columns)
+    """
+    program, nodes = forms.program, list(forms.entries.values())
+    schedule = Schedule(program, nodes)
+    leaves: dict[int, Balls] = {}
+    for node in schedule.leaves:
+        given = program.inputs[node]
+        values = [stated_ball(at[given.name])] * states if given.role == "symbol" else _random(rng, states)
+        leaves[node] = np.array(values, dtype=object)
+    for group in program.unit_groups:
+        points = np.array([_sphere(rng, len(group)) for _ in range(states)], dtype=object).T
+        leaves |= {node: point for node, point in zip(group, points, strict=True) if node in leaves}
+    found = schedule.run(BallArithmetic(), leaves, states)
+    table = np.full((states, *forms.shape), flint.arb(0), dtype=object)
+    for (row, column), value in zip(forms.entries, found, strict=True):
+        table[:, row, column] = value
+    return table.reshape(states * forms.shape[0], forms.shape[1])
+
+
+def _random(rng: np.random.Generator, count: int) -> list[Any]:
+    return [ball(Fraction(int(n), _STEPS)) for n in rng.integers(-2 * _STEPS, 2 * _STEPS, size=count)]
+
+
+def _sphere(rng: np.random.Generator, size: int) -> list[Any]:
+    """A rational point of the unit sphere by stereographic projection."""
+    t = [Fraction(int(n), _STEPS) for n in rng.integers(-2 * _STEPS, 2 * _STEPS, size=size - 1)]
+    scale = 1 / (1 + sum(x * x for x in t))
+    return [ball((1 - sum(x * x for x in t)) * scale), *(ball(2 * x * scale) for x in t)]

@@ -1,0 +1,309 @@
+"""How dependent columns of X depend on others: small relations that together make B.
+
+For columns that move across one joint the relation is found on the two bodies of that joint.  On a whole parent that is
+done in the frame where the joint begins to move, so that equal joints share it, and a change of frame leads to the
+parent's own.  Columns that depend for other reasons (restricted motion near the base, couplings, massless bodies) have
+relations of just the columns that take part.  A relation's coefficients can be evaluated wherever rows of X can; all
+relations together, solved from the base to the tips, make B.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from echelon.base.modes import in_mode
+from echelon.base.rows import Rows, rows_of
+from echelon.base.structure import Structure, floating_pair, mount, pair_columns, pair_signature
+from echelon.conventions import PER_BODY
+from echelon.errors import DegenerateSampleError
+from echelon.exact.ansatz import Geometry
+from echelon.exact.elimination import solve_batched
+from echelon.exact.field import PrimeField, Residues
+from echelon.exact.polynomial import Polynomial, as_polynomial
+from echelon.exact.unknown import UnknownFunctions
+from echelon.inertia.spatial import move
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.placement import Placement
+from echelon.mechanism.roles import symbol_roles
+from echelon.program.sampling import FieldSampler
+from echelon.regressor.energy import energy_form
+
+_MOST_TIMES = 32
+"""So many times as many points where regions of signs need them."""
+
+
+class Ring(Protocol):
+    """Numbers that can be added and multiplied."""
+
+    def __add__(self, other: Any, /) -> Any: ...
+
+    def __mul__(self, other: Any, /) -> Any: ...
+
+
+T = TypeVar("T", bound=Ring)
+
+
+@dataclass(frozen=True, eq=False)
+class Kernel:
+    """Some columns known to be combinations of others, with rows to find out how.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+        That of two bodies for what moves across a joint.
+    rows : Rows
+        With the columns [auxiliary, sources, targets].
+    sources, targets : sequence of int
+        Numbers of columns; the targets are combinations of the sources.
+    zero : frozenset of int
+        Sources that vanish in X, so that their coefficients do not matter.
+    degrees : sequence of int or None
+        Powers of length of the coefficients, by source and target; None where they are inhomogeneous.
+    """
+
+    mechanism: Mechanism
+    rows: Rows
+    sources: Sequence[int]
+    targets: Sequence[int]
+    zero: frozenset[int]
+    degrees: Sequence[int] | None
+
+    @cached_property
+    def sampler(self) -> FieldSampler:
+        """Evaluates the rows modulo primes."""
+        return self.rows.forms.sampler()
+
+    @cached_property
+    def pairs(self) -> list[tuple[int, int]]:
+        """(source, target) of every coefficient that matters."""
+        return [(s, t) for s in self.sources if s not in self.zero for t in self.targets]
+
+    @property
+    def unknowns(self) -> int:
+        """Number of columns that are solved for."""
+        return self.rows.auxiliary + len(self.sources)
+
+    @cached_property
+    def cost(self) -> float:
+        """Operations of one evaluation modulo a prime."""
+        forms = self.rows.forms
+        program = len(forms.program.needed(list(forms.entries.values())))
+        return (self.unknowns + 1) * (program + self.unknowns * (self.unknowns + len(self.targets)))
+
+    def unknown(self, rng: np.random.Generator) -> UnknownFunctions:
+        """The coefficients of :attr:`pairs` as functions of the symbols."""
+        roles = symbol_roles(self.mechanism)
+        lengths = frozenset() if self.degrees is None else roles.lengths
+        degrees = self.degrees or [0] * (len(self.sources) * len(self.targets))
+        chosen = [k for k, s in enumerate(s for s in self.sources for _ in self.targets) if s not in self.zero]
+
+        def evaluate(field: PrimeField, geometry: Geometry) -> Residues:
+            found: Residues = self.coefficients(field, geometry, rng)[chosen]
+            return found
+
+        return UnknownFunctions(
+            evaluate,
+            self.sampler.symbols,
+            roles.angles,
+            lengths,
+            [degrees[k] for k in chosen],
+            roles.irrational,
+            self.cost,
+        )
+
+    def coefficients(self, field: PrimeField, geometry: Geometry, rng: np.random.Generator) -> Residues:
+        """Coefficients at given geometries: array of shape (sources · targets, geometries)."""
+        first, unknowns = self.rows.auxiliary, self.unknowns
+        # one more equation than unknowns: a false relation contradicts itself
+        states = max(unknowns + 1, self.sampler.regions)
+        most = states if self.sampler.regions == 1 else _MOST_TIMES * states
+        while True:
+            matrix = self.rows.forms.stacked(self.sampler.evaluate(field, rng, states, geometry))
+            try:
+                solution = solve_batched(matrix[:, :, :unknowns], matrix[:, :, unknowns:], field)
+            except DegenerateSampleError:
+                states = 2 * states  # a region of signs may need more points
+                if states > most:
+                    raise
+                continue
+            return solution[:, first:].reshape(len(solution), -1).T
+
+
+@dataclass(frozen=True, eq=False)
+class Relation:
+    """A kernel at its place in the robot.
+
+    Attributes
+    ----------
+    kernel : Kernel
+    columns : sequence of int
+        Columns of X, by number in the kernel.
+    mount : Placement
+        Of the frame that the kernel's first ten columns are about, in that of the same columns of X.
+    """
+
+    kernel: Kernel
+    columns: Sequence[int]
+    mount: Placement = Placement()  # noqa: RUF009 - immutable
+
+    @property
+    def targets(self) -> list[int]:
+        """Columns of X that are combinations of :attr:`sources`."""
+        return [self.columns[k] for k in self.kernel.targets]
+
+    @property
+    def sources(self) -> list[int]:
+        """Columns of X that the targets are combinations of."""
+        return [self.columns[k] for k in self.kernel.sources]
+
+    @cached_property
+    def symbols(self) -> frozenset[str]:
+        """Symbols that the coefficients may depend on."""
+        entries = (*(x for row in self.mount.rotation for x in row), *self.mount.translation)
+        return frozenset(self.kernel.sampler.symbols).union(*(entry.symbols() for entry in entries))
+
+    def changes(self, kinds: Iterable[int], number: Callable[[Polynomial], T]) -> dict[int, dict[int, T]]:
+        """Parameters of the whole body about the kernel's frame, as combinations of those about its own.
+
+        Parameters
+        ----------
+        kinds : iterable of int
+            Which of the ten.
+        number : callable
+            What a polynomial of the symbols becomes.
+        """
+        chosen = sorted(set(kinds))
+        if self.mount.is_identity or not chosen:
+            return {}
+        rows = [(*row, t) for row, t in zip(self.mount.rotation, self.mount.translation, strict=True)]
+        plain = [[entry if entry.number is None else entry.number for entry in row] for row in rows]
+        units = np.eye(PER_BODY, dtype=int)[chosen].astype(object)
+        moved = move(units, np.array([*plain, [0, 0, 0, 1]], dtype=object))
+        return {
+            kind: {k: number(_integral(as_polynomial(entry))) for k, entry in enumerate(row) if entry}
+            for kind, row in zip(chosen, moved, strict=True)
+        }
+
+    def placed(
+        self,
+        combinations: Mapping[int, Mapping[int, T]],
+        number: Callable[[Polynomial], T],
+        keep: Callable[[T], bool] = bool,
+    ) -> dict[int, dict[int, T]]:
+        """The targets as combinations of columns of X.
+
+        Parameters
+        ----------
+        combinations : mapping of int to mapping of int to coefficient
+            Those of the kernel.
+        number, keep : callable
+            As for :meth:`changes` and :func:`substituted`.
+        """
+        changes = self.changes((k for c in combinations.values() for k in c if k < PER_BODY), number)
+        return {
+            self.columns[target]: {self.columns[k]: v for k, v in substituted(c, changes, keep).items()}
+            for target, c in combinations.items()
+        }
+
+
+def relations(mechanism: Mechanism, structure: Structure) -> list[Relation]:
+    """The relations of all dependent columns that do not vanish.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    structure : Structure
+        As found for the same mechanism.
+    """
+    return [*_across_joints(mechanism, structure), *_across_robot(mechanism, structure)]
+
+
+def _across_joints(mechanism: Mechanism, structure: Structure) -> Iterable[Relation]:
+    zero = frozenset(c for c, support in structure.by_robot.items() if not support)
+    shared: dict[tuple[tuple[int, ...], tuple[object, ...]], list[int]] = {}
+    places: dict[int, tuple[list[int], Placement]] = {}
+    for index, dependent in structure.by_joint.items():
+        columns, chosen = pair_columns(mechanism, index), set(dependent)
+        places[index] = columns, mount(mechanism, index)
+        targets = tuple(k for k, c in enumerate(columns) if c in chosen)
+        shared.setdefault((targets, pair_signature(mechanism, index)), []).append(index)
+    for (targets, _), indices in shared.items():
+        pair = floating_pair(mechanism, indices[0])
+        everywhere = frozenset.intersection(*(_vanishing(*places[index], zero) for index in indices))
+        kernel = _pair_kernel(pair, targets, len(places[indices[0]][0]), everywhere)
+        yield from (Relation(kernel, *places[index]) for index in indices)
+
+
+def _vanishing(columns: Sequence[int], placement: Placement, zero: frozenset[int]) -> frozenset[int]:
+    """Numbers of a pair's columns that vanish in X; with a change of frame, the ten of the parent do together."""
+    found = frozenset(k for k, c in enumerate(columns) if c in zero)
+    parent = frozenset(range(PER_BODY))
+    return found if placement.is_identity or parent <= found else found - parent
+
+
+def _pair_kernel(pair: Mechanism, targets: Sequence[int], size: int, zero: frozenset[int]) -> Kernel:
+    sources = [k for k in range(size) if k not in targets]
+    rows = Rows(energy_form(pair), 1).columns([*sources, *targets])
+    return Kernel(pair, rows, sources, targets, zero, _degrees(pair, sources, targets))
+
+
+def _across_robot(mechanism: Mechanism, structure: Structure) -> Iterable[Relation]:
+    groups: dict[int | None, list[int]] = {}
+    # where finding a closed pose costs more than eliminating all columns at once, there is one group
+    together = bool(mechanism.closures) and not symbol_roles(mechanism).symbols
+    for column, support in structure.by_robot.items():
+        if support:
+            groups.setdefault(None if together else mechanism.columns[column].body, []).append(column)
+    if not groups:
+        return
+    rows = rows_of(mechanism)
+    rows = Rows(in_mode(rows.forms, structure.accepted), rows.auxiliary)
+    for targets in groups.values():
+        sources = sorted({c for t in targets for c in structure.by_robot[t]})
+        degrees = _degrees(mechanism, sources, targets)
+        kernel = Kernel(mechanism, rows.columns([*sources, *targets]), sources, targets, frozenset(), degrees)
+        yield Relation(kernel, range(structure.parameters))
+
+
+def _integral(polynomial: Polynomial) -> Polynomial:
+    """The same with whole numbers as integers."""
+    terms = polynomial.terms.items()
+    return Polynomial({m: int(c) if isinstance(c, Fraction) and c.denominator == 1 else c for m, c in terms})
+
+
+def _degrees(mechanism: Mechanism, sources: Sequence[int], targets: Sequence[int]) -> list[int] | None:
+    """Powers of length of the coefficients; None where parameters of effects make them inhomogeneous."""
+    columns = mechanism.columns
+    if any(columns[c].kind is None for c in (*sources, *targets)):
+        return None
+    return [columns[s].length_degree - columns[t].length_degree for s in sources for t in targets]
+
+
+def substituted(
+    combination: Mapping[int, T], solved: Mapping[int, Mapping[int, T]], keep: Callable[[T], bool] = bool
+) -> dict[int, T]:
+    """A combination of columns as one of pivots.
+
+    Parameters
+    ----------
+    combination : mapping of int to coefficient
+    solved : mapping of int to mapping of int to coefficient
+        The dependent columns among those of ``combination`` as combinations of pivots.
+    keep : callable
+        Which coefficients are kept; those that are not zero if omitted.
+    """
+    total: dict[int, T] = {}
+    for column, coefficient in combination.items():
+        if column not in solved:
+            total[column] = total[column] + coefficient if column in total else coefficient
+            continue
+        for pivot, inner in solved[column].items():
+            addend = coefficient * inner
+            total[pivot] = total[pivot] + addend if pivot in total else addend
+    return {column: c for column, c in sorted(total.items()) if keep(c)}

@@ -1,0 +1,218 @@
+"""Which monomials unknown functions have, and their coefficients in one field."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+import numpy as np
+
+from echelon.errors import DegenerateSampleError
+from echelon.exact.ansatz import Fit, Geometry
+from echelon.exact.denominators import (
+    Residual,
+    entangled_factor,
+    entangled_size,
+    evaluated,
+    factor_of,
+    multiplied,
+)
+from echelon.exact.field import PrimeField, Residues
+from echelon.exact.numerators import Numerator, SparseInterpolation
+from echelon.exact.univariate import Section, sections
+from echelon.exact.unknown import UnknownFunctions, persistent
+from echelon.exact.work import SOLVING, Work
+
+_NODES = (6, 16, 40, 100)
+"""Values along a line, more where they are too few."""
+_LARGEST_JOINT_FIT = 1500
+_FEW_SYMBOLS = 8
+
+_Sections = dict[str, Section]
+
+
+def find_fits(unknown: UnknownFunctions, field: PrimeField, rng: np.random.Generator, work: Work) -> list[Fit | None]:
+    """Monomials and coefficients of all functions in one field.
+
+    Parameters
+    ----------
+    unknown : UnknownFunctions
+    field : PrimeField
+    rng : numpy Generator
+    work : Work
+
+    Returns
+    -------
+    list of Fit or None
+        None for a function of high degrees, or of too many terms for the budget.
+
+    Raises
+    ------
+    ClosedFormError
+        If random geometries are singular again and again, or the budget is used up.
+    """
+    return persistent(lambda: _Fitting(unknown, field, rng, work).run())
+
+
+class _Fitting:
+    def __init__(self, unknown: UnknownFunctions, field: PrimeField, rng: np.random.Generator, work: Work) -> None:
+        self.unknown, self.field, self.rng, self.work = unknown, field, rng, work
+        self.anchor = self._point()
+        self._entangled: dict[object, Residual | None] = {}
+
+    def run(self) -> list[Fit | None]:
+        depends = self._dependence()
+        found = self._all_sections(depends)
+        entangled = self._entangled_symbols(found)
+        at_anchor = {s: np.array([value], dtype=np.int64) for s, value in self.anchor.items()}
+        values = persistent(lambda: self._values(at_anchor, 1))[:, 0]
+        numerators = []
+        for index, parts in enumerate(found):
+            denominator = None if parts is None else self._denominator(index, parts, entangled[index])
+            if parts is not None and denominator is not None:
+                numerators.append(self._numerator(index, parts, denominator, int(values[index])))
+        sparse = SparseInterpolation(
+            lambda geometry: self.unknown.values(self.field, geometry, len(next(iter(geometry.values())))),
+            self.field,
+            self.rng,
+            self.anchor,
+            self.unknown.angles,
+            self.unknown.lengths,
+            self.unknown.cost,
+            self.work,
+        )
+        fits: list[Fit | None] = [None] * len(found)
+        for numerator in sparse.finish(numerators):
+            fits[numerator.index] = numerator.fit(self.field)
+        return fits
+
+    def _point(self) -> dict[str, int]:
+        return {s: int(self.field.draw(self.rng, (1,))[0]) for s in self.unknown.symbols}
+
+    def _values(self, geometry: Geometry, count: int) -> Residues:
+        self.work.spend(count * self.unknown.cost)
+        return self.unknown.values(self.field, geometry, count)
+
+    # -- which symbols matter ------------------------------------------------------------------------------------
+
+    def _dependence(self) -> list[list[str]]:
+        """For each function, the symbols that change it."""
+        depends: list[list[str]] = [[] for _ in self.unknown.degrees]
+        pending = [list(self.unknown.symbols)] if self.unknown.symbols else []
+        if len(self.unknown.symbols) <= _FEW_SYMBOLS:  # one evaluation for all singles beats bisection
+            pending = [[s] for s in self.unknown.symbols]
+        while pending:
+            changed = persistent(partial(self._changes, pending))
+            split: list[list[str]] = []
+            for group, hits in zip(pending, changed, strict=True):
+                if len(group) == 1:
+                    for index in np.flatnonzero(hits):
+                        depends[index].append(group[0])
+                elif hits.any():
+                    middle = len(group) // 2
+                    split += [group[:middle], group[middle:]]
+            pending = split
+        return depends
+
+    def _changes(self, groups: list[list[str]]) -> list[Residues]:
+        """For each group of symbols, which functions change when only these symbols do."""
+        geometry = {}
+        for symbol in self.unknown.symbols:
+            base, other = self.field.draw(self.rng, (2,))
+            column = [other if symbol in group else base for group in groups]
+            geometry[symbol] = np.array([base, *column], dtype=self.field.dtype)
+        values = self._values(geometry, 1 + len(groups))
+        return [values[:, 1 + k] != values[:, 0] for k in range(len(groups))]
+
+    # -- along single symbols ------------------------------------------------------------------------------------
+
+    def _all_sections(self, depends: Sequence[Sequence[str]]) -> list[_Sections | None]:
+        """Every function along every symbol that it depends on, from the anchor; None if a degree is too high."""
+        found: list[_Sections] = [{} for _ in depends]
+        pending = {name: [i for i, names in enumerate(depends) if name in names] for name in self.unknown.symbols}
+        for nodes in _NODES:
+            pending = {name: indices for name, indices in pending.items() if indices}
+            for name, row in persistent(partial(self._lines, self.anchor, pending, nodes)).items():
+                for index, section in zip(pending[name], row, strict=True):
+                    if section is not None:
+                        found[index][name] = section
+                pending[name] = [i for i in pending[name] if name not in found[i]]
+        return [parts if len(parts) == len(names) else None for parts, names in zip(found, depends, strict=True)]
+
+    def _lines(
+        self, anchor: Mapping[str, int], wanted: Mapping[str, Sequence[int]], nodes: int
+    ) -> dict[str, list[Section | None]]:
+        """Some functions along some symbols, from an anchor."""
+        if not wanted:
+            return {}
+        geometry = {s: np.full(nodes * len(wanted), value) for s, value in anchor.items()}
+        for k, name in enumerate(wanted):
+            geometry[name][k * nodes : (k + 1) * nodes] = self.field.draw(self.rng, (nodes,))
+        values = self._values(geometry, nodes * len(wanted))
+        found = {}
+        for k, (name, indices) in enumerate(wanted.items()):
+            block = slice(k * nodes, (k + 1) * nodes)
+            angle = name in self.unknown.angles
+            found[name] = sections(geometry[name][block], values[list(indices), block], self.field, angle=angle)
+        return found
+
+    # -- denominators --------------------------------------------------------------------------------------------
+
+    def _entangled_symbols(self, found: Sequence[_Sections | None]) -> list[list[str]]:
+        """For every function, the symbols whose denominators change with other symbols."""
+        wanted: dict[str, list[int]] = {}
+        nodes = _NODES[0]
+        for index, parts in enumerate(found):
+            for name, section in (parts or {}).items():
+                if section.bottom:
+                    wanted.setdefault(name, []).append(index)
+                    nodes = max(nodes, 2 * (section.top + 2 * section.bottom) + 4)
+        entangled: list[list[str]] = [[] for _ in found]
+        for name, row in persistent(lambda: self._lines(self._point(), wanted, nodes)).items():
+            for index, other in zip(wanted[name], row, strict=True):
+                parts = found[index]
+                if parts is not None and (other is None or other.denominator != parts[name].denominator):
+                    entangled[index].append(name)
+        return entangled
+
+    def _denominator(self, index: int, parts: _Sections, entangled: Sequence[str]) -> Residual | None:
+        angles = self.unknown.angles
+        factors = [
+            factor_of(name, section, self.field, self.rng, angle=name in angles)
+            for name, section in parts.items()
+            if section.bottom and name not in entangled
+        ]
+        if entangled:
+            key = tuple((name, parts[name].denominator) for name in entangled)
+            if key not in self._entangled:
+                joint = {name: parts[name] for name in entangled}
+                self._entangled[key] = persistent(partial(self._entangled_factor, index, joint))
+            shared = self._entangled[key]
+            if shared is None:
+                return None
+            factors.append(shared)
+        return multiplied(factors, self.field)
+
+    def _entangled_factor(self, index: int, parts: _Sections) -> Residual | None:
+        count = entangled_size(parts, self.unknown.angles)
+        if count > _LARGEST_JOINT_FIT or not self.work.take(SOLVING * count**3):
+            return None
+        geometry = {s: np.full(count, value) for s, value in self.anchor.items()}
+        geometry |= {name: self.field.draw(self.rng, (count,)) for name in parts}
+        values = self._values(geometry, count)[index]
+        return entangled_factor(parts, self.unknown.angles, self.field, geometry, values)
+
+    # -- numerators ----------------------------------------------------------------------------------------------
+
+    def _numerator(self, index: int, parts: _Sections, denominator: Residual, value: int) -> Numerator:
+        """The numerator at the anchor, to be extended."""
+        lengths = self.unknown.lengths
+        below = {sum(e for g, e in monomial if g in lengths) for monomial in denominator}
+        homogeneous = len(below) == 1 and any(name in lengths for name in parts)
+        degree = self.unknown.degrees[index] + below.pop() if homogeneous else None
+        point = {s: np.array([x], dtype=np.int64) for s, x in self.anchor.items()}
+        start = value * int(evaluated(denominator, self.field, point, 1)[0]) % self.field.p
+        if not start and parts:
+            raise DegenerateSampleError("a function vanishes at the anchor")
+        terms: Residual = {(): start} if start else {}
+        return Numerator(index, denominator, {name: s.top for name, s in parts.items()}, degree, terms)

@@ -1,0 +1,98 @@
+"""Functions of geometry symbols that are only known by their values modulo primes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from echelon.errors import ClosedFormError, DegenerateSampleError
+from echelon.exact.ansatz import Geometry
+from echelon.exact.field import PrimeField, Residues
+
+_ATTEMPTS = 8
+_CHUNK = 512
+"""Geometries that are evaluated at once."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class UnknownFunctions:
+    """Functions of geometry symbols that can be evaluated modulo primes.
+
+    Attributes
+    ----------
+    evaluate : callable (field, geometry) -> array of shape (functions, geometries)
+        Geometry maps every symbol to an array of values (for an angle: of the tangent of its half); without symbols
+        there is one geometry.
+    symbols : sequence of str
+        All symbols that may matter.
+    angles : collection of str
+        Those of them that are angles.
+    lengths : collection of str
+        Symbols with the dimension of a length.
+    degrees : sequence of int
+        Homogeneous degree of each function in the symbols that are lengths.
+    irrational : (bool, bool)
+        Whether √2 and √3 can occur in coefficients.
+    cost : float
+        Operations of one evaluation.
+    """
+
+    evaluate: Callable[[PrimeField, Geometry], Residues]
+    symbols: Sequence[str]
+    angles: frozenset[str]
+    lengths: frozenset[str]
+    degrees: Sequence[int]
+    irrational: tuple[bool, bool]
+    cost: float = 1.0
+
+    def values(self, field: PrimeField, geometry: Geometry, count: int) -> Residues:
+        """Values at some geometries: array of shape (functions, count).
+
+        Raises
+        ------
+        DegenerateSampleError
+            If a geometry is singular.
+        """
+        if not self.symbols:  # there is one geometry only
+            return np.repeat(self.evaluate(field, geometry), count, axis=1)
+        parts = [
+            self.evaluate(field, {s: value[first : first + _CHUNK] for s, value in geometry.items()})
+            for first in range(0, count, _CHUNK)
+        ]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+
+    def sample(self, field: PrimeField, rng: np.random.Generator, count: int) -> tuple[Geometry, Residues]:
+        """Random geometries and the values there.
+
+        Raises
+        ------
+        ClosedFormError
+            If random geometries are singular again and again.
+        """
+
+        def attempt() -> tuple[Geometry, Residues]:
+            geometry = {s: field.draw(rng, (count,)) for s in self.symbols}
+            return geometry, self.values(field, geometry, count)
+
+        return persistent(attempt)
+
+
+def persistent(attempt: Callable[[], T]) -> T:
+    """The result of an attempt that depends on random points, several times if they are singular.
+
+    Raises
+    ------
+    ClosedFormError
+        If they are singular again and again.
+    """
+    for _ in range(_ATTEMPTS):
+        try:
+            return attempt()
+        except DegenerateSampleError:
+            continue
+    raise ClosedFormError(f"{_ATTEMPTS} random geometries in a row were singular")
