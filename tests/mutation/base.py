@@ -6,12 +6,18 @@ CERTIFICATE, ORDER, MATRIX = "base/certificate.py", "base/order.py", "base/matri
 CLAIMS = "test_false_claims.py"
 
 FAULTS = (
-    Fault(CERTIFICATE, "{*actual, *claimed}", "actual", "a false claim about an invisible parameter", CLAIMS),
-    Fault(CERTIFICATE, "_REGION_STATES if sampler.has_regions else 1", "1", "one region is looked at", CLAIMS),
     Fault(
         CERTIFICATE,
-        "if found == matrix.rank:",
-        "if found <= matrix.rank:",
+        "if (actual.get(column, 0) - claimed[column]) % field.p:",
+        "if column in actual and (actual[column] - claimed[column]) % field.p:",
+        "a false claim about an invisible parameter",
+        CLAIMS,
+    ),
+    Fault(CERTIFICATE, "    states = sampler.regions", "    states = 1", "one region is looked at", CLAIMS),
+    Fault(
+        CERTIFICATE,
+        "if minor.rank < matrix.rank:",
+        "if minor.rank < 0:",
         "dependent parameters pass as base parameters",
         "test_certificate.py",
     ),
@@ -24,8 +30,8 @@ FAULTS = (
     ),
     Fault(
         CERTIFICATE,
-        "(target.get(row, 0) + factor * value)",
-        "(factor * value)",
+        "claimed[column] += factor * value",
+        "claimed[column] = factor * value",
         "sums in X̄ B",
         "test_certificate.py::test_right_sets_pass",
     ),

@@ -79,6 +79,8 @@ class Certificate:
     log10_residual : float or None
         Decimal logarithm of a bound on what X · N leaves there, beside the largest entry of X; None where the numbers
         are exact.
+    modes : tuple of int
+        With loops, the ranks of all assembly modes that were found; the set is for the one of the stated pose.
     """
 
     rank: int
@@ -94,6 +96,17 @@ class Certificate:
     regions_note: str = ""
     numbers: int = 0
     log10_residual: float | None = None
+    modes: tuple[int, ...] = ()
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What the certificate takes for granted, by the headings of ``docs/assumptions.md``."""
+        found = ["Random points", "Exact decimals"]
+        if not self.at_values:
+            found.append("Generic constants")
+        if self.regions_note:
+            found.append("Regions of signs")
+        return (*found, "Closed loops") if self.order else tuple(found)
 
     def __str__(self) -> str:
         count = len(self.identity_primes)
@@ -104,6 +117,10 @@ class Certificate:
                 f"{self.order} is missed with probability below 1e{int(self.log10_error)}"
             )
         where = " at the stated values" if self.at_values else ""
+        if len(self.modes) > 1:
+            how += (
+                f"; for the assembly mode of the stated pose (modes with {', '.join(map(str, self.modes))} were found)"
+            )
         if self.numbers:
             left = self.log10_residual
             found = "exactly" if left is None else f"in ball arithmetic, residual below 1e{int(left)}"
@@ -114,7 +131,13 @@ class Certificate:
         )
 
 
-def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: StatedValues | None = None) -> Certificate:
+def certify(
+    regressor: LinearForms,
+    matrix: BaseMatrix,
+    seed: int,
+    values: StatedValues | None = None,
+    modes: tuple[int, ...] = (),
+) -> Certificate:
     """Check a base parameter set against a regressor.
 
     Parameters
@@ -126,6 +149,8 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: State
     seed : int
     values : StatedValues, optional
         Values of the symbols at which the set must be minimal; without them, or with loops, general ones.
+    modes : tuple of int
+        With loops, the ranks of all assembly modes that were found.
 
     Returns
     -------
@@ -138,7 +163,7 @@ def certify(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: State
         not; the message names the parameter.
     """
     _check_echelon(matrix)
-    certificate = _certified(regressor, matrix, seed, values)
+    certificate = replace(_certified(regressor, matrix, seed, values), modes=modes)
     if matrix.numbers is None:
         return certificate
     order = _curve_order(regressor, matrix.rank)

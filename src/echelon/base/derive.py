@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import overload
 
 from echelon.base.certificate import certify
@@ -114,13 +115,16 @@ def base_parameters(
     rng = random_generator(seed)
     columns = column_order(mechanism.columns, order, prefer)
     progress("structure")
-    answer = own_answer(mechanism, rng, generic=generic)
+    recorded = virtual_power_form(mechanism)
+    answer = own_answer(mechanism, rng, recorded, generic=generic)
     own, structure = answer.mechanism, answer.structure
     matrix = base_matrix(own, structure, columns, rng, budget, progress)
     progress("certificate")
-    forms = in_mode(virtual_power_form(own), structure.accepted)
-    certificate = certify(forms, matrix, seed, None if generic else stated_values(own))
+    forms = in_mode(recorded if own is mechanism else virtual_power_form(own), structure.accepted)
+    certificate = certify(forms, matrix, seed, None if generic else stated_values(own), structure.modes)
     reading = report_reading(mechanism, structure.rank if answer.special is None else answer.special.rank, rng)
+    if answer.undecided:
+        reading = replace(reading, doubt=answer.undecided)
     return BaseModel(own, matrix, certificate, reading, seed, answer.special, generic)
 
 

@@ -96,6 +96,7 @@ def facts(model: BaseModel) -> list[tuple[str, str]]:
     if model.reading.doubt:
         found.append(("doubt", model.reading.doubt))
     found.append(("certificate", str(model.certificate)))
+    found.append(("assumes", f"{'; '.join(model.certificate.assumptions)} (docs/assumptions.md)"))
     return found
 
 

@@ -24,6 +24,7 @@ from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, stated_values
 from echelon.mechanism.substitute import substituted
+from echelon.regressor.linear import LinearForms
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
 
@@ -49,13 +50,17 @@ class OwnAnswer:
     undecided: str = ""
 
 
-def own_answer(mechanism: Mechanism, rng: np.random.Generator, *, generic: bool = False) -> OwnAnswer:
+def own_answer(
+    mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None = None, *, generic: bool = False
+) -> OwnAnswer:
     """Structure at the stated values, and the relations among them that it depends on.
 
     Parameters
     ----------
     mechanism : Mechanism
     rng : numpy Generator
+    recorded : LinearForms, optional
+        The mechanism's virtual power, where it is recorded already.
     generic : bool
         Keep the answer for general values, and tell what the stated ones would change.
 
@@ -64,7 +69,7 @@ def own_answer(mechanism: Mechanism, rng: np.random.Generator, *, generic: bool 
     OwnAnswer
     """
     structure, values = find_structure(mechanism, rng), stated_values(mechanism)
-    if not values.names or _is_general(mechanism, structure, values, rng):
+    if not values.names or _is_general(mechanism, structure, values, recorded, rng):
         return OwnAnswer(mechanism, structure)
     try:
         at_values = stated_structure(mechanism, rng)
@@ -121,11 +126,18 @@ def at_values(matrix: BaseMatrix, values: StatedValues) -> BaseMatrix:
     return replace(matrix, rows=rows)
 
 
-def _is_general(mechanism: Mechanism, structure: Structure, values: StatedValues, rng: np.random.Generator) -> bool:
+def _is_general(
+    mechanism: Mechanism,
+    structure: Structure,
+    values: StatedValues,
+    recorded: LinearForms | None,
+    rng: np.random.Generator,
+) -> bool:
     """Whether the general representatives are proved independent at the stated values."""
     if mechanism.closures or not values.can_be_drawn or _constrains_effects(mechanism, values):
         return False  # their symbols have no values that could simply be drawn
-    return find_minor(virtual_power_form(mechanism), structure.pivots, values, rng).rank == structure.rank
+    forms = virtual_power_form(mechanism) if recorded is None else recorded
+    return find_minor(forms, structure.pivots, values, rng).rank == structure.rank
 
 
 def _constrains_effects(mechanism: Mechanism, values: StatedValues) -> bool:

@@ -105,6 +105,9 @@ def special_geometry(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> Speci
     g = 0: 4
     gravity along z: 4
     no gravity: 4
+    g = 0, l1 = 0: 2
+    l1 = 0, gravity along z: 2
+    l1 = 0, no gravity: 2
     """
     rng = random_generator(seed)
     rank = find_structure(mechanism, rng).rank

@@ -30,7 +30,7 @@ from echelon.exact.unknown import UnknownFunctions, persistent
 from echelon.exact.work import Work
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.roles import symbol_roles
-from echelon.mechanism.values import stated_values
+from echelon.mechanism.values import value_texts
 from echelon.program.balls import ball
 
 _BITS, _MOST_BITS = 512, 4096
@@ -130,7 +130,7 @@ class StatedColumns:
         return needed
 
     def _stated(self, names: set[str]) -> dict[str, str]:
-        at = stated_values(self.mechanism, names)
+        at = value_texts(self.mechanism, names)
         silent = sorted(names - at.keys())
         if silent:
             raise ClosedFormError(

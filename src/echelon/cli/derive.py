@@ -137,6 +137,8 @@ def _structure_text(answer: OwnAnswer, seed: int, *, as_json: bool) -> str:
     lines = [one_line(count), f"representatives: {one_line(' '.join(names))}"]
     if answer.special is not None:
         lines.append(f"stated values: {one_line(answer.special.text('robot'))}")
+    if answer.undecided:
+        lines.append(f"doubt: {one_line(answer.undecided)}")
     if len(structure.modes) > 1:
         ranks = ", ".join(map(str, structure.modes))
         lines.append(f"assembly modes: base parameters {ranks}; this is the one with {structure.rank}")

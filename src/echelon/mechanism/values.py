@@ -40,7 +40,7 @@ def symbol_values(
     return values
 
 
-def stated_values(mechanism: Mechanism, names: Iterable[str]) -> dict[str, str]:
+def value_texts(mechanism: Mechanism, names: Iterable[str]) -> dict[str, str]:
     """Stated values of those symbols that have one, as exact text; the decimals of a float are taken as exact."""
     found = {}
     for name in sorted(names):

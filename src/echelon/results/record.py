@@ -73,6 +73,7 @@ class CertificateRecord(_Strict):
     at_values: bool = Field(False, description="Whether the minor was taken at the stated values of the symbols.")
     regions: int = Field(0, description="Regions of signs that were visited; 0 without signs.")
     regions_note: str = ""
+    modes: list[int] = Field([], description="With loops, ranks of all assembly modes that were found.")
     numbers: int = Field(0, description="Columns of B that are numbers, checked at the stated values only.")
     log10_residual: float | None = Field(None, description="Bound on what is left there, where they are not exact.")
 

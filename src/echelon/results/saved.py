@@ -22,7 +22,7 @@ from echelon.exact.rational import RationalFunction
 from echelon.files import write_atomically
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.reading import Snap
-from echelon.mechanism.values import stated_values
+from echelon.mechanism.values import value_texts
 from echelon.version import __version__
 
 if TYPE_CHECKING:
@@ -158,6 +158,7 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
     evidence = record.certificate.model_dump()
     try:
         evidence["identity_primes"] = tuple(int(p) for p in evidence["identity_primes"])
+        evidence["modes"] = tuple(evidence["modes"])
     except ValueError:
         raise InputError("primes are decimal numbers", source=source, element="certificate") from None
     model = BaseModel(
@@ -200,7 +201,7 @@ def _check_derived(record: BaseModelRecord, model: BaseModel) -> None:
     for key, mine, theirs in zip(("name", "rank", "outputs", "classification"), true, stated, strict=True):
         if mine != theirs:
             raise CertificateError(f"'{key}' contradicts the model or the terms of its base parameters")
-    if model.matrix.numbers and model.matrix.numbers.at != stated_values(model.mechanism, model.matrix.numbers.at):
+    if model.matrix.numbers and model.matrix.numbers.at != value_texts(model.mechanism, model.matrix.numbers.at):
         raise CertificateError("'numbers' are for other values than those stated by the model")
     for row, derived in zip(record.base, _base_rows(model), strict=True):
         # another version may word an expression in another way

@@ -45,10 +45,11 @@ def verify(model: BaseModel | str | os.PathLike[str], seed: int | None = None) -
     recorded = model.certificate
     if recorded.rank != model.rank:
         raise CertificateError(f"the certificate is for {recorded.rank} base parameters, the set has {model.rank}")
+    modes: tuple[int, ...] = ()
     forms = virtual_power_form(model.mechanism)
     if forms.loops is not None:
         structure = find_structure(model.mechanism, np.random.default_rng(recorded.seed))
-        forms = in_mode(forms, structure.accepted)
+        forms, modes = in_mode(forms, structure.accepted), structure.modes
     values = None if model.generic else stated_values(model.mechanism)
-    certify(forms, model.matrix, recorded.seed, values)
-    return certify(forms, model.matrix, recorded.seed + 1 if seed is None else seed, values)
+    certify(forms, model.matrix, recorded.seed, values, modes)
+    return certify(forms, model.matrix, recorded.seed + 1 if seed is None else seed, values, modes)
