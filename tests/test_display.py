@@ -182,7 +182,7 @@ REMARKS = {
 @pytest.mark.parametrize("remark", REMARKS)
 def test_remarks_on_the_reading(remark: str) -> None:
     model = replace(SHOWN["double_pendulum"](), reading=REMARKS[remark])
-    assert remark in to_text(model).splitlines()[-2]
+    assert remark in to_text(model).splitlines()[-3]
     assert remark in to_latex(model)
     assert remark in to_markdown(model)
 
