@@ -20,16 +20,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from math import inf, log10
 from typing import Any
 
 import numpy as np
 
 from echelon.base.matrix import BaseMatrix
+from echelon.base.minor import curve_order, find_minor
 from echelon.base.stated_check import check_stated
 from echelon.errors import CertificateError, DegenerateSampleError
-from echelon.exact.elimination import rank
 from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.stated import GENERAL, StatedValues
@@ -39,9 +38,8 @@ from echelon.regressor.linear import LinearForms
 from echelon.seeds import random_generator
 
 _POINTS = 2
-_CURVES, _CURVE_ORDER, _SURPLUS_ORDER = 5, 24, 16
+_CURVES = 5
 _ATTEMPTS = 64
-_MOST_STATES = 4096
 _COEFFICIENT_BITS = 60.0
 """Coefficients are assumed shorter than 2^60 bits, which no computer could write down."""
 
@@ -166,7 +164,7 @@ def certify(
     certificate = replace(_certified(regressor, matrix, seed, values), modes=modes)
     if matrix.numbers is None:
         return certificate
-    order = _curve_order(regressor, matrix.rank)
+    order = curve_order(regressor, matrix.rank)
     residual = check_stated(regressor, matrix, order, random_generator(seed))
     return replace(
         certificate, numbers=len(matrix.numbers.columns), log10_residual=None if residual == -inf else residual
@@ -202,17 +200,11 @@ def _regions(sampler: FieldSampler) -> dict[str, Any]:
 def _certified_on_curves(
     regressor: LinearForms, matrix: BaseMatrix, seed: int, minor: tuple[int, int], rng: np.random.Generator
 ) -> Certificate:
-    order = _curve_order(regressor, matrix.rank)
+    order = curve_order(regressor, matrix.rank)
     sampler = regressor.sampler(order)
     primes = tuple(_check_complete(regressor, matrix, sampler, rng, ARRAY_BITS) for _ in range(_CURVES))
     error = sum(log10(order) - log10(p) for p in primes)
     return Certificate(matrix.rank, seed, *minor, primes, order, error, order, **_regions(sampler))
-
-
-def _curve_order(regressor: LinearForms, rank: int) -> int:
-    """How many coefficients to take of curves: more if few freedoms have to show many parameters."""
-    freedoms = len(regressor.loops.preferred) if regressor.loops else 0
-    return max(_CURVE_ORDER, rank // max(1, freedoms) + _SURPLUS_ORDER)
 
 
 def _check_echelon(matrix: BaseMatrix) -> None:
@@ -248,59 +240,6 @@ def _check_minimal(
             f"the set is too large: its {matrix.rank} representatives span only {max(minor.rank, 0)} dimensions"
         )
     return minor.prime, minor.states
-
-
-@dataclass(frozen=True)
-class Minor:
-    """The largest non-zero minor of some columns that was found.
-
-    Attributes
-    ----------
-    rank, prime : int
-        Its size, and the prime modulo which it is not zero.
-    states : int
-        Number of random states whose rows contain it.
-    """
-
-    rank: int
-    prime: int
-    states: int
-
-
-def find_minor(
-    regressor: LinearForms, columns: tuple[int, ...], values: StatedValues, rng: np.random.Generator
-) -> Minor:
-    """A non-zero minor of some columns, of their number if they are independent; block triangular as far as possible.
-
-    Parameters
-    ----------
-    regressor : LinearForms
-    columns : tuple of int
-    values : StatedValues
-        Values of symbols at which it is taken.
-    rng : numpy Generator
-    """
-    sampler_of = cache(lambda rest: regressor.columns(rest).sampler(_curve_order(regressor, len(columns))))
-    doubled, best = 1, Minor(-1, 0, 0)
-    for _ in range(_ATTEMPTS):
-        field = PrimeField.random(rng, ARRAY_BITS)
-        try:
-            settled = regressor.blocks.independent(columns, field, rng, values) if regressor.blocks else set()
-            rest = tuple(p for p in columns if p not in settled)
-            sampler = sampler_of(rest)
-            regions = sampler.regions
-            states = doubled * max(2 + len(rest) // max(1, regressor.shape[0]), regions)
-            residues = sampler.evaluate(field, rng, states, values.draw(sampler.symbols, field, rng))
-        except DegenerateSampleError:
-            continue
-        found = Minor(len(settled) + rank(regressor.columns(rest).stacked(residues)[0], field), field.p, states)
-        # once twice the states add nothing and rows abound, also in every region, more will not either
-        enough = found.rank <= best.rank and states * regressor.shape[0] > 4 * len(rest) + 64
-        best = max(best, found, key=lambda minor: minor.rank)
-        if best.rank == len(columns) or (enough and states > regions) or 2 * states > max(_MOST_STATES, 4 * regions):
-            break
-        doubled *= 2
-    return best
 
 
 def _check_complete(

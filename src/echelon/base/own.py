@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from echelon.base.certificate import find_minor
 from echelon.base.matrix import BaseMatrix
+from echelon.base.minor import find_minor
 from echelon.base.structure import Structure, find_structure
 from echelon.base.value_relations import RelationSearch, SpecialValues
 from echelon.errors import EchelonError
