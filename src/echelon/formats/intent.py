@@ -215,6 +215,12 @@ class Intent:
         """Numeric value of an expression in angle symbols."""
         return numeric_value(value, {name: s.value for name, s in self.symbols.items() if s.value is not None})
 
+    def forget(self, names: Collection[str]) -> None:
+        """Take back symbols that nothing uses."""
+        for name in names:
+            del self.symbols[name]
+        self._angles = [(size, name) for size, name in self._angles if name in self.symbols]
+
     def _new_symbol(self, name: str, symbol: Symbol) -> str:
         unique, suffix = name, "b"
         while unique in self.symbols:
@@ -226,7 +232,10 @@ class Intent:
 def _rest_text(angle: Angle, quarters: int, sign: int) -> str:
     """The exact text of what an angle is more, or less, than a number of right angles."""
     turns = Polynomial({((PI, 1),): sign * (angle.half_turns - Fraction(quarters, 2))})
-    return format_polynomial(turns + sign * angle.radians) if turns else decimal_text(sign * angle.radians)
+    radians = sign * angle.radians
+    if not turns or not radians:
+        return format_polynomial(turns) if turns else decimal_text(radians)
+    return f"{format_polynomial(turns)} {'+' if radians > 0 else '-'} {decimal_text(abs(radians))}"
 
 
 def symbol_stem(name: str) -> str:

@@ -64,6 +64,7 @@ def with_relations(
     """
     found: list[Body] = []
     literal = {label for label, own in sources.items() if any(e.startswith(tuple(own)) for e in intent.literal)}
+    named = set(intent.symbols)
     scale, down = _scale(bodies, intent), _down(gravity, intent)
     for body in bodies:
         pair = _pair(found, body, down)
@@ -75,6 +76,8 @@ def with_relations(
         found.append(replace(pair, literal=as_stated, scale=scale).related(intent))
         if body.parent == GROUND and down is not None and down.gravity and replace(pair, body=found[-1]).is_exact:
             gravity = down.gravity
+    used = {s for body in found for s in body.joint.symbols()} | {s for part in gravity or () for s in part.symbols()}
+    intent.forget(set(intent.symbols) - named - used)
     return found, gravity
 
 
