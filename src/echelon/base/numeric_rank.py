@@ -25,6 +25,7 @@ from echelon.mechanism.values import characteristic_length, symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
 from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
@@ -38,7 +39,7 @@ _ROWS_PER_COLUMN = 1.5
 _FEWEST_ROWS = 32
 _MARGIN = 32
 _RATE, _ACCELERATION = 3.0, 10.0  # largest random ones, rad/s and rad/s²
-_BLOCK = 256  # states that are evaluated together
+_BLOCK = 128  # states that are evaluated together
 _ROUNDS = 8  # of drawing, where states outside a function's domain are left out
 _ROUNDING = float(np.finfo(np.float64).eps)
 _SINGLE_TO_DOUBLE = _ROUNDING / float(np.finfo(np.float32).eps)
@@ -124,6 +125,7 @@ def numeric_ranks(
     pivoted: bool = False,
     near: int | None = None,
     symbols: Mapping[str, float] | None = None,
+    recorded: LinearForms | None = None,
 ) -> NumericRanks:
     """Singular values of the regressor at random states, in double precision.
 
@@ -147,6 +149,8 @@ def numeric_ranks(
         with fewer columns, which keeps its rank.
     symbols : mapping of str to float, optional
         Values that replace or complete those of the mechanism.
+    recorded : LinearForms, optional
+        The mechanism's virtual power, where it is recorded already.
 
     Returns
     -------
@@ -159,11 +163,11 @@ def numeric_ranks(
     """
     reading = mechanism.reading
     if literal and reading is not None and reading.snaps:
-        mechanism = reading.literal()
+        mechanism, recorded = reading.literal(), None
     rng = random_generator(seed)
     if near is None or near + 2 * _MARGIN >= len(mechanism.parameters):
-        return ranks_of_matrix(sampled_matrix(mechanism, rng, symbols=symbols), tolerances, pivoted=pivoted)
-    matrix = sampled_matrix(mechanism, rng, near + 2 * _MARGIN, symbols)
+        return ranks_of_matrix(sampled_matrix(mechanism, rng, None, symbols, recorded), tolerances, pivoted=pivoted)
+    matrix = sampled_matrix(mechanism, rng, near + 2 * _MARGIN, symbols, recorded)
     mixed = matrix @ rng.standard_normal((matrix.shape[1], near + _MARGIN))
     return ranks_of_matrix(mixed, tolerances, pivoted=pivoted)
 
@@ -194,6 +198,7 @@ def sampled_matrix(
     rng: np.random.Generator,
     rows: int | None = None,
     symbols: Mapping[str, float] | None = None,
+    recorded: LinearForms | None = None,
 ) -> Floats:
     """Rows uᵀX at random states and virtual velocities u, columns scaled to unit size.
 
@@ -207,6 +212,8 @@ def sampled_matrix(
         At least half as many again as columns if omitted.
     symbols : mapping of str to float, optional
         Values that replace or complete those of the mechanism.
+    recorded : LinearForms, optional
+        The mechanism's virtual power, where it is recorded already.
 
     Returns
     -------
@@ -225,7 +232,8 @@ def sampled_matrix(
         sizes = np.linalg.norm(stacked, axis=0)
         scaled: Floats = stacked / np.maximum(sizes, _NOISE_AT_CLOSED_STATES * sizes.max(initial=1e-300))
         return scaled
-    stacked, rounding = _at_states(mechanism, rng, rows, symbols)
+    forms = virtual_power_form(mechanism) if recorded is None else recorded
+    stacked, rounding = _at_states(mechanism, forms, rng, rows, symbols)
     sizes = np.linalg.norm(stacked, axis=0)
     seen = sizes > _NOISE * rounding
     return np.where(seen, stacked, 0.0) / np.where(seen, sizes, 1.0)
@@ -240,10 +248,13 @@ def _at_closed_states(
 
 
 def _at_states(
-    mechanism: Mechanism, rng: np.random.Generator, rows: int, given: Mapping[str, float] | None
+    mechanism: Mechanism,
+    forms: LinearForms,
+    rng: np.random.Generator,
+    rows: int,
+    given: Mapping[str, float] | None,
 ) -> tuple[Floats, Floats]:
     """Rows at random states where all entries are finite, and the size of the rounding in every column."""
-    forms = virtual_power_form(mechanism)
     program, entries = forms.program, forms.entries
     schedule = Schedule(program, list(entries.values()))
     names = [program.inputs[node].name for node in schedule.leaves if program.inputs[node].role == "symbol"]

@@ -16,6 +16,7 @@ from echelon.base.own import stated_structure
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.reading import Reading, Snap
+from echelon.regressor.linear import LinearForms
 
 ROUNDING = 1e-9
 """Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""
@@ -64,7 +65,9 @@ class ReadingReport:
     mimics: MimicRanks | None = None
 
 
-def report_reading(mechanism: Mechanism, rank: int, rng: np.random.Generator) -> ReadingReport:
+def report_reading(
+    mechanism: Mechanism, rank: int, rng: np.random.Generator, recorded: LinearForms | None = None
+) -> ReadingReport:
     """What was snapped, and what the literal reading of the mechanism's file would give.
 
     Parameters
@@ -73,32 +76,34 @@ def report_reading(mechanism: Mechanism, rank: int, rng: np.random.Generator) ->
     rank : int
         Rank of the intended reading at the stated values.
     rng : numpy Generator
+    recorded : LinearForms, optional
+        The mechanism's virtual power, where it is recorded already.
     """
     reading = mechanism.reading
     if reading is None:
-        return ReadingReport(doubt=_doubt(mechanism, rank))
+        return ReadingReport(doubt=_doubt(mechanism, recorded, rank))
     mimics = _mimic_ranks(mechanism, reading, rank, rng)
     coarse = [snap for snap in reading.snaps if snap.difference > ROUNDING]
     if not coarse:
-        return ReadingReport(reading.snaps, reading.notes, doubt=_doubt(mechanism, rank), mimics=mimics)
+        return ReadingReport(reading.snaps, reading.notes, doubt=_doubt(mechanism, recorded, rank), mimics=mimics)
     literal_rank = stated_structure(reading.literal(), rng).rank
     decisive: list[Snap] = []
     if literal_rank != rank:
         elements = list(dict.fromkeys(snap.element for snap in coarse))
         chosen = set(_decisive(reading, elements, rank, len(mechanism.bodies), rng))
         decisive = [snap for snap in coarse if snap.element in chosen]
-    doubt = _doubt(mechanism, literal_rank, rank)
+    doubt = _doubt(mechanism, recorded, literal_rank, rank)
     return ReadingReport(reading.snaps, reading.notes, literal_rank, tuple(decisive), doubt, mimics)
 
 
-def _doubt(mechanism: Mechanism, expected: int, intended: int | None = None) -> str:
+def _doubt(mechanism: Mechanism, recorded: LinearForms | None, expected: int, intended: int | None = None) -> str:
     """What the float ranks of the literal numbers are, if none of them is what was expected.
 
     Snaps explain all ranks from the intended one to the literal one: what they move by little shows little.
     """
     low, high = sorted((expected, expected if intended is None else intended))
     try:
-        found = numeric_ranks(mechanism, near=high)
+        found = numeric_ranks(mechanism, near=high, recorded=recorded)
     except InputError:  # values are missing, or loops do not close at the stated ones
         return ""
     widest = found.widest_gap()
