@@ -22,6 +22,8 @@ ROUNDING = 1e-9
 """Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""
 
 
+_LARGEST_RANK = 1000
+"""Beyond it, float ranks would take most of the time."""
 _MOST_TRIALS, _FEWEST_TRIALS = 600, 8
 """Readings that are tried to find out which snaps matter, times the number of bodies, and at least."""
 
@@ -102,6 +104,8 @@ def _doubt(mechanism: Mechanism, recorded: LinearForms | None, expected: int, in
     Snaps explain all ranks from the intended one to the literal one: what they move by little shows little.
     """
     low, high = sorted((expected, expected if intended is None else intended))
+    if high > _LARGEST_RANK:
+        return f"not compared with float ranks, as for all robots with more than {_LARGEST_RANK} base parameters"
     try:
         found = numeric_ranks(mechanism, near=high, recorded=recorded)
     except InputError:  # values are missing, or loops do not close at the stated ones
