@@ -75,6 +75,17 @@ def test_enclosures_hold(formula: Any, x: tuple[float, float], y: tuple[float, f
             assert low <= value <= high, (point, value)
 
 
+@pytest.mark.parametrize(
+    ("function", "x", "expected"),
+    [("sin", (0.5, 2.0), 1.0), ("sin", (-2.0, -1.0), -1.0), ("cos", (-0.5, 0.7), 1.0), ("cos", (3.0, 3.5), -1.0)],
+)
+def test_waves_reach_their_extremes_between_the_ends(function: str, x: tuple[float, float], expected: float) -> None:
+    program = Program()
+    node = getattr(program, function)(program.input("x")).node
+    low, high = enclosed(program, node, {"x": x})
+    assert (high if expected > 0 else low) == expected
+
+
 def _between(ends: tuple[float, float], share: float) -> float:
     return min(max(ends[0] + share * (ends[1] - ends[0]), ends[0]), ends[1])
 
