@@ -1,6 +1,6 @@
 """All valid URDF files of example-robot-data: exact rank against the singular values of Pinocchio's regressor.
 
-Those with few moving bodies are compared with the rank of their numbers in 320-bit arithmetic, too, in both readings.
+Those with few moving bodies are compared with the rank of their numbers in 1024-bit arithmetic, too, in both readings.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ LARGE = 90
 """Files with more joints than this, fixed ones included, are slow: the singular values take long, not we."""
 
 EXACTLY = 32
-"""Files with at most so many moving joints are evaluated in 320 bits: the cost grows with the third power."""
+"""Files with at most so many moving joints are evaluated in 1024 bits: the cost grows with the third power."""
 
 
 def load(file: Path, floating: bool, **options: object) -> ec.Mechanism:

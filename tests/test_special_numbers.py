@@ -1,4 +1,4 @@
-"""Exact ranks of robots with special numbers against the truth in 320-bit arithmetic, in both readings of their files.
+"""Exact ranks of robots with special numbers against the truth in 1024-bit arithmetic, in both readings of their files.
 
 The literal reading is compared with the rank of the numbers as they are written, the default reading with the rank of
 what they were rounded from.

@@ -1,4 +1,4 @@
-"""The rank of a robot's regressor from numbers alone, in 320-bit ball arithmetic: a truth from outside.
+"""The rank of a robot's regressor from numbers alone, in 1024-bit ball arithmetic: a truth from outside.
 
 Nothing of Echelon is used.  Geometry is numeric; the dynamics are the textbook recursion in world axes (velocities and
 accelerations outwards, wrenches of unit parameters, projected on every joint before the body); the rank is that of
@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from flint import arb, fmpq
 
-BITS = 320
+BITS = 1024
 GAP = 1e-20
 
 Vec = npt.NDArray[Any]
