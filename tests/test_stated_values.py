@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
+from echelon.base.reading_report import report_reading
 from echelon.exact.angle import Angle
 from echelon.exact.field import PrimeField
 from echelon.exact.polynomial import float_generators
@@ -39,6 +40,8 @@ modified_dh:
 """
     )
 
+
+PANDA = Path(__file__).parents[1] / "examples/panda.yaml"
 
 PARALLELOGRAM = """
 symbols: {l0: 1.0, l1: 0.5, l2: 1.0, l3: 0.5}
@@ -273,3 +276,18 @@ def test_a_declared_decimal_near_a_right_angle_is_one_and_said_so() -> None:
         "symbols: {alpha: 1.5708}\nmodified_dh: [{joint: revolute}, {joint: revolute, alpha: alpha}]", tolerance=0
     )
     assert literal.symbols["alpha"].exact == "1.5708"
+
+
+# -- the net underneath ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("error", [-2, -1, 1, 2])
+def test_float_ranks_doubt_a_wrong_count_and_no_right_one(error: int) -> None:
+    robot = ec.load(PANDA)
+    assert report_reading(robot, 43, np.random.default_rng(1)).doubt == ""
+    assert f"do not confirm {43 + error}: rank 43" in report_reading(robot, 43 + error, np.random.default_rng(1)).doubt
+
+
+def test_a_count_that_is_not_compared_is_said() -> None:
+    robot = ec.load(PANDA)
+    assert "not compared" in report_reading(robot, 1001, np.random.default_rng(1)).doubt

@@ -21,7 +21,7 @@ import numpy as np
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.expressions import parse, parse_angle
 from echelon.exact.field import CERTIFICATE_BITS, PrimeField, Residues
-from echelon.exact.numbers import Number, Surd, cosine_of_turn, format_number, sine_of_turn
+from echelon.exact.numbers import Number, cosine_of_turn, sine_of_turn
 from echelon.exact.polynomial import (
     Polynomial,
     as_polynomial,
@@ -249,8 +249,3 @@ def _off_grid(half_turns: Fraction) -> tuple[int, Fraction]:
     """Steps of 15°, and the rest in half turns: all or nothing, so that the rest has a small unit."""
     steps = half_turns * STEPS_PER_HALF_TURN
     return (int(steps), Fraction(0)) if steps.denominator == 1 else (0, half_turns)
-
-
-def text_of(number: Number) -> str:
-    """A number as an expression that every reader of expressions knows."""
-    return format_number(number) if isinstance(number, Surd) else str(number)
