@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from fractions import Fraction
 from math import cos
 from pathlib import Path
@@ -286,6 +287,15 @@ def test_float_ranks_doubt_a_wrong_count_and_no_right_one(error: int) -> None:
     robot = ec.load(PANDA)
     assert report_reading(robot, 43, np.random.default_rng(1)).doubt == ""
     assert f"do not confirm {43 + error}: rank 43" in report_reading(robot, 43 + error, np.random.default_rng(1)).doubt
+
+
+def test_float_ranks_of_neighbours_stand_for_those_of_a_large_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = ec.load(PANDA)
+    base = ec.base_parameters(robot)
+    monkeypatch.setattr("echelon.base.reading_report._MOST_COLUMNS", 40)
+    assert report_reading(robot, 43, np.random.default_rng(1), matrix=base.matrix).doubt == ""
+    wrong = replace(base.matrix, rows=base.matrix.rows[:20])
+    assert "for the parameters" in report_reading(robot, 43, np.random.default_rng(1), matrix=wrong).doubt
 
 
 def test_a_count_that_is_not_compared_is_said() -> None:

@@ -123,7 +123,7 @@ def base_parameters(
     forms = in_mode(recorded if own is mechanism else virtual_power_form(own), structure.accepted)
     certificate = certify(forms, matrix, seed, None if generic else stated_values(own), structure.modes)
     stated_rank = structure.rank if answer.special is None else answer.special.rank
-    reading = report_reading(mechanism, stated_rank, rng, recorded)
+    reading = report_reading(mechanism, stated_rank, rng, recorded, None if generic else matrix)
     if answer.undecided:
         reading = replace(reading, doubt=answer.undecided)
     return BaseModel(own, matrix, certificate, reading, seed, answer.special, generic)

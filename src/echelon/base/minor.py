@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
@@ -48,14 +47,14 @@ def find_minor(
         Values of symbols at which it is taken.
     rng : numpy Generator
     """
-    sampler_of = cache(lambda rest: regressor.columns(rest).sampler(curve_order(regressor, len(columns))))
+    order = curve_order(regressor, len(columns))
     doubled, best = 1, Minor(-1, 0, 0)
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng, ARRAY_BITS)
         try:
             settled = regressor.blocks.independent(columns, field, rng, values) if regressor.blocks else set()
             rest = tuple(p for p in columns if p not in settled)
-            sampler = sampler_of(rest)
+            sampler = regressor.columns(rest).sampler(order)
             regions = sampler.regions
             states = doubled * max(2 + len(rest) // max(1, regressor.shape[0]), regions)
             residues = sampler.evaluate(field, rng, states, values.draw(sampler.symbols, field, rng))

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -127,6 +128,7 @@ def numeric_ranks(
     near: int | None = None,
     symbols: Mapping[str, float] | None = None,
     recorded: LinearForms | None = None,
+    columns: Sequence[int] | None = None,
 ) -> NumericRanks:
     """Singular values of the regressor at random states, in double precision.
 
@@ -152,6 +154,8 @@ def numeric_ranks(
         Values that replace or complete those of the mechanism.
     recorded : LinearForms, optional
         The mechanism's virtual power, where it is recorded already.
+    columns : sequence of int, optional
+        Of these standard parameters only.
 
     Returns
     -------
@@ -166,9 +170,10 @@ def numeric_ranks(
     if literal and reading is not None and reading.snaps:
         mechanism, recorded = reading.literal(), None
     rng = random_generator(seed)
-    if near is None or near + 2 * _MARGIN >= len(mechanism.parameters):
-        return ranks_of_matrix(sampled_matrix(mechanism, rng, None, symbols, recorded), tolerances, pivoted=pivoted)
-    matrix = sampled_matrix(mechanism, rng, near + 2 * _MARGIN, symbols, recorded)
+    columns = range(len(mechanism.parameters)) if columns is None else columns
+    if near is None or near + 2 * _MARGIN >= len(columns):
+        return ranks_of_matrix(_sampled(mechanism, columns, rng, None, symbols, recorded), tolerances, pivoted=pivoted)
+    matrix = _sampled(mechanism, columns, rng, near + 2 * _MARGIN, symbols, recorded)
     mixed = matrix @ rng.standard_normal((matrix.shape[1], near + _MARGIN))
     if near <= _MOST_SINGULAR_VALUES:
         return ranks_of_matrix(mixed, tolerances, pivoted=pivoted)
@@ -198,46 +203,28 @@ def ranks_of_matrix(matrix: Floats, tolerances: Sequence[float] = TOLERANCES, *,
     return NumericRanks(columns, rows, tuple(tolerances), _fractions(singular), _fractions(diagonal))
 
 
-def sampled_matrix(
+def _sampled(
     mechanism: Mechanism,
+    columns: Sequence[int],
     rng: np.random.Generator,
-    rows: int | None = None,
-    symbols: Mapping[str, float] | None = None,
-    recorded: LinearForms | None = None,
+    rows: int | None,
+    symbols: Mapping[str, float] | None,
+    recorded: LinearForms | None,
 ) -> Floats:
     """Rows uᵀX at random states and virtual velocities u, columns scaled to unit size.
 
     Rotations are any, translations of the size of the links, rates within 3 rad/s and accelerations within 10 rad/s².
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    rng : numpy Generator
-    rows : int, optional
-        At least half as many again as columns if omitted.
-    symbols : mapping of str to float, optional
-        Values that replace or complete those of the mechanism.
-    recorded : LinearForms, optional
-        The mechanism's virtual power, where it is recorded already.
-
-    Returns
-    -------
-    array of shape (rows, standard parameters)
-
-    Raises
-    ------
-    InputError
-        As :func:`numeric_ranks`.
+    If omitted, there are at least half as many rows again as columns.
     """
-    rows = rows or max(_FEWEST_ROWS, int(_ROWS_PER_COLUMN * len(mechanism.parameters)))
+    rows = rows or max(_FEWEST_ROWS, int(_ROWS_PER_COLUMN * len(columns)))
     if mechanism.closures:
-        stacked = _at_closed_states(mechanism, rng, rows, symbols)
+        stacked = _at_closed_states(mechanism, rng, rows, symbols)[:, list(columns)]
         length = characteristic_length(mechanism)
-        stacked /= np.array([length**column.length_degree for column in mechanism.columns])
+        stacked /= np.array([length ** mechanism.columns[column].length_degree for column in columns])
         sizes = np.linalg.norm(stacked, axis=0)
         scaled: Floats = stacked / np.maximum(sizes, _NOISE_AT_CLOSED_STATES * sizes.max(initial=1e-300))
         return scaled
-    forms = virtual_power_form(mechanism) if recorded is None else recorded
+    forms = (virtual_power_form(mechanism) if recorded is None else recorded).columns(columns)
     stacked, rounding = _at_states(mechanism, forms, rng, rows, symbols)
     sizes = np.linalg.norm(stacked, axis=0)
     seen = sizes > _NOISE * rounding
@@ -265,19 +252,22 @@ def _at_states(
     names = [program.inputs[node].name for node in schedule.leaves if program.inputs[node].role == "symbol"]
     symbols, scales = symbol_values(mechanism, names, given), _scales(mechanism)
     blocks: list[Floats] = []
-    count = 0
+    count, rounding = 0, np.zeros(forms.shape[1])
     for _ in range(_ROUNDS + rows // _BLOCK):
         leaves = _random_inputs(program, symbols, scales, rng)
-        both = np.zeros((2, _BLOCK, forms.shape[1]))
-        for matrix, arithmetic in zip(both, (FloatArithmetic(), _SinglePrecision()), strict=True):
+        precisions = (FloatArithmetic(), *([] if count else [_SinglePrecision()]))  # one block shows the rounding
+        found = np.zeros((len(precisions), _BLOCK, forms.shape[1]))
+        for matrix, arithmetic in zip(found, precisions, strict=True):
             with np.errstate(all="ignore"):
                 values = schedule.run(arithmetic, {node: leaves[node] for node in schedule.leaves}, _BLOCK)
             matrix[:, [column for _, column in entries]] = values.T
-        blocks.append(both[:, np.isfinite(both).all(axis=(0, 2))])
-        count += blocks[-1].shape[1]
+        found = found[:, np.isfinite(found).all(axis=(0, 2))]
+        if not count and found.shape[1]:
+            rounding = _SINGLE_TO_DOUBLE * np.linalg.norm(found[1] - found[0], axis=0) * sqrt(rows / found.shape[1])
+        blocks.append(found[0])
+        count += found.shape[1]
         if count >= rows:
-            found, rough = np.concatenate(blocks, axis=1)[:, :rows]
-            return found, _SINGLE_TO_DOUBLE * np.linalg.norm(rough - found, axis=0)
+            return np.concatenate(blocks)[:rows], rounding
     raise InputError("no random states are found at which the regressor is finite")
 
 

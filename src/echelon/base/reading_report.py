@@ -11,19 +11,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from echelon.base.matrix import BaseMatrix
 from echelon.base.numeric_rank import numeric_ranks
 from echelon.base.own import stated_structure
 from echelon.errors import InputError
+from echelon.exact.elimination import rank as rank_modulo
+from echelon.exact.field import ARRAY_BITS, PrimeField
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.reading import Reading, Snap
+from echelon.mechanism.stated import StatedValues, stated_values
 from echelon.regressor.linear import LinearForms
+from echelon.seeds import DEFAULT_SEED, random_generator
 
 ROUNDING = 1e-9
 """Snaps up to this size are what decimals of a file cannot help, and part of the literal reading too."""
 
 
+_MOST_COLUMNS = 300
+"""Of more, float ranks would take too much of the time: so many neighbours are compared instead of all."""
 _LARGEST_RANK = 1000
-"""Beyond it, float ranks would take most of the time."""
+"""Above it, nothing is compared where the file's numbers have another rank, or B has columns of numbers."""
 _MOST_TRIALS, _FEWEST_TRIALS = 600, 8
 """Readings that are tried to find out which snaps matter, times the number of bodies, and at least."""
 
@@ -68,7 +75,11 @@ class ReadingReport:
 
 
 def report_reading(
-    mechanism: Mechanism, rank: int, rng: np.random.Generator, recorded: LinearForms | None = None
+    mechanism: Mechanism,
+    rank: int,
+    rng: np.random.Generator,
+    recorded: LinearForms | None = None,
+    matrix: BaseMatrix | None = None,
 ) -> ReadingReport:
     """What was snapped, and what the literal reading of the mechanism's file would give.
 
@@ -80,34 +91,45 @@ def report_reading(
     rng : numpy Generator
     recorded : LinearForms, optional
         The mechanism's virtual power, where it is recorded already.
+    matrix : BaseMatrix, optional
+        B at the stated values, which lets few columns of a large robot be compared instead of all.
     """
     reading = mechanism.reading
     if reading is None:
-        return ReadingReport(doubt=_doubt(mechanism, recorded, rank))
+        return ReadingReport(doubt=_doubt(mechanism, recorded, rank, rank, matrix))
     mimics = _mimic_ranks(mechanism, reading, rank, rng)
     coarse = [snap for snap in reading.snaps if snap.difference > ROUNDING]
     if not coarse:
-        return ReadingReport(reading.snaps, reading.notes, doubt=_doubt(mechanism, recorded, rank), mimics=mimics)
+        doubt = _doubt(mechanism, recorded, rank, rank, matrix)
+        return ReadingReport(reading.snaps, reading.notes, doubt=doubt, mimics=mimics)
     literal_rank = stated_structure(reading.literal(), rng).rank
     decisive: list[Snap] = []
     if literal_rank != rank:
         elements = list(dict.fromkeys(snap.element for snap in coarse))
         chosen = set(_decisive(reading, elements, rank, len(mechanism.bodies), rng))
         decisive = [snap for snap in coarse if snap.element in chosen]
-    doubt = _doubt(mechanism, recorded, literal_rank, rank)
+    doubt = _doubt(mechanism, recorded, literal_rank, rank, matrix if literal_rank == rank else None)
     return ReadingReport(reading.snaps, reading.notes, literal_rank, tuple(decisive), doubt, mimics)
 
 
-def _doubt(mechanism: Mechanism, recorded: LinearForms | None, expected: int, intended: int | None = None) -> str:
+def _doubt(
+    mechanism: Mechanism, recorded: LinearForms | None, literal: int, intended: int, matrix: BaseMatrix | None
+) -> str:
     """What the float ranks of the literal numbers are, if none of them is what was expected.
 
     Snaps explain all ranks from the intended one to the literal one: what they move by little shows little.
     """
-    low, high = sorted((expected, expected if intended is None else intended))
-    if high > _LARGEST_RANK:
-        return f"not compared with float ranks, as for all robots with more than {_LARGEST_RANK} base parameters"
+    low, high = sorted((literal, intended))
+    columns: Sequence[int] | None = None
+    where = ""
+    if high > _LARGEST_RANK and (matrix is None or matrix.numbers is not None):
+        return f"not compared with float ranks, as {high} is more than {_LARGEST_RANK}"
+    if len(mechanism.parameters) > _MOST_COLUMNS and matrix is not None and matrix.numbers is None:
+        columns = _neighbours(matrix)
+        low = high = _rank_of_columns(matrix, columns, stated_values(mechanism))
+        where = f", for the parameters {matrix.parameters[columns[0]]} to {matrix.parameters[columns[-1]]}"
     try:
-        found = numeric_ranks(mechanism, near=high, recorded=recorded)
+        found = numeric_ranks(mechanism, near=high, recorded=recorded, columns=columns)
     except InputError:  # values are missing, or loops do not close at the stated ones
         return ""
     widest = found.widest_gap()
@@ -116,7 +138,28 @@ def _doubt(mechanism: Mechanism, recorded: LinearForms | None, expected: int, in
     if mechanism.effects and max(found.ranks) < low:  # random states may miss small regions of signs
         return ""
     ranks = ", ".join(f"{r} at {t:.0e}" for r, t in zip(found.ranks, found.tolerances, strict=True))
-    return f"the file's numbers in floating point do not confirm {expected}: rank {ranks}"
+    expected = literal if columns is None else high
+    return f"the file's numbers in floating point do not confirm {expected}{where}: rank {ranks}"
+
+
+def _neighbours(matrix: BaseMatrix) -> range:
+    """Columns of links that follow one another, from a random one on."""
+    start = int(random_generator(DEFAULT_SEED).integers(len(matrix.parameters) - _MOST_COLUMNS))
+    return range(start, start + _MOST_COLUMNS)
+
+
+def _rank_of_columns(matrix: BaseMatrix, columns: Sequence[int], values: StatedValues) -> int:
+    """Rank of some columns of B at the stated values, which is that of X, modulo a random prime."""
+    rng = random_generator(DEFAULT_SEED)
+    field = PrimeField.random(rng, ARRAY_BITS)
+    rows = matrix.modulo(values.draw(matrix.symbols, field, rng), field)
+    place = {column: i for i, column in enumerate(columns)}
+    rows = [row for row in rows if row.keys() & place.keys()]
+    dense = np.zeros((len(rows), len(place)), dtype=np.int64)
+    for row, coefficients in zip(dense, rows, strict=True):
+        for column in coefficients.keys() & place.keys():
+            row[place[column]] = coefficients[column]
+    return rank_modulo(dense, field)
 
 
 def _mimic_ranks(mechanism: Mechanism, reading: Reading, rank: int, rng: np.random.Generator) -> MimicRanks | None:

@@ -92,7 +92,7 @@ Rule = Callable[[Program, Op, Scalar], Scalar]
 
 
 def _rewritten(program: Program, outputs: Sequence[int], ops: Sequence[Op], rule: Rule) -> tuple[Program, list[int]]:
-    if not any(program.ops[n] in ops for n in program.needed(outputs)):
+    if set(ops).isdisjoint(program.ops) or not any(program.ops[n] in ops for n in program.needed(outputs)):
         return program, list(outputs)
     return _replayed(program, outputs, Program(), {}, rule)
 

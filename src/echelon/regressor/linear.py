@@ -41,12 +41,18 @@ class LinearForms:
     loops: Loops | None = None
     blocks: BlockRows | None = None
     values: Mapping[str, Rational | float] = field(default_factory=dict)
+    # the same columns are asked for again and again, and a schedule costs as much as an evaluation
+    _restricted: dict[tuple[int, ...], LinearForms] = field(init=False, default_factory=dict, repr=False, compare=False)
+    _samplers: dict[int | None, FieldSampler] = field(init=False, default_factory=dict, repr=False, compare=False)
 
     def columns(self, keep: Collection[int]) -> LinearForms:
         """The forms restricted to some columns, renumbered in the given order."""
-        position = {column: i for i, column in enumerate(keep)}
-        entries = {(r, position[c]): node for (r, c), node in self.entries.items() if c in position}
-        return replace(self, entries=entries, shape=(self.shape[0], len(position)))
+        kept = tuple(keep)
+        if kept not in self._restricted:
+            position = {column: i for i, column in enumerate(kept)}
+            entries = {(r, position[c]): node for (r, c), node in self.entries.items() if c in position}
+            self._restricted[kept] = replace(self, entries=entries, shape=(self.shape[0], len(position)))
+        return self._restricted[kept]
 
     def sampler(self, order: int | None = None) -> FieldSampler:
         """Evaluates all entries at random states modulo primes.
@@ -56,10 +62,14 @@ class LinearForms:
         order : int, optional
             Number of coefficients taken along curves, where there are loops.
         """
-        nodes = list(self.entries.values())
-        if self.loops is None:
-            return FieldSampler(self.program, nodes, self.values)
-        return CurveSampler(self.program, nodes, self.loops, order or DEFAULT_ORDER)
+        if order not in self._samplers:
+            nodes = list(self.entries.values())
+            self._samplers[order] = (
+                FieldSampler(self.program, nodes, self.values)
+                if self.loops is None
+                else CurveSampler(self.program, nodes, self.loops, order or DEFAULT_ORDER)
+            )
+        return self._samplers[order]
 
     def stacked(self, values: Residues) -> Residues:
         """Sampled entries as matrices, one for each geometry.
