@@ -25,7 +25,7 @@ Residues = npt.NDArray[Any]
 """Array of residues in [0, p): int64 for primes below 2^31, Python integers above."""
 
 ARRAY_BITS, CERTIFICATE_BITS = 31, 127
-_SMALL_PRIMES = int(flint.fmpz.primorial_ui(400))  # their product
+_SMALL_PRIMES = int(flint.fmpz.primorial_ui(flint.fmpz(400)))  # their product
 _FEW = 64  # below this many elements, inverting one by one is faster than a power of the whole array
 
 
