@@ -14,7 +14,7 @@ from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.field import PrimeField
 from echelon.exact.numbers import Number, surd
 from echelon.program.operations import FUNCTIONS, Op
-from echelon.program.schedule import FloatArithmetic, ModularArithmetic, Schedule, degree_bound
+from echelon.program.schedule import FloatArithmetic, ModularArithmetic, Schedule
 from echelon.program.tape import Program
 from strategies import FIELDS, SMALL_FIELD, calculate, formulas, numbers
 
@@ -117,30 +117,3 @@ def test_a_vanishing_denominator_is_degenerate() -> None:
     schedule = Schedule(program, [(1 / x).node])
     with pytest.raises(DegenerateSampleError):
         schedule.run(ModularArithmetic(SMALL_FIELD), {x.node: np.array([1, 0])}, 2)
-
-
-@given(formulas(*NAMES))
-def test_degree_bound_is_not_below_the_degree(formula: Any) -> None:
-    program, _, output = recorded(formula)
-    symbols = {name: sympy.Symbol(name) for name in NAMES}
-    quotient = calculate(formula, symbols, lambda c: sympy.Rational(c.numerator, c.denominator))
-    assume(not quotient.has(sympy.zoo, sympy.nan))
-    degrees = [sympy.Poly(e, *symbols.values()).total_degree() for e in sympy.fraction(sympy.cancel(quotient))]
-    assert degree_bound(program, [output]) >= max(degrees)
-
-
-def test_degree_bound_of_simple_programs() -> None:
-    program = Program()
-    x, y = program.input("x"), program.input("y")
-    for scalar, degree in (
-        (program.one, 0),
-        (x, 1),
-        (-(x * x) * y * 7, 3),
-        (x * x + y, 2),
-        (1 / (x * y), 2),
-        (x / y + y / x, 2),
-        (program.sin(x * x * x) * y, 2),
-    ):
-        assert degree_bound(program, [scalar.node]) == degree
-    assert degree_bound(program, []) == 0
-    assert degree_bound(program, [x.node, (x * y).node]) == 2

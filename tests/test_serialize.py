@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
+from fractions import Fraction
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +16,11 @@ import pytest
 
 import arms
 import echelon as ec
+from echelon.base.certificate import Certificate, certify
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.stated import stated_values
+from echelon.regressor.virtual_power import virtual_power_form
 from echelon.results.record import json_schema
 from echelon.results.saved import from_json, to_json
 
@@ -103,9 +108,11 @@ def test_numbers_beside_exact_coefficients(saved: Path) -> None:
 
 
 def test_a_saved_set_verifies_with_fresh_points(saved: Path, base: ec.BaseModel) -> None:
-    first, second = ec.verify(saved), ec.verify(saved, seed=123)
-    assert first.rank == second.rank == 36
-    assert not {*first.identity_primes, *second.identity_primes} & {*base.certificate.identity_primes}
+    checks = [ec.verify(saved), ec.verify(saved), ec.verify(saved, seed=123)]
+    assert [check.rank for check in checks] == [36] * 3
+    primes = [p for certificate in (*checks, base.certificate) for p in certificate.identity_primes]
+    assert len(set(primes)) == 8
+    assert ec.verify(saved, seed=checks[0].seed) == checks[0]
 
 
 def test_a_loaded_set_computes_the_same(base: ec.BaseModel, saved: Path) -> None:
@@ -181,12 +188,58 @@ def test_tampered_files_are_refuted(saved: Path, case: str) -> None:
         ec.verify(saved)
 
 
-def test_the_wording_of_other_versions_is_accepted(saved: Path) -> None:
+def test_the_wording_counts_whatever_version_wrote_it(saved: Path) -> None:
     data = json.loads(saved.read_text(encoding="utf-8"))
     data["echelon"] = "0.0.1"
-    data["base"][0]["expression"] = "ZZ1 plus others"
+    data["base"][0]["expression"] += " + 7·M6"
     saved.write_text(json.dumps(data), encoding="utf-8")
-    assert ec.verify(saved).rank == 36
+    with pytest.raises(ec.CertificateError, match="expression"):
+        ec.verify(saved)
+
+
+def test_knowing_the_recorded_primes_does_not_help(base: ec.BaseModel, tmp_path: Path) -> None:
+    certificate = base.certificate
+    known = prod(certificate.identity_primes) * certificate.minor_prime
+    rows = [dict(row) for row in base.matrix.rows]
+    rows[0][29] = rows[0][29] + RationalFunction(Fraction(known, 10**90))
+    forged = replace(base, matrix=replace(base.matrix, rows=tuple(rows)))
+    forms = virtual_power_form(forged.mechanism)
+    # the repetition with the recorded seed cannot notice it: all its primes are known
+    repeated = certify(forms, forged.matrix, certificate.seed, stated_values(forged.mechanism))
+    assert repeated.identity_primes == certificate.identity_primes
+    ec.save_base(replace(forged, certificate=repeated), tmp_path / "f")
+    with pytest.raises(ec.CertificateError, match="M6"):
+        ec.verify(tmp_path / "f")
+
+
+EVIDENCE: dict[str, Any] = {
+    "seed": 7,
+    "minor_prime": 2147483647,
+    "minor_states": 1,
+    "identity_primes": ["1208925819614629174706189"] * 2,
+    "degree": 1,
+    "log10_error": -60.0,
+    "order": 24,
+    "at_values": False,
+    "regions": 3,
+    "regions_note": "which is enough for all products of signs that occur",
+    "modes": [36, 40],
+    "numbers": 1,
+    "log10_residual": -40.0,
+}
+
+
+def test_every_part_of_the_evidence_can_be_forged_here() -> None:
+    assert {*EVIDENCE, "rank"} == {field.name for field in fields(Certificate)}
+
+
+@pytest.mark.parametrize("name", EVIDENCE)
+def test_evidence_that_its_seed_does_not_give_is_refused(saved: Path, name: str) -> None:
+    data = json.loads(saved.read_text(encoding="utf-8"))
+    data["certificate"][name] = EVIDENCE[name]
+    saved.write_text(json.dumps(data), encoding="utf-8")
+    with pytest.raises(ec.CertificateError, match=r"recorded|seed"):
+        ec.verify(saved)
 
 
 DAMAGED: dict[str, Callable[[str], str]] = {

@@ -140,11 +140,18 @@ FAULTS = (
         "test_schedule.py::test_residues_are_those_of_the_exact_value",
     ),
     Fault(
-        SCHEDULE,
-        "return max(a[0] + b[1], b[0] + a[1]), a[1] + b[1]",
-        "return max(a[0], b[0]), a[1]",
+        "program/bounds.py",
+        "(x.degree + y.below, ",
+        "(x.degree, ",
         "degree that the certificate's bound rests on",
-        "test_schedule.py::test_degree_bound_is_not_below_the_degree",
+        "test_bounds.py",
+    ),
+    Fault(
+        "program/bounds.py",
+        "(power - x.power) * scale",
+        "0",
+        "size of coefficients that the certificate's bound rests on",
+        "test_bounds.py",
     ),
     Fault(
         "program/atoms.py",

@@ -1,9 +1,10 @@
 """The certificate: evidence that a base parameter set is complete and minimal, checked on X itself.
 
 *Complete* (rank ≤ r): X · N = 0 for the null vectors N that B implies.  This is an identity of rational functions; it
-is checked at random points modulo two random 127-bit primes.  By the Schwartz–Zippel lemma a false identity of degree d
-survives one such point with probability at most d/p.  Where signs make regions, there is a point in each known region
-(see :mod:`echelon.program.region`); the certificate tells how many there are and what that leaves to be assumed.
+is checked at random points modulo at least two random 81-bit primes.  By the Schwartz–Zippel lemma a false identity of
+degree d survives one such point with probability at most d/p (``docs/certificate.md`` has the whole bound).  Where
+signs make regions, there is a point in each known region (see :mod:`echelon.program.region`); the certificate tells
+how many there are and what that leaves to be assumed.
 
 Loops have no random points at hand.  There the identity is checked along random curves from closed poses, each modulo
 its own 31-bit prime, coefficient by coefficient.  A false identity that vanishes at the pose to a lower order than the
@@ -20,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf, log10
+from math import ceil, inf, log2, log10
 from typing import Any
 
 import numpy as np
@@ -30,18 +31,18 @@ from echelon.base.minor import curve_order, find_minor
 from echelon.base.stated_check import check_stated
 from echelon.errors import CertificateError, DegenerateSampleError
 from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField
-from echelon.exact.rational import RationalFunction
+from echelon.exact.polynomial import is_trigonometric, multiple_of
 from echelon.mechanism.stated import GENERAL, StatedValues
+from echelon.program.bounds import Size, polynomial_size, size_bound
 from echelon.program.sampling import FieldSampler
-from echelon.program.schedule import degree_bound
 from echelon.regressor.linear import LinearForms
 from echelon.seeds import random_generator
 
-_POINTS = 2
+_FEWEST_POINTS, _LOG10_ERROR, _LEAST_SHOWN = 2, -30.0, -1.0  # a point that shows less is not worth its time
+_LOG2_PRIMES = CERTIFICATE_BITS - 11
+"""There are more primes of that many bits that are 23 modulo 24, one in eight of all."""
 _CURVES = 5
 _ATTEMPTS = 64
-_COEFFICIENT_BITS = 60.0
-"""Coefficients are assumed shorter than 2^60 bits, which no computer could write down."""
 
 
 @dataclass(frozen=True)
@@ -183,13 +184,25 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
     if regressor.loops is not None:
         return _certified_on_curves(regressor, matrix, seed, minor, rng)
     sampler = regressor.sampler()
-    primes = tuple(_check_complete(regressor, matrix, sampler, rng, CERTIFICATE_BITS) for _ in range(_POINTS))
-    degree = _identity_degree(regressor, matrix, sampler.largest_turn)
-    bad_point = log10(max(1, degree)) - min(log10(p) for p in primes)
-    bad_prime = log10(2) * (_COEFFICIENT_BITS - CERTIFICATE_BITS + 12)  # few of the many primes divide a coefficient
-    error = _POINTS * (max(bad_point, bad_prime) + log10(2))
-    regions = _regions(sampler)
-    return Certificate(matrix.rank, seed, *minor, primes, degree, error, at_values=bool(values.names), **regions)
+    primes: list[int] = []
+    points = _FEWEST_POINTS
+    while len(primes) < points:
+        primes.append(_check_complete(regressor, matrix, sampler, rng, CERTIFICATE_BITS))
+        size = _identity_size(matrix, sampler)  # by now all that occurs in some region of signs is known
+        missed = _log10_missed(size)
+        if missed > _LEAST_SHOWN:
+            raise CertificateError(f"its degree of {size.degree} is too high for primes of {CERTIFICATE_BITS} bits")
+        points = max(points, ceil(_LOG10_ERROR / missed))
+    return Certificate(
+        matrix.rank,
+        seed,
+        *minor,
+        tuple(primes),
+        size.degree,
+        points * missed,
+        at_values=bool(values.names),
+        **_regions(sampler),
+    )
 
 
 def _regions(sampler: FieldSampler) -> dict[str, Any]:
@@ -295,18 +308,25 @@ def _compare_entries(
                 raise CertificateError(f"the set is incomplete or wrong: it does not reproduce the effect of {name}")
 
 
-def _identity_degree(regressor: LinearForms, matrix: BaseMatrix, turn: int) -> int:
-    """Degree of X − X̄ B in the random numbers, over a common denominator.
+def _identity_size(matrix: BaseMatrix, sampler: FieldSampler) -> Size:
+    """Of X − X̄ B over a common denominator, as a polynomial with whole coefficients in the random numbers."""
+    forms, substituted = size_bound(sampler.program, sampler.outputs), sampler.leaf_size
+    turns = 2 * max((multiple_of(g)[0] for g in matrix.generators if is_trigonometric(g)), default=1)
+    above = polynomial_size(c.numerator for c in matrix.coefficients)
+    below = [polynomial_size([d]) for d in {c.denominator for c in matrix.coefficients}]
+    degree = forms.degree + above.degree + sum(d.degree for d in below)
+    bits = forms.bits + above.bits + sum(d.bits for d in below) + log2(matrix.rank + 1)
+    # each factor is a quotient of random numbers, and each of them may be missing from a term that it then multiplies
+    factors = degree * (sampler.leaves + len(matrix.symbols))
+    return Size(factors * max(turns, substituted.degree), bits + factors * max(float(turns), substituted.bits))
 
-    A circle point has degree 2 in its random number, and ``turn`` times that where angles are multiples of it.
+
+def _log10_missed(size: Size) -> float:
+    """Bound on the probability that one random point modulo one random prime misses a false identity.
+
+    The norm of a coefficient in Q(√2, √3) is a product of four numbers of the given size, and has as many prime factors
+    of the given length as that has room for.
     """
-    forms = degree_bound(regressor.program, list(regressor.entries.values()))
-    highest = max((_degree(c) for c in matrix.coefficients), default=0)
-    return 2 * (2 * max(1, turn) * forms + highest * max(1, matrix.rank))
-
-
-def _degree(coefficient: RationalFunction) -> int:
-    return max(
-        (sum(e for _, e in monomial) for p in (coefficient.numerator, coefficient.denominator) for monomial in p.terms),
-        default=0,
-    )
+    point = log10(max(1, size.degree)) - log10(2) * (CERTIFICATE_BITS - 1)
+    prime = log10(max(1.0, 4 * size.bits / (CERTIFICATE_BITS - 1))) - log10(2) * _LOG2_PRIMES
+    return max(point, prime) + log10(2)

@@ -212,7 +212,7 @@ def values_of(symbols: Mapping[str, Symbol], angles: Collection[str]) -> StatedV
 def vanishes(value: Polynomial, symbols: Mapping[str, Symbol]) -> bool:
     """Whether an expression is zero at the exact values of its symbols; False if one has none.
 
-    It is evaluated at a random point modulo a random prime of 127 bits.
+    It is evaluated at a random point modulo a random prime of 81 bits.
 
     Parameters
     ----------

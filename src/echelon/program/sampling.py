@@ -20,6 +20,7 @@ import numpy.typing as npt
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import Rational
 from echelon.program.arcs import check_independent
+from echelon.program.bounds import Size, polynomial_size
 from echelon.program.canonical import CanonicalForms, Form, Product, Signs, Turn
 from echelon.program.constants import ConstantName, constant_names
 from echelon.program.derivatives import derivatives
@@ -110,12 +111,26 @@ class FieldSampler:
         return constant_names(canonical, numeric)
 
     @property
-    def largest_turn(self) -> int:
-        """Degree of the functions in the independent random numbers, e.g. multiples of angles, added up."""
+    def leaves(self) -> int:
+        """Number of inputs and functions that the outputs are computed from."""
+        return len(self._schedule.leaves)
+
+    @property
+    def leaf_size(self) -> Size:
+        """Bound on a leaf as a quotient of polynomials in the independent random numbers, e.g. multiples of angles.
+
+        A cosine or sine of n angles is a quotient of degree 2n, with coefficients that add up to 4ⁿ at most; a unit
+        quaternion is one of degree 2.
+        """
         canonical = self.canonical
-        roots = prod(canonical.unit(g.name) for g in canonical.generators.values() if g.kind == "root")
+        # only about half of all points have a root that is needed, so twice as many of them may be false
+        roots = prod(2 * canonical.unit(g.name) for g in canonical.generators.values() if g.kind == "root")
         powers = max((canonical.unit(f"x{node}") for node in canonical.rooted), default=1)
-        return max((_degree(form) for form in canonical.known), default=1) * roots * powers
+        sizes = [_size(form) for form in canonical.known]
+        factor = roots * powers
+        return Size(
+            max([2, *(size.degree for size in sizes)]) * factor, max([2.0, *(size.bits for size in sizes)]) * factor
+        )
 
     def _varies(self, node: int) -> bool:
         """Whether a node depends on the state."""
@@ -254,12 +269,14 @@ def generators_of(form: Form) -> set[str]:
     return set(form.exponents) if isinstance(form, Product) else set(form.symbols())
 
 
-def _degree(form: Form) -> int:
+def _size(form: Form) -> Size:
     if isinstance(form, Turn):
-        return sum(map(abs, form.multiples.values()))
+        turns = sum(map(abs, form.multiples.values()))
+        return Size(2 * turns, 2.0 * turns)
     if isinstance(form, Product):
-        return sum(map(abs, form.exponents.values()))
-    return sum(max((sum(e for _, e in m) for m in p.terms), default=0) for p in (form.numerator, form.denominator))
+        return Size(sum(map(abs, form.exponents.values())), 0.0)
+    parts = [polynomial_size([part]) for part in (form.numerator, form.denominator)]
+    return Size(sum(part.degree for part in parts), sum(part.bits for part in parts))
 
 
 def _identity(field: PrimeField, samples: int) -> tuple[Residues, Residues]:

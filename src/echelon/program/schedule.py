@@ -219,34 +219,3 @@ class SeriesArithmetic(ModularArithmetic):
         if op == Op.DIV:
             return series.product(a, series.inverse(b, self.field), self.field)
         return super().binary(op, a, b)
-
-
-def degree_bound(program: Program, outputs: Sequence[int]) -> int:
-    """An upper bound on the degree of the outputs' numerators and denominators in the leaves.
-
-    Inputs and functions count 1; |x| = sign(x)·x, and tan and tanh are quotients of leaves.  Used for Schwartz–Zippel
-    bounds.
-    """
-    degree: dict[int, tuple[int, int]] = {}
-    for node in program.needed(outputs):
-        op, a, b = program.ops[node], program.lhs[node], program.rhs[node]
-        if op == Op.CONSTANT:
-            degree[node] = (0, 0)
-        elif op in (Op.TAN, Op.TANH):
-            degree[node] = (1, 1)
-        elif op == Op.ABS:
-            degree[node] = (degree[a][0] + 1, degree[a][1])
-        elif op == Op.INPUT or op >= Op.SIN:
-            degree[node] = (1, 0)
-        elif op == Op.NEG:
-            degree[node] = degree[a]
-        else:
-            degree[node] = _combined_degree(op, degree[a], degree[b])
-    return max((max(degree[n]) for n in outputs), default=0)
-
-
-def _combined_degree(op: int, a: tuple[int, int], b: tuple[int, int]) -> tuple[int, int]:
-    """Degrees of numerator and denominator of a sum, product or quotient."""
-    if op in (Op.ADD, Op.SUB):
-        return max(a[0] + b[1], b[0] + a[1]), a[1] + b[1]
-    return (a[0] + b[0], a[1] + b[1]) if op == Op.MUL else (a[0] + b[1], a[1] + b[0])

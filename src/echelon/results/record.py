@@ -66,7 +66,7 @@ class CertificateRecord(_Strict):
     seed: int = Field(ge=0)
     minor_prime: int
     minor_states: int
-    identity_primes: list[str] = Field(description="127-bit primes as decimal text.")
+    identity_primes: list[str] = Field(description="81-bit primes as decimal text.")
     degree: int
     log10_error: float
     order: int = 0
