@@ -11,11 +11,13 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
+from echelon.errors import InputError
 from echelon.exact.expressions import PI, parse
 from echelon.exact.polynomial import is_trigonometric, multiple_of, symbol_of
 from echelon.program.balls import BallArithmetic, ball
 from echelon.program.schedule import Schedule
 from echelon.regressor.linear import LinearForms
+from echelon.regressor.loops.closed_balls import ClosedBalls
 
 Balls = npt.NDArray[Any]
 """Array of ``arb``."""
@@ -52,36 +54,62 @@ def stated_generators(generators: Iterable[str], at: Mapping[str, str]) -> dict[
 
 
 def ball_rows(forms: LinearForms, at: Mapping[str, str], states: int, rng: np.random.Generator) -> Balls:
-    """Entries of forms without loops at random states.
+    """Entries of forms at random states.
 
     Parameters
     ----------
     forms : LinearForms
     at : mapping of str to str
-        Values of the symbols, as exact text.
+        Values of the symbols that matter, as exact text; others have any value.
     states : int
     rng : numpy Generator
-        The states are short dyadic numbers; quaternions are rational points of the unit sphere.
+        The states are short dyadic numbers; quaternions are rational points of the unit sphere.  With loops, the
+        states are closed, and what follows from the loops is a ball.
 
     Returns
     -------
     array of arb, shape (states · rows, columns)
     """
-    program, nodes = forms.program, list(forms.entries.values())
-    schedule = Schedule(program, nodes)
-    leaves: dict[int, Balls] = {}
-    for node in schedule.leaves:
-        given = program.inputs[node]
-        values = [stated_ball(at[given.name])] * states if given.role == "symbol" else _random(rng, states)
-        leaves[node] = np.array(values, dtype=object)
-    for group in program.unit_groups:
-        points = np.array([_sphere(rng, len(group)) for _ in range(states)], dtype=object).T
-        leaves |= {node: point for node, point in zip(group, points, strict=True) if node in leaves}
+    schedule = Schedule(forms.program, list(forms.entries.values()))
+    drawn = _free_states if forms.loops is None else _closed_states
+    leaves = drawn(forms, schedule, at, states, rng)
     found = schedule.run(BallArithmetic(), leaves, states)
     table = np.full((states, *forms.shape), flint.arb(0), dtype=object)
     for (row, column), value in zip(forms.entries, found, strict=True):
         table[:, row, column] = value
     return table.reshape(states * forms.shape[0], forms.shape[1])
+
+
+def _free_states(
+    forms: LinearForms, schedule: Schedule, at: Mapping[str, str], states: int, rng: np.random.Generator
+) -> dict[int, Balls]:
+    program = forms.program
+    leaves: dict[int, Balls] = {}
+    for node in schedule.leaves:
+        given = program.inputs[node]
+        if given.role == "symbol":
+            text = at[given.name] if given.name in at else str(int(rng.integers(2, 1000)))
+            leaves[node] = np.array([stated_ball(text)] * states, dtype=object)
+        else:
+            leaves[node] = np.array(_random(rng, states), dtype=object)
+    for group in program.unit_groups:
+        points = np.array([_sphere(rng, len(group)) for _ in range(states)], dtype=object).T
+        leaves |= {node: point for node, point in zip(group, points, strict=True) if node in leaves}
+    return leaves
+
+
+def _closed_states(
+    forms: LinearForms, schedule: Schedule, at: Mapping[str, str], states: int, rng: np.random.Generator
+) -> dict[int, Balls]:
+    loops, inputs = forms.loops, forms.program.inputs.values()
+    if loops is None or loops.real is None:
+        raise InputError("no real states are known on which the loops close")
+    real = loops.real(rng, states)
+    names = [given.name for given in inputs if given.role == "symbol"]
+    symbols = {name: stated_ball(at[name]) if name in at else ball(float(real[name][0])) for name in names}
+    closed = ClosedBalls(forms.program, loops, symbols)
+    found = [closed.leaves(schedule, {name: float(x[k]) for name, x in real.items()}, rng) for k in range(states)]
+    return {node: np.array([leaves[node] for leaves in found], dtype=object) for node in schedule.leaves}
 
 
 def _random(rng: np.random.Generator, count: int) -> list[Any]:

@@ -79,7 +79,7 @@ class StatedColumns:
         Raises
         ------
         ClosedFormError
-            If a symbol that matters has no value, or loops close at angles without exact sines.
+            If a symbol that matters has no value.
         """
         pairs = [(pivot, column) for column in columns for pivot in self._supports.get(column, ())]
         needed = self._needed(columns)
@@ -206,11 +206,6 @@ class StatedColumns:
         self, pairs: Sequence[Pair], needed: Sequence[Relation], at: Mapping[str, str]
     ) -> tuple[list[Number], float]:
         """Values rounded to a fixed number of digits, and the largest error."""
-        if self.mechanism.closures:
-            raise ClosedFormError(
-                "not all coefficients have closed forms within the budget, and with loops numbers need exact geometry: "
-                "give a larger budget (--budget), or angles that are multiples of 15°"
-            )
         bits = _BITS
         while bits <= _MOST_BITS:
             with precision(bits):

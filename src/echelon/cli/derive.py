@@ -85,7 +85,7 @@ def _budget(request: DeriveRequest, robot: Mechanism) -> float:
     """No budget where numbers are asked for throughout and angles without exact sines are left as symbols."""
     left = all_symbols(robot)
     stated = all(name in robot.symbols and robot.symbols[name].value is not None for name in left)
-    in_balls = left and stated and not robot.closures and not request.generic
+    in_balls = left and stated and not request.generic
     return 0.0 if in_balls and not request.reading.get("symbolic", True) else request.budget
 
 

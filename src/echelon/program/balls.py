@@ -47,7 +47,7 @@ _UNARY: dict[Op, Callable[[Any], Any]] = {
 
 
 class BallArithmetic:
-    """Arrays of balls, at the precision of FLINT's context."""
+    """Arrays of balls, or of power series with balls as coefficients, at the precision of FLINT's context."""
 
     dtype: npt.DTypeLike = object
     shape: tuple[int, ...] = ()
@@ -67,5 +67,6 @@ class BallArithmetic:
     def unary(self, op: int, a: Array) -> Array:
         """Elementwise function."""
         result = np.empty(a.shape, dtype=object)
-        result.ravel()[:] = [_UNARY[Op(op)](x) for x in a.ravel()]
+        for place in np.ndindex(a.shape):  # one by one, because power series would be taken for sequences
+            result[place] = _UNARY[Op(op)](a[place])
         return result

@@ -18,7 +18,7 @@ from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.blocks import BlockRows, blocks_of
 from echelon.regressor.linear import LinearForms
-from echelon.regressor.loops.closures import loops_of
+from echelon.regressor.loops.recorded_loops import loops_of
 from echelon.regressor.spatial import Vec, add, cross, dot, scale
 from echelon.regressor.steps import Recorder, Step, into_frame
 

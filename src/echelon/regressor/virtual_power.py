@@ -10,8 +10,6 @@ O(bodies · depth).  So X · N = 0 and the rank of X can be checked on X itself 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import replace
-from functools import partial
 
 from echelon.errors import InputError
 from echelon.mechanism.effect import Side
@@ -22,8 +20,7 @@ from echelon.regressor.accelerations import Wrench, forward_accelerations, unit_
 from echelon.regressor.blocks import FEW_COLUMNS, BlockRows, blocks_of
 from echelon.regressor.effects import EffectRecorder
 from echelon.regressor.linear import LinearForms
-from echelon.regressor.loops.closures import loops_of
-from echelon.regressor.loops.real_inputs import real_inputs
+from echelon.regressor.loops.recorded_loops import loops_of
 from echelon.regressor.probes import Probes, VirtualMotion, any_motion, motion_of_joints, virtual_motion
 from echelon.regressor.spatial import Vec, add, cross, dot, scale
 from echelon.regressor.steps import Recorder, Step, into_frame
@@ -96,8 +93,6 @@ def virtual_power_form(mechanism: Mechanism) -> LinearForms:
     powers = recorded.powers(motion, range(len(mechanism.parameters)))
     entries = {(0, column): power.node for column, power in powers.items() if not power.is_zero}
     loops = loops_of(mechanism, recorder, probes, known)
-    if loops is not None:
-        loops = replace(loops, real=partial(real_inputs, mechanism))
     many = len(mechanism.parameters) > FEW_COLUMNS
     blocks = _block_powers(recorded) if many and mechanism.measures_every_force and not mechanism.closures else None
     return LinearForms(program, entries, (1, len(mechanism.parameters)), loops, blocks, known_values(mechanism))
@@ -136,8 +131,6 @@ def power_form(mechanism: Mechanism) -> LinearForms:
     powers = recorded.powers(motion, range(len(mechanism.parameters)))
     entries = {(0, column): power.node for column, power in powers.items() if not power.is_zero}
     loops = loops_of(mechanism, recorded.recorder)
-    if loops is not None:
-        loops = replace(loops, real=partial(real_inputs, mechanism))
     return LinearForms(recorded.program, entries, (1, len(mechanism.parameters)), loops)
 
 

@@ -13,9 +13,9 @@ from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.closures import loops_of
 from echelon.regressor.loops.curves import CurveSampler
 from echelon.regressor.loops.lifting import choose
+from echelon.regressor.loops.recorded_loops import loops_of
 from echelon.regressor.steps import Recorder
 from echelon.seeds import DEFAULT_SEED, random_generator
 

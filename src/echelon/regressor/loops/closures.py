@@ -83,29 +83,6 @@ class Loops:
     real: RealInputs | None = None
 
 
-def loops_of(
-    mechanism: Mechanism, recorder: Recorder, probes: Probes | None = None, speeds: Mapping[str, Scalar] | None = None
-) -> Loops | None:
-    """What keeps forms that were recorded for a mechanism on closed configurations; None without loops.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    recorder : Recorder
-        Of the forms.
-    probes : Probes, optional
-        Sensors that take part in virtual motions.
-    speeds : mapping of str to Scalar, optional
-        Virtual velocities of freedoms that are not free to choose.
-    """
-    if not mechanism.closures:
-        return None
-    equations = record_closures(mechanism, recorder, probes)
-    motions = tuple(m for m in mechanism.motions if m.name not in mechanism.dependent)
-    nodes = None if speeds is None else {name: speed.node for name, speed in speeds.items()}
-    return Loops(equations, motions, nodes, mechanism.independent, mechanism.assembly)
-
-
 def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | None = None) -> ClosureEquations:
     """Record the closure equations on a recorder's program.
 

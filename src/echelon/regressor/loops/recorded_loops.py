@@ -1,16 +1,47 @@
-"""Random real inputs of a program on closed configurations, which show what signs occur together."""
+"""What keeps recorded forms on closed configurations, with random real states there."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import all_symbols, known_values
+from echelon.program.tape import Scalar
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closure_values import Floats
+from echelon.regressor.loops.closures import Loops, record_closures
+from echelon.regressor.probes import Probes
+from echelon.regressor.steps import Recorder
 
 _DRAWS = 8  # of values for symbols that have none
+
+
+def loops_of(
+    mechanism: Mechanism, recorder: Recorder, probes: Probes | None = None, speeds: Mapping[str, Scalar] | None = None
+) -> Loops | None:
+    """What keeps forms that were recorded for a mechanism on closed configurations; None without loops.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    recorder : Recorder
+        Of the forms.
+    probes : Probes, optional
+        Sensors that take part in virtual motions.
+    speeds : mapping of str to Scalar, optional
+        Virtual velocities of freedoms that are not free to choose.
+    """
+    if not mechanism.closures:
+        return None
+    equations = record_closures(mechanism, recorder, probes)
+    motions = tuple(m for m in mechanism.motions if m.name not in mechanism.dependent)
+    nodes = None if speeds is None else {name: speed.node for name, speed in speeds.items()}
+    real = partial(real_inputs, mechanism)
+    return Loops(equations, motions, nodes, mechanism.independent, mechanism.assembly, real=real)
 
 
 def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int) -> dict[str, Floats]:
