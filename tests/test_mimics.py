@@ -6,10 +6,12 @@ import json
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 import echelon as ec
 from echelon.base.display import to_text
 from echelon.base.reading_report import MimicRanks
+from echelon.cli.app import app
 from mjcf_models import INERTIA, model
 from robots import robot_file
 
@@ -59,3 +61,10 @@ def test_saved_sets_keep_both_counts(tmp_path: Path) -> None:
     ec.save_base(base, tmp_path / "base.json")
     assert json.loads((tmp_path / "base.json").read_text())["reading"]["mimics"] == {"coupled": 48, "independent": 51}
     assert ec.load_base(tmp_path / "base.json").reading.mimics == base.reading.mimics
+
+
+def test_the_rank_alone_has_both_counts(tmp_path: Path) -> None:
+    both = ranks(tmp_path, "gripper.urdf", GRIPPER)[0]
+    for arguments, wanted in (([], f"mimic joints: {both}"), (["--json"], '"mimics": {')):
+        shown = CliRunner().invoke(app, ["derive", str(tmp_path / "gripper.urdf"), "--structure", *arguments])
+        assert wanted in shown.output

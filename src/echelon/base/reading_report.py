@@ -97,7 +97,7 @@ def report_reading(
     reading = mechanism.reading
     if reading is None:
         return ReadingReport(doubt=_doubt(mechanism, recorded, rank, rank, matrix))
-    mimics = _mimic_ranks(mechanism, reading, rank, rng)
+    mimics = mimic_ranks(mechanism, rank, rng)
     coarse = [snap for snap in reading.snaps if snap.difference > ROUNDING]
     if not coarse:
         doubt = _doubt(mechanism, recorded, rank, rank, matrix)
@@ -162,9 +162,18 @@ def _rank_of_columns(matrix: BaseMatrix, columns: Sequence[int], values: StatedV
     return rank_modulo(dense, field)
 
 
-def _mimic_ranks(mechanism: Mechanism, reading: Reading, rank: int, rng: np.random.Generator) -> MimicRanks | None:
-    """The rank beside that of the other reading of mimic joints; None without mimic joints."""
-    if reading.recoupled is None:
+def mimic_ranks(mechanism: Mechanism, rank: int, rng: np.random.Generator) -> MimicRanks | None:
+    """The rank beside that of the other reading of mimic joints; None without mimic joints.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    rank : int
+        Its rank at the stated values.
+    rng : numpy Generator
+    """
+    reading = mechanism.reading
+    if reading is None or reading.recoupled is None:
         return None
     try:
         other = reading.recoupled()

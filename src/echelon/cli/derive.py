@@ -16,6 +16,7 @@ from echelon.base.derive import base_parameters
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.model import BaseModel
 from echelon.base.own import OwnAnswer, own_answer
+from echelon.base.reading_report import MimicRanks, mimic_ranks
 from echelon.cli.progress import steps
 from echelon.errors import one_line
 from echelon.files import write_atomically
@@ -54,8 +55,11 @@ def run_derive(request: DeriveRequest) -> None:
             return
         robot = load(request.robot, **request.reading)
         if request.structure:
-            answer = own_answer(robot, random_generator(seed), generic=request.generic)
-            text = _structure_text(answer, seed, as_json=request.output_format == "json")
+            rng = random_generator(seed)
+            answer = own_answer(robot, rng, generic=request.generic)
+            rank = answer.structure.rank if answer.special is None else answer.special.rank
+            mimics = mimic_ranks(robot, rank, rng)
+            text = _structure_text(answer, mimics, seed, as_json=request.output_format == "json")
             model = None
         else:
             model = base_parameters(
@@ -116,7 +120,7 @@ def _render(model: BaseModel, output_format: str) -> str:
     return {"json": to_json, "latex": to_latex, "markdown": to_markdown}[output_format](model)
 
 
-def _structure_text(answer: OwnAnswer, seed: int, *, as_json: bool) -> str:
+def _structure_text(answer: OwnAnswer, mimics: MimicRanks | None, seed: int, *, as_json: bool) -> str:
     robot, structure = answer.mechanism, answer.structure
     names = [robot.parameters[p] for p in structure.pivots]
     if as_json:
@@ -132,11 +136,15 @@ def _structure_text(answer: OwnAnswer, seed: int, *, as_json: bool) -> str:
             record["special"] = asdict(answer.special)
         if structure.modes:
             record["modes"] = list(structure.modes)
+        if mimics is not None:
+            record["mimics"] = asdict(mimics)
         return json.dumps(record, indent=1, ensure_ascii=False) + "\n"
     count = f"{robot.name}: {structure.rank} base parameters of {structure.parameters} standard parameters"
     lines = [one_line(count), f"representatives: {one_line(' '.join(names))}"]
     if answer.special is not None:
         lines.append(f"stated values: {one_line(answer.special.text('robot'))}")
+    if mimics is not None:
+        lines.append(f"mimic joints: {mimics}")
     if answer.undecided:
         lines.append(f"doubt: {one_line(answer.undecided)}")
     if len(structure.modes) > 1:
