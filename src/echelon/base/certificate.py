@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from echelon.base.matrix import BaseMatrix
-from echelon.base.minor import curve_order, find_minor
+from echelon.base.minor import find_minor
 from echelon.base.stated_check import check_stated
 from echelon.errors import CertificateError, DegenerateSampleError
 from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField
@@ -165,8 +165,7 @@ def certify(
     certificate = replace(_certified(regressor, matrix, seed, values), modes=modes)
     if matrix.numbers is None:
         return certificate
-    order = curve_order(regressor, matrix.rank)
-    residual = check_stated(regressor, matrix, order, random_generator(seed))
+    residual = check_stated(regressor, matrix, random_generator(seed))
     return replace(
         certificate, numbers=len(matrix.numbers.columns), log10_residual=None if residual == -inf else residual
     )
@@ -182,7 +181,7 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
         values = GENERAL  # lengths of loops cannot be chosen freely modulo a prime
     minor = _check_minimal(regressor, matrix, values, rng)
     if regressor.loops is not None:
-        return _certified_on_curves(regressor, matrix, seed, minor, rng)
+        return _certified_on_curves(regressor, matrix, seed, regressor.loops.order, minor, rng)
     sampler = regressor.sampler()
     primes: list[int] = []
     points = _FEWEST_POINTS
@@ -211,10 +210,14 @@ def _regions(sampler: FieldSampler) -> dict[str, Any]:
 
 
 def _certified_on_curves(
-    regressor: LinearForms, matrix: BaseMatrix, seed: int, minor: tuple[int, int], rng: np.random.Generator
+    regressor: LinearForms,
+    matrix: BaseMatrix,
+    seed: int,
+    order: int,
+    minor: tuple[int, int],
+    rng: np.random.Generator,
 ) -> Certificate:
-    order = curve_order(regressor, matrix.rank)
-    sampler = regressor.sampler(order)
+    sampler = regressor.sampler()
     primes = tuple(_check_complete(regressor, matrix, sampler, rng, ARRAY_BITS) for _ in range(_CURVES))
     error = sum(log10(order) - log10(p) for p in primes)
     return Certificate(matrix.rank, seed, *minor, primes, order, error, order, **_regions(sampler))

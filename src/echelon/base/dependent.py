@@ -17,7 +17,6 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from echelon.base.modes import in_mode
 from echelon.base.rows import Rows, rows_of
 from echelon.base.structure import Structure, floating_pair, mount, pair_columns, pair_signature
 from echelon.conventions import PER_BODY
@@ -263,7 +262,7 @@ def _across_robot(mechanism: Mechanism, structure: Structure) -> Iterable[Relati
     if not groups:
         return
     rows = rows_of(mechanism)
-    rows = Rows(in_mode(rows.forms, structure.accepted), rows.auxiliary)
+    rows = Rows(structure.on_curves(rows.forms), rows.auxiliary)
     for targets in groups.values():
         sources = sorted({c for t in targets for c in structure.by_robot[t]})
         degrees = _degrees(mechanism, sources, targets)

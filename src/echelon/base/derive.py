@@ -10,7 +10,6 @@ from echelon.base.certificate import certify
 from echelon.base.closed_matrix import base_matrix
 from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.model import BaseModel
-from echelon.base.modes import in_mode
 from echelon.base.order import column_order
 from echelon.base.own import own_answer
 from echelon.base.reading_report import report_reading
@@ -120,7 +119,7 @@ def base_parameters(
     own, structure = answer.mechanism, answer.structure
     matrix = base_matrix(own, structure, columns, rng, budget, progress)
     progress("certificate")
-    forms = in_mode(recorded if own is mechanism else virtual_power_form(own), structure.accepted)
+    forms = structure.on_curves(recorded if own is mechanism else virtual_power_form(own))
     certificate = certify(forms, matrix, seed, None if generic else stated_values(own), structure.modes)
     stated_rank = structure.rank if answer.special is None else answer.special.rank
     reading = report_reading(mechanism, stated_rank, rng, recorded, None if generic else matrix)

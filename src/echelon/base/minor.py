@@ -14,7 +14,6 @@ from echelon.regressor.linear import LinearForms
 
 _ATTEMPTS = 64
 _MOST_STATES = 4096
-_CURVE_ORDER, _SURPLUS_ORDER = 24, 16
 
 
 @dataclass(frozen=True)
@@ -47,14 +46,13 @@ def find_minor(
         Values of symbols at which it is taken.
     rng : numpy Generator
     """
-    order = curve_order(regressor, len(columns))
     doubled, best = 1, Minor(-1, 0, 0)
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng, ARRAY_BITS)
         try:
             settled = regressor.blocks.independent(columns, field, rng, values) if regressor.blocks else set()
             rest = tuple(p for p in columns if p not in settled)
-            sampler = regressor.columns(rest).sampler(order)
+            sampler = regressor.columns(rest).sampler()
             regions = sampler.regions
             states = doubled * max(2 + len(rest) // max(1, regressor.shape[0]), regions)
             residues = sampler.evaluate(field, rng, states, values.draw(sampler.symbols, field, rng))
@@ -68,9 +66,3 @@ def find_minor(
             break
         doubled *= 2
     return best
-
-
-def curve_order(regressor: LinearForms, rank: int) -> int:
-    """How many coefficients to take of curves: more if few freedoms have to show many parameters."""
-    freedoms = len(regressor.loops.preferred) if regressor.loops else 0
-    return max(_CURVE_ORDER, rank // max(1, freedoms) + _SURPLUS_ORDER)

@@ -29,6 +29,8 @@ ROUNDING = 1e-9
 
 _MOST_COLUMNS = 300
 """Of more, float ranks would take too much of the time: so many neighbours are compared instead of all."""
+_CLEAR_GAP = 1e3
+"""Singular values that fall more evenly, as of motions that hardly leave a pose, tell nothing."""
 _LARGEST_RANK = 1000
 """Above it, nothing is compared where the file's numbers have another rank, or B has columns of numbers."""
 _MOST_TRIALS, _FEWEST_TRIALS = 600, 8
@@ -133,7 +135,7 @@ def _doubt(
     except InputError:  # values are missing, or loops do not close at the stated ones
         return ""
     widest = found.widest_gap()
-    if widest is None or any(low <= r <= high for r in (*found.ranks, widest[0])):
+    if widest is None or widest[1] < _CLEAR_GAP or any(low <= r <= high for r in (*found.ranks, widest[0])):
         return ""
     if mechanism.effects and max(found.ranks) < low:  # random states may miss small regions of signs
         return ""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from echelon.base.modes import in_mode
 from echelon.base.structure import find_structure
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
@@ -79,4 +78,4 @@ def power_regressor(mechanism: Mechanism) -> RecordedRows:
 def _in_own_mode(mechanism: Mechanism, forms: LinearForms) -> LinearForms:
     if not mechanism.closures:
         return forms
-    return in_mode(forms, find_structure(mechanism, random_generator(DEFAULT_SEED)).accepted)
+    return find_structure(mechanism, random_generator(DEFAULT_SEED)).on_curves(forms)

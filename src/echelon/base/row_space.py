@@ -17,7 +17,6 @@ from echelon.base.derive import base_parameters
 from echelon.base.linear_base import LinearBase
 from echelon.base.matrix import BaseMatrix, residue, residues_of_generators
 from echelon.base.model import BaseModel
-from echelon.base.modes import in_mode
 from echelon.base.recorded_rows import RecordedRows
 from echelon.base.structure import find_structure
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
@@ -156,8 +155,9 @@ class _Side:
             self.names, matrix = model.parameters, model.matrix
             self._rows: Callable[..., Residues] = lambda *point: _rows_of_matrix(model.matrix, *point)
         elif isinstance(model, Mechanism):
-            accepted = find_structure(model, rng).accepted if model.closures else None
-            self.names, forms, auxiliary = model.parameters, in_mode(virtual_power_form(model), accepted), 0
+            self.names, forms, auxiliary = model.parameters, virtual_power_form(model), 0
+            if model.closures:
+                forms = find_structure(model, rng).on_curves(forms)
         elif isinstance(model, LinearModel):
             self.names, forms, auxiliary = model.parameters, model.regressor, 0
         elif isinstance(model, RecordedRows):

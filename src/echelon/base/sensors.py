@@ -8,7 +8,6 @@ from itertools import combinations
 
 import numpy as np
 
-from echelon.base.modes import in_mode
 from echelon.base.own import at_stated_values
 from echelon.base.structure import find_structure
 from echelon.errors import DegenerateSampleError, EchelonError
@@ -115,11 +114,10 @@ class _Spaces:
     """Row spaces of the sensors modulo primes, at one random geometry each."""
 
     def __init__(self, mechanism: Mechanism, groups: Mapping[str, tuple[Output, ...]], rng: np.random.Generator):
-        accepted = find_structure(mechanism, rng).accepted if mechanism.closures else None
-        self._forms = {
-            name: in_mode(virtual_power_form(replace(mechanism, measured=group)), accepted)
-            for name, group in groups.items()
-        }
+        self._forms = {name: virtual_power_form(replace(mechanism, measured=group)) for name, group in groups.items()}
+        if mechanism.closures:
+            structure = find_structure(mechanism, rng)
+            self._forms = {name: structure.on_curves(forms) for name, forms in self._forms.items()}
         self._known: dict[tuple[str, ...], int] = {}
         self._bases: list[tuple[PrimeField, dict[str, Residues]]] = []
         for _ in range(_ATTEMPTS):

@@ -27,15 +27,13 @@ _LOOSEST = 1e-30
 """The largest error of a coefficient, beside the largest coefficient, with which a check means anything."""
 
 
-def check_stated(regressor: LinearForms, matrix: BaseMatrix, order: int | None, rng: np.random.Generator) -> float:
+def check_stated(regressor: LinearForms, matrix: BaseMatrix, rng: np.random.Generator) -> float:
     """Check X = X̄ B in the columns that are numbers.
 
     Parameters
     ----------
     regressor : LinearForms
     matrix : BaseMatrix
-    order : int or None
-        With loops, the number of coefficients taken along curves.
     rng : numpy Generator
 
     Returns
@@ -54,7 +52,7 @@ def check_stated(regressor: LinearForms, matrix: BaseMatrix, order: int | None, 
     sizes = [abs(x) for column in _combinations(matrix, numbers, float).values() for _, x in column]
     if not numbers.radius <= _LOOSEST * max(1.0, *sizes):
         raise CertificateError(f"numbers with errors of {numbers.radius:.0e} prove nothing")
-    sampler = regressor.sampler(order)
+    sampler = regressor.sampler()
     if numbers.radius == 0:
         for _ in range(_POINTS):
             _check_exactly(regressor, matrix, numbers, sampler, rng)

@@ -16,7 +16,7 @@ from operator import matmul
 
 import numpy as np
 
-from echelon.base.modes import Dependence, InMode, Mode, dependence, find_modes
+from echelon.base.modes import Dependence, InMode, Mode, dependence, find_modes, in_mode
 from echelon.base.own_mode import own_mode
 from echelon.base.rows import Rows, rows_of
 from echelon.errors import DegenerateSampleError, EchelonError
@@ -28,9 +28,11 @@ from echelon.mechanism.placement import Placement
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.blocks import FEW_COLUMNS
 from echelon.regressor.energy import energy_changes, energy_form
+from echelon.regressor.linear import LinearForms
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
+_LEAST_ORDER, _SURPLUS_ORDER = 24, 16
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,8 @@ class Structure:
         With loops, the ranks of all assembly modes that were seen.
     accepted : InMode, optional
         Sorts out poses in other assembly modes, if there are several.
+    order : int
+        With loops, the number of coefficients along curves that showed the dependences.
     """
 
     parameters: int
@@ -59,11 +63,31 @@ class Structure:
     by_robot: Mapping[int, tuple[int, ...]]
     modes: tuple[int, ...] = ()
     accepted: InMode | None = None
+    order: int = 0
 
     @property
     def rank(self) -> int:
         """Number of base parameters."""
         return len(self.pivots)
+
+    def on_curves(self, forms: LinearForms) -> LinearForms:
+        """Forms with loops where the structure holds: in its assembly mode, with as many coefficients as show it.
+
+        Parameters
+        ----------
+        forms : LinearForms
+            Of the same mechanism.
+
+        Raises
+        ------
+        InputError
+            If it is not known which of several modes with the same dependence it is.
+        """
+        if forms.loops is None:
+            return forms
+        # few freedoms that have to show many parameters need more
+        order = max(_LEAST_ORDER, self.order, self.rank // max(1, len(forms.loops.preferred)) + _SURPLUS_ORDER)
+        return in_mode(replace(forms, loops=replace(forms.loops, order=order)), self.accepted)
 
 
 def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
@@ -89,18 +113,19 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     whole = rows_of(mechanism)
     settled = _settled(mechanism, whole, remaining, rng)
     remaining = [c for c in remaining if c not in settled]
-    rows, accepted = whole.columns(remaining), None
+    rows, accepted, order = whole.columns(remaining), None, 0
     modes: list[Mode] = []
     if mechanism.closures:
         modes = find_modes(rows, rng)
         mode = own_mode(mechanism, remaining, modes)
-        supports, accepted = mode.dependence, InMode(rows, mode) if len(modes) > 1 or mode.marks is None else None
+        supports, order = mode.dependence, mode.order
+        accepted = InMode(rows, mode) if len(modes) > 1 or mode.marks is None else None
     else:
         supports = _agreed(rows, rng)
     pivots = tuple(sorted((*settled, *(remaining[k] for k in range(len(remaining)) if k not in supports))))
     by_robot = {remaining[k]: tuple(remaining[s] for s in support) for k, support in supports.items()}
     ranks = tuple(len(remaining) - len(mode.dependence) for mode in modes)
-    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, ranks, accepted)
+    return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, ranks, accepted, order)
 
 
 def floating_pair(mechanism: Mechanism, index: int) -> Mechanism:

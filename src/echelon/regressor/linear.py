@@ -13,7 +13,7 @@ from echelon.program.sampling import FieldSampler
 from echelon.program.tape import Program
 from echelon.regressor.blocks import BlockRows
 from echelon.regressor.loops.closures import Loops
-from echelon.regressor.loops.curves import DEFAULT_ORDER, CurveSampler
+from echelon.regressor.loops.curves import CurveSampler
 
 
 @dataclass(frozen=True)
@@ -60,14 +60,14 @@ class LinearForms:
         Parameters
         ----------
         order : int, optional
-            Number of coefficients taken along curves, where there are loops.
+            Number of coefficients taken along curves, where there are loops; that of the loops if omitted.
         """
         if order not in self._samplers:
             nodes = list(self.entries.values())
             self._samplers[order] = (
                 FieldSampler(self.program, nodes, self.values)
                 if self.loops is None
-                else CurveSampler(self.program, nodes, self.loops, order or DEFAULT_ORDER)
+                else CurveSampler(self.program, nodes, self.loops, order or self.loops.order)
             )
         return self._samplers[order]
 

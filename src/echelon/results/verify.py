@@ -11,7 +11,6 @@ import numpy as np
 
 from echelon.base.certificate import Certificate, certify
 from echelon.base.model import BaseModel
-from echelon.base.modes import in_mode
 from echelon.base.structure import find_structure
 from echelon.errors import CertificateError
 from echelon.mechanism.stated import stated_values
@@ -58,7 +57,7 @@ def verify(model: BaseModel | str | os.PathLike[str], seed: int | None = None) -
     forms = virtual_power_form(model.mechanism)
     if forms.loops is not None:
         structure = find_structure(model.mechanism, np.random.default_rng(recorded.seed))
-        forms, modes = in_mode(forms, structure.accepted), structure.modes
+        forms, modes = structure.on_curves(forms), structure.modes
     values = None if model.generic else stated_values(model.mechanism)
     _compare(recorded, certify(forms, model.matrix, recorded.seed, values, modes))
     return certify(forms, model.matrix, secrets.randbits(_SEED_BITS) if seed is None else seed, values, modes)

@@ -102,7 +102,7 @@ def _jacobian(mechanism: Mechanism) -> tuple[PrimeField, Residues]:
     recorder = Recorder(mechanism, program)
     loops = loops_of(mechanism, recorder)
     assert loops is not None
-    sampler, rng = CurveSampler(program, [], loops), random_generator(DEFAULT_SEED)
+    sampler, rng = CurveSampler(program, [], loops, loops.order), random_generator(DEFAULT_SEED)
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)
         try:

@@ -67,6 +67,8 @@ class Loops:
         Positions near which the loops close.
     stated : bool
         Whether poses may be taken from there, or from zero, where the loops are closed exactly.
+    order : int
+        Number of coefficients that show all there is to see along curves of closed configurations.
     accepts : callable, optional
         Which of some poses are in the wanted assembly mode, from (field, rng, geometry, poses); None for all.
     real : callable, optional
@@ -79,6 +81,7 @@ class Loops:
     preferred: tuple[str, ...] = ()
     assembly: Mapping[str, float] = field(default_factory=dict)
     stated: bool = True
+    order: int = 24
     accepts: Accepts | None = None
     real: RealInputs | None = None
 

@@ -32,7 +32,6 @@ from echelon.regressor.loops.poses import PoseFinder
 from echelon.regressor.loops.positions import Constants, Positions, Recorded
 from echelon.seeds import DEFAULT_SEED, random_generator
 
-DEFAULT_ORDER = 16
 _LOST = 2  # coefficients that are not known of accelerations
 _REGULAR_ORDER = 16  # half of these coefficients show whether a curve is closed
 _SURPLUS = 3  # halves: that many more coefficients are taken than states, because some are not independent
@@ -56,7 +55,7 @@ class CurveSampler(FieldSampler):
         If functions of the motion other than sines and cosines of its angles occur.
     """
 
-    def __init__(self, program: Program, outputs: Sequence[int], loops: Loops, order: int = DEFAULT_ORDER) -> None:
+    def __init__(self, program: Program, outputs: Sequence[int], loops: Loops, order: int) -> None:
         entries = loops.equations.jacobian
         closing = [*loops.equations.equations, *entries.values()]
         super().__init__(program, [*outputs, *closing, *(loops.speeds or {}).values()])
