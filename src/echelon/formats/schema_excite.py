@@ -8,7 +8,6 @@ that it cannot be mistaken for one that was forgotten; it becomes infinite here.
 from __future__ import annotations
 
 import math
-import re
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema, model_validator
@@ -17,6 +16,7 @@ from echelon.exact.expressions import PI, parse
 from echelon.exact.polynomial import float_generators
 from echelon.formats.schema_joints import Model
 from echelon.formats.schema_types import AS_LIST, Flag, Name, kind_of, refusal
+from echelon.formats.size import NOT_FINITE
 
 EVERY = "all"
 """Key of mappings by name that stands for every name that is not listed."""
@@ -24,14 +24,13 @@ EVERY = "all"
 _NONE = "none"
 _TEXTS = ("body", "name", "mesh")
 """Keys of shapes whose values are texts."""
-_NOT_FINITE = re.compile(r"[+-]?(\.?(nan|inf|infinity)|∞)", re.IGNORECASE)
 
 
 def _number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise refusal(f"needs a number such as 0.5 or 2*pi, found {kind_of(value)}")
     text = value.strip() if isinstance(value, str) else str(value)
-    if _NOT_FINITE.fullmatch(text):
+    if NOT_FINITE.fullmatch(text):
         raise refusal(f"'{text}' is not a finite number")
     try:
         expression = parse(text)
@@ -40,8 +39,6 @@ def _number(value: object) -> float:
         number = expression.evaluate(float_generators(expression.generators(), {PI: math.pi}), float)
     except ValueError as error:
         raise refusal(str(error)) from None
-    except OverflowError:
-        raise refusal(f"'{text}' is too large a number") from None
     return number
 
 
@@ -55,7 +52,7 @@ def _whole(value: object) -> int:
 def _limit(value: object) -> float:
     if value == _NONE:
         return math.inf
-    if _NOT_FINITE.fullmatch(str(value).strip()):
+    if NOT_FINITE.fullmatch(str(value).strip()):
         raise refusal(f"'{value}' is not a finite number: write none where there is no limit")
     return _number(value)
 
