@@ -35,6 +35,7 @@ from echelon.cli.options import (
     Tolerance,
     reading,
 )
+from echelon.cli.show import show
 
 TARGETS = "c, cpp, cuda, python, jax, casadi, matlab, julia, rust"
 FUNCTIONS = "regressor, inverse_dynamics, mass_matrix, gravity, coriolis, effects, inverse_dynamics_derivatives"
@@ -259,4 +260,4 @@ def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print."
         from echelon.excite.files.schema import trajectory_schema as json_schema
     else:
         from echelon.results.record import json_schema
-    typer.echo(json.dumps(json_schema(), indent=2))
+    show(json.dumps(json_schema(), indent=2))

@@ -8,10 +8,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import typer
-
 from echelon.base.sensors import SensorReport, sensor_report
 from echelon.cli.progress import progress
+from echelon.cli.show import show
 from echelon.errors import one_line
 from echelon.formats.load import load
 from echelon.seeds import DEFAULT_SEED
@@ -21,7 +20,7 @@ def run_sensors(robot: Path, size: int, reading: Mapping[str, Any], seed: int | 
     """Tabulate and print."""
     with progress(f"comparing the sensors of {robot.name}"):
         report = sensor_report(load(robot, **reading), size, seed=DEFAULT_SEED if seed is None else seed)
-    typer.echo(_json(report) if as_json else _text(report))
+    show(_json(report) if as_json else _text(report))
 
 
 def _json(report: SensorReport) -> str:

@@ -64,3 +64,8 @@ def check_characters(text: str) -> None:
     foreign = next((c for c in bare if c.isdigit() and not c.isascii()), None)
     if foreign is not None:
         raise ValueError(f"{shown} holds the digit U+{ord(foreign):04X}: digits are 0 to 9")
+
+
+def is_whole(text: str) -> bool:
+    """Whether a text is a whole number without sign, in digits that are counted with."""
+    return re.fullmatch(r"[0-9]{1,18}", text) is not None

@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema, mo
 
 from echelon.exact.expressions import PI, parse
 from echelon.exact.polynomial import float_generators
+from echelon.exact.syntax import is_whole
 from echelon.formats.schema_joints import Model
 from echelon.formats.schema_types import AS_LIST, Flag, Name, kind_of, refusal
 from echelon.formats.size import NOT_FINITE
@@ -43,10 +44,10 @@ def _number(value: object) -> float:
 
 
 def _whole(value: object) -> int:
-    try:
-        return int(str(value))
-    except ValueError:
-        raise refusal(f"needs a whole number, found {kind_of(value)}") from None
+    text = str(value)
+    if not is_whole(text.removeprefix("-")):
+        raise refusal(f"needs a whole number, found {kind_of(value)}")
+    return int(text)
 
 
 def _limit(value: object) -> float:

@@ -36,6 +36,6 @@ def checked_size(value: AnyNumber, shown: str) -> AnyNumber:
     ValueError
         If it is.
     """
-    if any(abs(part) > LARGEST for part in parts_of(value)):
+    if not all(-LARGEST <= part <= LARGEST for part in parts_of(value)):
         raise ValueError(f"'{shown}' is too large a number: robots have lengths and masses up to 1e100, in SI units")
     return value
