@@ -70,7 +70,7 @@ def record_expression(text: str, names: Mapping[str, Scalar], where: str, progra
     except (SyntaxError, RecursionError):
         raise InputError(f"'{shown}' is not an expression such as 2*a*sin(x) - b*x**2", element=where) from None
     except ValueError as error:
-        raise InputError(str(error), element=where) from None
+        raise InputError(f"in '{shown}': {error}", element=where) from None
     except ZeroDivisionError:
         raise InputError(f"'{shown}' divides by zero", element=where) from None
 

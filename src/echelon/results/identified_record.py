@@ -7,11 +7,12 @@ from typing import Any, Literal
 from pydantic import BaseModel as Schema
 from pydantic import ConfigDict, Field
 
+from echelon.results.preparation_record import ColumnMapRecord, PreparationRecord
 from echelon.results.record import BaseModelRecord
 
 
 class _Strict(Schema):
-    model_config = ConfigDict(extra="forbid", frozen=True, ser_json_inf_nan="null")
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class ParameterRecord(_Strict):
@@ -124,8 +125,8 @@ class IdentifiedRecord(_Strict):
     physical: PhysicalRecord | None
     validations: list[ValidationRecord]
     logs: list[LogRecord]
-    columns: list[dict[str, Any]] = Field(description="What the columns of logs mean.")
-    preparation: dict[str, Any] = Field(description="How logs were prepared, every choice filled in.")
+    columns: list[ColumnMapRecord] = Field(description="What the columns of logs mean.")
+    preparation: PreparationRecord = Field(description="How logs were prepared, every choice filled in.")
     settings: dict[str, Any] = Field(description="What was fitted, and how; with the seed.")
     base: BaseModelRecord = Field(description="The base parameters and the mechanism.")
 
