@@ -22,9 +22,9 @@ class ParameterRecord(_Strict):
     unit: str = Field(description="SI unit.")
     expression: str = Field(description="Closed form for people.")
     value: float
-    std: float = Field(description="Standard deviation.")
-    low: float = Field(description="Lower end of the confidence interval.")
-    high: float = Field(description="Upper end.")
+    std: float | None = Field(description="Standard deviation; null where the data do not show the parameter.")
+    low: float | None = Field(description="Lower end of the confidence interval.")
+    high: float | None = Field(description="Upper end.")
 
 
 class EstimateRecord(_Strict):
@@ -33,8 +33,10 @@ class EstimateRecord(_Strict):
     method: str
     level: float = Field(description="Probability of the intervals.")
     parameters: list[ParameterRecord]
-    covariance: list[list[float]]
-    noise: dict[str, float] = Field(description="Standard deviation of each output's residual, unit of the output.")
+    covariance: list[list[float | None]]
+    noise: dict[str, float | None] = Field(
+        description="Standard deviation of each output's residual, unit of the output."
+    )
     rows: dict[str, int] = Field(description="Rows of each output.")
     degrees: float = Field(description="Residual degrees of freedom.")
     diagnostics: dict[str, Any]
