@@ -208,6 +208,7 @@ def sensors(
     floating: Floating = False,
     gravity: Gravity = "file",
     seed: Seed = None,
+    budget: Annotated[float, typer.Option(min=0, help="How much work subsets may take: 1 is a few seconds.")] = 1.0,
 ) -> None:
     """Compare what the sensors of a robot see, alone and together.
 
@@ -216,7 +217,7 @@ def sensors(
     """
     from echelon.cli.sensors import run_sensors
 
-    run_sensors(robot, size, {"floating": floating, "gravity": gravity}, seed, as_json=as_json)
+    run_sensors(robot, size, {"floating": floating, "gravity": gravity}, seed, budget, as_json=as_json)
 
 
 @app.command(epilog="Example: echelon audit tx40.urdf TX40_bp_5.csv --ignore 'fv*'")

@@ -138,8 +138,8 @@ def stretches(time: Floats, gap: float = GAP) -> Stretches:
     period = nominal_period(time)
     if not PERIODS[0] <= period <= PERIODS[1]:
         raise InputError(
-            f"time stamps are usually {period:.3g} s apart: is this the column with time stamps, and is its unit right? "
-            f"(valid: {PERIODS[0]:g} s to {PERIODS[1]:g} s)"
+            f"time stamps are usually {period:.3g} s apart (valid: {PERIODS[0]:g} s to {PERIODS[1]:g} s): is this the "
+            "column with time stamps, and is its unit right?"
         )
     late = np.flatnonzero(steps > gap * period)
     pieces = np.split(kept, np.union1d(back, late) + 1)
