@@ -108,5 +108,5 @@ def test_decimal_spellings(text: str, value: str) -> None:
 
 @pytest.mark.parametrize("text", ["", ".", "nan", "inf", "-Infinity", "1/2", "1_000", "0x10", "1e", "1 2", "1e9999"])
 def test_other_text_is_no_decimal(text: str) -> None:
-    with pytest.raises(ValueError, match="finite decimal"):
+    with pytest.raises(ValueError, match=r"finite decimal|beyond the range"):
         parse_decimal(text)

@@ -94,7 +94,7 @@ REFUSED = {
     "sin": "'sin' is a function",
     "True*x": "has no meaning here",
     "2j*x": "has no meaning here",
-    "1e9999*x": "is not an expression",
+    "1e9999*x": "is beyond the range of double precision",
     "pi*x": "pi is exact only inside",
     "sin(pi/7)": "'pi/7' is not a multiple of pi/12",
     "sin(pi*x)": "'pi*x' is not a multiple of pi/12",

@@ -258,7 +258,7 @@ REFUSED = {
     "not a number": (arm(origin("0 x 0")), "joint 'j2' origin xyz: 'x'"),
     "nan": (arm(origin("0 nan 0")), "'nan'"),
     "infinite": (arm(origin(rpy="inf 0 0")), "joint 'j2' origin rpy: 'inf'"),
-    "overflow": (arm(origin("1e999 0 0")), "joint 'j2' origin xyz: '1e999' is not a finite"),
+    "overflow": (arm(origin("1e999 0 0")), "joint 'j2' origin xyz: '1e999' is beyond the range"),
     "axis overflow": (arm("<axis xyz='0 0 1e999'/>"), "joint 'j2' axis: '1e999'"),
     "mass overflow": (robot(link("a", INERTIAL.replace("'2'", "'1e999'", 1))), "link 'a' inertial mass: '1e999'"),
     "not a mass": (robot(link("a", INERTIAL.replace("'2'", "'nan'", 1))), "link 'a' inertial mass: 'nan'"),

@@ -79,3 +79,15 @@ def one_line(text: str) -> str:
     'arm of [31m steel'
     """
     return "".join(character if character.isprintable() else " " for character in text)
+
+
+def shortened(text: str, most: int = 60) -> str:
+    r"""The same line with its end left out if it is long, for messages that show what a file says.
+
+    Examples
+    --------
+    >>> shortened("1 + " * 100)
+    '1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1...'
+    """
+    line = one_line(text)
+    return line if len(line) <= most else line[: most - 3] + "..."

@@ -7,6 +7,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Literal
 
 from echelon.errors import InputError
+from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
 
@@ -56,7 +57,9 @@ def _rational(value: Any) -> RationalFunction:
     import sympy
 
     try:
-        formula = sympy.sympify(value, rational=False)
+        if isinstance(value, str):  # text is read, never evaluated as code
+            return RationalFunction(parse(value))
+        formula = sympy.sympify(value, rational=False, strict=True)
         formula = formula.replace(lambda e: e.is_Float, lambda e: sympy.Rational(str(e)))
         top, bottom = sympy.fraction(sympy.together(formula))
         return RationalFunction(_polynomial(top), _polynomial(bottom))

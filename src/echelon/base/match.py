@@ -18,7 +18,6 @@ from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
 from echelon.errors import InputError
-from echelon.exact.expressions import parse
 from echelon.exact.numbers import Number, Surd, format_number
 from echelon.exact.polynomial import Polynomial, cosine, sine
 from echelon.inertia.spatial import frame_change
@@ -158,8 +157,7 @@ def _numbers(mechanism: Mechanism) -> dict[str, Number]:
         symbol = mechanism.symbols.get(name)
         if symbol is None or symbol.value is None:
             raise InputError(f"symbol '{name}' of {mechanism.name} has no value, so its geometry cannot be compared")
-        exact = parse(symbol.exact).number if symbol.exact else None
-        found[name] = Fraction(repr(symbol.value)) if exact is None else exact
+        found[name] = Fraction(repr(symbol.value)) if symbol.number is None else symbol.number
         found[cosine(name)], found[sine(name)] = Fraction(cos(symbol.value)), Fraction(sin(symbol.value))
     return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.errors import InputError, shortened
 from echelon.exact.expressions import parse
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.numbers import Number, Surd
+from echelon.exact.numbers import BEYOND_DOUBLES, Number, Surd
 from echelon.exact.polynomial import float_generators, is_trigonometric, multiple_of, symbol_of
 from echelon.exact.rational import RationalFunction
 
@@ -103,6 +105,11 @@ class BaseMatrix:
         parts = (p for c in self.coefficients for p in (c.numerator, c.denominator))
         return tuple(sorted({g for p in parts for g in p.generators()}))
 
+    @property
+    def denominators(self) -> set[str]:
+        """Denominators of coefficients, as text."""
+        return {str(c.denominator) for c in self.coefficients if not c.is_polynomial}
+
     def modulo(self, symbols: Mapping[str, Residues], field: PrimeField) -> list[dict[int, int]]:
         """Rows of B modulo a prime, at one geometry.
 
@@ -132,12 +139,17 @@ class BaseMatrix:
         Returns
         -------
         array of shape (base parameters, standard parameters)
+
+        Raises
+        ------
+        InputError
+            If a coefficient has no value in double precision.
         """
         values = float_generators(self.generators, symbols)
         matrix = np.zeros(self.shape)
         for i, row in enumerate(self.rows):
             for column, coefficient in row.items():
-                matrix[i, column] = coefficient.evaluate(values, float)
+                matrix[i, column] = coefficient_value(coefficient, values)
         return matrix
 
     def sympy(self, exact: Mapping[str, Any] | None = None) -> sympy.ImmutableSparseMatrix:
@@ -156,7 +168,37 @@ class BaseMatrix:
             for i, row in enumerate(self.rows)
             for column, coefficient in row.items()
         }
+        lost = next((c for (i, c), value in entries.items() if value.has(sympy.zoo, sympy.nan)), None)
+        if lost is not None:
+            problem = f"a denominator in the column of {self.parameters[lost]} is zero at the values of the symbols"
+            raise InputError(f"{problem}: other representatives are needed")
         return sympy.ImmutableSparseMatrix(*self.shape, entries)
+
+
+def coefficient_value(coefficient: RationalFunction, generators: Mapping[str, float]) -> float:
+    """A coefficient in double precision.
+
+    Parameters
+    ----------
+    coefficient : RationalFunction
+    generators : mapping of str to float
+        See :func:`echelon.exact.polynomial.float_generators`.
+
+    Raises
+    ------
+    InputError
+        If its denominator is zero there, or it is too large for a double.
+    """
+    try:
+        value = coefficient.evaluate(generators, float)
+    except ZeroDivisionError:
+        problem = f"the denominator {coefficient.denominator} is zero at these values of the symbols"
+        raise InputError(f"{problem}: other representatives are needed") from None
+    except OverflowError:
+        value = math.inf
+    if not math.isfinite(value):
+        raise InputError(f"the coefficient {shortened(str(coefficient))} is {BEYOND_DOUBLES}")
+    return value
 
 
 def sympy_number(x: Number) -> Any:

@@ -16,11 +16,12 @@ from echelon.base.classification import Identifiability, classify
 from echelon.base.evaluation import Evaluation
 from echelon.base.lift import Metric, lift, metric_matrix, pseudo_inverse_floats
 from echelon.base.logs import Logs
-from echelon.base.matrix import BaseMatrix
+from echelon.base.matrix import BaseMatrix, sympy_number
 from echelon.base.own import at_values
 from echelon.base.reading_report import ReadingReport
 from echelon.base.value_relations import SpecialValues
 from echelon.errors import InputError
+from echelon.exact.expressions import PI
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import stated_values
 from echelon.mechanism.values import characteristic_length, symbol_values
@@ -94,7 +95,7 @@ class BaseModel(BaseSet, Evaluation, Logs):
         Raises
         ------
         InputError
-            If a symbol has no value.
+            If a symbol has no value, or a denominator is zero at the values.
         """
         import sympy
 
@@ -103,7 +104,10 @@ class BaseModel(BaseSet, Evaluation, Logs):
             symbol = self.mechanism.symbols.get(name)
             if symbol is None or symbol.value is None:
                 raise InputError(f"symbol '{name}' has no value")
-            values[name] = sympy.sympify(symbol.exact, rational=True) if symbol.exact else sympy.Float(symbol.value)
+            stated = symbol.expression
+            values[name] = (
+                sympy.Float(symbol.value) if stated is None else stated.evaluate({PI: sympy.pi}, sympy_number)
+            )
         return self.matrix.sympy(values)
 
     def B_float(self, symbols: Mapping[str, float] | None = None) -> Floats:

@@ -18,7 +18,7 @@ from echelon.base.matrix import BaseMatrix
 from echelon.base.minor import find_minor
 from echelon.base.structure import Structure, find_structure
 from echelon.base.value_relations import RelationSearch, SpecialValues
-from echelon.errors import EchelonError
+from echelon.errors import DegenerateSampleError, EchelonError, InputError
 from echelon.exact.field import CERTIFICATE_BITS, PrimeField
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.mechanism import Mechanism
@@ -116,12 +116,21 @@ def at_values(matrix: BaseMatrix, values: StatedValues) -> BaseMatrix:
     ----------
     matrix : BaseMatrix
     values : StatedValues
+
+    Raises
+    ------
+    InputError
+        If a denominator is zero at them.
     """
     if not set(matrix.symbols) & set(values.names):
         return matrix
     rng = random_generator(DEFAULT_SEED)
     field = PrimeField.random(rng, CERTIFICATE_BITS)
-    present = matrix.modulo(values.draw(matrix.symbols, field, rng), field)
+    try:
+        present = matrix.modulo(values.draw(matrix.symbols, field, rng), field)
+    except DegenerateSampleError:
+        problem = "a denominator of B is zero at the stated values of the symbols: other representatives are needed"
+        raise InputError(f"{problem} ({', '.join(sorted(matrix.denominators))})") from None
     rows = tuple({c: f for c, f in row.items() if here[c]} for row, here in zip(matrix.rows, present, strict=True))
     return replace(matrix, rows=rows)
 

@@ -2,29 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from math import comb
 
 import numpy as np
 
 from echelon.base.own import at_stated_values
 from echelon.base.structure import find_structure
-from echelon.errors import DegenerateSampleError, EchelonError
+from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError, InputError
 from echelon.exact.elimination import rank, reduced_echelon
 from echelon.exact.field import PrimeField, Residues
+from echelon.exact.work import SOLVING, Work
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.output import Cut, Output, plain
 from echelon.mechanism.placement import Placement
+from echelon.program.sampling import FieldSampler
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
 
-_SURPLUS = 8
+_SURPLUS, _FIRST_STATES = 8, 32
 _FIELDS = 2
 _ATTEMPTS = 8
-_MOST_SUBSETS = 50_000
-"""Subsets tried in the search for a smallest sufficient one."""
+Progress = Callable[[str], None]
+Geometry = Mapping[str, Residues]
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,18 @@ class SensorReport:
     seed: int
 
 
-def sensor_report(mechanism: Mechanism, size: int = 1, *, seed: int = DEFAULT_SEED) -> SensorReport:
+def _silent(_: str) -> None:
+    """No progress is shown."""
+
+
+def sensor_report(
+    mechanism: Mechanism,
+    size: int = 1,
+    *,
+    seed: int = DEFAULT_SEED,
+    budget: float = 1.0,
+    progress: Progress = _silent,
+) -> SensorReport:
     """What each subset of a mechanism's sensors sees.
 
     Parameters
@@ -71,10 +85,20 @@ def sensor_report(mechanism: Mechanism, size: int = 1, *, seed: int = DEFAULT_SE
     size : int
         Ranks of all subsets up to this size are listed.
     seed : int
+    budget : float
+        How much work the subsets may take: 1 is a few seconds.  What is left goes into the search for a smallest
+        sufficient one.
+    progress : callable
+        Told what is being done.
 
     Returns
     -------
     SensorReport
+
+    Raises
+    ------
+    InputError
+        If the budget does not suffice for all subsets that are to be listed.
 
     Examples
     --------
@@ -85,11 +109,14 @@ def sensor_report(mechanism: Mechanism, size: int = 1, *, seed: int = DEFAULT_SE
     """
     mechanism = at_stated_values(mechanism)
     groups = _candidates(mechanism)
-    spaces = _Spaces(mechanism, groups, random_generator(seed))
+    spaces = _Spaces(mechanism, groups, random_generator(seed), progress)
     names = tuple(groups)
     total = spaces.rank(names)
-    ranks = {s: spaces.rank(s) for k in range(1, min(size, len(names)) + 1) for s in combinations(names, k)}
+    progress("adding the most informative sensors")
     greedy = _greedy(names, spaces, total)
+    spaces.work = Work.of(budget)
+    ranks = _listed(names, spaces, size, progress)
+    progress("looking for the smallest sufficient set")
     smallest, proven = _smallest(names, spaces, total, [name for name, _ in greedy])
     return SensorReport(names, len(mechanism.parameters), total, ranks, tuple(greedy), smallest, proven, seed)
 
@@ -113,17 +140,25 @@ def _candidates(mechanism: Mechanism) -> dict[str, tuple[Output, ...]]:
 class _Spaces:
     """Row spaces of the sensors modulo primes, at one random geometry each."""
 
-    def __init__(self, mechanism: Mechanism, groups: Mapping[str, tuple[Output, ...]], rng: np.random.Generator):
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        groups: Mapping[str, tuple[Output, ...]],
+        rng: np.random.Generator,
+        progress: Progress,
+    ) -> None:
+        progress("structure")
         self._forms = {name: virtual_power_form(replace(mechanism, measured=group)) for name, group in groups.items()}
         if mechanism.closures:
             structure = find_structure(mechanism, rng)
             self._forms = {name: structure.on_curves(forms) for name, forms in self._forms.items()}
+        self.work: Work | None = None  # what subsets may still take; unlimited if None
         self._known: dict[tuple[str, ...], int] = {}
         self._bases: list[tuple[PrimeField, dict[str, Residues]]] = []
         for _ in range(_ATTEMPTS):
             field = PrimeField.random(rng)
             try:
-                self._bases.append((field, _row_spaces(self._forms, field, rng)))
+                self._bases.append((field, _row_spaces(self._forms, field, rng, progress)))
             except DegenerateSampleError:
                 continue
             if len(self._bases) == _FIELDS:
@@ -131,35 +166,76 @@ class _Spaces:
         raise EchelonError("every random point is singular; please report this model")
 
     def rank(self, names: Sequence[str]) -> int:
-        """Rank of the sensors together; an unlucky point could only lower it, so the larger of two counts."""
+        """Rank of the sensors together; an unlucky point could only lower it, so the larger of two counts.
+
+        Raises
+        ------
+        ClosedFormError
+            If less work is left than it takes.
+        """
         key = tuple(names)
         if key not in self._known:
+            if self.work is not None:
+                self.work.spend(self.cost(key))
             self._known[key] = max(
                 rank(np.vstack([spaces[name] for name in names]), field) if names else 0
                 for field, spaces in self._bases
             )
         return self._known[key]
 
+    def cost(self, names: Sequence[str]) -> float:
+        """Operations that a rank takes."""
+        shapes = [spaces[name].shape for _, spaces in self._bases for name in names]
+        widest = max((columns for _, columns in shapes), default=0)
+        return float(SOLVING * sum(rows for rows, _ in shapes) * widest**2)
 
-def _row_spaces(forms: Mapping[str, LinearForms], field: PrimeField, rng: np.random.Generator) -> dict[str, Residues]:
+
+def _row_spaces(
+    forms: Mapping[str, LinearForms], field: PrimeField, rng: np.random.Generator, progress: Progress
+) -> dict[str, Residues]:
     """A basis of every sensor's row space."""
     samplers = {name: f.sampler() for name, f in forms.items()}
     symbols = sorted({s for sampler in samplers.values() for s in sampler.symbols})
     geometry = {s: field.draw(rng, (1,)) for s in symbols}
     spaces: dict[str, Residues] = {}
-    for name, sampler in samplers.items():
-        columns = forms[name].shape[1]
+    for number, (name, sampler) in enumerate(samplers.items(), 1):
+        progress(f"what {name} sees (sensor {number} of {len(samplers)}, modulo {field.p})")
         own = {s: geometry[s] for s in sampler.symbols}
-        states, seen = max(columns + _SURPLUS, sampler.regions), -1
-        while True:
-            matrix = forms[name].stacked(sampler.evaluate(field, rng, states, own))[0]
-            reduced, pivots = reduced_echelon(matrix, field)
-            if sampler.regions == 1 or len(pivots) == seen:
-                break
-            states, seen = 2 * states, len(pivots)  # a region of signs may have more to show
-        rows = [[int(x) for x in row] for row in reduced.tolist()[: len(pivots)]]
-        spaces[name] = np.array(rows, dtype=np.int64).reshape(len(pivots), columns)
+        spaces[name] = _row_space(forms[name], sampler, field, rng, own)
     return spaces
+
+
+def _row_space(
+    form: LinearForms, sampler: FieldSampler, field: PrimeField, rng: np.random.Generator, geometry: Geometry
+) -> Residues:
+    """A basis of one sensor's row space; most see much less than all, so states are few at first."""
+    columns = form.shape[1]
+    states, seen = max(min(_FIRST_STATES, columns + _SURPLUS), sampler.regions), -1
+    while True:
+        matrix = form.stacked(sampler.evaluate(field, rng, states, geometry))[0]
+        reduced, pivots = reduced_echelon(matrix, field)
+        enough = states >= min(len(pivots), columns) + _SURPLUS
+        if enough and (sampler.regions == 1 or len(pivots) == seen):
+            break
+        # with too few states, or because a region of signs may have more to show
+        states, seen = 2 * states, len(pivots) if enough else -1
+    rows = [[int(x) for x in row] for row in reduced.tolist()[: len(pivots)]]
+    return np.array(rows, dtype=np.int64).reshape(len(pivots), columns)
+
+
+def _listed(names: Sequence[str], spaces: _Spaces, size: int, progress: Progress) -> dict[tuple[str, ...], int]:
+    """Ranks of all subsets up to a size."""
+    sizes = range(1, min(size, len(names)) + 1)
+    count = sum(comb(len(names), k) for k in sizes)
+    ranks: dict[tuple[str, ...], int] = {}
+    try:
+        for k in sizes:
+            progress(f"subsets of {k} sensors")
+            ranks |= {subset: spaces.rank(subset) for subset in combinations(names, k)}
+    except ClosedFormError:
+        problem = f"{len(names)} sensors have {count} subsets of up to {size}, which take more work than the budget"
+        raise InputError(f"{problem}: list smaller ones, or give a larger budget") from None
+    return ranks
 
 
 def _greedy(names: Sequence[str], spaces: _Spaces, total: int) -> list[tuple[str, int]]:
@@ -176,14 +252,13 @@ def _greedy(names: Sequence[str], spaces: _Spaces, total: int) -> list[tuple[str
 
 def _smallest(names: Sequence[str], spaces: _Spaces, total: int, greedy: Sequence[str]) -> tuple[tuple[str, ...], bool]:
     """A smallest subset with the full rank, and whether the search was complete."""
-    tried = 0
-    for size in range(len(greedy)):
-        for subset in _promising(names, spaces, total, size):
-            tried += 1
-            if tried > _MOST_SUBSETS:
-                return tuple(greedy), False
-            if spaces.rank(subset) == total:
-                return subset, True
+    try:
+        for size in range(len(greedy)):
+            for subset in _promising(names, spaces, total, size):
+                if spaces.rank(subset) == total:
+                    return subset, True
+    except ClosedFormError:
+        return tuple(greedy), False
     return tuple(greedy), True
 
 

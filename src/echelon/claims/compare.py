@@ -16,12 +16,12 @@ from fractions import Fraction
 
 import numpy as np
 
-from echelon.base.matrix import BaseMatrix
+from echelon.base.matrix import BaseMatrix, coefficient_value
 from echelon.base.model import BaseModel
 from echelon.base.order import reordered
 from echelon.claims.findings import Agreement, TermDifference
 from echelon.claims.precision import Precision
-from echelon.exact.expressions import parse
+from echelon.errors import InputError
 from echelon.exact.numbers import Number, Surd
 from echelon.exact.polynomial import float_generators, is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
@@ -56,9 +56,8 @@ class Geometry:
         for name, symbol in model.mechanism.symbols.items():
             if symbol.value is not None:
                 floats[name] = symbol.value
-            value = parse(symbol.exact).number if symbol.exact else None
-            if value is not None:
-                exact[name] = value
+            if symbol.number is not None:
+                exact[name] = symbol.number
         return Geometry(exact, floats)
 
     def exactly(self, value: RationalFunction) -> Number | None:
@@ -66,14 +65,17 @@ class Geometry:
         generators = {*value.numerator.generators(), *value.denominator.generators()}
         if any(g not in self.exact or is_trigonometric(g) for g in generators):
             return None
-        return value.evaluate({g: _fraction(self.exact[g]) for g in generators}, _fraction)
+        try:
+            return value.evaluate({g: _fraction(self.exact[g]) for g in generators}, _fraction)
+        except ZeroDivisionError:
+            raise InputError(f"the denominator {value.denominator} is zero at the robot's values") from None
 
     def roughly(self, value: RationalFunction) -> float | None:
         """A coefficient's value, if its symbols have one."""
         generators = {*value.numerator.generators(), *value.denominator.generators()}
         if any(symbol_of(g) not in self.floats for g in generators):
             return None
-        return value.evaluate(float_generators(generators, self.floats), float)
+        return coefficient_value(value, float_generators(generators, self.floats))
 
 
 def _fraction(x: Number) -> Number:

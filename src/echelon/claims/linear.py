@@ -16,6 +16,7 @@ from echelon.exact.expressions import parse
 from echelon.exact.numbers import parse_decimal
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
+from echelon.exact.syntax import expression_tree
 
 Terms = dict[str, RationalFunction]
 """Coefficients by parameter; the key "" holds the part without a parameter."""
@@ -66,9 +67,8 @@ class LinearReader:
         """
         python = plain_text(text).strip()
         try:
-            tree = ast.parse(python, mode="eval")
-            terms = _Walk(self, python.encode()).read(tree.body)
-        except (SyntaxError, RecursionError, MemoryError):
+            terms = _Walk(self, python.encode()).read(expression_tree(python))
+        except (SyntaxError, RecursionError):
             raise ValueError(f"'{text}' is not an expression such as XX2 - YY2 + 2*l1*MX3 - 0.0506*M3") from None
         except ZeroDivisionError:
             raise ValueError(f"'{text}' divides by zero") from None
@@ -150,8 +150,6 @@ class _Walk:
         return result
 
     def _source(self, node: ast.expr) -> str:
-        if node.lineno != 1 or node.end_lineno != 1:
-            raise ValueError("an expression stands on one line")
         return self.data[node.col_offset : node.end_col_offset].decode()
 
 

@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import typer
-
 from echelon.claims.audit import audit
+from echelon.cli.show import show
 from echelon.errors import InputError
 from echelon.files import write_atomically
 from echelon.formats.load import load
@@ -33,7 +32,7 @@ def run_audit(
     if output is not None:
         write_atomically(output, text)
     else:
-        typer.echo(text, nl=False)
+        show(text)
     return EQUAL if found.equal else REFUTED
 
 

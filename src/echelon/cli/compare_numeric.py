@@ -7,10 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import typer
-
 from echelon.base.numeric_comparison import NumericComparison, compare_numeric
 from echelon.cli.progress import progress
+from echelon.cli.show import show
 from echelon.errors import one_line
 from echelon.files import write_atomically
 from echelon.formats.load import load
@@ -29,7 +28,7 @@ def run_compare_numeric(
     if output is not None:
         write_atomically(output, text + "\n")
     else:
-        typer.echo(text)
+        show(text)
 
 
 def _text(mechanism: Mechanism, found: NumericComparison) -> str:

@@ -10,14 +10,13 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import typer
-
 from echelon.base.derive import base_parameters
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.model import BaseModel
 from echelon.base.own import OwnAnswer, own_answer
 from echelon.base.reading_report import MimicRanks, mimic_ranks
 from echelon.cli.progress import steps
+from echelon.cli.show import show
 from echelon.errors import one_line
 from echelon.files import write_atomically
 from echelon.formats.linear import holds_linear_model
@@ -80,9 +79,9 @@ def run_derive(request: DeriveRequest) -> None:
 
         print_model(model, elapsed)
     else:
-        typer.echo(text, nl=not text.endswith("\n"))
+        show(text)
         if request.output_format == "text":
-            typer.echo(f"time: {elapsed:.2f} s")
+            show(f"time: {elapsed:.2f} s")
 
 
 def _budget(request: DeriveRequest, robot: Mechanism) -> float:
@@ -109,9 +108,9 @@ def _write_linear(request: DeriveRequest, seed: int, started: float) -> None:
     if request.output is not None:
         write_atomically(request.output, text)
         return
-    typer.echo(text, nl=False)
+    show(text)
     if request.output_format == "text":
-        typer.echo(f"time: {perf_counter() - started:.2f} s")
+        show(f"time: {perf_counter() - started:.2f} s")
 
 
 def _render(model: BaseModel, output_format: str) -> str:

@@ -6,12 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import typer
-
 from echelon.base.derive import base_parameters
 from echelon.base.linear_base import LinearBase
 from echelon.base.model import BaseModel
 from echelon.cli.progress import progress
+from echelon.cli.show import show
 from echelon.files import write_atomically
 from echelon.formats.linear import holds_linear_model, load_linear
 from echelon.formats.load import load
@@ -40,4 +39,4 @@ def run_regressor(
     if output is not None:
         write_atomically(output, text)
     else:
-        typer.echo(text, nl=False)
+        show(text)

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from echelon.cli.progress import steps
-from echelon.errors import InputError, one_line
+from echelon.cli.show import show
+from echelon.errors import InputError
 from echelon.files import write_all, written_into
 from echelon.identification.setup import load_setup
 
@@ -141,11 +142,11 @@ def _say(found: ExcitingTrajectory, paths: Sequence[Path], seconds: float, *, as
         from echelon.excite.files.design import design_to_json
 
         document = {**design_to_json(found), "files": [str(path) for path in paths]}
-        typer.echo(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
+        show(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
         return
     from echelon.cli.excite_terminal import print_trajectory
 
     print_trajectory(found)
     if paths:
-        typer.echo(f"wrote {', '.join(one_line(str(path)) for path in paths)}")
-    typer.echo(f"time: {seconds:.2f} s")
+        show(f"wrote {', '.join(map(str, paths))}")
+    show(f"time: {seconds:.2f} s")

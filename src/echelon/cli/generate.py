@@ -11,16 +11,16 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import typer
-
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.cli.options import Order, reading
 from echelon.cli.progress import progress
+from echelon.cli.show import show
 from echelon.codegen.constants import FROM_FILE
 from echelon.codegen.documentation import operation_counts, operations_text
 from echelon.codegen.generate import Source, generate_source
-from echelon.errors import InputError, one_line
+from echelon.errors import CertificateError, InputError, one_line
+from echelon.exact.numbers import parse_decimal
 from echelon.files import write_atomically
 from echelon.formats.linear import holds_linear_model
 from echelon.formats.load import load
@@ -67,12 +67,12 @@ def run_generate(request: GenerateRequest, *, as_json: bool) -> None:
     for path, text in zip(paths, source.files.values(), strict=True):
         write_atomically(path, text)
     if as_json:
-        typer.echo(json.dumps(_summary(base, source, paths, request), indent=1, ensure_ascii=False))
+        show(json.dumps(_summary(base, source, paths, request), indent=1, ensure_ascii=False))
         return
     for function in source.functions:
-        typer.echo(f"{function.name}: {operations_text(function)}")
-    typer.echo(f"wrote {', '.join(one_line(str(path)) for path in paths)}")
-    typer.echo(f"time: {perf_counter() - started:.2f} s")
+        show(f"{function.name}: {operations_text(function)}")
+    show(f"wrote {', '.join(map(str, paths))}")
+    show(f"time: {perf_counter() - started:.2f} s")
 
 
 def read_values(path: Path) -> dict[str, float]:
@@ -89,12 +89,21 @@ def read_values(path: Path) -> dict[str, float]:
         raise InputError(f"cannot be read: {error}", source=str(path)) from None
     try:
         pairs = list(json.loads(text).items()) if text.lstrip().startswith("{") else _csv_pairs(text)
-        found = {str(name).strip(): float(value) for name, value in pairs}
-    except (ValueError, TypeError):
+        found = {str(name).strip(): _value(value, str(name), path) for name, value in pairs}
+    except (ValueError, TypeError, RecursionError):
         raise InputError('expected {"name": value, ...} or lines name,value', source=str(path)) from None
     if len(found) < len(pairs):
         raise InputError("a name occurs twice", source=str(path))
     return found
+
+
+def _value(value: object, name: str, path: Path) -> float:
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise TypeError
+    try:
+        return float(parse_decimal(str(value).strip()))
+    except ValueError as error:
+        raise InputError(str(error), source=str(path), element=f"'{one_line(name)}'") from None
 
 
 def _csv_pairs(text: str) -> list[tuple[str, str]]:
@@ -110,7 +119,10 @@ def _base(request: GenerateRequest) -> BaseModel:
         if request.reading != reading() or request.derivation != {"order": Order.BASE_TO_TIP.value, "prefer": ()}:
             problem = "a saved set is used as it is, so it takes no options for reading or deriving"
             raise InputError(problem, source=str(request.robot))
-        return load_base(request.robot)
+        try:
+            return load_base(request.robot)
+        except CertificateError as error:
+            raise InputError(f"is not a sound set: {error}", source=str(request.robot)) from None
     if holds_linear_model(request.robot):
         raise InputError("code is generated for robots, not for linear models", source=str(request.robot))
     return base_parameters(load(request.robot, **request.reading), **request.derivation)

@@ -9,10 +9,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from echelon.cli.progress import steps
-from echelon.errors import InputError, one_line
+from echelon.cli.show import show
+from echelon.errors import InputError
 from echelon.files import written_into
 from echelon.identification.identify import identify
 from echelon.identification.setup import load_setup
@@ -71,14 +70,14 @@ def run_identify(request: IdentifyRequest, *, as_json: bool) -> None:
         from echelon.results.identified import identification_to_json
 
         document = json.loads(identification_to_json(result))
-        typer.echo(json.dumps({**document, "files": [str(path) for path in paths]}, indent=1, ensure_ascii=False))
+        show(json.dumps({**document, "files": [str(path) for path in paths]}, indent=1, ensure_ascii=False))
         return
     from echelon.cli.identify_terminal import print_identification
 
     print_identification(result)
     if paths:
-        typer.echo(f"wrote {', '.join(one_line(str(path)) for path in paths)}")
-    typer.echo(f"time: {perf_counter() - started:.2f} s")
+        show(f"wrote {', '.join(map(str, paths))}")
+    show(f"time: {perf_counter() - started:.2f} s")
 
 
 def _check_target(target: str) -> None:

@@ -35,6 +35,7 @@ from echelon.cli.options import (
     Tolerance,
     reading,
 )
+from echelon.cli.show import show
 
 TARGETS = "c, cpp, cuda, python, jax, casadi, matlab, julia, rust"
 FUNCTIONS = "regressor, inverse_dynamics, mass_matrix, gravity, coriolis, effects, inverse_dynamics_derivatives"
@@ -207,6 +208,7 @@ def sensors(
     floating: Floating = False,
     gravity: Gravity = "file",
     seed: Seed = None,
+    budget: Annotated[float, typer.Option(min=0, help="How much work subsets may take: 1 is a few seconds.")] = 1.0,
 ) -> None:
     """Compare what the sensors of a robot see, alone and together.
 
@@ -215,7 +217,7 @@ def sensors(
     """
     from echelon.cli.sensors import run_sensors
 
-    run_sensors(robot, size, {"floating": floating, "gravity": gravity}, seed, as_json=as_json)
+    run_sensors(robot, size, {"floating": floating, "gravity": gravity}, seed, budget, as_json=as_json)
 
 
 @app.command(epilog="Example: echelon audit tx40.urdf TX40_bp_5.csv --ignore 'fv*'")
@@ -259,4 +261,4 @@ def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print."
         from echelon.excite.files.schema import trajectory_schema as json_schema
     else:
         from echelon.results.record import json_schema
-    typer.echo(json.dumps(json_schema(), indent=2))
+    show(json.dumps(json_schema(), indent=2))

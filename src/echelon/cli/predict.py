@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import typer
 
 from echelon.cli.progress import progress
+from echelon.cli.show import show
 from echelon.errors import InputError, MissingExtraError
 from echelon.files import write_atomically
 from echelon.identification.predict import Prediction, predict_log
@@ -30,13 +31,20 @@ def run_predict(model: Path, log: Path, output: Path | None, *, as_json: bool) -
         write_atomically(output, _csv(found) if output.suffix.lower() == ".csv" else _parquet(found))
     summary = _summary(found, output)
     if as_json:
-        typer.echo(json.dumps(summary, indent=1, ensure_ascii=False))
+        show(json.dumps(summary, indent=1, ensure_ascii=False))
         return
     for name, score in summary["outputs"].items():
-        fit = "" if score["rms"] is None else f"rms {score['rms']:.4g} {score['unit']}, R² {score['r2']:.4f}"
-        typer.echo(f"{name}: {found.time.size} samples {fit}".rstrip())
+        show(f"{name}: {found.time.size} samples{_fit(score)}")
     if output is not None:
-        typer.echo(f"wrote {output}")
+        show(f"wrote {output}")
+
+
+def _fit(score: Mapping[str, Any]) -> str:
+    """How well an output fits, where it was measured; R² where it varies."""
+    if score["rms"] is None:
+        return ""
+    explained = "no R², for it does not vary" if score["r2"] is None else f"R² {score['r2']:.4f}"
+    return f" rms {score['rms']:.4g} {score['unit']}, {explained}"
 
 
 def _columns(found: Prediction) -> dict[str, Any]:

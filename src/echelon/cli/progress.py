@@ -6,14 +6,17 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 
+from echelon.errors import one_line
+
 
 def progress(message: str) -> AbstractContextManager[object]:
     """A spinner on a terminal, nothing in a pipe."""
     if not sys.stderr.isatty():
         return nullcontext()
     from rich.console import Console
+    from rich.text import Text
 
-    return Console(stderr=True).status(message)
+    return Console(stderr=True).status(Text(one_line(message)))
 
 
 @contextmanager
@@ -26,4 +29,4 @@ def steps() -> Iterator[Callable[[str], None]]:
     from rich.text import Text
 
     with Console(stderr=True).status("") as status:
-        yield lambda message: status.update(Text(message))
+        yield lambda message: status.update(Text(one_line(message)))

@@ -8,20 +8,29 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import typer
-
 from echelon.base.sensors import SensorReport, sensor_report
-from echelon.cli.progress import progress
+from echelon.cli.progress import steps
+from echelon.cli.show import show
 from echelon.errors import one_line
 from echelon.formats.load import load
 from echelon.seeds import DEFAULT_SEED
 
 
-def run_sensors(robot: Path, size: int, reading: Mapping[str, Any], seed: int | None, *, as_json: bool) -> None:
+def run_sensors(
+    robot: Path, size: int, reading: Mapping[str, Any], seed: int | None, budget: float, *, as_json: bool
+) -> None:
     """Tabulate and print."""
-    with progress(f"comparing the sensors of {robot.name}"):
-        report = sensor_report(load(robot, **reading), size, seed=DEFAULT_SEED if seed is None else seed)
-    typer.echo(_json(report) if as_json else _text(report))
+    with steps() as step:
+        title = f"comparing the sensors of {robot.name}"
+        step(title)
+        report = sensor_report(
+            load(robot, **reading),
+            size,
+            seed=DEFAULT_SEED if seed is None else seed,
+            budget=budget,
+            progress=lambda phase: step(f"{title}: {phase}"),
+        )
+    show(_json(report) if as_json else _text(report))
 
 
 def _json(report: SensorReport) -> str:

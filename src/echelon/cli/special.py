@@ -8,10 +8,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import typer
-
 from echelon.base.special import special_geometry
 from echelon.cli.progress import progress
+from echelon.cli.show import show
 from echelon.errors import one_line
 from echelon.files import write_atomically
 from echelon.formats.load import load
@@ -38,4 +37,4 @@ def run_special(
     if output is not None:
         write_atomically(output, text + "\n")
     else:
-        typer.echo(text)
+        show(text)

@@ -6,8 +6,7 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-import typer
-
+from echelon.cli.show import show
 from echelon.errors import CertificateError, one_line
 from echelon.results.saved import load_base
 from echelon.results.verify import verify
@@ -22,14 +21,16 @@ def run_verify(file: Path, as_json: bool, seed: int | None) -> int:
         certificate = verify(model, seed)
     except CertificateError as error:
         if as_json:
-            typer.echo(json.dumps({"valid": False, "reason": str(error)}))
+            show(json.dumps({"valid": False, "reason": str(error)}))
         else:
-            typer.echo(f"{file}: NOT valid: {one_line(str(error))}")
+            show(f"{file}: NOT valid: {one_line(str(error))}")
         return REFUTED
     if as_json:
         evidence = asdict(certificate)
         evidence["identity_primes"] = [str(p) for p in certificate.identity_primes]
-        typer.echo(json.dumps({"valid": True, "rank": certificate.rank, "certificate": evidence}))
+        show(
+            json.dumps({"valid": True, "rank": certificate.rank, "certificate": evidence}, indent=1, ensure_ascii=False)
+        )
     else:
-        typer.echo(f"{file}: valid, {model.rank} base parameters of {len(model.parameters)}\n{certificate}")
+        show(f"{file}: valid, {model.rank} base parameters of {len(model.parameters)}\n{certificate}")
     return VALID

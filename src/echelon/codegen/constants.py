@@ -10,7 +10,6 @@ import numpy as np
 from echelon.base.model import BaseModel
 from echelon.dynamics.arguments import parameter_input
 from echelon.errors import InputError, one_line
-from echelon.exact.expressions import parse
 from echelon.exact.numbers import Number
 from echelon.mechanism.mechanism import Mechanism, Symbol
 from echelon.mechanism.values import all_symbols, symbol_values
@@ -85,11 +84,7 @@ def symbol_constants(mechanism: Mechanism, given: Mapping[str, float] | None, ke
 
 def _number(symbol: Symbol) -> Number:
     """The exact value, where it lies in the field of exact numbers, else the decimal."""
-    if symbol.exact is not None:
-        polynomial = parse(symbol.exact)
-        if not polynomial.generators():
-            return polynomial.terms.get((), 0)
-    return exact(symbol.value)
+    return exact(symbol.value) if symbol.number is None else symbol.number
 
 
 def parameter_constants(

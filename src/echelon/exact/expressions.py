@@ -11,9 +11,20 @@ from collections.abc import Collection
 from fractions import Fraction
 from math import comb, isqrt
 
+from echelon.errors import shortened
 from echelon.exact.angle import Angle
-from echelon.exact.numbers import Number, Rational, Surd, inverse, parse_decimal, parts_of
+from echelon.exact.numbers import (
+    BEYOND_DOUBLES,
+    Number,
+    Rational,
+    Surd,
+    in_double_range,
+    inverse,
+    parse_decimal,
+    parts_of,
+)
 from echelon.exact.polynomial import Polynomial
+from echelon.exact.syntax import expression_tree
 
 PI = "pi"
 RESERVED = frozenset({PI, "sin", "cos", "sqrt"})
@@ -55,7 +66,10 @@ def parse(text: str, symbols: Collection[str] | None = None) -> Polynomial:
     if len(text) > _LONGEST:
         raise ValueError(f"an expression of {len(text)} characters is too long (at most {_LONGEST})")
     # the walk below recurses along sums, so a long sum is read piece by piece
-    return Polynomial.sum(_parse_piece(piece, symbols) for piece in _pieces(text))
+    value = Polynomial.sum(_parse_piece(piece, symbols) for piece in _pieces(text))
+    if not all(map(in_double_range, value.terms.values())):
+        raise ValueError(f"'{shortened(text)}' is {BEYOND_DOUBLES}")
+    return value
 
 
 def _pieces(text: str) -> list[str]:
@@ -76,9 +90,8 @@ def _parse_piece(text: str, symbols: Collection[str] | None) -> Polynomial:
         raise ValueError(f"a term of {len(text)} characters is too long (at most {_LONGEST_TERM})")
     python = text.replace("^", "**")
     try:
-        tree = ast.parse(python, mode="eval")
-        return _Reader(python, symbols).read(tree.body)
-    except (SyntaxError, RecursionError, MemoryError):
+        return _Reader(python, symbols).read(expression_tree(python))
+    except (SyntaxError, RecursionError):
         raise ValueError(f"'{text}' is not an expression such as 0.5, pi/2, D3/2 or 2*cos(alpha)") from None
 
 

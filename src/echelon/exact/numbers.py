@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from fractions import Fraction
-from math import sqrt
+from math import isfinite, sqrt
 
 Rational = int | Fraction
 
@@ -145,7 +145,9 @@ def sine_of_turn(k: int) -> Number:
 
 
 _LONGEST_DECIMAL = 1000
-_DECIMAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?")
+_DECIMAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE]([+-]?\d+))?", re.ASCII)
+BEYOND_DOUBLES = "beyond the range of double precision (5e-324 to 1.8e308)"
+"""What is said about numbers that no double comes near to."""
 
 
 def parse_decimal(text: str) -> Rational:
@@ -154,7 +156,8 @@ def parse_decimal(text: str) -> Rational:
     Raises
     ------
     ValueError
-        If the text is not a finite decimal number (``nan``, ``inf``, fractions and expressions are refused).
+        If the text is not a finite decimal number (``nan``, ``inf``, fractions and expressions are refused), or is
+        beyond the range of double precision, in which all numbers are used in the end.
 
     Examples
     --------
@@ -163,10 +166,24 @@ def parse_decimal(text: str) -> Rational:
     """
     if len(text) > _LONGEST_DECIMAL:
         raise ValueError(f"a number of {len(text)} characters is too long (at most {_LONGEST_DECIMAL})")
-    if not _DECIMAL.fullmatch(text):
+    found = _DECIMAL.fullmatch(text)
+    if found is None:
         raise ValueError(f"'{text}' is not a finite decimal number")
-    value = Fraction(text)
+    # a large exponent is refused before it becomes as many digits
+    value = Fraction(text) if abs(int(found[3] or 0)) <= 2 * _LONGEST_DECIMAL else None
+    if value is None or not in_double_range(value):
+        raise ValueError(f"'{text}' is {BEYOND_DOUBLES}")
     return value.numerator if value.denominator == 1 else value
+
+
+def in_double_range(x: Number) -> bool:
+    """Whether a number is zero or has a double next to it that is neither zero nor infinite."""
+    try:
+        if isinstance(x, Surd):
+            return isfinite(float(x)) and all(map(in_double_range, x.parts))
+        return not x or float(x) != 0
+    except OverflowError:
+        return False
 
 
 def format_number(x: Number) -> str:

@@ -12,6 +12,16 @@ from echelon.excite.families.basis import Basis
 Floats = npt.NDArray[np.float64]
 
 
+DURATIONS = (1e-6, 1e6)
+"""Shortest and longest motion of a robot, s: beyond, powers of frequencies leave double precision."""
+
+SHORTEST_STEP = 1e-9
+"""Between samples, s; clocks count no finer."""
+
+LARGEST = 1e12
+"""Position, velocity, acceleration or jerk, SI, that no robot comes near to."""
+
+
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """A motion of some coordinates.

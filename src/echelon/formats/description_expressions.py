@@ -19,12 +19,12 @@ from echelon.formats.description_text import Document
 from echelon.formats.intent import Intent
 from echelon.formats.literal import LiteralTree
 from echelon.formats.options import ReadingOptions
+from echelon.formats.size import NOT_FINITE, checked_size
 from echelon.hints import nearest
 from echelon.mechanism.mechanism import Symbol
 from echelon.mechanism.placement import Vector
 
 _MOST_TERMS = 5000
-_NOT_FINITE = re.compile(r"[+-]?\.?(nan|inf|infinity)", re.IGNORECASE)
 _LEADING_ZERO = re.compile(r"[+-]?0\d+")
 
 
@@ -80,15 +80,13 @@ class Expressions:
             if len(value.terms) > _MOST_TERMS:
                 raise ValueError(f"the expression expands to {len(value.terms)} terms (at most {_MOST_TERMS})")
             for coefficient in value.terms.values():
-                float(coefficient)
+                checked_size(coefficient, text)
         except ValueError as error:
             raise self.error(path, str(error)) from None
-        except OverflowError:
-            raise self.error(path, f"'{text}' is too large a number") from None
         return value
 
     def _check_spelling(self, text: str, path: str) -> None:
-        if _NOT_FINITE.fullmatch(text) and text not in self.declared:
+        if NOT_FINITE.fullmatch(text) and text not in self.declared:
             raise self.error(path, f"'{text}' is not a finite number")
         if _LEADING_ZERO.fullmatch(text) and int(text):
             raise self.error(path, f"'{text}' could be decimal or octal: write it without the leading zero")

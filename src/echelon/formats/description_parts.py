@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from echelon.conventions import PARAMETERS
+from echelon.exact.syntax import is_whole
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_joints import Joints, joint_name
 from echelon.formats.inertia import central_inertial
@@ -134,7 +135,7 @@ def _row_part(
 def _row_names(rows: Sequence[ModifiedRow | StandardRow], form: str, expressions: Expressions) -> list[str]:
     names = [row.name or f"j{number}" for number, row in enumerate(rows, 1)]
     for index, name in enumerate(names):
-        if name.isdigit():
+        if is_whole(name):
             problem = f"'{name}' would be confused with the number of a row: use a name such as j{name}"
             raise expressions.error(f"{form}[{index}].name", problem)
     return names
@@ -149,9 +150,9 @@ def _antecedent(
         return stated
     if stated in ("0", BASE):
         return None
-    if stated.isdigit() and int(stated) <= len(names):
+    if is_whole(stated) and int(stated) <= len(names):
         return names[int(stated) - 1]
-    valid = f"0 to {len(names)}" if stated.isdigit() else f"0 to {len(names)}, base or a name"
+    valid = f"0 to {len(names)}" if is_whole(stated) else f"0 to {len(names)}, base or a name"
     raise expressions.error(path, f"there is no row '{stated}': give {valid}{nearest(stated, names)}")
 
 

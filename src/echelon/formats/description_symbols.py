@@ -99,7 +99,7 @@ def with_intended_angles(mechanism: Mechanism, intent: Intent) -> Mechanism:
         symbol, element = found[name], f"symbols.{name}"
         if symbol.exact is None or symbol.value is None or parse_angle(symbol.exact).half_turns:
             continue
-        steps = round(symbol.value * STEPS_PER_HALF_TURN / math.pi)
+        steps = round(intent.angle_value(symbol.value, element) * STEPS_PER_HALF_TURN / math.pi)
         exact = steps * math.pi / STEPS_PER_HALF_TURN
         difference = abs(symbol.value - exact)
         if steps and difference <= intent.angle_tolerance(element):

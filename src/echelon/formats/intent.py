@@ -13,12 +13,14 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import atan2, hypot, pi
 
+from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.expressions import PI
 from echelon.exact.numbers import Rational, decimal_text
 from echelon.exact.polynomial import Polynomial, as_polynomial, float_generators, format_polynomial
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree, Triple
 from echelon.formats.options import LENGTH_TOLERANCE, PRECISION, ReadingOptions
+from echelon.formats.size import LARGEST_ANGLE
 from echelon.mechanism.joint import (
     Motion,
     MotionKind,
@@ -128,7 +130,7 @@ class Intent:
 
     def angle(self, value: Rational | float, element: str, name: str) -> Angle:
         """A number of radians as an exact angle: a multiple of 15°, or a multiple of 90° and a symbol."""
-        number = float(value)
+        number = self.angle_value(value, element)
         steps = round(number / _STEP)
         difference = abs(number - steps * _STEP)
         if difference <= max(self.angle_tolerance(element), _EXACT * max(1.0, abs(number))):
@@ -150,7 +152,7 @@ class Intent:
         exact = value if isinstance(value, Angle) else None
         if isinstance(value, int | Fraction):
             exact = Angle(radians=Fraction(value))
-        number = exact.value if exact is not None else float(value)  # type: ignore[arg-type]
+        number = self.angle_value(value if exact is None else exact.value, element)  # type: ignore[arg-type]
         quarters = round(number / (pi / 2))
         rest = number - quarters * (pi / 2)
         sign = 1 if rest > 0 else -1
@@ -159,6 +161,14 @@ class Intent:
         if isinstance(value, Angle):
             self.exact.add(symbol)
         return Angle(Fraction(quarters, 2), ((symbol, sign),))
+
+    def angle_value(self, value: Rational | float, element: str) -> float:
+        """An angle in floats, if these still tell angles apart."""
+        number = float(value)
+        if abs(number) > LARGEST_ANGLE:
+            problem = f"{number:.3g} rad is too large for an angle: robots have angles up to {LARGEST_ANGLE:.0e}"
+            raise InputError(problem, source=self.tree.source, element=element)
+        return number
 
     def angle_tolerance(self, element: str) -> float:
         """How far an element's angle may be from an exact one, rad."""

@@ -13,6 +13,7 @@ from typing import Any
 from xml.etree.ElementTree import tostring
 
 from echelon.errors import InputError
+from echelon.exact.syntax import is_whole
 from echelon.formats.xml import parse_xml
 
 _NUMERIC = {
@@ -132,7 +133,7 @@ def _check_copies(root: Any, source: str) -> None:
     while pending:
         element, copies = pending.pop()
         if element.tag in _MULTIPLYING:
-            copies *= prod(int(word) for word in element.get("count", "1").split() if word.isdecimal())
+            copies *= prod(int(word) for word in element.get("count", "1").split() if is_whole(word))
             if copies > _MOST_COPIES:
                 problem = f"{copies} copies are too many; {_MOST_COPIES} are allowed"
                 raise InputError(problem, source=source, element=element.tag)

@@ -9,10 +9,12 @@ from math import asin, atan2, floor, hypot, log10, pi
 import numpy as np
 import numpy.typing as npt
 
+from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN
 from echelon.exact.numbers import Rational, parse_decimal
 from echelon.formats.inertia import rotation_matrix
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralStep, Triple
+from echelon.formats.size import checked_size
 
 _NOISE = 1e-14  # what a few roundings of MuJoCo's compiler leave of a zero or of a multiple of 15°
 _LOCK = 1e-2  # cosine of the pitch below which roll and yaw are hardly told apart
@@ -86,7 +88,11 @@ def _turn(element: str, axis: int, angle: Rational) -> LiteralPlacement:
 
 def exact_number(value: float) -> Rational:
     """The shortest decimal that is this double, which is the number in the file unless that has over 15 digits."""
-    return parse_decimal(repr(float(value)))
+    text = repr(float(value))
+    try:
+        return checked_size(parse_decimal(text), text)
+    except ValueError as error:
+        raise InputError(str(error)) from None
 
 
 def exact_angle(value: float) -> Rational:

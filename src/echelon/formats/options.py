@@ -9,6 +9,7 @@ from typing import Literal
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
+from echelon.formats.size import NOT_FINITE, checked_size
 from echelon.mechanism.placement import Vector
 
 ANGLE_TOLERANCE = 2e-3
@@ -96,7 +97,16 @@ def gravity_vector(gravity: Gravity, stated: Vector) -> Vector | None:
     if len(parts) != 3:
         raise InputError("gravity is three numbers or expressions, 'generic', 'none' or 'file'")
     try:
-        x, y, z = (parse(str(part)) for part in parts)
+        x, y, z = (_component(str(part).strip()) for part in parts)
     except ValueError as error:
         raise InputError(str(error), element="gravity") from None
     return (x, y, z) if x or y or z else None
+
+
+def _component(text: str) -> Polynomial:
+    if NOT_FINITE.fullmatch(text):
+        raise ValueError(f"'{text}' is not a finite number")
+    value = parse(text)
+    for coefficient in value.terms.values():
+        checked_size(coefficient, text)
+    return value

@@ -8,15 +8,16 @@ that it cannot be mistaken for one that was forgotten; it becomes infinite here.
 from __future__ import annotations
 
 import math
-import re
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema, model_validator
 
 from echelon.exact.expressions import PI, parse
 from echelon.exact.polynomial import float_generators
+from echelon.exact.syntax import is_whole
 from echelon.formats.schema_joints import Model
 from echelon.formats.schema_types import AS_LIST, Flag, Name, kind_of, refusal
+from echelon.formats.size import NOT_FINITE
 
 EVERY = "all"
 """Key of mappings by name that stands for every name that is not listed."""
@@ -24,14 +25,13 @@ EVERY = "all"
 _NONE = "none"
 _TEXTS = ("body", "name", "mesh")
 """Keys of shapes whose values are texts."""
-_NOT_FINITE = re.compile(r"[+-]?(\.?(nan|inf|infinity)|∞)", re.IGNORECASE)
 
 
 def _number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise refusal(f"needs a number such as 0.5 or 2*pi, found {kind_of(value)}")
     text = value.strip() if isinstance(value, str) else str(value)
-    if _NOT_FINITE.fullmatch(text):
+    if NOT_FINITE.fullmatch(text):
         raise refusal(f"'{text}' is not a finite number")
     try:
         expression = parse(text)
@@ -40,22 +40,20 @@ def _number(value: object) -> float:
         number = expression.evaluate(float_generators(expression.generators(), {PI: math.pi}), float)
     except ValueError as error:
         raise refusal(str(error)) from None
-    except OverflowError:
-        raise refusal(f"'{text}' is too large a number") from None
     return number
 
 
 def _whole(value: object) -> int:
-    try:
-        return int(str(value))
-    except ValueError:
-        raise refusal(f"needs a whole number, found {kind_of(value)}") from None
+    text = str(value)
+    if not is_whole(text.removeprefix("-")):
+        raise refusal(f"needs a whole number, found {kind_of(value)}")
+    return int(text)
 
 
 def _limit(value: object) -> float:
     if value == _NONE:
         return math.inf
-    if _NOT_FINITE.fullmatch(str(value).strip()):
+    if NOT_FINITE.fullmatch(str(value).strip()):
         raise refusal(f"'{value}' is not a finite number: write none where there is no limit")
     return _number(value)
 

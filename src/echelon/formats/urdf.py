@@ -23,6 +23,7 @@ from echelon.formats.literal import (
     LiteralTree,
     Triple,
 )
+from echelon.formats.size import checked_size
 from echelon.formats.stated_couplings import StatedCoupling
 from echelon.formats.xml import parse_xml
 from echelon.mechanism.joint import MotionKind
@@ -241,13 +242,9 @@ class _Reader:
 
     def _number(self, text: str, where: str) -> Rational:
         try:
-            value = parse_decimal(text.strip())
-            float(value)
+            return checked_size(parse_decimal(text.strip()), text)
         except ValueError as error:
             raise self._error(str(error), where) from None
-        except OverflowError:
-            raise self._error(f"'{text}' is not a finite decimal number", where) from None
-        return value
 
     def _error(self, problem: str, element: str | None = None) -> InputError:
         return InputError(problem, source=self.source, element=element)

@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from echelon.errors import InputError, MissingExtraError
+from echelon.exact.syntax import is_whole
 from echelon.identification.rows.batches import Batch, joined
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def connect(where: str) -> Iterator[Client]:
         from distributed import Client, LocalCluster
     except ImportError:
         raise MissingExtraError("distributed", "dask") from None
-    if where.isdigit():
+    if is_whole(where):
         with (
             LocalCluster(n_workers=max(int(where), 1), threads_per_worker=1, dashboard_address=None) as cluster,
             Client(cluster) as client,

@@ -24,7 +24,7 @@ from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.minimum_norm import minimum_norm
 from echelon.identification.estimators.solution import solved
 from echelon.identification.estimators.weighted import own_noise
-from echelon.identification.excitation.excitation import Excitation, excitation
+from echelon.identification.excitation.excitation import Excitation, excitation, without_rounding
 from echelon.identification.findings import dampened, fit_findings
 from echelon.identification.fitting import fitted, usable_noise
 from echelon.identification.passes import Passes
@@ -182,9 +182,9 @@ class _Run:
     def passes(self) -> Passes:
         return Passes(self.plan, self.fit_paths, self.client, self.memory)
 
-    @property
+    @cached_property
     def observation(self) -> Observation:
-        return self.passes.observation
+        return without_rounding(self.passes.observation, self.base.units)
 
     @cached_property
     def pieces(self) -> list[Observation]:

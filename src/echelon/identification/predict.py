@@ -14,6 +14,8 @@ from echelon.identification.rows.plan import Plan
 
 Floats = npt.NDArray[np.float64]
 
+_ROUNDINGS = 64.0  # of a constant, that filters leave
+
 
 @dataclass(frozen=True, repr=False)
 class Prediction:
@@ -38,13 +40,17 @@ class Prediction:
     measured: Floats | None
 
     def scores(self) -> tuple[list[float | None], list[float | None]]:
-        """Root mean square of measured − predicted and R² of every output; None without measured outputs."""
+        """Root mean square of measured − predicted, and R², of every output; None where there is nothing to explain."""
         if self.measured is None:
             return [None] * len(self.outputs), [None] * len(self.outputs)
         squares = np.sum((self.measured - self.predicted) ** 2, axis=0)
         spread = np.sum((self.measured - self.measured.mean(axis=0)) ** 2, axis=0)
+        rounding = len(self.measured) * (_ROUNDINGS * np.finfo(float).eps * np.abs(self.measured).max(axis=0)) ** 2
         rms = np.sqrt(squares / len(self.measured))
-        r2 = [None if total == 0 else float(1 - part / total) for part, total in zip(squares, spread, strict=True)]
+        r2 = [
+            None if total <= least else float(1 - part / total)
+            for part, total, least in zip(squares, spread, rounding, strict=True)
+        ]
         return [float(value) for value in rms], r2
 
     def __repr__(self) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from math import ceil, isfinite
+from math import ceil, isfinite, pi
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,7 @@ from echelon.signals.quaternions import body_rates, continuous
 Floats = npt.NDArray[np.float64]
 States = tuple[Floats, Floats, Floats]
 
+_ROUNDINGS = 8.0  # of a position, that add up in its derivatives
 MEASURED = ("qd", "qdd")
 """Derivatives that may be taken from a log."""
 
@@ -105,7 +106,7 @@ def states(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> 
         If a derivative is to be taken from a log that does not have it, or there are too few samples.
     """
     rate = segment.rate
-    x, xd, xdd = differentiated(segment.signals["q"], rate, preparation)
+    x, xd, xdd = _without_rounding(*differentiated(segment.signals["q"], rate, preparation), rate, preparation)
     balls = quaternion_columns(mechanism, "q", x.shape[1])
     q, qd, qdd = _by_kind(x, xd, xdd, balls)
     measured = {name: _measured(segment, name) for name in preparation.measured}
@@ -115,6 +116,17 @@ def states(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> 
     if "qdd" in measured:
         qdd = differentiated(measured["qdd"], rate, preparation)[0]
     return q, qd, qdd
+
+
+def _without_rounding(x: Floats, xd: Floats, xdd: Floats, rate: float, preparation: Preparation) -> States:
+    """The same with derivatives that rounded positions alone would have as zeros, so that a joint at rest is at rest.
+
+    What is computed from speeds of 1e-17 rad/s has columns that differ, and so would seem to be identified.
+    """
+    highest = min(rate, 2 * pi * _cutoff(preparation))
+    rounding = _ROUNDINGS * np.finfo(float).eps * np.abs(x)
+    still, steady = np.abs(xd) <= rounding * highest, np.abs(xdd) <= rounding * highest**2
+    return x, np.where(still, 0.0, xd), np.where(steady, 0.0, xdd)
 
 
 def _measured(segment: Segment, name: str) -> Floats:

@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from echelon.conventions import PER_BODY
-from echelon.errors import InputError
+from echelon.errors import InputError, one_line
+from echelon.exact.expressions import parse
+from echelon.exact.numbers import Number
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.coupling import Coupling
@@ -81,6 +83,33 @@ class Symbol:
     exact: str | None = None
     meaning: str = ""
     stands_for: Polynomial | None = None
+
+    @property
+    def number(self) -> Number | None:
+        """The exact value, where it is a number of the field of exact numbers.
+
+        Raises
+        ------
+        InputError
+            If the exact text is none of an expression.
+        """
+        return None if (value := self.expression) is None else value.number
+
+    @property
+    def expression(self) -> Polynomial | None:
+        """The exact value, perhaps with π as a generator.
+
+        Raises
+        ------
+        InputError
+            If the exact text is none of an expression.
+        """
+        if self.exact is None:
+            return None
+        try:
+            return parse(self.exact)
+        except ValueError as error:
+            raise InputError(str(error), element=f"symbol '{one_line(self.name)}'") from None
 
 
 @dataclass(frozen=True)

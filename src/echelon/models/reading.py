@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable, Mapping, Sequence
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
 from echelon.errors import InputError
+from echelon.exact.expressions import parse
 from echelon.exact.numbers import Rational, Surd
 from echelon.program.scalar import Scalar, exact
 from echelon.program.sympy_bridge import from_sympy
@@ -45,8 +45,10 @@ def _value(name: str, value: Any) -> Rational | None:
     if value is None:
         return None
     try:
-        found = Fraction(value) if isinstance(value, str) else exact(value)
-    except (ValueError, ZeroDivisionError, InputError):
+        found = parse(value).number if isinstance(value, str) else exact(value)
+    except (ValueError, InputError):
+        found = None
+    if found is None:
         raise InputError(f"'{value}' is not a number such as 0.5 or 2/3", element=f"constant '{name}'") from None
     if isinstance(found, Surd):
         raise InputError(f"'{value}' is not a rational number", element=f"constant '{name}'")

@@ -10,10 +10,11 @@ from __future__ import annotations
 import ast
 from collections.abc import Mapping
 
-from echelon.errors import InputError
+from echelon.errors import InputError, shortened
 from echelon.exact.angle import STEPS_PER_HALF_TURN
 from echelon.exact.expressions import PI, parse_angle
 from echelon.exact.numbers import parse_decimal
+from echelon.exact.syntax import expression_tree
 from echelon.program.compound import COMPOUND
 from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.scalar import Scalar, power, square_root
@@ -58,17 +59,18 @@ def record_expression(text: str, names: Mapping[str, Scalar], where: str, progra
     >>> program.count([y.node])
     {'ABS': 1, 'ADD': 1, 'MUL': 1}
     """
-    shown = text if len(text) <= 60 else text[:57] + "..."
+    shown = shortened(text)
     if len(text) > _LONGEST:
         raise InputError(f"'{shown}': an expression has at most {_LONGEST} characters", element=where)
     source = text.strip().replace("^", "**")
     try:
-        tree = ast.parse(source, mode="eval")
-        return _Recorder(source, names, program).record(tree.body)
+        return _Recorder(source, names, program).record(expression_tree(source))
     except InputError as error:
         raise InputError(f"in '{shown}': {error.problem}", element=where) from None
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
+    except (SyntaxError, RecursionError):
         raise InputError(f"'{shown}' is not an expression such as 2*a*sin(x) - b*x**2", element=where) from None
+    except ValueError as error:
+        raise InputError(f"in '{shown}': {error}", element=where) from None
     except ZeroDivisionError:
         raise InputError(f"'{shown}' divides by zero", element=where) from None
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +17,7 @@ from echelon.errors import InputError
 from echelon.files import write_atomically
 from echelon.identification.result import Identification
 from echelon.identification.rows.plan import Plan
-from echelon.logs.column_map import Channel, ColumnMap
+from echelon.logs.column_map import ColumnMap
 from echelon.logs.preparation import Preparation
 from echelon.results.identified_document import identification_document
 from echelon.results.saved import from_json
@@ -120,24 +119,5 @@ def _from_record(record: IdentifiedRecord, document: Mapping[str, Any], source: 
     names = [expression.name for expression in base.expressions]
     if list(record.values) != names:
         raise InputError("the values are not those of the base parameters", source=source, element="values")
-    try:
-        columns = tuple(_column_map(entry) for entry in record.columns)
-        known = {field.name for field in fields(Preparation)}
-        stated = {key: value for key, value in record.preparation.items() if key in known}
-        if isinstance(stated.get("decimation"), list):
-            stated["decimation"] = tuple(stated["decimation"])
-        stated |= {key: math.inf for key in ("cutoff", "output_cutoff") if stated.get(key) == "inf"}
-        preparation = Preparation(**stated)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"columns or preparation cannot be read: {error}", source=source) from None
-    return IdentifiedModel(base, np.array(list(record.values.values())), columns, preparation, document)
-
-
-def _column_map(entry: Mapping[str, Any]) -> ColumnMap:
-    channels = {
-        key: {name: Channel(**channel) for name, channel in value.items()}
-        for key, value in entry.items()
-        if isinstance(value, dict) and key != "time"
-    }
-    time = entry.get("time")
-    return ColumnMap(None if time is None else Channel(**time), entry.get("rate"), **channels)
+    columns = tuple(entry.made() for entry in record.columns)
+    return IdentifiedModel(base, np.array(list(record.values.values())), columns, record.preparation.made(), document)

@@ -7,11 +7,12 @@ from typing import Any, Literal
 from pydantic import BaseModel as Schema
 from pydantic import ConfigDict, Field
 
+from echelon.results.preparation_record import ColumnMapRecord, PreparationRecord
 from echelon.results.record import BaseModelRecord
 
 
 class _Strict(Schema):
-    model_config = ConfigDict(extra="forbid", frozen=True, ser_json_inf_nan="null")
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class ParameterRecord(_Strict):
@@ -21,9 +22,9 @@ class ParameterRecord(_Strict):
     unit: str = Field(description="SI unit.")
     expression: str = Field(description="Closed form for people.")
     value: float
-    std: float = Field(description="Standard deviation.")
-    low: float = Field(description="Lower end of the confidence interval.")
-    high: float = Field(description="Upper end.")
+    std: float | None = Field(description="Standard deviation; null where the data do not show the parameter.")
+    low: float | None = Field(description="Lower end of the confidence interval.")
+    high: float | None = Field(description="Upper end.")
 
 
 class EstimateRecord(_Strict):
@@ -32,8 +33,10 @@ class EstimateRecord(_Strict):
     method: str
     level: float = Field(description="Probability of the intervals.")
     parameters: list[ParameterRecord]
-    covariance: list[list[float]]
-    noise: dict[str, float] = Field(description="Standard deviation of each output's residual, unit of the output.")
+    covariance: list[list[float | None]]
+    noise: dict[str, float | None] = Field(
+        description="Standard deviation of each output's residual, unit of the output."
+    )
     rows: dict[str, int] = Field(description="Rows of each output.")
     degrees: float = Field(description="Residual degrees of freedom.")
     diagnostics: dict[str, Any]
@@ -124,8 +127,8 @@ class IdentifiedRecord(_Strict):
     physical: PhysicalRecord | None
     validations: list[ValidationRecord]
     logs: list[LogRecord]
-    columns: list[dict[str, Any]] = Field(description="What the columns of logs mean.")
-    preparation: dict[str, Any] = Field(description="How logs were prepared, every choice filled in.")
+    columns: list[ColumnMapRecord] = Field(description="What the columns of logs mean.")
+    preparation: PreparationRecord = Field(description="How logs were prepared, every choice filled in.")
     settings: dict[str, Any] = Field(description="What was fitted, and how; with the seed.")
     base: BaseModelRecord = Field(description="The base parameters and the mechanism.")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from echelon.base.certificate import Certificate
-from echelon.base.matrix import BaseMatrix, StatedNumbers
+from echelon.base.matrix import BaseMatrix, StatedNumbers, coefficient_value
 from echelon.base.model import BaseModel
 from echelon.base.reading_report import MimicRanks, ReadingReport
 from echelon.base.value_relations import SpecialValues
@@ -109,7 +109,7 @@ def _term(parameter: str, coefficient: RationalFunction, known: dict[str, float]
     term["value"] = None
     if all(s in known for s in coefficient.symbols()):
         generators = {*coefficient.numerator.generators(), *coefficient.denominator.generators()}
-        term["value"] = coefficient.evaluate(float_generators(generators, known), float)
+        term["value"] = coefficient_value(coefficient, float_generators(generators, known))
     return term
 
 
@@ -269,7 +269,9 @@ def load_base(path: str | os.PathLike[str]) -> BaseModel:
         raise InputError(f"cannot be read: {error.strerror or error}", source=str(path)) from None
     try:
         return from_json(data, str(path))
-    except (InputError, CertificateError):
+    except CertificateError:
         raise
+    except InputError as error:
+        raise error.located(str(path)) from None
     except EchelonError as error:
         raise InputError(str(error), source=str(path)) from None

@@ -17,6 +17,9 @@ import numpy.typing as npt
 from echelon.errors import InputError
 
 Floats = npt.NDArray[np.float64]
+
+PERIODS = (1e-9, 1e6)
+"""Intervals between samples that a log of a robot may have, s; others are another column, or another unit."""
 Places = npt.NDArray[np.intp]
 
 GAP = 10.0
@@ -133,6 +136,11 @@ def stretches(time: Floats, gap: float = GAP) -> Stretches:
             f"to {time[row]:.9g} s: is this the column with time stamps?"
         )
     period = nominal_period(time)
+    if not PERIODS[0] <= period <= PERIODS[1]:
+        raise InputError(
+            f"time stamps are usually {period:.3g} s apart (valid: {PERIODS[0]:g} s to {PERIODS[1]:g} s): is this the "
+            "column with time stamps, and is its unit right?"
+        )
     late = np.flatnonzero(steps > gap * period)
     pieces = np.split(kept, np.union1d(back, late) + 1)
     return Stretches(period, tuple(pieces), duplicates, kept[back + 1], kept[late + 1])
@@ -152,7 +160,8 @@ def nominal_period(time: Floats) -> float:
     near = steps[np.abs(steps - median) < 0.5 * median]
     if not len(near):  # two kinds of intervals, far apart, in equal numbers
         return median
-    mean, error = float(np.mean(near)), float(np.std(near)) / np.sqrt(len(near))
+    with np.errstate(over="ignore"):
+        mean, error = float(np.mean(near)), float(np.std(near)) / np.sqrt(len(near))
     off = abs(mean - median)
     return mean if off > _COARSE * median or off < _ERRORS * error else median
 

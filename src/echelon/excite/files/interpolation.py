@@ -15,7 +15,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from echelon.errors import InputError
 from echelon.excite.families.bsplines import DEGREE, Splines
 from echelon.excite.files.samples import FEWEST, Floats, Samples
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.trajectory import LARGEST, SHORTEST_STEP, Trajectory
 
 GROSS = 0.2
 """Root mean square of a difference, relative to that of what differs, that cannot come from interpolating."""
@@ -60,14 +60,16 @@ def _check_numbers(samples: Samples, source: str, row: str) -> None:
         raise InputError(f"holds {count} samples; a trajectory needs at least {FEWEST}", source=source)
     columns = [("t", samples.t), *((samples.column(order, j), values) for order, j, values in samples.columns())]
     for name, values in columns:
-        if not np.all(np.isfinite(values)):
-            k = int(np.argmin(np.isfinite(values)))
-            raise InputError(f"{values[k]} is no finite number", source=source, element=f"column '{name}', {row} {k}")
+        sound = np.abs(values) <= LARGEST
+        if not np.all(sound):
+            k = int(np.argmin(sound))
+            problem = f"is no finite number up to {LARGEST:.0e}, in SI units"
+            raise InputError(f"{values[k]} {problem}", source=source, element=f"column '{name}', {row} {k}")
 
 
 def _check_times(t: Floats, stated: Floats, source: str, row: str) -> None:
     """Times rise, also after the first one is taken from them."""
-    rising = np.diff(t) > 0
+    rising = np.diff(t) >= SHORTEST_STEP
     if not np.all(rising):
         k = int(np.argmin(rising))
         problem = f"{stated[k + 1]!s} s follows {stated[k]!s} s; times must rise"

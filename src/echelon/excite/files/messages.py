@@ -168,7 +168,7 @@ def _numbers(values: Any, element: str) -> Floats:
     found = []
     for value in values:
         # texts as well, because YAML 1.1 takes 1e-05, which other programs write, for one
-        if isinstance(value, bool) or not isinstance(value, int | float | str):
+        if isinstance(value, bool) or not isinstance(value, int | float | str) or not str(value).isascii():
             raise InputError(f"holds {type(value).__name__} where a number is needed", element=element)
         try:
             found.append(float(value))

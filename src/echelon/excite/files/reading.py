@@ -6,13 +6,15 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from echelon.errors import InputError, one_line
 from echelon.excite.files.coefficients import trajectory_from_json
 from echelon.excite.files.interpolation import interpolated
 from echelon.excite.files.messages import from_mcap, from_yaml
 from echelon.excite.files.problems import parsed
 from echelon.excite.files.tables import read_samples
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.trajectory import DURATIONS, LARGEST, Trajectory
 from echelon.logs.files.access import existing_file
 
 SUFFIXES = (".json", ".csv", ".parquet", ".yaml", ".mcap")
@@ -65,6 +67,17 @@ def read_trajectory(path: str | os.PathLike[str], coordinates: Sequence[str], un
     MissingExtraError
         If a package that reads it is not installed.
     """
+    source = os.fspath(path)
+    trajectory = _read(path, coordinates, units)
+    with np.errstate(all="ignore"):
+        largest = max(float(np.max(trajectory.bounds(order))) for order in range(4))
+    if not (DURATIONS[0] <= trajectory.duration <= DURATIONS[1] and largest <= LARGEST):
+        problem = f"lasts {trajectory.duration:.3g} s and reaches {largest:.3g} in SI units: no robot moves so"
+        raise InputError(problem, source=source)
+    return trajectory
+
+
+def _read(path: str | os.PathLike[str], coordinates: Sequence[str], units: Sequence[str]) -> Trajectory:
     kind, source = kind_of(path), os.fspath(path)
     found = existing_file(path)
     if kind == ".json":

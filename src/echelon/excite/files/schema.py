@@ -11,6 +11,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel as Schema
 from pydantic import ConfigDict, Discriminator, Field
 
+from echelon.excite.trajectory import DURATIONS, LARGEST
+
 VERSION = 1
 """Of the format."""
 
@@ -28,7 +30,8 @@ EXPLANATION = (
     "accelerations and jerks are the derivatives of the same formula."
 )
 
-Length = Annotated[float, Field(gt=0)]
+Length = Annotated[float, Field(ge=DURATIONS[0], le=DURATIONS[1])]
+Coefficient = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 
 
 class _Strict(Schema):
@@ -38,9 +41,9 @@ class _Strict(Schema):
 class FourierCoefficients(_Strict):
     """One coordinate's coefficients, in its unit."""
 
-    constant: float
-    sin: list[float] = Field(description="Of sin(2πkt/duration), k = 1, 2, …, harmonics.")
-    cos: list[float] = Field(description="Of cos(2πkt/duration), k = 1, 2, …, harmonics.")
+    constant: Coefficient
+    sin: list[Coefficient] = Field(description="Of sin(2πkt/duration), k = 1, 2, …, harmonics.")
+    cos: list[Coefficient] = Field(description="Of cos(2πkt/duration), k = 1, 2, …, harmonics.")
 
 
 class FourierRecord(_Strict):
@@ -62,7 +65,7 @@ class SplinesRecord(_Strict):
     knots: list[float] = Field(
         description="s; the first, 0, and the last, the duration, occur degree + 1 times, the others once."
     )
-    control_points: dict[str, list[float]] = Field(
+    control_points: dict[str, list[Coefficient]] = Field(
         description="By coordinate, in its unit; as many as there are knots less degree + 1."
     )
 

@@ -8,7 +8,7 @@ compare by what they contribute to the outputs.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +28,10 @@ WEAK = 1e-2
 """Singular value, relative to the largest, below which a direction is weak: exciting trajectories are customarily asked
 for a condition number below 100, and condition indices from 30 to 100 on are harmful collinearity (Belsley, Kuh and
 Welsch, "Regression diagnostics", 1980)."""
+
+ROUNDING = 1.5e-8
+"""Norm of a column, relative to the largest of its unit, below which it is no more than rounding: half of the digits
+of a double, and more than any sensor has."""
 
 _SHARE = 0.1  # shares below this part of the largest are left out of a direction
 _INVOLVED = 1e-6  # share in an open direction from which on a parameter counts as open itself
@@ -151,6 +155,30 @@ def excitation(
     if rank < n:  # to within rounding
         condition = scaled_condition = float("inf")
     return Excitation(condition, scaled_condition, singular, rank, _visibility(triangle, singular, directions), weak)
+
+
+def without_rounding(observation: Observation, units: Sequence[str]) -> Observation:
+    """The same data with zeros in columns of which only the rounding is left.
+
+    With columns of norm 1, the cosine of a joint that rests at 90° would look as good as any other.  Columns of equal
+    units compare; no sensor tells apart what differs as much as :data:`ROUNDING`.
+
+    Parameters
+    ----------
+    observation : Observation
+    units : sequence of str
+        Of the parameters.
+    """
+    norms = observation.combined().scales
+    largest: dict[str, float] = {}
+    for unit, norm in zip(units, norms, strict=True):
+        largest[unit] = max(largest.get(unit, 0.0), float(norm))
+    lost = {k for k, unit in enumerate(units) if norms[k] <= ROUNDING * largest[unit]}
+    factors = []
+    for columns, R in zip(observation.layout.columns, observation.factors, strict=True):
+        kept = np.array([column not in lost for column in columns] + [True])
+        factors.append(np.where(kept, R, 0.0))
+    return replace(observation, factors=tuple(factors))
 
 
 def _visibility(triangle: Triangle, singular: Floats, directions: Floats) -> Floats:

@@ -18,7 +18,6 @@ import numpy.typing as npt
 
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.exact.expressions import parse
 from echelon.exact.numbers import Number, Surd
 from echelon.exact.polynomial import cosine, is_trigonometric, symbol_of
 from echelon.program.balls import ball
@@ -104,7 +103,7 @@ def _symbol(base: BaseModel, name: str) -> Number:
     symbol = base.mechanism.symbols.get(name)
     if symbol is None or symbol.value is None:
         raise InputError(f"symbol '{name}' has no value, so base parameters cannot be tested")
-    exact = parse(symbol.exact).number if symbol.exact else None
+    exact = symbol.number
     if exact is None:
         return Fraction(repr(symbol.value))
     return exact if isinstance(exact, Surd) else Fraction(exact)

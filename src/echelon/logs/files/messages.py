@@ -20,6 +20,7 @@ Labels = tuple[str, ...] | int | None
 
 _NAME_FIELDS = ("name", "names", "joint_names", "interface_names")
 _NANOSECONDS = ("nanosec", "nsec", "nsecs", "nanosecs")
+_END_OF_TIME = 2**63  # ns
 _SECONDS = ("sec", "secs")
 _LONGEST = 256
 
@@ -141,10 +142,18 @@ def nanoseconds(value: Any) -> int | None:
     Parameters
     ----------
     value : mapping or dataclass
+
+    Raises
+    ------
+    InputError
+        If so many nanoseconds do not fit into 64 bits.
     """
     found = dict(fields(value))
     seconds = next((found[name] for name in _SECONDS if name in found), None)
     rest = next((found[name] for name in _NANOSECONDS if name in found), None)
     if len(found) != 2 or not isinstance(seconds, int) or not isinstance(rest, int):
         return None
-    return seconds * 10**9 + rest
+    time = seconds * 10**9 + rest
+    if abs(time) >= _END_OF_TIME:
+        raise InputError("a message's time is further away than 292 years, which no clock says", element="stamp")
+    return time
