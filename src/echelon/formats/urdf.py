@@ -24,7 +24,7 @@ from echelon.formats.literal import (
     Triple,
 )
 from echelon.formats.stated_couplings import StatedCoupling
-from echelon.formats.xml import parse_xml
+from echelon.inputs.xml_text import parse_xml
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.spline import linear
 
