@@ -65,8 +65,9 @@ SLOW_NODES = Limit(200_000, "numbers, texts, lists and mappings", "install PyYAM
 XML_NODES = Limit(1_000_000, "elements and attributes", "that is no robot")
 XML_DEPTH = Limit(512, "elements inside one another", "the nesting is too deep for a robot")
 INCLUDES = Limit(256, "included files", "put them together")
-LINE = Limit(_MIB, "bytes in a line", "that is no log")
+LINE = Limit(_MIB, "bytes in a line", "no log has lines as long")
 COLUMNS = Limit(16_384, "columns", "write the quantities of the robot alone")
+ARRAY_COLUMNS = Limit(4096, "columns of an array", "transpose it")
 UNPACKED = Limit(128 * _MIB, "bytes")
 EXPANSION = Limit(50, "times the size of the file")
 
@@ -82,6 +83,7 @@ LIMITS: Mapping[Limit, str] = {
     INCLUDES: "files that an MJCF file includes or attaches",
     LINE: "lines of CSV and other text logs",
     COLUMNS: "columns of a log of any kind, and arrays of an NPZ or MAT file",
+    ARRAY_COLUMNS: "single arrays of NPZ, NPY and MAT files, which are left out if they have more",
     UNPACKED: "numbers of a packed log (gzip, NPZ, MAT, Parquet, MCAP, bags), and besides",
     EXPANSION: "the same; a file that holds more for its size is packed zeros",
 }
@@ -99,19 +101,20 @@ def most_unpacked(packed: int) -> int:
     return UNPACKED.most + EXPANSION.most * packed
 
 
-def check_unpacked(unpacked: int, packed: int, source: str, element: str | None = None) -> None:
+def check_unpacked(unpacked: int, packed: int, source: str | None = None, element: str | None = None) -> None:
     """Refuse an archive that grows out of proportion.
 
     Parameters
     ----------
     unpacked, packed : int
         Bytes that it holds, or says that it holds, and its size.
-    source, element : str
+    source, element : str, optional
         For the message.
 
     Raises
     ------
     InputError
+        If it unpacks to more than both limits together.
     """
     if unpacked > most_unpacked(packed):
         problem = f"unpacks to more than {UNPACKED} and {EXPANSION}; if that is meant, save it without compression"

@@ -8,11 +8,13 @@ from __future__ import annotations
 import gzip
 import os
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import IO, cast
 
 from echelon.errors import InputError
+from echelon.inputs.limits import LINE, check_unpacked
 from echelon.logs.files.access import decoding, existing_file
 from echelon.logs.files.dialect import sniff
 from echelon.logs.files.selection import selected
@@ -20,7 +22,8 @@ from echelon.logs.files.text_blocks import BlockParser
 from echelon.logs.table import CHUNK, Table
 
 _SNIFFED = 50
-_LONGEST = 1 << 20
+_AT_ONCE = 1 << 26
+_TAKEN = 64
 _MARK = b"\xef\xbb\xbf"
 
 
@@ -60,6 +63,7 @@ class CsvFile:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path = existing_file(path)
         self.source = os.fspath(path)
+        self._packed = self._path.stat().st_size if _is_packed(self._path) else 0
         with decoding(self.source, "text"), _opened(self._path) as stream:
             self._dialect = sniff(self._first_lines(stream), self.source)
         self.names: tuple[str, ...] = self._dialect.names
@@ -72,7 +76,7 @@ class CsvFile:
         names : sequence of str, optional
             Columns to read; all if omitted.
         rows : int
-            Lines that are read at once.
+            Lines that are read at once; less where they are long.
 
         Raises
         ------
@@ -80,10 +84,12 @@ class CsvFile:
             If a column is missing, a line has too many or too few cells, or a cell holds no number.
         """
         chosen = selected(self.source, names, self.names)
-        parser = BlockParser(self.source, self._dialect, tuple(self.names.index(name) for name in chosen))
+        place = {name: index for index, name in enumerate(self.names)}
+        parser = BlockParser(self.source, self._dialect, tuple(place[name] for name in chosen))
         first, line = 0, self._dialect.start + 1
         with _opened(self._path) as stream:
-            self._take(stream, self._dialect.start)
+            for _ in range(self._dialect.start):
+                self._take(stream, 1)
             while lines := self._take(stream, rows):
                 columns = parser.parse(_without_mark(lines) if line == 1 else lines, line)
                 length = len(columns[0]) if columns else 0
@@ -94,18 +100,29 @@ class CsvFile:
             raise InputError("holds the names of columns but no numbers", source=self.source)
 
     def _take(self, stream: IO[bytes], count: int) -> list[bytes]:
+        """The next lines, as many as asked for or as fit into the memory set aside."""
+        lines: list[bytes] = []
+        size = 0
+        following = iter(partial(stream.readline, LINE.most + 1), b"")
         with decoding(self.source, "text"):
-            return list(islice(stream, count))
+            while len(lines) < count and size < _AT_ONCE:
+                taken = list(islice(following, min(_TAKEN, count - len(lines))))
+                if not taken:
+                    break
+                longest = max(map(len, taken))
+                LINE.check(longest, self.source)
+                size += sum(map(len, taken))
+                lines += taken
+            check_unpacked(stream.tell() if self._packed else 0, self._packed, self.source)
+        return lines
 
     def _first_lines(self, stream: IO[bytes]) -> list[str]:
         """Lines to judge the layout by: leading comments and some lines of content."""
         lines: list[bytes] = []
         content = 0
-        while content < _SNIFFED and (line := stream.readline(_LONGEST)):
-            if len(line) == _LONGEST:
-                raise InputError("is no log: a line is longer than 1 MB", source=self.source, element="first lines")
-            lines.append(line)
-            content += bool(line.strip()) and not line.lstrip().startswith(b"#")
+        while content < _SNIFFED and (line := self._take(stream, 1)):
+            lines += line
+            content += bool(line[0].strip()) and not line[0].lstrip().startswith(b"#")
         lines = _without_mark(lines)
         self._check_text(lines)
         return [self._decoded(line, number) for number, line in enumerate(lines, start=1)]
@@ -127,8 +144,12 @@ class CsvFile:
             raise InputError(problem, source=self.source, element=f"line {number}") from None
 
 
+def _is_packed(path: Path) -> bool:
+    return path.suffix.lower() == ".gz"
+
+
 def _opened(path: Path) -> IO[bytes]:
-    if path.suffix.lower() == ".gz":
+    if _is_packed(path):
         return cast("IO[bytes]", gzip.open(path, "rb"))
     return path.open("rb")
 
