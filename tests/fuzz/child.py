@@ -95,7 +95,7 @@ def _become(act: Callable[[], int | None], log: Path) -> None:
 
 
 def _limit() -> None:
-    """Of the processor by its own clock, so that other work on the machine does not matter; and in the end by the wall's."""
+    """Of the processor's time, because other work on the machine does not matter; in the end by the wall's clock."""
     os.setpgid(0, 0)
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 2))
     resource.setrlimit(resource.RLIMIT_AS, (_ROOM, _ROOM))

@@ -10,14 +10,22 @@ from random import Random
 from fuzz.material import Material
 
 COMMANDS: dict[str, tuple[str, ...]] = {
-    "description": ("derive {file} --structure", "derive {file} --budget 0.01 --json", "derive {file} --format latex --budget 0.01"),
+    "description": (
+        "derive {file} --structure",
+        "derive {file} --budget 0.01 --json",
+        "derive {file} --budget 0.01 --format latex",
+    ),
     "description as JSON": ("derive {file} --structure", "generate {file} -o {out} --budget 0.01 --target python"),
     "linear model": ("derive {file}", "derive {file} --json"),
     "set-up": ("identify {file} {log} --target none -o {out}", "check-trajectory {file} {motion}"),
     "URDF": ("derive {file} --structure", "derive {file} --budget 0.01", "check-trajectory {file} {motion}"),
     "MJCF": ("derive {file} --structure", "derive {file} --measured file --structure"),
     "base model": ("verify {file}", "generate {file} -o {out} --target c", "audit {setup} {file}"),
-    "identified model": ("predict {file} {log}", "predict {file} {log} --json -o {out}.csv", "check-trajectory {setup} {motion} --model {file}"),
+    "identified model": (
+        "predict {file} {log}",
+        "predict {file} {log} --json -o {out}.csv",
+        "check-trajectory {setup} {motion} --model {file}",
+    ),
     "claims": ("audit {setup} {file}",),
     "values": ("generate {base} -o {out} --parameters {file} --target python",),
     "trajectory": ("check-trajectory {setup} {file}",),

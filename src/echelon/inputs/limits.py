@@ -59,7 +59,7 @@ class Limit:
 
 DOCUMENT = Limit(64 * _MIB, "bytes", "that is no description, result or model")
 DEPTH = Limit(64, "levels of brackets inside one another", "nested too deeply to be a document")
-DESCRIPTION_NODES = Limit(1_000_000, "numbers, texts, lists and mappings", "that is no description")
+DESCRIPTION_NODES = Limit(250_000, "numbers, texts, lists and mappings", "that is no description")
 DATA_NODES = Limit(4_000_000, "numbers, texts, lists and mappings", "keep samples in a table (CSV, Parquet)")
 SLOW_NODES = Limit(200_000, "numbers, texts, lists and mappings", "install PyYAML with libyaml, or write JSON")
 XML_NODES = Limit(1_000_000, "elements and attributes", "that is no robot")
@@ -68,7 +68,7 @@ INCLUDES = Limit(256, "included files", "put them together")
 LINE = Limit(_MIB, "bytes in a line", "no log has lines as long")
 COLUMNS = Limit(16_384, "columns", "write the quantities of the robot alone")
 ARRAY_COLUMNS = Limit(4096, "columns of an array", "transpose it")
-UNPACKED = Limit(128 * _MIB, "bytes")
+UNPACKED = Limit(64 * _MIB, "bytes")
 EXPANSION = Limit(50, "times the size of the file")
 
 LIMITS: Mapping[Limit, str] = {
