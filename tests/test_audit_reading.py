@@ -121,7 +121,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     robot = base(str(EXAMPLES / "double_pendulum.yaml"))
     contents = {
         "empty.txt": ("# nothing\n", "holds no base parameters"),
-        "broken.json": ("[", "not JSON"),
+        "broken.json": ("[", "not well-formed JSON"),
         "number.json": ("[1]", "entry 1: expected an expression as text"),
         "other.json": ('{"schema": "x/1"}', "schema 'x/1' is not a set of base parameters"),
         "half.json": ('{"schema": "echelon.base-model/1"}', "not a document of schema"),
@@ -135,7 +135,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(ec.InputError, match="no such file"):
         ec.audit(robot, tmp_path / "absent.csv")
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ec.InputError, match="not a text file in UTF-8"):
+    with pytest.raises(ec.InputError, match="not UTF-8 text"):
         ec.audit(robot, tmp_path / "binary.csv")
     with pytest.raises(ec.InputError, match="unknown naming 'x'"):
         ec.audit(robot, ["MY1"], naming="x")

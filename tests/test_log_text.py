@@ -81,7 +81,7 @@ def test_layouts_of_text(content: str, expected: dict[str, list[float]], tmp_pat
         ("t,Gelenk °\n0,1\n".encode("latin-1"), r"line 1: byte 0xb0 is no UTF-8 text"),
         (b"t,q\n0,1\n\0\0", "is no text"),
         ("t,q\r0,1\r", "carriage returns inside lines"),
-        ("1" * (2 << 20), "a line is longer than 1 MB"),
+        ("1" * (2 << 20), "has more than 1,048,576 bytes in a line"),
     ],
 )
 def test_text_that_is_no_log(content: str | bytes, problem: str, tmp_path: Path) -> None:

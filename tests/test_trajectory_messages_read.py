@@ -51,7 +51,7 @@ def test_positions_alone_make_a_message(tmp_path: Path) -> None:
         (message(joint_names=["j1", "j1"]), "joint_names: a joint occurs twice: 'j1', 'j1'"),
         (message(joint_names=["j1", "b"]), "joint_names: the coordinate 'slider' is missing; there are 'j1', 'b'"),
         (message(joint_names=[*NAMES, "j9"]), "joint_names: there is no coordinate for 'j9'; valid are 'j1', 'slider'"),
-        (message(joint_names=[True, "j9"]), "joint_names: holds bool where a name is needed"),
+        (message(joint_names=[["j1"], "j9"]), "joint_names: holds list where a name is needed"),
         (point(3, positions=[1.0]), r"points\[3\].positions: holds 1 numbers; needs 2"),
         (point(3, positions=None), r"points\[3\].positions: holds 0 numbers; needs 2"),
         (point(3, positions=5.0), r"points\[3\].positions: holds no list; needs 2"),
@@ -80,11 +80,11 @@ def test_messages_that_are_wrong(content: Any, problem: str, tmp_path: Path) -> 
     [
         (b"# nothing\n", "holds 0 messages; needs one"),
         (b"a: 1\n---\na: 1\n", "holds 2 messages"),
-        (b"a: 1\npoints: [\n", r"not well-formed YAML: .* \(line 3\)"),
+        (b"a: 1\npoints: [\n", r"not well-formed YAML: .* \(line 2, column 1\)"),
         (b"points: \xff", "not UTF-8"),
         (b"points: \x00", "not readable as YAML"),
-        (b"a: !!python/object:os.system {}", "not well-formed YAML"),
-        (b"[" * 100_000 + b"]" * 100_000, "nested too deeply to be a message"),
+        (b"a: !!python/object:os.system {}", "tags such as !!python/object:os.system are not accepted"),
+        (b"[" * 100_000 + b"]" * 100_000, "nested too deeply to be a document"),
     ],
 )
 def test_files_that_are_no_messages(text: bytes, problem: str, tmp_path: Path) -> None:
@@ -99,7 +99,7 @@ def test_aliases_cannot_blow_up(tmp_path: Path) -> None:
     lines = ["a0: &a0 [1, 1]", *(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 30))]
     lines += ["joint_names: [j1, slider]", "points: [{positions: [*a29, *a29], time_from_start: {sec: 0, nanosec: 0}}]"]
     (tmp_path / "run.yaml").write_text("\n".join(lines))
-    with pytest.raises(InputError, match=r"points\[0\].positions: holds list where a number is needed"):
+    with pytest.raises(InputError, match=r"aliases .* are not accepted"):
         read_trajectory(tmp_path / "run.yaml", NAMES, UNITS)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -12,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from echelon.errors import InputError
+from echelon.inputs.content import read_document
+from echelon.inputs.json_text import parse_json
 
 _HEADERS = (
     "expression", "closed form", "base parameter", "base parameters", "base", "base_parameter", "base_parameters",
@@ -21,7 +22,6 @@ _HEADERS = (
 _COMMENT = re.compile(r"\s*(#|%|//).*$")
 _NAMED = re.compile(r"^\s*([^\W\d][\w .\[\]-]*?)\s*[=:]\s*(.+)$")
 _SCHEMA = "echelon.base-model/1"
-_LARGEST_FILE = 64 * 1024 * 1024
 
 
 @dataclass(frozen=True)
@@ -69,19 +69,10 @@ def read_claims(source: str | os.PathLike[str] | Sequence[str] | Mapping[str, st
 
 
 def _read_file(file: Path) -> tuple[Claim, ...]:
-    try:
-        if file.stat().st_size > _LARGEST_FILE:
-            raise InputError(f"larger than {_LARGEST_FILE >> 20} MB; not a set of base parameters", source=str(file))
-        text = file.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError("no such file", source=str(file)) from None
-    except UnicodeDecodeError:
-        raise InputError("not a text file in UTF-8", source=str(file)) from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", source=str(file)) from None
+    text = read_document(file)
     suffix = file.suffix.lower()
     if suffix == ".json":
-        claims = _from_json(_parse_json(text, str(file)), str(file))
+        claims = _from_json(parse_json(text, str(file)), str(file))
     else:
         claims = _from_table(text) if suffix in (".csv", ".tsv") else _from_lines(text)
     if not claims:
@@ -121,13 +112,6 @@ def _from_table(text: str) -> tuple[Claim, ...]:
         if expression:
             claims.append(Claim(expression, f"line {number}", name, cells))
     return tuple(claims)
-
-
-def _parse_json(text: str, source: str) -> Any:
-    try:
-        return json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise InputError(f"not JSON: {error}", source=source) from None
 
 
 def _from_json(data: Any, source: str) -> tuple[Claim, ...]:

@@ -24,6 +24,8 @@ from echelon.exact.numbers import parse_decimal
 from echelon.files import write_atomically
 from echelon.formats.linear import holds_linear_model
 from echelon.formats.load import load
+from echelon.inputs.content import read_document
+from echelon.inputs.json_text import parse_json
 from echelon.results.record import SCHEMA_NAME
 from echelon.results.saved import load_base
 
@@ -83,14 +85,12 @@ def read_values(path: Path) -> dict[str, float]:
     InputError
         If the file cannot be read or holds something else.
     """
+    text = read_document(path)
+    data = parse_json(text, str(path)) if text.lstrip().startswith("{") else None
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read: {error}", source=str(path)) from None
-    try:
-        pairs = list(json.loads(text).items()) if text.lstrip().startswith("{") else _csv_pairs(text)
+        pairs = _csv_pairs(text) if data is None else list(data.items())
         found = {str(name).strip(): _value(value, str(name), path) for name, value in pairs}
-    except (ValueError, TypeError, RecursionError):
+    except (ValueError, TypeError, OverflowError, csv.Error):
         raise InputError('expected {"name": value, ...} or lines name,value', source=str(path)) from None
     if len(found) < len(pairs):
         raise InputError("a name occurs twice", source=str(path))

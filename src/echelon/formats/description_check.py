@@ -6,8 +6,9 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from echelon.errors import InputError
-from echelon.formats.description_text import Document, step_into
+from echelon.formats.description_text import Document
 from echelon.hints import nearest_of
+from echelon.inputs.yaml_text import step_into
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
@@ -46,8 +47,6 @@ def check_document(document: Document) -> RobotDescription:
         return RobotDescription.model_validate(document.data)
     except ValidationError as error:
         raise _explained(document, error.errors(include_url=False)) from None
-    except RecursionError:
-        raise document.error("", "nested too deeply to be a description") from None
 
 
 def _explained(document: Document, problems: list[ErrorDetails]) -> InputError:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 from echelon.exact.numbers import Number, Rational
 from echelon.exact.polynomial import Monomial, Polynomial, is_trigonometric, symbol_of
 from echelon.formats.description_expressions import Expressions
-from echelon.formats.description_text import step_into
 from echelon.formats.stated_couplings import StatedCoupling, resolved
 from echelon.hints import nearest_of
+from echelon.inputs.yaml_text import step_into
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.placement import Placement, shift, turn
 from echelon.mechanism.spline import Spline, linear, natural_spline

@@ -16,9 +16,9 @@ from typing import Any
 
 from echelon.errors import InputError
 from echelon.formats.literal import LiteralTree
-from echelon.formats.load import read_bytes
 from echelon.formats.stated_couplings import resolved
-from echelon.formats.xml import parse_xml
+from echelon.inputs.content import read_content
+from echelon.inputs.xml_text import parse_xml
 from echelon.mechanism.mechanism import Mechanism
 
 Interval = tuple[float, float]
@@ -93,7 +93,7 @@ def stated_limits(path: str | os.PathLike[str], mechanism: Mechanism) -> dict[st
     through tendons, sites or cranks are not counted.
     """
     file = Path(path)
-    data = read_bytes(file)
+    data = read_content(file)
     if file.suffix.lower() in _DESCRIPTIONS:
         return _of_description(file, data, mechanism)
     root = parse_xml(data, str(file))

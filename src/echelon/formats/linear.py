@@ -11,6 +11,7 @@ from typing import Any
 
 from echelon.errors import InputError
 from echelon.formats.description_text import Document, read_text
+from echelon.inputs.content import read_content
 from echelon.models.linear_model import LinearModel
 
 _SUFFIXES = (".yaml", ".yml", ".json")
@@ -29,7 +30,7 @@ def holds_linear_model(path: str | os.PathLike[str]) -> bool:
     if file.suffix.lower() not in _SUFFIXES or not file.is_file():
         return False
     try:
-        data = read_text(file.read_bytes(), str(file)).data
+        data = read_text(read_content(file), str(file)).data
     except InputError:
         return False
     return isinstance(data, dict) and data.get("model") == "linear"
@@ -51,12 +52,7 @@ def load_linear(path: str | os.PathLike[str]) -> LinearModel:
     InputError
         If the file cannot be read or is not such a document, or an output is not linear in its parameters.
     """
-    file = Path(path)
-    try:
-        data = file.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", source=str(file)) from None
-    return read_linear(read_text(data, str(file)))
+    return read_linear(read_text(read_content(path), os.fspath(path)))
 
 
 def read_linear(document: Document) -> LinearModel:

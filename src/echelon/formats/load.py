@@ -13,12 +13,12 @@ from typing import Literal
 from echelon.errors import InputError
 from echelon.formats.build import build_mechanism
 from echelon.formats.options import ANGLE_TOLERANCE, Gravity, ReadingOptions
+from echelon.inputs.content import read_content
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import in_numbers
 
 _SUPPORTED = "URDF (.urdf), MJCF (.xml, .mjcf) or an Echelon description (.yaml, .yml, .json)"
 _XACRO = re.compile(r"\{https?://[^}]*xacro/?\}")
-_LARGEST_FILE = 64 * 1024 * 1024
 
 
 def load(
@@ -90,7 +90,7 @@ def load(
         measured=measured,
     )
     file = Path(path)
-    mechanism = parse_robot(read_bytes(file), str(file), options, file.parent)
+    mechanism = parse_robot(read_content(file), str(file), options, file.parent)
     return mechanism if symbolic else _in_numbers(mechanism)
 
 
@@ -121,7 +121,7 @@ def parse_robot(data: bytes, source: str, options: ReadingOptions, directory: Pa
             file = (directory or Path()) / name
             if file.suffix.lower() in (".yaml", ".yml", ".json"):
                 raise InputError("only URDF and MJCF files can be added to; include the description", source=str(file))
-            return parse_robot(read_bytes(file), str(file), options, file.parent)
+            return parse_robot(read_content(file), str(file), options, file.parent)
 
         return read_description(data, source, options, read_file)
     if not data.strip():
@@ -132,7 +132,7 @@ def parse_robot(data: bytes, source: str, options: ReadingOptions, directory: Pa
 
 
 def _parse_xml_robot(data: bytes, source: str, options: ReadingOptions, directory: Path | None) -> Mechanism:
-    from echelon.formats.xml import parse_xml
+    from echelon.inputs.xml_text import parse_xml
 
     root = parse_xml(data, source)
     if any(_XACRO.match(str(element.tag)) for element in root.iter()):
@@ -153,21 +153,3 @@ def _parse_xml_robot(data: bytes, source: str, options: ReadingOptions, director
     other = replace(options, independent_mimics=not options.independent_mimics)
     recoupled = partial(_parse_xml_robot, data, source, other, directory)
     return replace(mechanism, reading=replace(mechanism.reading, recoupled=recoupled))
-
-
-def read_bytes(file: Path) -> bytes:
-    """The content of a robot file.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or is larger than any robot description.
-    """
-    try:
-        if file.stat().st_size > _LARGEST_FILE:
-            raise InputError(f"larger than {_LARGEST_FILE >> 20} MB; not a robot description", source=str(file))
-        return file.read_bytes()
-    except FileNotFoundError:
-        raise InputError("no such file", source=str(file)) from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", source=str(file)) from None

@@ -14,7 +14,9 @@ from xml.etree.ElementTree import tostring
 
 from echelon.errors import InputError
 from echelon.exact.syntax import is_whole
-from echelon.formats.xml import parse_xml
+from echelon.inputs.content import read_content
+from echelon.inputs.limits import INCLUDES
+from echelon.inputs.xml_text import parse_xml
 
 _NUMERIC = {
     *("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "axis", "ref", "polycoef", "gravity"),
@@ -100,10 +102,8 @@ def _gather(
                 raise InputError("no such file, and it is part of the bodies", source=source, element=where)
             included[name] = b""
             continue
-        try:
-            included[name] = (directory / found).read_bytes()
-        except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror}", source=source, element=where) from None
+        included[name] = read_content(directory / found)
+        INCLUDES.check(len(included), source, where)
         child = parse_xml(included[name], str(found))
         _check(child, str(found))
         _gather(child, str(found), directory, found.parent, included, needed)

@@ -25,7 +25,7 @@ from echelon.formats.literal import (
 )
 from echelon.formats.size import checked_size
 from echelon.formats.stated_couplings import StatedCoupling
-from echelon.formats.xml import parse_xml
+from echelon.inputs.xml_text import parse_xml
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.spline import linear
 

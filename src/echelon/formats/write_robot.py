@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
-from echelon.formats.load import read_bytes
 from echelon.formats.write_values import IdentifiedValues, sorted_values
 from echelon.formats.write_xml import decoded
-from echelon.formats.xml import parse_xml
+from echelon.inputs.content import read_content
+from echelon.inputs.xml_text import parse_xml
 from echelon.mechanism.mechanism import Mechanism
 
 _DESCRIPTIONS = (".yaml", ".yml", ".json")
@@ -84,7 +84,7 @@ def identified_robot(
     if source is None or Path(source).suffix.lower() in _DESCRIPTIONS:
         return _from_description(mechanism, values)
     file = Path(source)
-    text = decoded(read_bytes(file), str(file))
+    text = decoded(read_content(file), str(file))
     root = parse_xml(text, str(file))
     if root.tag == "mujoco":
         from echelon.formats.write_mjcf import edited_mjcf

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from echelon.base.classification import Identifiability
 from echelon.base.model import BaseModel
-from echelon.formats.load import load, read_bytes
+from echelon.formats.load import load
 from echelon.identification.physics.bounds import Bounds
 from echelon.identification.settings import Settings, Setup
 from echelon.identification.setup_columns import stated_columns
+from echelon.inputs.content import read_content
 from echelon.logs.preparation import Preparation
 from echelon.mechanism.effect import Effect, Side, ready_made
 from echelon.mechanism.joint import MotionKind
@@ -73,7 +74,7 @@ def _described(file: Path, mechanism: Mechanism, reading: Mapping[str, Any]) -> 
     from echelon.formats.description_check import check_document
     from echelon.formats.description_text import read_text
 
-    document = read_text(read_bytes(file), str(file))
+    document = read_text(read_content(file), str(file))
     robot = check_document(document)
     entry = robot.identification
     listed = isinstance(robot.log, tuple)

@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +16,8 @@ from echelon.errors import InputError
 from echelon.files import write_atomically
 from echelon.identification.result import Identification
 from echelon.identification.rows.plan import Plan
+from echelon.inputs.content import read_content
+from echelon.inputs.json_text import parse_json
 from echelon.logs.column_map import ColumnMap
 from echelon.logs.preparation import Preparation
 from echelon.results.identified_document import identification_document
@@ -100,18 +101,15 @@ def load_identified(path: str | os.PathLike[str]) -> IdentifiedModel:
 
     from echelon.results.identified_record import IdentifiedRecord
 
+    document = parse_json(read_content(path), str(path))
     try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", source=str(path)) from None
-    try:
-        record = IdentifiedRecord.model_validate_json(data)
+        record = IdentifiedRecord.model_validate(document)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         problem = f"not an identified model: {first['msg']}"
         raise InputError(problem, source=str(path), element=where or None) from None
-    return _from_record(record, json.loads(data), str(path))
+    return _from_record(record, document, str(path))
 
 
 def _from_record(record: IdentifiedRecord, document: Mapping[str, Any], source: str) -> IdentifiedModel:

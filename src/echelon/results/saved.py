@@ -7,7 +7,6 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict
 from math import isclose
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from echelon.base.certificate import Certificate
@@ -21,6 +20,8 @@ from echelon.exact.polynomial import float_generators
 from echelon.exact.rational import RationalFunction
 from echelon.files import write_atomically
 from echelon.formats.options import ReadingOptions
+from echelon.inputs.content import read_content
+from echelon.inputs.json_text import parse_json
 from echelon.mechanism.reading import Snap
 from echelon.mechanism.values import value_texts
 from echelon.version import __version__
@@ -130,7 +131,7 @@ def from_json(text: str | bytes, source: str = "base model") -> BaseModel:
     from echelon.results.record import BaseModelRecord
 
     try:
-        record = BaseModelRecord.model_validate_json(text)
+        record = BaseModelRecord.model_validate(parse_json(text, source))
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
@@ -263,10 +264,7 @@ def load_base(path: str | os.PathLike[str]) -> BaseModel:
     CertificateError
         If counts, expressions, values or classes do not follow from the exact terms.
     """
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", source=str(path)) from None
+    data = read_content(path)
     try:
         return from_json(data, str(path))
     except CertificateError:

@@ -9,8 +9,8 @@ from echelon.errors import InputError
 from echelon.excite.collisions.carriers import Geometry
 from echelon.excite.collisions.mjcf import mjcf_geometry
 from echelon.excite.collisions.urdf import urdf_geometry
-from echelon.formats.load import read_bytes
-from echelon.formats.xml import parse_xml
+from echelon.inputs.content import read_content
+from echelon.inputs.xml_text import parse_xml
 from echelon.mechanism.mechanism import Mechanism
 
 
@@ -41,7 +41,7 @@ def read_geometry(mechanism: Mechanism, path: str | os.PathLike[str], *, toleran
         If MuJoCo, which reads meshes and MJCF files, is not installed.
     """
     file = Path(path)
-    text = read_bytes(file)
+    text = read_content(file)
     tag = parse_xml(text, str(file)).tag
     if tag == "robot":
         return urdf_geometry(mechanism, text, file, tolerant)

@@ -15,7 +15,7 @@ from echelon.excite.collisions.meshes import READABLE, find_mesh, mesh_shape, me
 from echelon.excite.collisions.shapes import Kind, Shape, placed
 from echelon.formats.inertia import rotation_matrix
 from echelon.formats.urdf import read_urdf
-from echelon.formats.xml import parse_xml
+from echelon.inputs.xml_text import parse_xml
 from echelon.mechanism.mechanism import Mechanism
 
 Floats = npt.NDArray[np.float64]

@@ -170,13 +170,15 @@ def _read_sum(record: SumRecord, names: tuple[str, ...], path: str) -> tuple[Bas
 
 def _read_fourier(record: FourierRecord, names: tuple[str, ...], path: str) -> tuple[Basis, Floats]:
     _check_names(record.coefficients, names, f"{path}.coefficients")
-    columns = np.zeros((1 + 2 * record.harmonics, len(names)))
-    for j, name in enumerate(names):
+    for name in names:
         found = record.coefficients[name]
         for key, values in {"sin": found.sin, "cos": found.cos}.items():
             if len(values) != record.harmonics:
                 problem = f"has {len(values)} entries; needs {record.harmonics}, one for each harmonic"
                 raise InputError(problem, element=f"{path}.coefficients.{one_line(name)}.{key}")
+    columns = np.zeros((1 + 2 * record.harmonics, len(names)))  # as long as the lists that were just counted
+    for j, name in enumerate(names):
+        found = record.coefficients[name]
         columns[0, j], columns[1::2, j], columns[2::2, j] = found.constant, found.sin, found.cos
     return Fourier(record.duration, record.harmonics), columns
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,12 +12,14 @@ import numpy as np
 from echelon.errors import InputError, one_line
 from echelon.excite.files.joint_trajectory import KIND, RESOLUTION
 from echelon.excite.files.samples import Floats, Samples
+from echelon.inputs.yaml_text import parse_yaml
 from echelon.logs.files.mcap import Mcap
 from echelon.logs.files.messages import fields, nanoseconds
 
 _STATES = ("positions", "velocities", "accelerations")
-_DEEPEST = 20
 _LATEST = 2**31 * 10**9
+_DOT = re.compile(r"\.(?=[a-zA-Z])")  # of .nan and .inf
+_INTEGER = re.compile(r"[+-]?[0-9]{1,19}")
 _SHAPE = "a JointTrajectory has joint_names and points"
 
 
@@ -37,18 +40,7 @@ def from_yaml(content: bytes, source: str, coordinates: Sequence[str]) -> Sample
     InputError
         If it is no such message, or its joints are others.
     """
-    import yaml
-
-    try:
-        documents = _documents(content.decode("utf-8-sig"), source)
-    except UnicodeDecodeError as error:
-        raise InputError(f"not UTF-8 text: {error.reason} at byte {error.start}", source=source) from None
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        where = f" (line {mark.line + 1})" if mark else ""
-        raise InputError(f"not well-formed YAML: {error.problem or error.context}{where}", source=source) from None
-    except (yaml.YAMLError, ValueError) as error:
-        raise InputError(f"not readable as YAML: {one_line(str(error))}", source=source) from None
+    documents = [found.data for found in parse_yaml(content, source) if found.data is not None]
     if len(documents) != 1:
         raise InputError(f"holds {len(documents)} messages; needs one: {_SHAPE}", source=source)
     return _samples(documents[0], source, coordinates)
@@ -81,20 +73,6 @@ def from_mcap(path: str | os.PathLike[str], coordinates: Sequence[str]) -> Sampl
     return _samples(found[0], file.source, coordinates)
 
 
-def _documents(text: str, source: str) -> list[Any]:
-    """What YAML documents hold; empty ones do not count."""
-    import yaml
-
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    depth = 0
-    for event in yaml.parse(text, loader):
-        # the fast loader calls itself for each level, and deep ones would overflow the stack of the process
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > _DEEPEST:
-            raise InputError("nested too deeply to be a message", source=source)
-    return [found for found in yaml.load_all(text, loader) if found is not None]
-
-
 def _is_trajectory(message: Any) -> bool:
     """By its type, or, where messages have none (JSON), by its fields."""
     kind = getattr(message, "__msgtype__", None)
@@ -120,11 +98,10 @@ def _samples(message: Any, source: str, coordinates: Sequence[str]) -> Samples:
 
 
 def _names(names: list[Any]) -> list[str]:
-    """Texts; names of digits alone are numbers in YAML."""
     for name in names:
-        if isinstance(name, bool) or not isinstance(name, int | str):
+        if not isinstance(name, str):
             raise InputError(f"holds {type(name).__name__} where a name is needed", element="joint_names")
-    return [str(name) for name in names]
+    return list(names)
 
 
 def _order(names: list[str], coordinates: Sequence[str]) -> list[int]:
@@ -143,10 +120,16 @@ def _order(names: list[str], coordinates: Sequence[str]) -> list[int]:
 
 
 def _time(point: dict[str, Any], k: int) -> int:
-    found = nanoseconds(point.get("time_from_start"))
+    parts = {name: _whole(value) for name, value in fields(point.get("time_from_start"))}
+    found = nanoseconds(parts)
     if found is None or abs(found) > _LATEST:
         raise InputError("needs two integers, sec and nanosec", element=f"points[{k}].time_from_start")
     return found
+
+
+def _whole(value: Any) -> Any:
+    """An integer, which is text in YAML."""
+    return int(value) if isinstance(value, str) and _INTEGER.fullmatch(value) else value
 
 
 def _values(points: list[dict[str, Any]], field: str, width: int) -> Floats | None:
@@ -167,11 +150,11 @@ def _numbers(values: Any, element: str) -> Floats:
         return values.astype(float)
     found = []
     for value in values:
-        # texts as well, because YAML 1.1 takes 1e-05, which other programs write, for one
+        # text in YAML
         if isinstance(value, bool) or not isinstance(value, int | float | str) or not str(value).isascii():
             raise InputError(f"holds {type(value).__name__} where a number is needed", element=element)
         try:
-            found.append(float(value))
+            found.append(float(_DOT.sub("", value) if isinstance(value, str) else value))
         except (ValueError, OverflowError):
             raise InputError(f"{one_line(str(value))[:40]!r} is no number", element=element) from None
     return np.array(found)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
 from echelon.errors import InputError, one_line
@@ -15,43 +14,6 @@ if TYPE_CHECKING:
 
 _KEY = "echelon_trajectory"
 _FAMILIES = ("fourier", "splines", "sum")
-_DEEP = "nested too deeply to be a trajectory"
-
-
-def parsed(text: bytes, source: str) -> Any:
-    """JSON text as plain data.
-
-    Parameters
-    ----------
-    text : bytes
-        UTF-8.
-    source : str
-        File name for messages.
-
-    Raises
-    ------
-    InputError
-        If it is not well-formed JSON with unique keys.
-    """
-
-    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found = dict(pairs)
-        if len(found) < len(pairs):
-            keys = [key for key, _ in pairs]
-            twice = next(key for key in keys if keys.count(key) > 1)
-            raise InputError(f"the key '{one_line(twice)}' occurs twice in one object", source=source)
-        return found
-
-    try:
-        return json.loads(text.decode("utf-8-sig"), object_pairs_hook=unique)
-    except UnicodeDecodeError as error:
-        raise InputError(f"not UTF-8 text: {error.reason} at byte {error.start}", source=source) from None
-    except json.JSONDecodeError as error:
-        raise InputError(f"not well-formed JSON: {error.msg} (line {error.lineno})", source=source) from None
-    except RecursionError:
-        raise InputError(_DEEP, source=source) from None
-    except ValueError as error:  # Python's limit for the digits of integers
-        raise InputError(f"not readable as JSON: {one_line(str(error))}", source=source) from None
 
 
 def as_record(data: Any, source: str) -> TrajectoryRecord:
@@ -85,8 +47,6 @@ def as_record(data: Any, source: str) -> TrajectoryRecord:
         first = error.errors(include_url=False)[0]
         element = one_line(_path(data, first["loc"]))
         raise InputError(_message(first), source=source, element=element or None) from None
-    except RecursionError:
-        raise InputError(_DEEP, source=source) from None
 
 
 def _path(data: Any, location: tuple[int | str, ...]) -> str:

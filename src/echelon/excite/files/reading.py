@@ -12,9 +12,10 @@ from echelon.errors import InputError, one_line
 from echelon.excite.files.coefficients import trajectory_from_json
 from echelon.excite.files.interpolation import interpolated
 from echelon.excite.files.messages import from_mcap, from_yaml
-from echelon.excite.files.problems import parsed
 from echelon.excite.files.tables import read_samples
 from echelon.excite.trajectory import DURATIONS, LARGEST, Trajectory
+from echelon.inputs.content import read_content
+from echelon.inputs.json_text import parse_json
 from echelon.logs.files.access import existing_file
 
 SUFFIXES = (".json", ".csv", ".parquet", ".yaml", ".mcap")
@@ -81,10 +82,10 @@ def _read(path: str | os.PathLike[str], coordinates: Sequence[str], units: Seque
     kind, source = kind_of(path), os.fspath(path)
     found = existing_file(path)
     if kind == ".json":
-        trajectory = trajectory_from_json(parsed(found.read_bytes(), source), source)
+        trajectory = trajectory_from_json(parse_json(read_content(found), source), source)
         return _arranged(trajectory, coordinates, units, source)
     if kind == ".yaml":
-        return interpolated(from_yaml(found.read_bytes(), source, coordinates), units, source, "point")
+        return interpolated(from_yaml(read_content(found), source, coordinates), units, source, "point")
     if kind == ".mcap":
         return interpolated(from_mcap(path, coordinates), units, source, "point")
     return interpolated(read_samples(path, coordinates, units), units, source)

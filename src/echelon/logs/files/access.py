@@ -28,11 +28,13 @@ def existing_file(path: str | os.PathLike[str]) -> Path:
     Raises
     ------
     InputError
-        If there is no such file, it is a directory or empty, or it may not be read.
+        If there is no such file, it is a directory, a pipe, a device or empty, or it may not be read.
     """
     found, source = Path(path), os.fspath(path)
     if os.path.isdir(found):
         raise InputError("is a directory; name a file in it", source=source)
+    if os.path.exists(found) and not os.path.isfile(found):
+        raise InputError("is a pipe or a device, which cannot be read twice; save it to a file first", source=source)
     try:
         with found.open("rb") as stream:
             content = stream.read(1)
@@ -66,6 +68,8 @@ def decoding(source: str, kind: str, advice: str = "") -> Iterator[None]:
     """
     try:
         yield
+    except InputError as error:
+        raise error.located(source) from None
     except EchelonError:
         raise
     except PermissionError as error:

@@ -11,16 +11,16 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from math import prod
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
+from echelon.inputs.limits import ARRAY_COLUMNS, COLUMNS, check_unpacked
 from echelon.logs.files.selection import selected
 from echelon.logs.table import Floats, Table
-
-_WIDEST = 4096
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,8 @@ class ArrayColumns:
     arrays : sequence of NamedArray
     left_out : mapping of str to str
         What the file holds besides, and why that is no column.
+    packed : int
+        Size of the file, bytes.
 
     Attributes
     ----------
@@ -76,12 +78,16 @@ class ArrayColumns:
         If no array can be a column.
     """
 
-    def __init__(self, source: str, arrays: Sequence[NamedArray], left_out: Mapping[str, str]) -> None:
-        self._source, self._left_out = source, dict(left_out)
+    def __init__(self, source: str, arrays: Sequence[NamedArray], left_out: Mapping[str, str], packed: int) -> None:
+        self._source, self._left_out, self._packed = source, dict(left_out), packed
         repeated = {name for name, count in Counter(array.name for array in arrays).items() if count > 1}
         self._left_out |= dict.fromkeys(repeated, "occurs more than once")
+        COLUMNS.check(len(arrays), source)
         usable = [array for array in arrays if array.shape and self._is_usable(array)]
         self.length = _common_length(usable)
+        COLUMNS.check(
+            sum(prod(a.shape[1:]) * _count_numbers(a.kind) for a in usable if a.shape[0] == self.length), source
+        )
         self._columns: dict[str, _Column] = {}
         for array in usable:
             if array.shape[0] == self.length:
@@ -112,20 +118,27 @@ class ArrayColumns:
         """
         chosen = selected(self._source, names, self.names, self._left_out)
         picked = {name: self._columns[name] for name in chosen}
+        self._check_memory([column.array for column in picked.values()])
         loaded = {column.array.name: column.array.load() for column in picked.values()}
         for first in range(0, self.length, rows):
             columns = {name: _values(column, loaded[column.array.name][first : first + rows])
                        for name, column in picked.items()}  # fmt: skip
             yield Table(self._source, columns, first=first)
 
+    def _check_memory(self, arrays: Sequence[NamedArray]) -> None:
+        """As numbers, which take eight bytes each, and as the arrays that hold them."""
+        sizes = {array.name: array.kind.itemsize * prod(array.shape) for array in arrays}
+        check_unpacked(max(sum(sizes.values()), 8 * self.length * len(arrays)), self._packed, self._source)
+
     def _is_usable(self, array: NamedArray) -> bool:
-        width = int(np.prod(array.shape[1:]))
-        if width > _WIDEST:
-            self._left_out[array.name] = f"has {width} columns; at most {_WIDEST} are read (is it transposed?)"
-        elif not width:
+        entries, numbers = prod(array.shape[1:]), _count_numbers(array.kind)
+        if not entries:
             self._left_out[array.name] = "has rows without entries"
-        elif not any(True for _ in _number_fields(array.kind)):
+        elif not numbers:
             self._left_out[array.name] = f"holds {_described(array.kind)}, not real numbers"
+        elif entries * numbers > ARRAY_COLUMNS.most:
+            problem = f"has {entries * numbers} columns; at most {ARRAY_COLUMNS.most} are read (is it transposed?)"
+            self._left_out[array.name] = problem
         return array.name not in self._left_out
 
     def _reasons(self) -> str:
@@ -153,6 +166,15 @@ def _named(name: str, entry: tuple[int, ...], label: str) -> str:
         return label.removeprefix(".")
     first, *others = entry or (0,)
     return f"{first}" + "".join(f"[{index}]" for index in others)
+
+
+def _count_numbers(kind: np.dtype[Any]) -> int:
+    """How many real numbers a dtype holds."""
+    if kind.names is not None:
+        return sum(_count_numbers(kind[name]) for name in kind.names)
+    if kind.subdtype is not None:
+        return _count_numbers(kind.subdtype[0]) * prod(kind.subdtype[1])
+    return int(kind.kind in "biuf")
 
 
 def _number_fields(kind: np.dtype[Any]) -> Iterator[tuple[str, tuple[str | int, ...]]]:

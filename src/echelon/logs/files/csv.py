@@ -1,6 +1,6 @@
 """Text files: CSV and its relatives, with commas, semicolons, tabs or blanks, compressed by gzip or not.
 
-Read by lines in pieces, so that a file may be larger than memory.
+Read in pieces, so that a file may be larger than memory.
 """
 
 from __future__ import annotations
@@ -8,11 +8,12 @@ from __future__ import annotations
 import gzip
 import os
 from collections.abc import Iterator, Sequence
-from itertools import islice
+from itertools import chain
 from pathlib import Path
 from typing import IO, cast
 
 from echelon.errors import InputError
+from echelon.inputs.limits import LINE, check_unpacked
 from echelon.logs.files.access import decoding, existing_file
 from echelon.logs.files.dialect import sniff
 from echelon.logs.files.selection import selected
@@ -20,7 +21,9 @@ from echelon.logs.files.text_blocks import BlockParser
 from echelon.logs.table import CHUNK, Table
 
 _SNIFFED = 50
-_LONGEST = 1 << 20
+_PREAMBLE = 100_000
+_AT_ONCE = 1 << 26
+_BLOCK = 1 << 20
 _MARK = b"\xef\xbb\xbf"
 
 
@@ -60,8 +63,8 @@ class CsvFile:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path = existing_file(path)
         self.source = os.fspath(path)
-        with decoding(self.source, "text"), _opened(self._path) as stream:
-            self._dialect = sniff(self._first_lines(stream), self.source)
+        self._packed = self._path.stat().st_size if _is_packed(self._path) else 0
+        self._dialect = sniff(self._first_lines(), self.source)
         self.names: tuple[str, ...] = self._dialect.names
 
     def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
@@ -72,7 +75,7 @@ class CsvFile:
         names : sequence of str, optional
             Columns to read; all if omitted.
         rows : int
-            Lines that are read at once.
+            Lines that are read at once; less where they are long.
 
         Raises
         ------
@@ -80,38 +83,62 @@ class CsvFile:
             If a column is missing, a line has too many or too few cells, or a cell holds no number.
         """
         chosen = selected(self.source, names, self.names)
-        parser = BlockParser(self.source, self._dialect, tuple(self.names.index(name) for name in chosen))
+        place = {name: index for index, name in enumerate(self.names)}
+        parser = BlockParser(self.source, self._dialect, tuple(place[name] for name in chosen))
         first, line = 0, self._dialect.start + 1
-        with _opened(self._path) as stream:
-            self._take(stream, self._dialect.start)
-            while lines := self._take(stream, rows):
-                columns = parser.parse(_without_mark(lines) if line == 1 else lines, line)
-                length = len(columns[0]) if columns else 0
-                if length:
-                    yield Table(self.source, dict(zip(chosen, columns, strict=True)), first=first)
-                first, line = first + length, line + len(lines)
+        for lines in self._pieces(rows, self._dialect.start):
+            columns = parser.parse(lines, line)
+            length = len(columns[0]) if columns else 0
+            if length:
+                yield Table(self.source, dict(zip(chosen, columns, strict=True)), first=first)
+            first, line = first + length, line + len(lines)
         if chosen and not first:
             raise InputError("holds the names of columns but no numbers", source=self.source)
 
-    def _take(self, stream: IO[bytes], count: int) -> list[bytes]:
-        with decoding(self.source, "text"):
-            return list(islice(stream, count))
+    def _pieces(self, rows: int, skipped: int) -> Iterator[list[bytes]]:
+        """Lines behind the first ones: so many at once, or as many as fit into the memory set aside."""
+        waiting: list[bytes] = []
+        size = 0
+        for lines in self._blocks():
+            size += _BLOCK
+            waiting += lines[skipped:]
+            skipped -= min(skipped, len(lines))
+            whole = len(waiting) - len(waiting) % rows if size < _AT_ONCE else len(waiting)
+            for start in range(0, whole, rows):
+                yield waiting[start : min(start + rows, whole)]
+            if whole:
+                waiting, size = waiting[whole:], 0
+        if waiting:
+            yield waiting
 
-    def _first_lines(self, stream: IO[bytes]) -> list[str]:
+    def _blocks(self) -> Iterator[list[bytes]]:
+        """All lines without their ends, in blocks."""
+        rest, mark = b"", _MARK
+        with decoding(self.source, "text"), _opened(self._path) as stream:
+            while block := stream.read(_BLOCK):
+                check_unpacked(stream.tell() if self._packed else 0, self._packed)
+                *lines, rest = (rest + block.removeprefix(mark)).split(b"\n")
+                LINE.check(len(lines[0] if lines else rest))  # the others are shorter than the block
+                mark = b""
+                yield lines
+        if rest:
+            yield [rest]
+
+    def _first_lines(self) -> list[str]:
         """Lines to judge the layout by: leading comments and some lines of content."""
         lines: list[bytes] = []
-        content = 0
-        while content < _SNIFFED and (line := stream.readline(_LONGEST)):
-            if len(line) == _LONGEST:
-                raise InputError("is no log: a line is longer than 1 MB", source=self.source, element="first lines")
+        content = size = 0
+        for line in chain.from_iterable(self._blocks()):
             lines.append(line)
             content += bool(line.strip()) and not line.lstrip().startswith(b"#")
-        lines = _without_mark(lines)
+            size += len(line)
+            if content == _SNIFFED or size > _AT_ONCE or len(lines) == _PREAMBLE:
+                break
         self._check_text(lines)
         return [self._decoded(line, number) for number, line in enumerate(lines, start=1)]
 
     def _check_text(self, lines: list[bytes]) -> None:
-        start = b"".join(lines)
+        start = b"\n".join([*lines, b""])
         if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
             raise InputError("is UTF-16 text; save it as UTF-8", source=self.source)
         if b"\0" in start:
@@ -127,12 +154,11 @@ class CsvFile:
             raise InputError(problem, source=self.source, element=f"line {number}") from None
 
 
+def _is_packed(path: Path) -> bool:
+    return path.suffix.lower() == ".gz"
+
+
 def _opened(path: Path) -> IO[bytes]:
-    if path.suffix.lower() == ".gz":
+    if _is_packed(path):
         return cast("IO[bytes]", gzip.open(path, "rb"))
     return path.open("rb")
-
-
-def _without_mark(lines: list[bytes]) -> list[bytes]:
-    """Lines without the byte order mark that some editors put before the first."""
-    return [lines[0].removeprefix(_MARK), *lines[1:]] if lines else lines

@@ -12,6 +12,7 @@ import re
 from dataclasses import dataclass
 
 from echelon.errors import InputError, one_line
+from echelon.inputs.limits import COLUMNS
 
 _DELIMITERS = ("\t", ";", ",", None)
 _MISSING = frozenset({"", "nan", "na", "n/a", "null", "none"})
@@ -134,6 +135,7 @@ def sniff(lines: list[str], source: str) -> Dialect:
     first = content[0]
     delimiter = _delimiter([lines[index] for index in content])
     row = cells(lines[first], delimiter)
+    COLUMNS.check(len(row), source, f"line {first + 1}")
     if any(_value(cell, delimiter) is None for cell in row):
         return Dialect(delimiter, _names(row, source, first), first + 1)
     above = lines[first - 1].strip().lstrip("#").strip() if first else ""
@@ -165,8 +167,9 @@ def _value(cell: str, delimiter: str | None) -> float | None:
 def _names(row: list[str], source: str, line: int) -> tuple[str, ...]:
     """Names of columns; one without a name goes by its number."""
     names = tuple(one_line(cell) or str(index) for index, cell in enumerate(row))
+    first: dict[str, int] = {}
     for index, name in enumerate(names):
-        if name in names[:index]:
-            problem = f"columns {names.index(name)} and {index} have the same name; rename one"
+        if first.setdefault(name, index) != index:
+            problem = f"columns {first[name]} and {index} have the same name; rename one"
             raise InputError(problem, source=source, element=f"line {line + 1}, column '{name}'")
     return names

@@ -10,18 +10,16 @@ import os
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.logs.files.access import decoding, existing_file
 from echelon.logs.files.arrays import ArrayColumns, NamedArray
-from echelon.logs.files.mat_elements import Group, Unread, Value, variables
+from echelon.logs.files.mat_elements import Group, Unread, Value, old_variables, variables
 from echelon.logs.table import CHUNK, Table
 
 _KIND = "a MAT file"
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_MANY = 256
 
 
 class MatFile:
@@ -49,14 +47,14 @@ class MatFile:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         found, self.source = existing_file(path), os.fspath(path)
-        content = found.read_bytes()
+        content = found.read_bytes()  # as large as the file is on disk
         if content.startswith(b"MATLAB 7.3") or _HDF5 in content[:520]:
             problem = "is a MAT file of version 7.3, which is not read; save it in MATLAB with  save(…, '-v7')"
             raise InputError(problem, source=self.source)
         self._left_out: dict[str, str] = {}
         with decoding(self.source, _KIND):
             arrays = list(self._arrays(content))
-        self._columns = ArrayColumns(self.source, arrays, self._left_out)
+        self._columns = ArrayColumns(self.source, arrays, self._left_out, len(content))
         self.names: tuple[str, ...] = self._columns.names
 
     def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
@@ -77,7 +75,7 @@ class MatFile:
         yield from self._columns.tables(names, rows)
 
     def _arrays(self, content: bytes) -> Iterator[NamedArray]:
-        for name, value in _old_variables(self.source) if 0 in content[:4] else variables(content):
+        for name, value in old_variables(content) if 0 in content[:4] else variables(content):
             yield from self._inside(name, value)
 
     def _inside(self, name: str, value: Value) -> Iterator[NamedArray]:
@@ -93,25 +91,10 @@ class MatFile:
     def _opened(self, name: str, value: Group) -> Iterator[NamedArray]:
         fields = value.fields or ("",)
         count = len(value.members) // len(fields)
-        if count > _MANY:
-            self._left_out[name] = f"has {count} structs or cells; at most {_MANY} are opened"
-            return
         for index, member in enumerate(value.members):
             element, field = divmod(index, len(fields))
             label = name if count == 1 else f"{name}[{element}]"
             yield from self._inside(f"{label}.{fields[field]}".removesuffix("."), member)
-
-
-def _old_variables(path: str) -> Iterator[tuple[str, Value]]:
-    """Variables of a file of version 4, which knows nothing but matrices."""
-    from scipy.io import loadmat
-    from scipy.sparse import issparse
-
-    for name, value in loadmat(path, appendmat=False).items():
-        if issparse(value):
-            yield name, Unread("is a sparse matrix; save it as a full one")
-        elif not name.startswith("__"):
-            yield name, np.asarray(value)
 
 
 def _without_singletons(array: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -1,9 +1,9 @@
-"""MAT files of versions 5 to 7, element by element.
+"""MAT files of versions 4 to 7, element by element.
 
-Such a file is a tree of elements, each with a tag that says its type and its length.  scipy reads them too, but looks
-types and lengths up without asking whether they can be: one wrong byte in a file without compression may end the whole
-process or keep it busy for ever, where a log that is damaged should be an error.  What is no array of real numbers, a
-struct or a cell is not decoded.
+A file of version 5 or later is a tree of elements, each with a tag that says its type and its length.  scipy reads them
+too, but looks types and lengths up without asking whether they can be: one wrong byte in a file without compression may
+end the whole process or keep it busy for ever, where a log that is damaged should be an error.  What is no array of
+real numbers, a struct or a cell is not decoded.
 
 The format is described in MathWorks' "MAT-File Level 5 File Format".
 """
@@ -14,16 +14,25 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
+from math import prod
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from echelon.inputs.limits import COLUMNS, check_unpacked, most_unpacked
 
 _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
 _COMPLEX = 0x0800
+_COMPLEX_NUMBERS = "holds complex numbers, not real numbers"
+_OLD_NUMBERS = ("f8", "f4", "i4", "i2", "u2", "u1")
+_OLD_TYPES, _OLD_SPARSE = 5000, 2
+MANY = 256
+"""Structs or cells of an array that are opened."""
 _OTHER = {
     _OBJECT: "is a MATLAB object; save its numbers as plain arrays",
     _CHAR: "holds text, not real numbers",
@@ -71,16 +80,56 @@ def variables(content: bytes) -> Iterator[tuple[str, Value]]:
     ------
     ValueError, KeyError, struct.error, zlib.error
         If the file is damaged.
+    InputError
+        If it unpacks to far more than it is, or has too many arrays.
     """
     order = {b"IM": "<", b"MI": ">"}[content[126:_HEADER]]
+    reader, unpacked = _Reader(order), 0
     for kind, payload in _elements(memoryview(content)[_HEADER:], order):
         if kind == _COMPRESSED:
-            ((kind, payload),) = _elements(memoryview(zlib.decompress(payload)), order)
+            plain = zlib.decompressobj().decompress(payload, most_unpacked(len(content)) + 1)
+            unpacked += len(plain)
+            check_unpacked(unpacked, len(content))
+            ((kind, payload),) = _elements(memoryview(plain), order)
         if kind != _MATRIX:
             raise ValueError(f"a variable cannot be an element of type {kind}")
-        name, value = _variable(payload, order)
+        name, value = reader.variable(payload)
         if name:  # one without a name belongs to MATLAB's objects
             yield name, value
+
+
+def old_variables(content: bytes) -> Iterator[tuple[str, Value]]:
+    """The variables of a file of version 4, which knows nothing but matrices, by name.
+
+    Parameters
+    ----------
+    content : bytes
+        The whole file.
+
+    Raises
+    ------
+    ValueError, KeyError, struct.error
+        If the file is damaged.
+    """
+    order = "<" if int.from_bytes(content[:4], "little") < _OLD_TYPES else ">"
+    place = 0
+    while place < len(content):
+        kind, rows, columns, imaginary, length = struct.unpack_from(f"{order}5I", content, place)
+        machine, digits = divmod(kind, 1000)
+        numbers, meaning = np.dtype(order + _OLD_NUMBERS[digits // 10]), digits % 10
+        if machine > 1 or meaning > _OLD_SPARSE:
+            raise ValueError(f"a matrix cannot be of type {kind}")
+        first = place + 20 + length
+        place = first + rows * columns * numbers.itemsize * (1 + bool(imaginary))
+        if place > len(content):
+            raise ValueError("a matrix is longer than the file")
+        name = _text(content[first - length : first])
+        if meaning:
+            yield name, Unread(_OTHER[_SPARSE if meaning == _OLD_SPARSE else _CHAR])
+        elif imaginary:
+            yield name, Unread(_COMPLEX_NUMBERS)
+        else:
+            yield name, np.frombuffer(content, numbers, rows * columns, first).reshape((rows, columns), order="F")
 
 
 def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
@@ -99,41 +148,53 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
         place = end
 
 
-def _variable(payload: memoryview, order: str) -> tuple[str, Value]:
-    """Name and value of a matrix element."""
-    if not payload:
-        return "", np.empty((0, 0))
-    parts = list(_elements(payload, order))
-    flags = int(_numbers(parts[0], order)[0])
-    kind = flags & 0xFF
-    if kind == _OPAQUE:
-        return _text(parts[1][1]), Unread(_OTHER[kind])
-    shape = tuple(int(size) for size in _numbers(parts[1], order))
-    return _text(parts[2][1]), _value(kind, flags, shape, parts[3:], order)
+class _Reader:
+    """Decodes matrix elements of a file, not more of them than a log can have columns."""
 
+    def __init__(self, order: str) -> None:
+        self._order = order
+        self._count = 0
 
-def _value(kind: int, flags: int, shape: tuple[int, ...], parts: list[tuple[int, memoryview]], order: str) -> Value:
-    if kind in _OTHER:
-        return Unread(_OTHER[kind])
-    if flags & _COMPLEX:
-        return Unread("holds complex numbers, not real numbers")
-    if kind == _CELL:
-        return _group((), shape, parts, order)
-    if kind == _STRUCT:
-        width = int(_numbers(parts[0], order)[0])
-        names = bytes(parts[1][1])
-        fields = tuple(_text(names[start : start + width]) for start in range(0, len(names), width))
-        return _group(fields, shape, parts[2:], order)
-    (numbers,) = parts
-    return _numbers(numbers, order).reshape(shape, order="F")
+    def variable(self, payload: memoryview) -> tuple[str, Value]:
+        """Name and value of a matrix element."""
+        self._count += 1
+        COLUMNS.check(self._count)
+        if not payload:
+            return "", np.empty((0, 0))
+        parts = _elements(payload, self._order)
+        flags = int(_numbers(next(parts), self._order)[0])
+        second = next(parts)
+        if flags & 0xFF == _OPAQUE:
+            return _text(second[1]), Unread(_OTHER[_OPAQUE])
+        shape = tuple(int(size) for size in _numbers(second, self._order))
+        return _text(next(parts)[1]), self._value(flags, shape, parts)
 
+    def _value(self, flags: int, shape: tuple[int, ...], parts: Iterator[tuple[int, memoryview]]) -> Value:
+        kind = flags & 0xFF
+        if kind in _OTHER:
+            return Unread(_OTHER[kind])
+        if flags & _COMPLEX:
+            return Unread(_COMPLEX_NUMBERS)
+        if kind == _CELL:
+            return self._group((), shape, parts)
+        if kind == _STRUCT:
+            width = int(_numbers(next(parts), self._order)[0])
+            names = bytes(next(parts)[1])
+            fields = tuple(_text(names[start : start + width]) for start in range(0, len(names), width))
+            return self._group(fields, shape, parts)
+        (numbers,) = parts
+        return _numbers(numbers, self._order).reshape(shape, order="F")
 
-def _group(fields: tuple[str, ...], shape: tuple[int, ...], parts: list[tuple[int, memoryview]], order: str) -> Group:
-    """Cells if there are no fields, even if that is also what a struct without fields looks like: it has no parts."""
-    width = len(fields) if fields or not parts else 1
-    if len(parts) != np.prod(shape, dtype=float) * width or any(kind != _MATRIX for kind, _ in parts):
-        raise ValueError("a struct or cell array has another size than its content")
-    return Group(fields, [_variable(payload, order)[1] for _, payload in parts])
+    def _group(self, fields: tuple[str, ...], shape: tuple[int, ...], parts: Iterator[tuple[int, memoryview]]) -> Value:
+        """Cells if there are no fields, although a struct without fields looks the same: it has no parts."""
+        count = prod(shape)
+        if count > MANY:
+            return Unread(f"has {count} structs or cells; at most {MANY} are opened")
+        found = list(islice(parts, count * max(len(fields), 1) + 1))
+        width = len(fields) if fields or not found else 1
+        if len(found) != count * width or any(kind != _MATRIX for kind, _ in found):
+            raise ValueError("a struct or cell array has another size than its content")
+        return Group(fields, [self.variable(payload)[1] for _, payload in found])
 
 
 def _numbers(element: tuple[int, memoryview], order: str) -> npt.NDArray[Any]:

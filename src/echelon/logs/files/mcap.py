@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -12,7 +11,9 @@ from itertools import islice
 from typing import IO, Any
 
 from echelon.errors import InputError, MissingExtraError, one_line
+from echelon.inputs.json_text import parse_json
 from echelon.logs.files.access import decoding, existing_file
+from echelon.logs.files.recordings import check_chunks
 from echelon.logs.files.ros_types import Definition, RosTypes, ros_name
 
 _KIND = "an MCAP file"
@@ -54,8 +55,11 @@ class Mcap:
             if stream.read() != _MARK:
                 raise InputError(f"was cut off: the end of the MCAP file is missing; {_ADVICE}", source=self.source)
             stream.seek(0)
+            _reader(stream)  # the package that also brings the unpackers
+            check_chunks(stream, self._path.stat().st_size)
+            stream.seek(0)
             index = _index(stream)
-            self._decoders, unread = _decoders(index)
+            self._decoders, unread = _decoders(index, self.source)
         self.start, self._indexed = index.start, index.complete
         self.topics: Mapping[str, str] = _topics(index, unread)
 
@@ -112,7 +116,8 @@ def _reader(stream: IO[bytes], indexed: bool = True) -> Any:
         from mcap.reader import NonSeekingReader, SeekingReader
     except ImportError:
         raise MissingExtraError("mcap", "ros") from None
-    return (SeekingReader if indexed else NonSeekingReader)(stream, validate_crcs=True)
+    size = os.fstat(stream.fileno()).st_size  # no record is longer
+    return (SeekingReader if indexed else NonSeekingReader)(stream, validate_crcs=True, record_size_limit=size)
 
 
 def _index(stream: IO[bytes]) -> _Index:
@@ -145,7 +150,7 @@ def _scanned(stream: IO[bytes]) -> _Index:
     return _Index(False, start or 0, schemas, channels, counts)
 
 
-def _decoders(index: _Index) -> tuple[dict[int, _Decoder], dict[int, str]]:
+def _decoders(index: _Index, source: str) -> tuple[dict[int, _Decoder], dict[int, str]]:
     """How the messages of each channel are decoded; and for the other channels why not."""
     found: dict[int, _Decoder] = {}
     unread: dict[int, str] = {}
@@ -153,7 +158,7 @@ def _decoders(index: _Index) -> tuple[dict[int, _Decoder], dict[int, str]]:
     for number, channel in index.channels.items():
         schema = index.schemas.get(channel.schema_id)
         if channel.message_encoding == _JSON:
-            found[number] = json.loads
+            found[number] = partial(parse_json, source=source)
         elif channel.message_encoding == _CDR and schema is not None:
             language = _LANGUAGES.get(schema.encoding, "")
             definitions[number] = Definition(ros_name(schema.name), language, schema.data.decode())

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError, one_line
+from echelon.inputs.limits import COLUMNS
 from echelon.logs.files.messages import Labels, Numbers
 from echelon.logs.table import Floats
 
@@ -48,6 +49,7 @@ class TopicColumns:
         self._wanted = None if wanted is None else frozenset(wanted)
         self._times = array("q")
         self._rows: dict[_Layout, _Rows] = {}
+        self._count = 0
 
     def add(self, time: int, numbers: Numbers) -> None:
         """Take in one message.
@@ -107,6 +109,8 @@ class TopicColumns:
             twice = next(name for name in names if names.count(name) > 1)
             raise InputError("a message holds two numbers of this name", element=f"column '{twice}'")
         picked = [index for index, name in enumerate(names) if self._wanted is None or name in self._wanted]
+        self._count += len(picked)
+        COLUMNS.check(self._count, element=f"topic '{self._topic}'")
         return _Rows(tuple(names[index] for index in picked), tuple(picked))
 
     def _merged(self) -> dict[str, tuple[npt.NDArray[np.int64], Floats]]:

@@ -95,7 +95,7 @@ class Numbers:
     def _names(self, found: Iterable[tuple[str, Any]], path: str) -> tuple[str, ...]:
         """Names that a message lists for the entries of its arrays."""
         for name, value in found:
-            if name in _NAME_FIELDS and isinstance(value, list) and value and isinstance(value[0], str):
+            if name in _NAME_FIELDS and isinstance(value, list) and value and all(isinstance(n, str) for n in value):
                 if len(set(value)) != len(value):
                     twice = next(entry for entry in value if value.count(entry) > 1)
                     raise InputError(f"a message names '{one_line(twice)}' twice", element=f"'{path}/{name}'")

@@ -10,6 +10,7 @@ import os
 import zipfile
 from collections.abc import Iterator, Sequence
 from functools import partial
+from math import prod
 from pathlib import Path
 from typing import IO, Any
 
@@ -17,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
+from echelon.inputs.limits import COLUMNS
 from echelon.logs.files.access import decoding, existing_file
 from echelon.logs.files.arrays import ArrayColumns, NamedArray
 from echelon.logs.table import CHUNK, Table
@@ -52,7 +54,7 @@ class NpzFile:
         self._path, self.source = existing_file(path), os.fspath(path)
         with decoding(self.source, _KIND):
             arrays = _members(self._path) if zipfile.is_zipfile(self._path) else [self._single()]
-        self._columns = ArrayColumns(self.source, arrays, {})
+        self._columns = ArrayColumns(self.source, arrays, {}, self._path.stat().st_size)
         self.names: tuple[str, ...] = self._columns.names
 
     def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
@@ -82,10 +84,12 @@ class NpzFile:
         """The array of an NPY file, which stays on disk until its rows are asked for."""
         with self._path.open("rb") as stream:
             shape, kind = _header(stream)
+            rest = os.fstat(stream.fileno()).st_size - stream.tell()
         if kind.hasobject:
             raise InputError(
                 "holds pickled Python objects, which are not loaded: they can run code", source=self.source
             )
+        _check_complete(shape, kind, rest)
         return NamedArray("", shape, kind, lambda: np.load(self._path, mmap_mode="r", allow_pickle=False))
 
 
@@ -93,12 +97,15 @@ def _members(path: Path) -> list[NamedArray]:
     """The arrays of an archive, by their headers."""
     arrays = []
     with zipfile.ZipFile(path) as archive:
-        for member in archive.namelist():
-            if member.endswith(_ENDING):
-                with archive.open(member) as stream:
-                    shape, kind = _header(stream)
-                name = member.removesuffix(_ENDING)
-                arrays.append(NamedArray(name, shape, kind, partial(_loaded, path, member)))
+        members = [member for member in archive.infolist() if member.filename.endswith(_ENDING)]
+        COLUMNS.check(len(members))
+        for info in members:
+            member = info.filename
+            with archive.open(info) as stream:
+                shape, kind = _header(stream)
+                _check_complete(shape, kind, info.file_size - stream.tell())
+            name = member.removesuffix(_ENDING)
+            arrays.append(NamedArray(name, shape, kind, partial(_loaded, path, member)))
     return arrays
 
 
@@ -106,6 +113,12 @@ def _loaded(path: Path, member: str) -> npt.NDArray[Any]:
     with zipfile.ZipFile(path) as archive, archive.open(member) as stream:
         array: npt.NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
         return array
+
+
+def _check_complete(shape: tuple[int, ...], kind: np.dtype[Any], rest: int) -> None:
+    """The array cannot be larger than what follows its header; its product is exact, however large."""
+    if kind.itemsize * prod(shape) > rest and not kind.hasobject:
+        raise ValueError(f"an array of shape {shape} needs more than the {rest} bytes that follow")
 
 
 def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:

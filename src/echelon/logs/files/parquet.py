@@ -7,10 +7,12 @@ quarter of a microsecond.
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 from echelon.errors import InputError, MissingExtraError
+from echelon.inputs.limits import COLUMNS, check_unpacked
 from echelon.logs.files.access import decoding, existing_file
 from echelon.logs.files.parquet_columns import Leaf, is_point_in_time, leaves, ticks_per_second
 from echelon.logs.files.selection import selected
@@ -54,6 +56,8 @@ class ParquetFile:
         with decoding(self.source, _KIND), self._opened() as file:
             if not file.metadata.num_rows:
                 raise InputError("holds no rows", source=self.source)
+            COLUMNS.check(file.metadata.num_columns, self.source)
+            self._rows: int = file.metadata.num_rows
             head = next(file.iter_batches(batch_size=_SAMPLED))
             self._leaves, self._left_out = self._columns(head)
             self.origin = _origin(head)
@@ -78,6 +82,7 @@ class ParquetFile:
         """
         chosen = selected(self.source, names, self.names, self._left_out)
         picked = {name: self._leaves[name] for name in chosen}
+        check_unpacked(8 * self._rows * len(picked), os.path.getsize(self.source), self.source)
         needed = list(dict.fromkeys(leaf.column for leaf in picked.values()))
         with decoding(self.source, _KIND):
             file = self._opened()
@@ -106,17 +111,18 @@ class ParquetFile:
             with decoding(self.source, _KIND):
                 return leaf.values(batch.column(leaf.column), self.origin)
         except InputError as error:
-            if error.source is not None:
+            if not (error.element or "").startswith("row "):
                 raise
-            row = first + int((error.element or "row 0").removeprefix("row "))
+            row = first + int(str(error.element).removeprefix("row "))
             raise InputError(error.problem, source=self.source, element=f"column '{leaf.name}', row {row}") from None
 
     def _columns(self, head: Any) -> tuple[dict[str, Leaf], dict[str, str]]:
         """Columns by name, and what is none with the reason."""
         found: dict[str, Leaf] = {}
         left_out: dict[str, str] = {}
+        counts = Counter(head.schema.names)
         for position, column in enumerate(head.schema.names):
-            if head.schema.names.count(column) > 1:
+            if counts[column] > 1:
                 left_out[column] = "more than one column has this name"
                 continue
             for leaf, reason in leaves(column, head.column(position)):

@@ -11,6 +11,7 @@ from typing import Any
 
 from echelon.errors import InputError, MissingExtraError
 from echelon.logs.files.access import decoding, existing_file
+from echelon.logs.files.recordings import check_bag
 from echelon.logs.files.ros_types import Definition, RosTypes
 
 _KIND = "a ROS 2 bag"
@@ -43,8 +44,11 @@ class Rosbag:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path, self.source = Path(path), os.fspath(path)
-        for file in _files(self._path):
+        files = _files(self._path)
+        for file in files:
             _check_closed(file, self.source)
+        with decoding(self.source, _KIND):
+            check_bag(self._path, files)
         with decoding(self.source, _KIND), self._opened() as reader:
             connections = list(reader.connections)
             self.start: int = reader.start_time

@@ -47,6 +47,7 @@ class BlockParser:
         Parameters
         ----------
         lines : sequence of bytes
+            Without line feeds.
         line : int
             Number of the first one in the file, from 1.
 
@@ -55,7 +56,7 @@ class BlockParser:
         InputError
             If a line has too many or too few cells or a cell holds no number; names line and column.
         """
-        text = b"".join(lines)
+        text = b"\n".join(lines)
         if b"#" in text:
             text = _COMMENT.sub(b"", text)
         if self.dialect.decimal_comma:

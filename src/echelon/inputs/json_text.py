@@ -1,0 +1,81 @@
+"""JSON as plain data.
+
+Python's parser takes any size and nearly a thousand levels, and leaves it to whoever walks over the data to run out of
+stack.  Both are counted before: brackets and commas are an upper bound of what the data can hold.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+from echelon.errors import InputError, one_line
+from echelon.inputs.content import decoded
+from echelon.inputs.limits import DATA_NODES, DEPTH, Limit
+
+# a string that does not end goes to the end of the text, so that no part of it is looked at twice
+_TOKEN = re.compile(r'"(?:[^"\\]++|\\.)*+(?:"|\\?\Z)|[\[\]{}]', re.DOTALL)
+
+
+def parse_json(content: str | bytes, source: str, nodes: Limit = DATA_NODES, *, as_text: bool = False) -> Any:
+    """Parse a JSON document.
+
+    Parameters
+    ----------
+    content : str or bytes
+        UTF-8 if bytes.
+    source : str
+        File name for messages.
+    nodes : Limit
+        How much it may hold.
+    as_text : bool
+        Keep numbers, and even NaN, as they are written; what they may be is decided where they are used.
+
+    Raises
+    ------
+    InputError
+        If it is not well-formed, an object has a key twice, or it is beyond a limit.
+
+    Examples
+    --------
+    >>> parse_json('{"mass": 0.30}', "arm.json", as_text=True)
+    {'mass': '0.30'}
+    """
+    text = decoded(content, source)
+    _check_size(text, source, nodes)
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            raise InputError(f"the key '{one_line(_twice(pairs))}' occurs twice in one object", source=source)
+        return found
+
+    written: dict[str, Any] = dict.fromkeys(("parse_float", "parse_int", "parse_constant"), str) if as_text else {}
+    try:
+        return json.loads(text, object_pairs_hook=unique, **written)
+    except json.JSONDecodeError as error:
+        raise InputError(f"not well-formed JSON: {error.msg} (line {error.lineno})", source=source) from None
+    except ValueError as error:  # Python's limit for the digits of integers
+        raise InputError(f"not readable as JSON: {one_line(str(error))}", source=source) from None
+
+
+def _check_size(text: str, source: str, nodes: Limit) -> None:
+    opened = text.count("[") + text.count("{")
+    nodes.check(opened + text.count(","), source)
+    if opened <= DEPTH.most:
+        return
+    depth = 0
+    for token in _TOKEN.finditer(text):
+        character = text[token.start()]
+        depth += (character in "[{") - (character in "]}")
+        DEPTH.check(depth, source)
+
+
+def _twice(pairs: list[tuple[str, Any]]) -> str:
+    seen: set[str] = set()
+    for key, _ in pairs:
+        if key in seen:
+            return key
+        seen.add(key)
+    raise AssertionError

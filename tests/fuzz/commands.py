@@ -1,0 +1,73 @@
+"""What is done with a mutated file: commands of the command line, in this process."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from random import Random
+
+from fuzz.material import Material
+
+COMMANDS: dict[str, tuple[str, ...]] = {
+    "description": (
+        "derive {file} --structure",
+        "derive {file} --budget 0.01 --json",
+        "derive {file} --budget 0.01 --format latex",
+    ),
+    "description as JSON": ("derive {file} --structure", "generate {file} -o {out} --budget 0.01 --target python"),
+    "linear model": ("derive {file}", "derive {file} --json"),
+    "set-up": ("identify {file} {log} --target none -o {out}", "check-trajectory {file} {motion}"),
+    "URDF": ("derive {file} --structure", "derive {file} --budget 0.01", "check-trajectory {file} {motion}"),
+    "MJCF": ("derive {file} --structure", "derive {file} --measured file --structure"),
+    "base model": ("verify {file}", "generate {file} -o {out} --target c", "audit {setup} {file}"),
+    "identified model": (
+        "predict {file} {log}",
+        "predict {file} {log} --json -o {out}.csv",
+        "check-trajectory {setup} {motion} --model {file}",
+    ),
+    "claims": ("audit {setup} {file}",),
+    "values": ("generate {base} -o {out} --parameters {file} --target python",),
+    "trajectory": ("check-trajectory {setup} {file}",),
+    "log": ("read {file}", "read {file}", "identify {setup} {file} --target none", "predict {model} {file}"),
+}  # fmt: skip
+
+
+def command(kind: str, file: Path, material: Material, rng: Random) -> list[str]:
+    """The words of a command for a file of a format."""
+    known = COMMANDS.get(kind) or COMMANDS["trajectory" if kind.startswith("trajectory") else "log"]
+    folder = material.folder
+    places = {
+        "file": file,
+        "out": file.parent / "out",
+        "log": folder / "log.csv",
+        "setup": folder / "setup.yaml",
+        "motion": folder / "motion.json",
+        "base": folder / "base.json",
+        "model": folder / "model.json",
+    }
+    return [word.format(**places) for word in rng.choice(known).split()]
+
+
+def run(words: list[str]) -> int | None:
+    """Run a command of ours; ``read`` stands for reading all of a log."""
+    if words[0] == "read":
+        return _read(words[1])
+    from echelon.cli.main import main
+
+    sys.argv = ["echelon", *words]
+    os.environ.pop("ECHELON_TRACEBACK", None)
+    main()
+    return 0
+
+
+def _read(name: str) -> int:
+    from echelon.errors import EchelonError
+    from echelon.logs.files.open import read_table
+
+    try:
+        read_table(name)
+    except EchelonError as error:
+        print(error)
+        return 2
+    return 0
