@@ -89,7 +89,8 @@ def write_atomically(path: str | os.PathLike[str], content: str | bytes, *, priv
     path : path
     content : str or bytes
     private : bool
-        Nobody but the owner can read or write a new file; otherwise its permissions are those of any new file.
+        Nobody but the owner can read or write the file; otherwise its permissions are those of the file that was
+        there, or of any new file.
 
     Raises
     ------
@@ -102,14 +103,12 @@ def write_atomically(path: str | os.PathLike[str], content: str | bytes, *, priv
 def write_all(contents: Mapping[Path, str | bytes], *, private: bool = False) -> None:
     """Write several files that belong together: none appears before all of them are written.
 
-    Files that exist keep their permissions.
-
     Parameters
     ----------
     contents : mapping of Path to str or bytes
         By path; text is written as UTF-8.
     private : bool
-        Nobody but the owner can read or write new files.
+        Nobody but the owner can read or write the files.
 
     Raises
     ------
@@ -122,7 +121,7 @@ def write_all(contents: Mapping[Path, str | bytes], *, private: bool = False) ->
     try:
         for target, content in targets.items():
             if not target.stream:
-                staged[target] = _stage(target, content, 0o600 if private else 0o666)
+                staged[target] = _stage(target, content, private)
         for target, content in targets.items():
             if target.stream:
                 _pour(target, content)
@@ -218,13 +217,14 @@ def _discard_unfinished() -> None:
         _discard(temporary)
 
 
-def _stage(target: Target, content: bytes, mode: int) -> Path:
+def _stage(target: Target, content: bytes, private: bool) -> Path:
     """Write content under a temporary name."""
     temporary = _temporary(target.path)
+    mode = 0o600 if private else 0o666
     try:
         # the system applies the user's mask to the mode
         with _naming(target.shown), os.fdopen(os.open(temporary, _NEW, mode), "wb") as stream:
-            if target.found is not None:
+            if target.found is not None and not private:
                 _make_alike(stream.fileno(), target.found)
             stream.write(content)
     except BaseException:

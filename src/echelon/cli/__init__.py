@@ -7,12 +7,15 @@ __all__ = ["main"]
 
 def main() -> None:
     """Run the command line and exit with its code."""
-    from echelon.cli.process import leave_signals, prepare  # nothing slow, so that signals find an answer early
+    try:
+        from echelon.cli.process import leave, prepare  # nothing slow, so that signals find an answer early
 
-    prepare()
+        prepare()
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
     try:
         from echelon.cli.commands import run
 
         run()
     finally:
-        leave_signals()
+        leave()

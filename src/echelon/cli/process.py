@@ -34,11 +34,11 @@ def prepare() -> None:
             stream.reconfigure(errors="replace") if stream.isatty() else stream.reconfigure(encoding="utf-8")
 
 
-def leave_signals() -> None:
-    """Let signals end the process as they do without Python: nothing is left to put away."""
+def leave() -> None:
+    """From now on nothing is left to put away, and signals end the process at once."""
     for number in _signals():
         if signal.getsignal(number) is _stop:
-            signal.signal(number, signal.SIG_DFL)
+            signal.signal(number, _end)
 
 
 def _signals() -> list[int]:
@@ -46,11 +46,15 @@ def _signals() -> list[int]:
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
-    code = _SIGNALLED + number
-    while frame is not None:
-        if frame.f_code.co_filename.startswith("<frozen importlib"):
-            if os.isatty(2):
-                os.write(2, _SHOW_CURSOR)
-            os._exit(code)
-        frame = frame.f_back
-    raise SystemExit(code)
+    inner = frame
+    while inner is not None:
+        if inner.f_code.co_filename.startswith("<frozen importlib"):
+            _end(number, frame)
+        inner = inner.f_back
+    raise SystemExit(_SIGNALLED + number)
+
+
+def _end(number: int, _frame: FrameType | None) -> None:
+    if os.isatty(2):
+        os.write(2, _SHOW_CURSOR)
+    os._exit(_SIGNALLED + number)

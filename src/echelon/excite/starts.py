@@ -109,9 +109,11 @@ class _Processes:
                     command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, env=environment
                 )
                 self._running.add(process)
-            with process:
+            answer = b""
+            with suppress(BrokenPipeError), process:  # it ended early, which its exit code says
                 answer = _answer(process, document)
-            self._running.discard(process)
+            with self._lock:
+                self._running.discard(process)
             errors.seek(0)
             if process.returncode:
                 said = errors.read().decode(errors="replace").strip()[-500:]
@@ -131,13 +133,14 @@ class _Processes:
 
 
 def _answer(process: subprocess.Popen[bytes], document: bytes) -> bytes:
-    """Output of a process; its input stays open until then, because its end means that this process has ended."""
+    """Output of a process; its input stays open until it has ended."""
     assert process.stdin is not None
     assert process.stdout is not None
-    with suppress(BrokenPipeError):  # it ended early, which its exit code says
-        process.stdin.write(document)
-        process.stdin.flush()
-    return process.stdout.read()
+    process.stdin.write(document)
+    process.stdin.flush()
+    answer = process.stdout.read()
+    process.wait()
+    return answer
 
 
 def _work() -> None:
