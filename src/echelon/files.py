@@ -76,7 +76,8 @@ def target_of(path: str | os.PathLike[str]) -> Target:
             return Target(shown, Path(path), found)
         actual = Path(os.path.realpath(path))
         os.stat(actual.parent)
-    if not os.access(actual.parent if found is None else actual, os.W_OK):
+    effective = os.access in os.supports_effective_ids
+    if not os.access(actual.parent if found is None else actual, os.W_OK, effective_ids=effective):
         raise InputError("cannot be written: Permission denied", source=shown)
     return Target(shown, actual, found)
 
