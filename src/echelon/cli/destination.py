@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -45,14 +46,14 @@ class Destination:
     def write(self, content: str | bytes) -> None:
         """Write the file."""
         self._protect([self.path])
-        _remember({self.path: content})
-        write_all({self.path: content})
+        with _remembered({self.path: content}):
+            write_all({self.path: content})
 
     def write_into(self, contents: Mapping[str, str | bytes]) -> list[Path]:
         """Write files into the directory, which is made if need be: all of them or none; returns their paths."""
         self.check(contents)
-        _remember({self.path / name: content for name, content in contents.items()})
-        return written_into(self.path, contents)
+        with _remembered({self.path / name: content for name, content in contents.items()}):
+            return written_into(self.path, contents)
 
     def _protect(self, paths: Iterable[Path]) -> None:
         targets = [target_of(path) for path in paths]
@@ -118,12 +119,17 @@ def _problem(target: Target) -> str | None:
     return "the file is there already, and is not as an earlier command wrote it"
 
 
-def _remember(contents: Mapping[Path, str | bytes]) -> None:
-    """Note what will be written, so that it may be replaced later; that this fails is no reason not to write it."""
+@contextmanager
+def _remembered(contents: Mapping[Path, str | bytes]) -> Iterator[None]:
+    """Note what is written in the block, before it is; that this fails is no reason not to write."""
+    problem = None
     try:
         for path, content in contents.items():
             if path.is_file() or not path.exists():
                 actual = Path(os.path.realpath(path))
                 remember(actual, content.encode() if isinstance(content, str) else content)
     except InputError as error:
-        typer.echo(f"echelon: {one_line(str(error))}; to replace these files later will need --force", err=True)
+        problem = one_line(str(error))
+    yield
+    if problem:
+        typer.echo(f"echelon: {problem}; to replace these files later will need --force", err=True)

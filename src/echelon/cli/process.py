@@ -1,7 +1,7 @@
 """The process around a command: its standard streams, and what it does when it is told to stop.
 
 A signal that stops the process becomes ``SystemExit``, so that everything that is open is put away on the way out:
-temporary files, processes that were started, the terminal's cursor.  Only in the middle of an import the process ends
+temporary files, processes that were started.  Only in the middle of an import the process ends
 at once, since Python's import machinery swallows exceptions there, and prints them.
 """
 
@@ -46,6 +46,8 @@ def _signals() -> list[int]:
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
+    if os.isatty(2):
+        os.write(2, _SHOW_CURSOR)  # who hid it may be interrupted before they know that they did
     inner = frame
     while inner is not None:
         if inner.f_code.co_filename.startswith("<frozen importlib"):
@@ -55,6 +57,4 @@ def _stop(number: int, frame: FrameType | None) -> None:
 
 
 def _end(number: int, _frame: FrameType | None) -> None:
-    if os.isatty(2):
-        os.write(2, _SHOW_CURSOR)
     os._exit(_SIGNALLED + number)
