@@ -7,13 +7,14 @@ DEV := $(VENV)/.dev
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help venv demo test lint slow mutate bench clean
+.PHONY: help venv demo test lint slow faults mutate bench clean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make demo    derive the base parameters of a robot arm"
 	@echo "make test    lint, types, layers and tests"
 	@echo "make slow    the tests that take long"
+	@echo "make faults  signals at fifty random moments of every command, full disks"
 	@echo "make mutate  plant small faults in the core, which the tests must notice"
 	@echo "make bench   compare speed and results with other tools"
 	@echo "make venv    only set up the development environment"
@@ -46,6 +47,9 @@ test: lint
 
 slow: $(DEV)
 	$(BIN)/pytest -n auto -m slow
+
+faults: $(DEV)
+	$(BIN)/pytest -n auto tests/test_faults.py
 
 # MUTATE="--only exact/ --jobs 4" chooses faults and how many run at the same time
 mutate: $(DEV)

@@ -15,8 +15,9 @@ settings.register_profile("unshrunk", settings.get_profile("echelon"), phases=(P
 
 
 @pytest.fixture(scope="session", autouse=True)
-def cache_of_the_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Machine code is kept in a folder of this run, also by processes that tests start; the user's own is not used."""
+def folders_of_the_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What is kept between commands is kept in folders of this run; the user's own are not used."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ECHELON_CACHE", str(tmp_path_factory.mktemp("machine-code")))
+        patch.setenv("ECHELON_STATE", str(tmp_path_factory.mktemp("state")))
         yield

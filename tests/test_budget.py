@@ -20,7 +20,7 @@ from echelon.base.closed_matrix import base_matrix
 from echelon.base.expression import collect
 from echelon.base.model import BaseModel
 from echelon.base.structure import find_structure
-from echelon.cli.app import app
+from echelon.cli.commands import app
 from echelon.errors import CertificateError, ClosedFormError, InputError
 from echelon.exact.expressions import PI, parse
 from echelon.exact.polynomial import is_trigonometric, symbol_of

@@ -11,8 +11,7 @@ from typer.testing import CliRunner
 
 import echelon as ec
 import generated
-from echelon.cli.app import app
-from echelon.cli.main import main  # noqa: F401  (registers the commands)
+from echelon.cli.commands import app
 from echelon.codegen.generate import generate_source
 from echelon.errors import InputError
 

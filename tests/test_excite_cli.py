@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.cli import main
+from echelon.cli.commands import run as main
 from test_cli import run
 from test_exciting_trajectory import evaluated
 

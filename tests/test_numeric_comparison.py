@@ -11,8 +11,7 @@ from typer.testing import CliRunner
 import echelon as ec
 from echelon.base.numeric_comparison import NumericComparison, compare_numeric
 from echelon.base.numeric_rank import NumericRanks
-from echelon.cli.app import app
-from echelon.cli.main import main  # noqa: F401  (registers the commands)
+from echelon.cli.commands import app
 from robots import robot_file
 
 ROOT = Path(__file__).parents[1]

@@ -185,7 +185,7 @@ def test_sensor_report_of_xarm7() -> None:
 
 
 def test_sensors_command() -> None:
-    command = [sys.executable, "-c", "from echelon.cli.main import main; main()", "sensors", "examples/panda.yaml"]
+    command = [sys.executable, "-c", "from echelon.cli import main; main()", "sensors", "examples/panda.yaml"]
     root = Path(__file__).parent.parent
     text = subprocess.run(command, capture_output=True, text=True, check=True, cwd=root).stdout
     assert "smallest sufficient set: base" in text

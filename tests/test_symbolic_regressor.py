@@ -15,8 +15,7 @@ import echelon as ec
 from builders import mechanisms
 from echelon.base.symbolic import SymbolicRegressor
 from echelon.claims.witness import random_states
-from echelon.cli.app import app
-from echelon.cli.main import main  # noqa: F401  (registers the commands)
+from echelon.cli.commands import app
 from echelon.errors import ClosedFormError, InputError
 from echelon.mechanism.joint import rotation
 from echelon.regressor.evaluate import evaluate_floats

@@ -17,7 +17,11 @@ _ARMATURES = ("Ia1", "Ia2", "Ia3")
 def test_written_files(name: str) -> None:
     result = result_of(name)
     names = {path.name for path in result.folder.iterdir()}
-    robots = {"description": {"robot.yaml", "robot.urdf"}, "urdf": {"robot.urdf"}, "mjcf": {"robot.xml"}}
+    robots = {
+        "description": {"identified.yaml", "identified.urdf"},
+        "urdf": {"identified.urdf"},
+        "mjcf": {"identified.xml"},
+    }
     assert names == {"model.json", "report.html", "model.c", "model.h", *robots[result.system.robot]}
 
 
@@ -43,7 +47,7 @@ def test_the_physical_robot_is_one(name: str) -> None:
 def test_mjcf_in_mujoco(name: str) -> None:
     """The written model needs the torques that the true one needs, but for effects that MJCF cannot say."""
     result = result_of(name)
-    motion, text = result.fresh, result.text("robot.xml")
+    motion, text = result.fresh, result.text("identified.xml")
     written = result.system.inverse(text, motion.q, motion.qd, motion.qdd)
     lacking = ("Fv4", "Fc4", "Ia4") if result.system.name == "motor side" else ()
     assert all(f"{name} = " in text for name in lacking)
@@ -59,7 +63,7 @@ def test_urdf_in_pinocchio(name: str) -> None:
     result = result_of(name)
     motion, floating = result.fresh, bool(result.system.reading)
     states = result.states(motion)
-    efforts = pinocchio_efforts(result.base.mechanism, result.text("robot.urdf"), states, floating)
+    efforts = pinocchio_efforts(result.base.mechanism, result.text("identified.urdf"), states, floating)
     efforts += result.effects(motion)
     assert_same(efforts, result.base.standard_regressor(*states) @ result.physical)
     assert_predicts(result, efforts)
@@ -69,7 +73,7 @@ def test_urdf_in_pinocchio(name: str) -> None:
 def test_urdf_in_mujoco(name: str) -> None:
     """MuJoCo reads viscous and dry friction from URDF; rotors' inertia has no place there."""
     result = result_of(name)
-    motion, text = result.fresh, result.text("robot.urdf")
+    motion, text = result.fresh, result.text("identified.urdf")
     written = result.system.inverse(text, motion.q, motion.qd, motion.qdd)
     rotors = np.array([name.startswith("Ia") for name in result.base.mechanism.parameters])
     written += result.base.standard_regressor(*result.states(motion))[..., rotors] @ result.physical[rotors]
@@ -81,7 +85,7 @@ def test_mjcf_in_pinocchio(name: str) -> None:
     """Pinocchio reads the bodies and armatures of MJCF files as well."""
     result = result_of(name)
     pin = pytest.importorskip("pinocchio", reason="Pinocchio is not installed")
-    model = pin.buildModelFromMJCF(str(result.folder / "robot.xml"))
+    model = pin.buildModelFromMJCF(str(result.folder / "identified.xml"))
     data, motion = model.createData(), result.fresh
     assert model.nv == 4
     efforts = [pin.rnea(model, data, *state) for state in zip(motion.q, motion.qd, motion.qdd, strict=True)]
@@ -98,6 +102,6 @@ def test_mjcf_in_pinocchio(name: str) -> None:
 @pytest.mark.parametrize("name", params("description"))
 def test_description_reads_back(name: str) -> None:
     result = result_of(name)
-    again = ec.load(result.folder / "robot.yaml")
+    again = ec.load(result.folder / "identified.yaml")
     assert again.parameters == result.base.mechanism.parameters
     np.testing.assert_allclose(standard(again), result.physical, rtol=1e-9, atol=1e-12)

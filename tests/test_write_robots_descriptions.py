@@ -129,7 +129,7 @@ def test_urdf_of_a_description_in_pinocchio_and_read_again(name: str) -> None:
 def test_why_there_is_no_urdf_is_said(name: str, reason: str) -> None:
     mechanism = ec.load(EXAMPLES / f"{name}.yaml")
     (written,) = identified_robot(mechanism, random_parameters(mechanism))
-    assert written.name == "robot.yaml"
+    assert written.name == "identified.yaml"
     assert reason in written.notes[0]
 
 

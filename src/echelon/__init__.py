@@ -9,8 +9,7 @@ BaseModel(panda: 43 base parameters of 70)
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING
+TYPE_CHECKING = False  # what the module `typing` says too, without its import: commands answer signals that much sooner
 
 if TYPE_CHECKING:  # a name is imported when it is first asked for, so that no command waits for another's modules
     from echelon.base.classification import Identifiability as Identifiability
@@ -139,6 +138,8 @@ __all__ = sorted(_HOME)
 def __getattr__(name: str) -> object:
     if name not in _HOME:
         raise AttributeError(f"module 'echelon' has no attribute '{name}'")
+    from importlib import import_module
+
     found = globals()[name] = getattr(import_module(f"echelon.{_HOME[name]}"), name)
     return found
 

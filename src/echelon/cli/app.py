@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any
 
 import typer
@@ -13,12 +15,22 @@ from typer.core import TyperGroup
 class _Commands(TyperGroup):
     """The commands, which take it well when the reader of a pipe goes away (typer would exit with 1)."""
 
+    def make_context(self, *arguments: Any, **options: Any) -> Any:  # prints the help
+        with _readers_may_leave():
+            return super().make_context(*arguments, **options)
+
     def invoke(self, ctx: Any) -> Any:
-        try:
+        with _readers_may_leave():
             return super().invoke(ctx)
-        except BrokenPipeError:  # nothing more can be written, not even what is still in the buffer
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            raise typer.Exit from None
+
+
+@contextmanager
+def _readers_may_leave() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:  # nothing more can be written, not even what is still in the buffer
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise typer.Exit from None
 
 
 app = typer.Typer(

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from echelon.claims.audit import audit
-from echelon.cli.show import show
+from echelon.cli.destination import Destination, deliver
 from echelon.errors import InputError
-from echelon.files import write_atomically
 from echelon.formats.load import load
 
 EQUAL, REFUTED = 0, 1
@@ -24,15 +23,12 @@ def run_audit(
     define: Sequence[str],
     ignore: Sequence[str],
     as_json: bool,
-    output: Path | None,
+    output: Destination | None,
 ) -> int:
     """Audit, then print or write; returns the exit code."""
     found = audit(load(robot, **reading), claimed, naming=naming, define=definitions(define), ignore=tuple(ignore))
     text = json.dumps(found.to_dict(), indent=1, ensure_ascii=False) + "\n" if as_json else found.to_text()
-    if output is not None:
-        write_atomically(output, text)
-    else:
-        show(text)
+    deliver(text, output)
     return EQUAL if found.equal else REFUTED
 
 

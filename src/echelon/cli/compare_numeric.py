@@ -8,27 +8,23 @@ from pathlib import Path
 from typing import Any
 
 from echelon.base.numeric_comparison import NumericComparison, compare_numeric
+from echelon.cli.destination import Destination, deliver
 from echelon.cli.progress import progress
-from echelon.cli.show import show
 from echelon.errors import one_line
-from echelon.files import write_atomically
 from echelon.formats.load import load
 from echelon.mechanism.mechanism import Mechanism
 from echelon.seeds import DEFAULT_SEED
 
 
 def run_compare_numeric(
-    robot: Path, reading: Mapping[str, Any], output: Path | None, seed: int | None, *, as_json: bool
+    robot: Path, reading: Mapping[str, Any], output: Destination | None, seed: int | None, *, as_json: bool
 ) -> None:
     """Count exactly and numerically, then print or write."""
     with progress(f"comparing ranks of {robot.name}"):
         mechanism = load(robot, **reading)
         found = compare_numeric(mechanism, seed=DEFAULT_SEED if seed is None else seed)
     text = json.dumps(_record(mechanism, found), indent=1, ensure_ascii=False) if as_json else _text(mechanism, found)
-    if output is not None:
-        write_atomically(output, text + "\n")
-    else:
-        show(text)
+    deliver(text + "\n", output)
 
 
 def _text(mechanism: Mechanism, found: NumericComparison) -> str:

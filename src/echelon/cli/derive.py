@@ -15,10 +15,10 @@ from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.model import BaseModel
 from echelon.base.own import OwnAnswer, own_answer
 from echelon.base.reading_report import MimicRanks, mimic_ranks
+from echelon.cli.destination import Destination, deliver
 from echelon.cli.progress import steps
 from echelon.cli.show import show
 from echelon.errors import one_line
-from echelon.files import write_atomically
 from echelon.formats.linear import holds_linear_model
 from echelon.formats.load import load
 from echelon.mechanism.mechanism import Mechanism
@@ -33,7 +33,7 @@ class DeriveRequest:
 
     robot: Path
     output_format: str
-    output: Path | None
+    output: Destination | None
     reading: Mapping[str, Any]
     order: str
     prefer: tuple[str, ...]
@@ -73,7 +73,7 @@ def run_derive(request: DeriveRequest) -> None:
             text = _render(model, request.output_format)
     elapsed = perf_counter() - started
     if request.output is not None:
-        write_atomically(request.output, text)
+        request.output.write(text)
     elif model is not None and request.output_format == "text" and sys.stdout.isatty():
         from echelon.cli.terminal import print_model
 
@@ -105,11 +105,8 @@ def _write_linear(request: DeriveRequest, seed: int, started: float) -> None:
         structure=request.structure,
         generic=request.generic,
     )
-    if request.output is not None:
-        write_atomically(request.output, text)
-        return
-    show(text)
-    if request.output_format == "text":
+    deliver(text, request.output)
+    if request.output is None and request.output_format == "text":
         show(f"time: {perf_counter() - started:.2f} s")
 
 

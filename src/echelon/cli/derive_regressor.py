@@ -9,9 +9,8 @@ from typing import Any
 from echelon.base.derive import base_parameters
 from echelon.base.linear_base import LinearBase
 from echelon.base.model import BaseModel
+from echelon.cli.destination import Destination, deliver
 from echelon.cli.progress import progress
-from echelon.cli.show import show
-from echelon.files import write_atomically
 from echelon.formats.linear import holds_linear_model, load_linear
 from echelon.formats.load import load
 from echelon.seeds import DEFAULT_SEED
@@ -23,7 +22,7 @@ def run_regressor(
     reading: Mapping[str, Any],
     order: str,
     prefer: Sequence[str],
-    output: Path | None,
+    output: Destination | None,
     seed: int | None,
 ) -> None:
     """Derive, then print or write the base regressor as formulas."""
@@ -36,7 +35,4 @@ def run_regressor(
             base = base_parameters(load(robot, **reading), **options)
         found = base.symbolic_regressor()
         text = found.latex() if language == "latex" else found.python()
-    if output is not None:
-        write_atomically(output, text)
-    else:
-        show(text)
+    deliver(text, output)

@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from echelon.cli.destination import Destination
 from echelon.cli.progress import steps
 from echelon.cli.show import show
 from echelon.errors import InputError
-from echelon.files import write_all, written_into
 from echelon.identification.setup import load_setup
 
 if TYPE_CHECKING:
     from echelon.excite.result import ExcitingTrajectory
 
+TRAJECTORY, PREVIEW = "trajectory.json", "preview.html"
 FORMATS = ("csv", "parquet", "yaml", "mcap")
 BROKEN = 1
 """Exit code where a limit is broken."""
@@ -31,7 +32,7 @@ class ExciteRequest:
     Attributes
     ----------
     setup : Path
-    output : Path, optional
+    output : Destination, optional
         Directory for what is written.
     prior : Path, optional
     logs : tuple of Path
@@ -49,7 +50,7 @@ class ExciteRequest:
     """
 
     setup: Path
-    output: Path | None
+    output: Destination | None
     prior: Path | None
     logs: tuple[Path, ...]
     changed: Mapping[str, Any]
@@ -67,6 +68,8 @@ def run_excite(request: ExciteRequest, *, as_json: bool) -> None:
 
     started = perf_counter()
     _check_formats(request.formats)
+    if request.output is not None:
+        request.output.check((TRAJECTORY, PREVIEW, *(f"trajectory.{name}" for name in request.formats)))
     setup = load_setup(request.setup, prior=request.prior, **request.reading)
     with steps() as step:
         step("reading logs")
@@ -74,14 +77,14 @@ def run_excite(request: ExciteRequest, *, as_json: bool) -> None:
         found = exciting_trajectory(setup, known=known, jobs=request.jobs, on_step=step, **request.changed)
         step("writing")
         files = {} if request.output is None else _files(found, request)
-    paths = [] if request.output is None else written_into(request.output, files)
+    paths = [] if request.output is None else request.output.write_into(files)
     _say(found, paths, perf_counter() - started, as_json=as_json)
 
 
 def run_check(
     setup_path: Path,
     path: Path,
-    output: Path | None,
+    output: Destination | None,
     prior: Path | None,
     changed: Mapping[str, Any],
     reading: Mapping[str, Any],
@@ -104,8 +107,8 @@ def run_check(
         step("checking all limits at every time")
         found = judged_trajectory(setup, trajectory, **changed)
     if output is not None:
-        write_all({output: preview_html(found)})
-    _say(found, [] if output is None else [output], perf_counter() - started, as_json=as_json)
+        output.write(preview_html(found))
+    _say(found, [] if output is None else [output.path], perf_counter() - started, as_json=as_json)
     if not found.safe:
         raise typer.Exit(BROKEN)
 
@@ -126,8 +129,8 @@ def _files(found: ExcitingTrajectory, request: ExciteRequest) -> dict[str, str |
     from echelon.report.preview.page import preview_html
 
     files: dict[str, str | bytes] = {
-        "trajectory.json": text_of(design_to_json(found)),
-        "preview.html": preview_html(found),
+        TRAJECTORY: text_of(design_to_json(found)),
+        PREVIEW: preview_html(found),
     }
     for name in request.formats:
         kind = f".{name}"

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from echelon.cli.app import app
-from echelon.cli.options import AsJson, EveryLink, Floating, Gravity, Massless, Tolerance, reading
+from echelon.cli.options import AsJson, EveryLink, Floating, Force, Gravity, Massless, Tolerance, reading
 
 
 class CriterionName(StrEnum):
@@ -50,6 +50,7 @@ def excite(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Directory for trajectory.json, samples and preview.html.")
     ] = None,
+    force: Force = False,
     duration: Annotated[float | None, typer.Option(help="Length of the motion, or of its period, s.")] = None,
     family: Annotated[FamilyName | None, typer.Option(help="Functions of time.")] = None,
     harmonics: Annotated[int | None, typer.Option(min=1, help="Of Fourier series.")] = None,
@@ -81,6 +82,7 @@ def excite(
 
     With -o: trajectory.json (coefficients and all figures), samples, and a preview page.
     """
+    from echelon.cli.destination import output_folder
     from echelon.cli.excite import ExciteRequest, run_excite
 
     changed = {
@@ -97,7 +99,7 @@ def excite(
     }
     request = ExciteRequest(
         setup,
-        output,
+        None if output is None else output_folder(output, force),
         prior,
         tuple(complement or ()),
         _stated(changed),
@@ -115,6 +117,7 @@ def check_trajectory(
     setup: SetupFile,
     trajectory: Annotated[Path, typer.Argument(help="JSON, CSV, Parquet, or a ROS 2 JointTrajectory (YAML, MCAP).")],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Preview page to write (HTML).")] = None,
+    force: Force = False,
     move: Annotated[list[str] | None, typer.Option(help="A coordinate that moves; may be repeated.")] = None,
     prior: Prior = None,
     model: Model = None,
@@ -126,11 +129,12 @@ def check_trajectory(
     as_json: AsJson = False,
 ) -> None:
     """Judge a trajectory made elsewhere by the limits of a set-up; exit code 1 if it breaks one."""
+    from echelon.cli.destination import output_file
     from echelon.cli.excite import run_check
 
     read = reading(floating, gravity, tolerance, every_link=every_link, massless=massless)
     changed = {"move": move or None, "model": model and str(model.absolute())}
-    run_check(setup, trajectory, output, prior, _stated(changed), read, as_json=as_json)
+    run_check(setup, trajectory, output_file(output, force), prior, _stated(changed), read, as_json=as_json)
 
 
 def _stated(changed: Mapping[str, Any]) -> dict[str, Any]:

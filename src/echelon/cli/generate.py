@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
 from time import perf_counter
@@ -13,6 +13,7 @@ from typing import Any
 
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
+from echelon.cli.destination import Destination
 from echelon.cli.options import Order, reading
 from echelon.cli.progress import progress
 from echelon.cli.show import show
@@ -21,7 +22,6 @@ from echelon.codegen.documentation import operation_counts, operations_text
 from echelon.codegen.generate import Source, generate_source
 from echelon.errors import CertificateError, InputError, one_line
 from echelon.exact.numbers import parse_decimal
-from echelon.files import write_atomically
 from echelon.formats.linear import holds_linear_model
 from echelon.formats.load import load
 from echelon.inputs.content import read_document
@@ -41,7 +41,7 @@ class GenerateRequest:
     ----------
     robot : Path
         A robot file, or base parameters saved as JSON.
-    output : Path
+    output : Destination
         A directory, or a file.
     reading, derivation, options : mappings
         Keyword arguments of ``load``, ``base_parameters`` and ``generate``.
@@ -50,7 +50,7 @@ class GenerateRequest:
     """
 
     robot: Path
-    output: Path
+    output: Destination
     reading: Mapping[str, Any]
     derivation: Mapping[str, Any]
     options: Mapping[str, Any]
@@ -65,9 +65,7 @@ def run_generate(request: GenerateRequest, *, as_json: bool) -> None:
     with progress(f"generating code for {request.robot.name}"):
         base = _base(request)
         source = generate_source(base, **request.options, parameters=values)
-    paths = _paths(list(source.files), request.output)
-    for path, text in zip(paths, source.files.values(), strict=True):
-        write_atomically(path, text)
+    paths = _written(source.files, request.output)
     if as_json:
         show(json.dumps(_summary(base, source, paths, request), indent=1, ensure_ascii=False))
         return
@@ -136,20 +134,15 @@ def _holds_saved_base(path: Path) -> bool:
         return f'"{SCHEMA_NAME}"'.encode() in stream.read(4096)
 
 
-def _paths(names: list[str], output: Path) -> list[Path]:
-    """Where files go: into a directory, which is made, or the only one under a name of its own."""
-    is_file = output.suffix and not output.is_dir()
-    if is_file and len(names) == 1:
-        return [output]
-    folder = output.parent if is_file and output.name in names else output  # one of several that belong together
-    if folder.exists() and not folder.is_dir():
-        listed = ", ".join(names)
-        raise InputError(f"is not a directory, and there are several files to write: {listed}", source=str(folder))
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot be made: {error.strerror or error}", source=str(folder)) from None
-    return [folder / name for name in names]
+def _written(files: Mapping[str, str], output: Destination) -> list[Path]:
+    """Write into a directory, which is made if need be, or the only file under a name of its own."""
+    path = output.path
+    is_file = not path.is_dir() and (path.suffix != "" or path.exists())
+    if is_file and len(files) == 1:
+        output.write(*files.values())
+        return [path]
+    one_of_several = is_file and path.name in files
+    return replace(output, path=path.parent if one_of_several else path).write_into(files)
 
 
 def _summary(base: BaseModel, source: Source, paths: list[Path], request: GenerateRequest) -> dict[str, Any]:

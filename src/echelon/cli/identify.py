@@ -9,10 +9,10 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+from echelon.cli.destination import Destination
 from echelon.cli.progress import steps
 from echelon.cli.show import show
 from echelon.errors import InputError
-from echelon.files import written_into
 from echelon.identification.identify import identify
 from echelon.identification.setup import load_setup
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from echelon.identification.settings import Setup
 
 NO_CODE = "none"
+MODEL, REPORT = "model.json", "report.html"
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class IdentifyRequest:
     ----------
     setup : Path
     logs, validate : tuple of Path
-    output : Path, optional
+    output : Destination, optional
         Directory for what is written.
     prior : Path, optional
     changed : mapping
@@ -47,7 +48,7 @@ class IdentifyRequest:
     setup: Path
     logs: tuple[Path, ...]
     validate: tuple[Path, ...]
-    output: Path | None
+    output: Destination | None
     prior: Path | None
     changed: Mapping[str, Any]
     reading: Mapping[str, Any]
@@ -59,13 +60,15 @@ def run_identify(request: IdentifyRequest, *, as_json: bool) -> None:
     """Identify, write all files, and print the summary."""
     started = perf_counter()
     _check_target(request.target)
+    if request.output is not None:
+        request.output.check((MODEL, REPORT))
     setup = load_setup(request.setup, prior=request.prior, **request.reading)
     setup = replace(setup, settings=replace(setup.settings, **request.changed))
     with steps() as step, _cluster(request.dask) as client:
         result = identify(setup, request.logs, request.validate, client=client, on_step=step)
         step("writing")
         files = {} if request.output is None else _files(result, setup, request.target)
-    paths = [] if request.output is None else written_into(request.output, files)
+    paths = [] if request.output is None else request.output.write_into(files)
     if as_json:
         from echelon.results.identified import identification_to_json
 
@@ -104,7 +107,7 @@ def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
     from echelon.report.page import report_html
     from echelon.results.identified import identification_to_json
 
-    files = {"model.json": identification_to_json(result), "report.html": report_html(result)}
+    files = {MODEL: identification_to_json(result), REPORT: report_html(result)}
     if result.physical is not None:
         source = setup.robot_file or setup.source
         for robot in identified_robot(result.base.mechanism, result.physical.standard, source):

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from echelon.cli.app import app
-from echelon.cli.options import AsJson, EveryLink, Floating, Gravity, Massless, Seed, Tolerance, reading
+from echelon.cli.options import AsJson, EveryLink, Floating, Force, Gravity, Massless, Seed, Tolerance, reading
 
 
 class EstimatorName(StrEnum):
@@ -50,6 +50,7 @@ def identify(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Directory for model, report, robot file and code.")
     ] = None,
+    force: Force = False,
     prior: Annotated[
         Path | None, typer.Option(help="The same robot with inertial values that are believed beforehand (URDF, …).")
     ] = None,
@@ -77,6 +78,7 @@ def identify(
 
     With -o: model.json, report.html, the robot with identified inertials, and source code of the fitted model.
     """
+    from echelon.cli.destination import output_folder
     from echelon.cli.identify import IdentifyRequest, run_identify
 
     changed = {
@@ -90,7 +92,7 @@ def identify(
         setup,
         tuple(logs),
         tuple(validate or ()),
-        output,
+        None if output is None else output_folder(output, force),
         prior,
         {name: value for name, value in changed.items() if value is not None},
         reading(floating, gravity, tolerance, every_link=every_link, massless=massless),
@@ -107,9 +109,11 @@ def predict(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="CSV or Parquet file with time, predicted and measured.")
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Predict the outputs of a log with an identified model."""
+    from echelon.cli.destination import output_file
     from echelon.cli.predict import run_predict
 
-    run_predict(model, log, output, as_json=as_json)
+    run_predict(model, log, output_file(output, force), as_json=as_json)

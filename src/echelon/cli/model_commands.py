@@ -17,6 +17,7 @@ from echelon.cli.options import (
     Budget,
     EveryLink,
     Floating,
+    Force,
     Gravity,
     Massless,
     Measured,
@@ -72,6 +73,7 @@ def derive(
     output_format: Annotated[Format, typer.Option("--format", "-f", help="What to write.")] = Format.TEXT,
     as_json: Annotated[bool, typer.Option("--json", help="Short for --format json.")] = False,
     output: Output = None,
+    force: Force = False,
     floating: Floating = False,
     gravity: Gravity = "file",
     order: Ordering = Order.BASE_TO_TIP,
@@ -101,7 +103,9 @@ def derive(
 ) -> None:
     """Derive the base inertial parameters of a robot in closed form."""
     from echelon.cli.derive import DeriveRequest, run_derive
+    from echelon.cli.destination import output_file
 
+    target = output_file(output, force)
     chosen_reading = reading(floating, gravity, tolerance, mimic, every_link, numeric, massless, symbols, measured)
     chosen = Format.JSON if as_json else output_format
     if structure and (prefer or order is not Order.BASE_TO_TIP or chosen in (Format.LATEX, Format.MARKDOWN)):
@@ -112,7 +116,7 @@ def derive(
         from echelon.cli.derive_regressor import run_regressor
 
         formulas = regressor.value
-        run_regressor(robot, formulas, chosen_reading, order.value, tuple(prefer or ()), output, seed)
+        run_regressor(robot, formulas, chosen_reading, order.value, tuple(prefer or ()), target, seed)
         return
     if compare_numeric:
         if (
@@ -125,19 +129,19 @@ def derive(
             raise typer.BadParameter("--compare-numeric counts only: as text or JSON, without other choices")
         from echelon.cli.compare_numeric import run_compare_numeric
 
-        run_compare_numeric(robot, chosen_reading, output, seed, as_json=chosen is Format.JSON)
+        run_compare_numeric(robot, chosen_reading, target, seed, as_json=chosen is Format.JSON)
         return
     if special:
         if structure or prefer or order is not Order.BASE_TO_TIP or chosen in (Format.LATEX, Format.MARKDOWN):
             raise typer.BadParameter("--special counts only: as text or JSON, without --structure, --order or --prefer")
         from echelon.cli.special import run_special
 
-        run_special(robot, chosen_reading, output, seed, as_json=chosen is Format.JSON)
+        run_special(robot, chosen_reading, target, seed, as_json=chosen is Format.JSON)
         return
     preferred = tuple(prefer or ())
     run_derive(
         DeriveRequest(
-            robot, chosen.value, output, chosen_reading, order.value, preferred, structure, generic, seed, budget
+            robot, chosen.value, target, chosen_reading, order.value, preferred, structure, generic, seed, budget
         )
     )
 
@@ -146,6 +150,7 @@ def derive(
 def generate(
     robot: Annotated[Path, typer.Argument(help="URDF, MJCF, Echelon description, or base parameters saved as JSON.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Directory for the files, or one file.")],
+    force: Force = False,
     target: Annotated[str, typer.Option("--target", "-t", help=f"One of {TARGETS}.")] = "c",
     function: Annotated[
         str, typer.Option("--function", help=f"One or more, with commas, of {FUNCTIONS}.")
@@ -175,6 +180,7 @@ def generate(
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable summary.")] = False,
 ) -> None:
     """Write source code of the robot's functions in terms of its base parameters."""
+    from echelon.cli.destination import output_folder
     from echelon.cli.generate import GenerateRequest, run_generate
 
     chosen_reading = reading(floating, gravity, tolerance, mimic, every_link, numeric, massless)
@@ -184,7 +190,8 @@ def generate(
     options = {"target": target, "functions": functions, "name": name, "precision": precision}
     keeping = {"keep_symbols": kept == ("all",) or kept}
     run_generate(
-        GenerateRequest(robot, output, chosen_reading, derivation, options | keeping, parameters), as_json=as_json
+        GenerateRequest(robot, output_folder(output, force), chosen_reading, derivation, options | keeping, parameters),
+        as_json=as_json,
     )
 
 
@@ -240,12 +247,15 @@ def audit(
     every_link: EveryLink = False,
     as_json: AsJson = False,
     output: Output = None,
+    force: Force = False,
 ) -> None:
     """Compare base parameters that someone else claims with the exact ones; exits with 1 where they differ."""
     from echelon.cli.audit import run_audit
+    from echelon.cli.destination import output_file
 
+    target = output_file(output, force)
     chosen_reading = reading(floating, gravity, tolerance, mimic, every_link)
-    raise typer.Exit(run_audit(robot, claimed, chosen_reading, naming, define or (), ignore or (), as_json, output))
+    raise typer.Exit(run_audit(robot, claimed, chosen_reading, naming, define or (), ignore or (), as_json, target))
 
 
 @app.command(epilog="Example: echelon schema description > robot.schema.json")

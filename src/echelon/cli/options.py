@@ -39,6 +39,9 @@ class SymbolSharing(StrEnum):
 
 Robot = Annotated[Path, typer.Argument(help="URDF, MJCF or Echelon description (YAML, JSON).")]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="File to write instead of the terminal.")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Replace files that are read, or that no earlier command wrote, as well.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Machine-readable output.")]
 Floating = Annotated[bool, typer.Option(help="Let the root link float.")]
 Gravity = Annotated[str, typer.Option(help="'file', 'none', 'generic', or three numbers or expressions: '0,0,-9.81'.")]

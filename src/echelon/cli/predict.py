@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from echelon.cli.destination import Destination
 from echelon.cli.progress import progress
 from echelon.cli.show import show
 from echelon.errors import InputError, MissingExtraError
-from echelon.files import write_atomically
 from echelon.identification.predict import Prediction, predict_log
 from echelon.results.identified import load_identified
 
@@ -20,23 +20,24 @@ SUMMARY = "echelon.prediction/1"
 _FORMATS = (".csv", ".parquet")
 
 
-def run_predict(model: Path, log: Path, output: Path | None, *, as_json: bool) -> None:
+def run_predict(model: Path, log: Path, output: Destination | None, *, as_json: bool) -> None:
     """Predict, write the signals, and say how well they fit where the log has outputs."""
-    if output is not None and output.suffix.lower() not in _FORMATS:
-        raise InputError(f"unknown format '{output.suffix}' (valid: {', '.join(_FORMATS)})", source=str(output))
+    suffix = "" if output is None else output.path.suffix.lower()
+    if output is not None and suffix not in _FORMATS:
+        raise InputError(f"unknown format '{suffix}' (valid: {', '.join(_FORMATS)})", source=str(output.path))
     with progress(f"predicting {log.name}"):
         identified = load_identified(model)
         found = predict_log(identified.plan, identified.values, log)
     if output is not None:
-        write_atomically(output, _csv(found) if output.suffix.lower() == ".csv" else _parquet(found))
-    summary = _summary(found, output)
+        output.write(_csv(found) if suffix == ".csv" else _parquet(found))
+    summary = _summary(found, None if output is None else output.path)
     if as_json:
         show(json.dumps(summary, indent=1, ensure_ascii=False))
         return
     for name, score in summary["outputs"].items():
         show(f"{name}: {found.time.size} samples{_fit(score)}")
     if output is not None:
-        show(f"wrote {output}")
+        show(f"wrote {output.path}")
 
 
 def _fit(score: Mapping[str, Any]) -> str:

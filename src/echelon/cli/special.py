@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from echelon.base.special import special_geometry
+from echelon.cli.destination import Destination, deliver
 from echelon.cli.progress import progress
-from echelon.cli.show import show
 from echelon.errors import one_line
-from echelon.files import write_atomically
 from echelon.formats.load import load
 from echelon.seeds import DEFAULT_SEED
 
 
 def run_special(
-    robot: Path, reading: Mapping[str, Any], output: Path | None, seed: int | None, *, as_json: bool
+    robot: Path, reading: Mapping[str, Any], output: Destination | None, seed: int | None, *, as_json: bool
 ) -> None:
     """Try special geometries, then print or write where the rank changes."""
     with progress(f"trying special geometries of {robot.name}"):
@@ -34,7 +33,4 @@ def run_special(
         if found.left_out:
             lines.append(f"{found.left_out} pairs of conditions were not tried")
         text = "\n".join(lines)
-    if output is not None:
-        write_atomically(output, text + "\n")
-    else:
-        show(text)
+    deliver(text + "\n", output)

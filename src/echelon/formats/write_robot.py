@@ -31,7 +31,7 @@ class WrittenRobot:
     Attributes
     ----------
     name : str
-        ``robot.urdf``, ``robot.xml`` (MJCF) or ``robot.yaml``.
+        ``identified.urdf``, ``identified.xml`` (MJCF) or ``identified.yaml``.
     text : str
     notes : tuple of str
         What the format cannot say, with values, and what was changed beside inertias.
@@ -60,8 +60,8 @@ def identified_robot(
     Returns
     -------
     tuple of WrittenRobot
-        For URDF and MJCF, the file with the identified values.  Otherwise ``robot.yaml``, which says everything, and
-        ``robot.urdf`` where URDF can express the geometry.
+        For URDF and MJCF, the file with the identified values.  Otherwise ``identified.yaml``, which says
+        everything, and ``identified.urdf`` where URDF can express the geometry.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def identified_robot(
     >>> robot = ec.load("examples/two_link.xml")
     >>> (written,) = identified_robot(robot, [v or 0.0 for v in robot.standard_values()], "examples/two_link.xml")
     >>> written.name
-    'robot.xml'
+    'identified.xml'
     >>> 'mass="1.6"' in written.text
     True
     """
@@ -89,11 +89,11 @@ def identified_robot(
     if root.tag == "mujoco":
         from echelon.formats.write_mjcf import edited_mjcf
 
-        return (WrittenRobot("robot.xml", *edited_mjcf(mechanism, values, text, str(file), file.parent)),)
+        return (WrittenRobot("identified.xml", *edited_mjcf(mechanism, values, text, str(file), file.parent)),)
     if root.tag == "robot":
         from echelon.formats.write_urdf_file import edited_urdf
 
-        return (WrittenRobot("robot.urdf", *edited_urdf(mechanism, values, text, str(file))),)
+        return (WrittenRobot("identified.urdf", *edited_urdf(mechanism, values, text, str(file))),)
     raise InputError(f"the root element is <{root.tag}>; expected <robot> (URDF) or <mujoco> (MJCF)", source=str(file))
 
 
@@ -107,10 +107,12 @@ def _from_description(mechanism: Mechanism, values: IdentifiedValues) -> tuple[W
     dumped: Any = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
     obstacle = urdf_obstacle(mechanism, values)
     if obstacle:
-        return (WrittenRobot("robot.yaml", str(dumped), (f"there is no URDF of this robot beside it: {obstacle}",)),)
+        return (
+            WrittenRobot("identified.yaml", str(dumped), (f"there is no URDF of this robot beside it: {obstacle}",)),
+        )
     return (
-        WrittenRobot("robot.yaml", str(dumped), ()),
-        WrittenRobot("robot.urdf", *generated_urdf(mechanism, values)),
+        WrittenRobot("identified.yaml", str(dumped), ()),
+        WrittenRobot("identified.urdf", *generated_urdf(mechanism, values)),
     )
 
 

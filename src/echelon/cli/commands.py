@@ -1,24 +1,20 @@
-"""Entry point: commands, exit codes, and one clear line for every error."""
+"""All commands, their exit codes, and one clear line for every error."""
 
 from __future__ import annotations
 
 import os
 import sys
-from io import TextIOWrapper
 
 from echelon.cli import excite_commands, log_commands, model_commands  # commands put themselves on the application
 from echelon.cli.app import app
 
-__all__ = ["app", "excite_commands", "log_commands", "main", "model_commands"]
+__all__ = ["app", "excite_commands", "log_commands", "model_commands", "run"]
 
 BAD_INPUT, INTERNAL, INTERRUPTED = 2, 70, 130
 
 
-def main() -> None:
-    """Run the command line and exit with its code."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):  # files and pipes get UTF-8 on every system
-            stream.reconfigure(errors="replace") if stream.isatty() else stream.reconfigure(encoding="utf-8")
+def run() -> None:
+    """Run the command that the arguments name, and exit with its code."""
     try:
         app()
     except KeyboardInterrupt:

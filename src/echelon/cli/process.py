@@ -1,0 +1,60 @@
+"""The process around a command: its standard streams, and what it does when it is told to stop.
+
+A signal that stops the process becomes ``SystemExit``, so that everything that is open is put away on the way out:
+temporary files, processes that were started.  Only in the middle of an import the process ends
+at once, since Python's import machinery swallows exceptions there, and prints them.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from io import TextIOWrapper
+from types import FrameType
+
+_STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
+_SIGNALLED = 128
+"""Added to a signal's number, the exit code of a process that it ended."""
+_SHOW_CURSOR = b"\x1b[?25h"
+
+
+def prepare() -> None:
+    """Make standard streams usable, and answer signals."""
+    for number in _signals():
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
+            signal.signal(number, _stop)
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if (
+            getattr(sys, name) is None
+        ):  # closed: without a substitute, the next file that is opened would take its place
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # files and pipes get UTF-8 on every system
+            stream.reconfigure(errors="replace") if stream.isatty() else stream.reconfigure(encoding="utf-8")
+
+
+def leave() -> None:
+    """From now on nothing is left to put away, and signals end the process at once."""
+    for number in _signals():
+        if signal.getsignal(number) is _stop:
+            signal.signal(number, _end)
+
+
+def _signals() -> list[int]:
+    return [getattr(signal, name) for name in _STOPPING if hasattr(signal, name)]
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    if os.isatty(2):
+        os.write(2, _SHOW_CURSOR)  # who hid it may be interrupted before they know that they did
+    inner = frame
+    while inner is not None:
+        if inner.f_code.co_filename.startswith("<frozen importlib"):
+            _end(number, frame)
+        inner = inner.f_back
+    raise SystemExit(_SIGNALLED + number)
+
+
+def _end(number: int, _frame: FrameType | None) -> None:
+    os._exit(_SIGNALLED + number)
