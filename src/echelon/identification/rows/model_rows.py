@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 
 import numpy as np
 import numpy.typing as npt
@@ -53,8 +53,7 @@ class ModelRows:
     @staticmethod
     def of(base: BaseModel, samples: Sequence[Samples], symbols: Mapping[str, float] | None = None) -> ModelRows:
         """The rows of samples that are in memory."""
-        kept = tuple(samples)
-        return ModelRows(base, lambda: kept, symbols)
+        return ModelRows(base, partial(tuple, tuple(samples)), symbols)
 
     @property
     def units(self) -> tuple[str, ...]:
