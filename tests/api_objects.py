@@ -229,9 +229,7 @@ OBJECTS: Mapping[str, Example] = {
     "gains": Example(gains),
     "identification": Example(identification, shown),
     "identified model": Example(identified, lambda found: (repr(found), found.values)),
-    "rows": Example(
-        lambda: identified().plan.rows([file("run.parquet")]), lambda found: found.observation().factors
-    ),
+    "rows": Example(lambda: identified().plan.rows([file("run.parquet")]), lambda found: found.observation().factors),
     "block of rows": Example(lambda: next(identified().plan.rows([file("run.parquet")]).blocks()), repr),
     "samples": Example(lambda: next(identified().plan.samples(file("run.parquet")))),
     "prediction": Example(prediction, lambda found: found.predicted),

@@ -16,7 +16,7 @@ from echelon.base.derive import base_parameters
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.model import BaseModel
 from echelon.base.own import OwnAnswer, own_answer
-from echelon.cli.progress import steps
+from echelon.cli.progress import say_time, steps
 from echelon.errors import one_line
 from echelon.files import write_atomically
 from echelon.formats.linear import holds_linear_model
@@ -68,17 +68,16 @@ def run_derive(request: DeriveRequest) -> None:
                 progress=lambda phase: step(f"deriving {request.robot.name}: {phase}"),
             )
             text = _render(model, request.output_format)
-    elapsed = perf_counter() - started
     if request.output is not None:
         write_atomically(request.output, text)
     elif model is not None and request.output_format == "text" and sys.stdout.isatty():
         from echelon.cli.terminal import print_model
 
-        print_model(model, elapsed)
+        print_model(model)
     else:
         typer.echo(text, nl=not text.endswith("\n"))
-        if request.output_format == "text":
-            typer.echo(f"time: {elapsed:.2f} s")
+    if request.output is None and request.output_format == "text":
+        say_time(started)
 
 
 def _budget(request: DeriveRequest, robot: Mechanism) -> float:
@@ -107,7 +106,7 @@ def _write_linear(request: DeriveRequest, seed: int, started: float) -> None:
         return
     typer.echo(text, nl=False)
     if request.output_format == "text":
-        typer.echo(f"time: {perf_counter() - started:.2f} s")
+        say_time(started)
 
 
 def _render(model: BaseModel, output_format: str) -> str:

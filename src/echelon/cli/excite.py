@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from echelon.cli.progress import steps
+from echelon.cli.progress import say_time, steps
 from echelon.errors import InputError, one_line
 from echelon.files import write_all, written_into
 from echelon.identification.setup import load_setup
@@ -74,7 +74,7 @@ def run_excite(request: ExciteRequest, *, as_json: bool) -> None:
         step("writing")
         files = {} if request.output is None else _files(found, request)
     paths = [] if request.output is None else written_into(request.output, files)
-    _say(found, paths, perf_counter() - started, as_json=as_json)
+    _say(found, paths, started, as_json=as_json)
 
 
 def run_check(
@@ -104,7 +104,7 @@ def run_check(
         found = judged_trajectory(setup, trajectory, **changed)
     if output is not None:
         write_all({output: preview_html(found)})
-    _say(found, [] if output is None else [output], perf_counter() - started, as_json=as_json)
+    _say(found, [] if output is None else [output], started, as_json=as_json)
     if not found.safe:
         raise typer.Exit(BROKEN)
 
@@ -134,7 +134,7 @@ def _files(found: ExcitingTrajectory, request: ExciteRequest) -> dict[str, str |
     return files
 
 
-def _say(found: ExcitingTrajectory, paths: Sequence[Path], seconds: float, *, as_json: bool) -> None:
+def _say(found: ExcitingTrajectory, paths: Sequence[Path], started: float, *, as_json: bool) -> None:
     if as_json:
         import json
 
@@ -148,4 +148,4 @@ def _say(found: ExcitingTrajectory, paths: Sequence[Path], seconds: float, *, as
     print_trajectory(found)
     if paths:
         typer.echo(f"wrote {', '.join(one_line(str(path)) for path in paths)}")
-    typer.echo(f"time: {seconds:.2f} s")
+    say_time(started)

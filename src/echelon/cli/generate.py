@@ -16,7 +16,7 @@ import typer
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.cli.options import Order, reading
-from echelon.cli.progress import progress
+from echelon.cli.progress import progress, say_time
 from echelon.codegen.constants import FROM_FILE
 from echelon.codegen.documentation import operation_counts, operations_text
 from echelon.codegen.generate import Source, generate_source
@@ -72,7 +72,7 @@ def run_generate(request: GenerateRequest, *, as_json: bool) -> None:
     for function in source.functions:
         typer.echo(f"{function.name}: {operations_text(function)}")
     typer.echo(f"wrote {', '.join(one_line(str(path)) for path in paths)}")
-    typer.echo(f"time: {perf_counter() - started:.2f} s")
+    say_time(started)
 
 
 def read_values(path: Path) -> dict[str, float]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from echelon.cli.progress import steps
+from echelon.cli.progress import say_time, steps
 from echelon.errors import InputError, one_line
 from echelon.files import written_into
 from echelon.identification.identify import identify
@@ -78,7 +78,7 @@ def run_identify(request: IdentifyRequest, *, as_json: bool) -> None:
     print_identification(result)
     if paths:
         typer.echo(f"wrote {', '.join(one_line(str(path)) for path in paths)}")
-    typer.echo(f"time: {perf_counter() - started:.2f} s")
+    say_time(started)
 
 
 def _check_target(target: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from time import perf_counter
 
 
 def progress(message: str) -> AbstractContextManager[object]:
@@ -14,6 +15,12 @@ def progress(message: str) -> AbstractContextManager[object]:
     from rich.console import Console
 
     return Console(stderr=True).status(message)
+
+
+def say_time(started: float) -> None:
+    """How long it took since a time of ``perf_counter``, on a terminal; files and pipes get the same every time."""
+    if sys.stderr.isatty():
+        sys.stderr.write(f"time: {perf_counter() - started:.2f} s\n")
 
 
 @contextmanager

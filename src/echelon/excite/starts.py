@@ -12,7 +12,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from time import perf_counter
 
 import numpy as np
 
@@ -26,7 +25,7 @@ OnEnd = Callable[[int, Solution], None]
 
 
 def solutions(
-    problem: Problem, count: int, seed: int, seconds: float | None, jobs: int, on_end: OnEnd | None = None
+    problem: Problem, count: int, seed: int, iterations: int, jobs: int, on_end: OnEnd | None = None
 ) -> list[Solution]:
     """Solve from random starting points.
 
@@ -37,8 +36,8 @@ def solutions(
         Number of starts.
     seed : int
         Of the starting points.
-    seconds : float, optional
-        Time limit of each start.
+    iterations : int
+        Of each start, at most.
     jobs : int
         Processes that run at the same time.
     on_end : callable, optional
@@ -50,10 +49,10 @@ def solutions(
     """
     tell = on_end or (lambda _k, _solution: None)
     if count == 1:
-        found = started(problem, seed, seconds, 0)
+        found = started(problem, seed, iterations, 0)
         tell(0, found)
         return [found]
-    document = pickle.dumps((problem, seed, seconds))
+    document = pickle.dumps((problem, seed, iterations))
 
     def run(k: int) -> Solution:
         solution = _in_process(document, k)
@@ -64,20 +63,19 @@ def solutions(
         return list(pool.map(run, range(count)))
 
 
-def started(problem: Problem, seed: int, seconds: float | None, k: int) -> Solution:
+def started(problem: Problem, seed: int, iterations: int, k: int) -> Solution:
     """One start.
 
     Parameters
     ----------
     problem : Problem
     seed : int
-    seconds : float, optional
-        Time limit.
+    iterations : int
+        At most so many.
     k : int
         Number of the start.
     """
-    options = SolverOptions() if seconds is None else SolverOptions(deadline=perf_counter() + seconds)
-    return solve_lazily(problem, problem.start(np.random.default_rng([seed, k])), options)
+    return solve_lazily(problem, problem.start(np.random.default_rng([seed, k])), SolverOptions(iterations=iterations))
 
 
 def _in_process(document: bytes, k: int) -> Solution:
@@ -96,12 +94,12 @@ def _in_process(document: bytes, k: int) -> Solution:
 
 def _work() -> None:
     """Solve what comes in, and write the solution, or what was wrong with it."""
-    problem, seed, seconds = pickle.loads(sys.stdin.buffer.read())
+    problem, seed, iterations = pickle.loads(sys.stdin.buffer.read())
     # libraries that print, in Python or not, must not spoil the answer
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     try:
-        found: Solution | EchelonError = started(problem, seed, seconds, int(sys.argv[1]))
+        found: Solution | EchelonError = started(problem, seed, iterations, int(sys.argv[1]))
     except EchelonError as error:
         found = error
     out.write(pickle.dumps(found))

@@ -86,7 +86,6 @@ class Plan:
 
     def rows(self, paths: Sequence[str | Path], part: Part = "all", *, reference: bool = False) -> ModelRows:
         """The rows of some logs, along the measured or the reference positions; they are read again in every pass."""
-
         return ModelRows(self.base, partial(self._samples, tuple(paths), part, reference), self.symbols)
 
     def _samples(self, paths: Sequence[str | Path], part: Part, reference: bool) -> Iterator[Samples]:
