@@ -94,7 +94,7 @@ def _cluster(where: str | None) -> Any:
 
     if where is None:
         return nullcontext()
-    from echelon.identification.distributed import connect
+    from echelon.identification.cluster import connect
 
     return connect(where)
 

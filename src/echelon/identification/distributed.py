@@ -8,11 +8,11 @@ task whose worker died is simply run again.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from echelon.errors import InputError, MissingExtraError
+from echelon.identification.cluster import check_versions, result, versions
 from echelon.identification.rows.batches import Batch, joined
 
 if TYPE_CHECKING:
@@ -21,41 +21,6 @@ if TYPE_CHECKING:
 Common = TypeVar("Common")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-
-
-@contextmanager
-def connect(where: str) -> Iterator[Client]:
-    """A Dask client.
-
-    Parameters
-    ----------
-    where : str
-        Address of a scheduler, such as ``tcp://10.0.0.1:8786``, or a number of processes to start on this machine.
-
-    Raises
-    ------
-    MissingExtraError
-        If Dask is not installed.
-    InputError
-        If the scheduler cannot be reached.
-    """
-    try:
-        from distributed import Client, LocalCluster
-    except ImportError:
-        raise MissingExtraError("distributed", "dask") from None
-    if where.isdigit():
-        with (
-            LocalCluster(n_workers=max(int(where), 1), threads_per_worker=1, dashboard_address=None) as cluster,
-            Client(cluster) as client,
-        ):
-            yield client
-        return
-    try:
-        client = Client(where, timeout="10s")
-    except (OSError, ValueError) as error:
-        raise InputError(f"the scheduler cannot be reached: {error}", source=where) from None
-    with client:
-        yield client
 
 
 def each(
@@ -78,7 +43,7 @@ def each(
     futures = _mapped(client, function, common, list(items))
     while futures:
         # a result that was taken need not be kept by its worker
-        yield futures.pop(0).result()
+        yield result(client, futures.pop(0))
 
 
 def summed(
@@ -110,8 +75,7 @@ def summed(
         return client.submit(joined, a, b, pure=False)
 
     trees = [tree(_mapped(client, function, common, part), merge) for part in parts]
-    found: list[tuple[Batch, ...]] = client.gather(trees)
-    return found
+    return [result(client, future) for future in trees]
 
 
 def tree(values: Iterable[Any], merge: Callable[[Any, Any], Any]) -> Any:
@@ -144,7 +108,17 @@ def tree(values: Iterable[Any], merge: Callable[[Any, Any], Any]) -> Any:
 def _mapped(client: Client, function: Callable[..., Any], common: object, items: Sequence[Any]) -> list[Any]:
     # the result of a task can be made again if the worker that holds it dies; data that were only sent could not
     shared = client.submit(_itself, common, pure=False)
-    return list(client.map(function, [shared] * len(items), items, pure=False))
+    return list(client.map(partial(_checked, versions(), function), [shared] * len(items), items, pure=False))
+
+
+def _checked(
+    expected: dict[str, str], function: Callable[[Common, Item], Result], common: Common, item: Item
+) -> Result:
+    """The function, by a worker that may have come later than others."""
+    from distributed import get_worker
+
+    check_versions(expected, versions(), f"worker {get_worker().address}")
+    return function(common, item)
 
 
 def _itself(value: Item) -> Item:
