@@ -7,7 +7,6 @@ every_command.py NAME…`` runs some of them.
 from __future__ import annotations
 
 import io
-import os
 import sys
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
@@ -32,8 +31,10 @@ excitation:
   collisions: {shapes: [{body: j2, sphere: 0.1}], obstacles: [{name: post, sphere: 0.1, at: [0.9, 0, 0]}]}
 """
 URDF = """<robot name="gripper"><link name="base"/>
-<link name="finger"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="thumb"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="finger"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="thumb"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="j1" type="revolute"><parent link="base"/><child link="finger"/><axis xyz="0 0 1"/>
 <origin rpy="1.5708 0 0.3"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
 <joint name="j2" type="revolute"><parent link="finger"/><child link="thumb"/><axis xyz="0 1 0"/>

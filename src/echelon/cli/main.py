@@ -8,6 +8,7 @@ from io import TextIOWrapper
 
 from echelon.cli import excite_commands, log_commands, model_commands  # commands put themselves on the application
 from echelon.cli.app import app
+from echelon.machine.threads import VARIABLES
 
 __all__ = ["app", "excite_commands", "log_commands", "main", "model_commands"]
 
@@ -16,6 +17,7 @@ BAD_INPUT, INTERNAL, INTERRUPTED = 2, 70, 130
 
 def main() -> None:
     """Run the command line and exit with its code."""
+    os.environ |= dict.fromkeys(VARIABLES, "1")  # before NumPy is imported; equal commands write equal bytes
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # files and pipes get UTF-8 on every system
             stream.reconfigure(errors="replace") if stream.isatty() else stream.reconfigure(encoding="utf-8")

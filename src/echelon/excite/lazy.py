@@ -7,15 +7,14 @@ motion that keeps everything.
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from echelon.errors import MissingExtraError
 from echelon.excite.problem import BROKEN, Problem
 from echelon.excite.solver import Best, SolverOptions, solve
+from echelon.machine.threads import one_thread
 
 Floats = npt.NDArray[np.float64]
 
@@ -64,7 +63,7 @@ def solve_lazily(problem: Problem, start: Floats, options: SolverOptions, near: 
     Linear algebra runs in one thread: matrices are small, threads that wait for each other cost more than they bring,
     and the order of additions is the same wherever it runs.
     """
-    with _one_thread():
+    with one_thread():
         best = Best(problem)
         start = problem.inside(start)  # the centre keeps all limits, so that there is something to fall back on
         best.offer(start, problem.value(start))
@@ -93,12 +92,3 @@ def _draw_back(problem: Problem, x: Floats, best: Best) -> None:
         if problem.violation(found) <= BROKEN:
             best.offer(found, problem.value(found))
             return
-
-
-def _one_thread() -> AbstractContextManager[object]:
-    try:
-        from threadpoolctl import threadpool_limits
-    except ImportError:
-        raise MissingExtraError("threadpoolctl", "excite") from None
-    limits: AbstractContextManager[object] = threadpool_limits(1)
-    return limits

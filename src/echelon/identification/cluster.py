@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _PATIENCE = 15.0
 """Seconds without a single worker after which none is expected to come (back)."""
 _LOOK = 1.0  # seconds between two looks whether there are workers
-_SILENT = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+_SILENT: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
 """No pages about what the processes do."""
 
 
@@ -121,7 +121,7 @@ def check_versions(wanted: Mapping[str, str], found: Mapping[str, str | None], w
 
 
 def _check_versions(client: Client, where: str) -> None:
-    found = client.get_versions(packages=["echelon"])
+    found: Any = client.get_versions(packages=["echelon"])
     for who, process in {f"scheduler {where}": found["scheduler"], **found["workers"]}.items():
         packages = dict(process["packages"])
         python = ".".join(str(packages.get("python") or "").split(".")[:2])
@@ -131,7 +131,7 @@ def _check_versions(client: Client, where: str) -> None:
 # -- results -----------------------------------------------------------------------------------------------------------
 
 
-def result(client: Client, future: Future) -> Any:
+def result(client: Client, future: Future[Any]) -> Any:
     """What a task gave, while there is anyone to work on it.
 
     Parameters
@@ -147,9 +147,9 @@ def result(client: Client, future: Future) -> Any:
     from concurrent.futures import CancelledError
 
     from distributed import KilledWorker, wait
-    from distributed.comm import CommClosedError
+    from distributed.comm.core import CommClosedError
 
-    address, seen = str(client.scheduler.address), monotonic()
+    address, seen = str(client.scheduler_info().get("address")), monotonic()
     while True:
         try:
             wait(future, timeout=_LOOK)

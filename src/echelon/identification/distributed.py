@@ -13,7 +13,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from echelon.identification.cluster import check_versions, result, versions
-from echelon.identification.rows.batches import Batch, joined
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -48,18 +47,21 @@ def each(
 
 def summed(
     client: Client | None,
-    function: Callable[[Common, Item], tuple[Batch, ...]],
+    function: Callable[[Common, Item], Result],
+    merge: Callable[[Result, Result], Result],
     common: Common,
     items: Sequence[Item],
     groups: int,
-) -> list[tuple[Batch, ...]]:
-    """Batches of all items, merged into so many groups of neighbours.
+) -> list[Result]:
+    """Results of a function for all items, merged into so many groups of neighbours.
 
     Parameters
     ----------
     client : distributed.Client, optional
     function : callable
         Takes in one item; see :func:`each`.
+    merge : callable
+        Associative; where results are, which need not travel then.
     common : object
         What every call needs.
     items : sequence
@@ -69,12 +71,9 @@ def summed(
     bounds = [round(k * len(items) / groups) for k in range(groups + 1)]
     parts = [items[low:high] for low, high in pairwise(bounds) if high > low]
     if client is None:
-        return [tree((function(common, item) for item in part), joined) for part in parts]
-
-    def merge(a: Any, b: Any) -> Any:
-        return client.submit(joined, a, b, pure=False)
-
-    trees = [tree(_mapped(client, function, common, part), merge) for part in parts]
+        return [tree((function(common, item) for item in part), merge) for part in parts]
+    there = partial(client.submit, merge, pure=False)
+    trees = [tree(_mapped(client, function, common, part), there) for part in parts]
     return [result(client, future) for future in trees]
 
 
