@@ -121,11 +121,14 @@ def check_versions(wanted: Mapping[str, str], found: Mapping[str, str | None], w
 
 
 def _check_versions(client: Client, where: str) -> None:
-    found: Any = client.get_versions(packages=["echelon"])
-    for who, process in {f"scheduler {where}": found["scheduler"], **found["workers"]}.items():
-        packages = dict(process["packages"])
-        python = ".".join(str(packages.get("python") or "").split(".")[:2])
-        check_versions(versions(), {**packages, "python": python}, who)
+    """Ask the scheduler and all workers; who cannot even import this has no Echelon."""
+    found: dict[str, Any] = client.run(versions, on_error="return")
+    try:
+        found[f"scheduler {where}"] = client.run_on_scheduler(versions)
+    except Exception as error:  # whatever it was that the scheduler could not do
+        found[f"scheduler {where}"] = error
+    for who, answer in found.items():
+        check_versions(versions(), answer if isinstance(answer, dict) else {}, who)
 
 
 # -- results -----------------------------------------------------------------------------------------------------------
