@@ -98,7 +98,9 @@ class ModelRows:
         total = _empty(self.layout)
         for samples in ahead(self.source()):
             _check_outputs(samples, self.layout)
-            total = stacked(total, self._fused(samples) if plain(samples) else self._factored(samples))
+            # in the order in which rows in memory would be added
+            parts = [self._fused(samples)] if plain(samples) else self._factors(samples)
+            total = reduce(stacked, parts, total)
         return total
 
     @staticmethod
@@ -193,8 +195,8 @@ class ModelRows:
         inputs = {name: values[window] for name, values in samples.inputs.items()}
         return self.base.accumulate({**state, "inputs": inputs}, self.symbols, threads=self.threads)
 
-    def _factored(self, samples: Samples) -> Observation:
-        return self.factored(self.layout, self.blocks_of(samples, 0))
+    def _factors(self, samples: Samples) -> Iterator[Observation]:
+        return (observed(self.layout, block) for block in self.blocks_of(samples, 0))
 
 
 class Numbering:
