@@ -21,7 +21,7 @@ from time import perf_counter, process_time
 import numpy as np
 
 import echelon as ec
-from echelon.identification.distributed import connect
+from echelon.identification.cluster import connect
 from echelon.identification.identify import identify
 from echelon.identification.rows.batches import stacked
 from echelon.identification.settings import Setup

@@ -7,23 +7,31 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from echelon.errors import InputError
-from echelon.identification.distributed import connect, each, tree
+from echelon.identification.cluster import connect
+from echelon.identification.distributed import each, tree
 from echelon.identification.identify import identify
 from echelon.identification.result import Identification
+from echelon.results.identified import identification_to_json
 from swinging import pendulum, write_logs
-from test_streaming import same
 
 pytest.importorskip("distributed")
+pytest.importorskip("cryptography")
 if TYPE_CHECKING:
     from distributed import Client
 
 LOGS = 12
+
+
+def same(a: Identification, b: Identification) -> None:
+    """The same model, to the last bit."""
+    assert identification_to_json(a) == identification_to_json(b)
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +59,23 @@ def test_two_processes_say_what_one_says(client: Client, folder: Path, alone: Id
     same(identify(pendulum(), [folder], client=client), alone)
 
 
+@pytest.mark.parametrize("memory", [0, 300_000, 1 << 28])
+def test_some_logs_are_kept_and_some_are_not(client: Client, folder: Path, memory: int) -> None:
+    """By what one process would have had memory for; with one log held out in part, and others."""
+    logs, other = [folder / f"run{k}.parquet" for k in range(3)], [folder / "run7.parquet"]
+    for validate in ([], other):
+        found = identify(pendulum(), logs, validate, client=client, memory=memory)
+        same(found, identify(pendulum(), logs, validate, memory=memory))
+
+
+@pytest.mark.parametrize("estimator", ["huber", "tls"])
+def test_other_estimators_say_the_same(client: Client, folder: Path, estimator: str) -> None:
+    setup = pendulum()
+    setup = replace(setup, settings=replace(setup.settings, estimator=estimator))
+    same(identify(setup, [folder], client=client), identify(setup, [folder]))
+
+
+@pytest.mark.slow
 def test_forty_logs_and_more_are_merged_in_a_tree(client: Client, folder: Path) -> None:
     """From so many logs on R-factors are merged where they were made; the result is that of one process."""
     logs = [folder] * 4
@@ -98,16 +123,15 @@ def test_a_worker_dies_midway(client: Client, folder: Path, alone: Identificatio
 
 
 def test_results_come_in_order_though_a_worker_dies(client: Client) -> None:
-    def kill() -> None:
-        time.sleep(0.4)
-        os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
-
-    killer = threading.Thread(target=kill)
-    killer.start()
-    found = list(each(client, _slowly, 0.08, range(20)))
-    killer.join()
-    assert [item for item, _ in found] == list(range(20))
-    assert len({pid for _, pid in found}) >= 2
+    found: list[tuple[int, int]] = []
+    pids: set[int] = set()
+    for item, pid in each(client, _slowly, 0.05, range(40)):
+        found.append((item, pid))
+        if len(pids) < 2 and len(pids | {pid}) == 2:
+            os.kill(pid, signal.SIGKILL)
+        pids.add(pid)
+    assert [item for item, _ in found] == list(range(40))
+    assert len(pids) >= 2
 
 
 def test_errors_of_a_log_arrive(client: Client, folder: Path, tmp_path: Path) -> None:

@@ -98,7 +98,7 @@ def test_boxes_by_pinocchio_hold_a_ball_about_the_flange() -> None:
 def test_conditioning_is_that_of_pinocchios_regressor() -> None:
     """Standard parameters by Pinocchio, friction by its formula, and the base by the pivots."""
     file = robot_file("ur10_robot")
-    found = design(file, duration=4, seconds=1, limits={"position": [-2.5, 2.5]})
+    found = design(file, duration=4, iterations=20, limits={"position": [-2.5, 2.5]})
     q, qd, qdd = (resampled(found, order, 100)[:400] for order in range(3))
     rigid = pinocchio_regressor(found.base.mechanism, pinocchio_model(file, False), q, qd, qdd)
     eye = np.eye(6)
@@ -191,7 +191,7 @@ excitation:
     obstacles: [{name: post, sphere: 0.1, at: [0.45, 0.3, 0]}]
 """
     (tmp_path / "sweeping.yaml").write_text(text)
-    found = design(tmp_path / "sweeping.yaml", seconds=2)
+    found = design(tmp_path / "sweeping.yaml", iterations=20)
     angle = resampled(found, 0, 1000)[:, 0]
     tip = 0.6 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     post = np.array([0.45, 0.3])
@@ -331,7 +331,6 @@ def test_the_upper_body_of_talos() -> None:
     used = check_by_pinocchio(file, found, 2000)
     assert max(used) >= NEAR
     assert used[2] >= NEAR  # torques
-    assert found.starts[0].seconds < 120
 
 
 # -- the example -------------------------------------------------------------------------------------------------------

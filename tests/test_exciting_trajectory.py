@@ -251,9 +251,9 @@ def test_several_starts_give_the_best_of_them() -> None:
     assert sum(text.startswith("start ") for text in told) == 2
 
 
-def test_a_time_limit_still_gives_a_safe_trajectory() -> None:
-    found = design(EXAMPLES / "panda.yaml", seconds=0.2, limits={"velocity": 2})
-    assert found.starts[0].status == "time"
+def test_few_iterations_still_give_a_safe_trajectory() -> None:
+    found = design(EXAMPLES / "panda.yaml", iterations=3, limits={"velocity": 2})
+    assert found.starts[0].status == "iterations"
     assert found.safe
     assert np.abs(resampled(found, 1)).max() <= 2
     assert np.abs(resampled(found, 0)).max() <= np.pi
@@ -271,7 +271,7 @@ def test_a_start_that_breaks_limits_between_samples_loses_little_when_made_safe(
 
 
 def test_nothing_is_unlimited_unless_it_is_said() -> None:
-    found = design(PENDULUM, duration=6, seconds=2)
+    found = design(PENDULUM, duration=6, iterations=20)
     assert [m.high for m in found.margins] == pytest.approx([np.pi] * 2 + [1.0] * 2 + [10.0] * 2 + [200.0] * 2)
     text = "\n".join(map(str, found.findings))
     for kind, value in {
@@ -350,7 +350,7 @@ def test_what_cannot_be_designed_is_refused_in_one_clear_line(tmp_path: Path, se
 
 def test_what_slides_needs_a_range(tmp_path: Path) -> None:
     assert "'j3' slides and has no position limits" in refusal(arm(tmp_path, "", "prismatic"))
-    found = design(arm(tmp_path, "seconds: 1, limits: {position: {j3: [0, 0.2]}}", "prismatic"))
+    found = design(arm(tmp_path, "iterations: 20, limits: {position: {j3: [0, 0.2]}}", "prismatic"))
     assert [m.unit for m in found.margins if m.label == "velocity of j3"] == ["m/s"]
     assert [m.high for m in found.margins if m.label == "velocity of j3"] == [0.25]
 
@@ -395,9 +395,9 @@ def test_a_missing_mesh_matters_only_where_collisions_are_asked_for(tmp_path: Pa
     (tmp_path / "m.urdf").write_text(MESH)
     text = refusal(tmp_path / "m.urdf", collisions={})
     assert "collision of link 'a': mesh 'gone.stl' is not found" in text
-    assert design(tmp_path / "m.urdf", seconds=1).safe
+    assert design(tmp_path / "m.urdf", iterations=20).safe
     shapes = {"shapes": [{"body": "a", "sphere": 0.1}]}
-    found = design(tmp_path / "m.urdf", seconds=1, collisions=shapes)
+    found = design(tmp_path / "m.urdf", iterations=20, collisions=shapes)
     assert any("gone.stl" in str(finding) for finding in found.findings)
 
 
@@ -408,7 +408,7 @@ def test_a_start_that_fails_in_a_process_is_told(monkeypatch: pytest.MonkeyPatch
 
 
 def test_no_motion_at_all_is_an_error_that_names_the_limits(monkeypatch: pytest.MonkeyPatch) -> None:
-    lost = Solution(None, np.inf, "infeasible", 3, (), 0.1)
+    lost = Solution(None, np.inf, "infeasible", 3, ())
     monkeypatch.setattr("echelon.excite.excite.solutions", lambda *_: [lost])
     assert "no trajectory keeps all limits: no start found a motion that keeps them" in refusal(PENDULUM, **SWING)
 
@@ -416,7 +416,7 @@ def test_no_motion_at_all_is_an_error_that_names_the_limits(monkeypatch: pytest.
 def test_what_is_stated_about_held_coordinates_is_of_no_consequence() -> None:
     setup = ec.load_setup(EXAMPLES / "double_pendulum.yaml")
     limits = {"position": {"all": [-1, 1]}, "velocity": {"j1": 2, "j2": 2}}
-    found = ec.exciting_trajectory(setup, starts=1, move=["j2"], limits=limits, centre={"j1": 0.5}, seconds=2)
+    found = ec.exciting_trajectory(setup, starts=1, move=["j2"], limits=limits, centre={"j1": 0.5}, iterations=20)
     assert found.trajectory.coordinates == ("j2",)
     with pytest.raises(ec.InputError, match="there is no moving coordinate or actuator 'j3'"):
         ec.exciting_trajectory(setup, starts=1, move=["j2"], limits={"velocity": {"j3": 2}})

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 from collections.abc import Callable
+from copy import deepcopy
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -231,3 +233,14 @@ def test_without_device(module: ModuleType, reason: str, panda: ec.BaseModel, mo
     monkeypatch.setitem(sys.modules, "cupy", module)
     with pytest.raises(InputError, match=f"no GPU can be used: {reason}"):
         Gpu(panda)
+
+
+def test_copies_say_the_same(panda: ec.BaseModel, cupy: ModuleType) -> None:
+    """Also after use, when they hold kernels and memory of the device."""
+    gpu, state = Gpu(panda, "single"), state_of(panda.mechanism, 40)
+    wanted, y = cupy.asnumpy(gpu.regressor(**state)), np.zeros((40, 7))
+    factors = gpu.accumulate({**state, "y": y}).factors
+    for copied in (pickle.loads(pickle.dumps(gpu)), deepcopy(gpu)):
+        assert repr(copied) == repr(gpu)
+        np.testing.assert_array_equal(cupy.asnumpy(copied.regressor(**state)), wanted)
+        np.testing.assert_array_equal(copied.accumulate({**state, "y": y}).factors, factors)

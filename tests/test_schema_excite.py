@@ -66,7 +66,7 @@ excitation:
     ignore_touching: true
   starts: 8
   seed: 0
-  seconds: 60
+  iterations: 60
 """
 MODELS = (ExcitationEntry, LimitsEntry, FrameEntry, BoxEntry, HalfSpaceEntry, CollisionsEntry)
 
@@ -80,7 +80,7 @@ def test_every_key_becomes_numbers_in_si_units() -> None:
     assert (entry.duration, entry.rate, entry.family, entry.harmonics, entry.pieces) == (10, 200, "bspline", 7, 12)
     assert (entry.criterion, entry.noise, entry.move) == ("condition", {"all": 1, "j2": 0.1}, ("j1",))
     assert (entry.hold, entry.centre, entry.effort_margin) == ({"j2": -math.pi / 2}, {"j1": 0.3}, 0.2)
-    assert (entry.starts, entry.seed, entry.seconds) == (8, 0, 60)
+    assert (entry.starts, entry.seed, entry.iterations) == (8, 0, 60)
     limits, free = entry.limits, math.inf
     assert limits.position == {"j1": (-math.pi, 3.1), "j2": (-free, 2), "all": (-free, free)}
     assert (limits.velocity, limits.acceleration) == ({"all": math.tau}, {"all": 10, "j1": free})
@@ -103,13 +103,13 @@ def test_every_key_becomes_numbers_in_si_units() -> None:
     assert pairs.obstacles == ({"name": "ball", "sphere": 0.1},)
 
 
-@pytest.mark.parametrize("section", ["", "excitation: {limits: {}, collisions: {}, seconds: none}"])
+@pytest.mark.parametrize("section", ["", "excitation: {limits: {}, collisions: {}, iterations: 500}"])
 def test_what_is_absent_has_the_defaults(section: str) -> None:
     entry = read(section)
     assert (entry.duration, entry.rate, entry.family, entry.harmonics, entry.pieces) == (None, 100, "fourier", None, 8)
     assert (entry.criterion, entry.noise, entry.move) == ("d_optimal", {"all": 1}, None)
     assert (entry.hold, entry.centre, entry.effort_margin, entry.frames) == ({}, {}, 0.1, ())
-    assert (entry.starts, entry.seed, entry.seconds) == (4, 2015, None)
+    assert (entry.starts, entry.seed, entry.iterations) == (4, 2015, 500)
     limits, pairs = entry.limits, entry.collisions
     assert (limits.position, limits.velocity, limits.acceleration) == ({}, {}, {})
     assert (limits.jerk, limits.effort, limits.scale) == ({}, {}, 1)
@@ -176,7 +176,7 @@ def test_numbers_of_python_are_accepted() -> None:
         ("{pieces: 0}", "excitation.pieces: Input should be greater than or equal to 1"),
         ("{starts: inf}", "excitation.starts: needs a whole number, found 'inf'"),
         ("{seed: -1}", "excitation.seed: Input should be greater than or equal to 0"),
-        ("{seconds: 0}", "excitation.seconds: Input should be greater than 0"),
+        ("{iterations: 0}", "excitation.iterations: Input should be greater than or equal to 1"),
         ("{noise: {j1: 0}}", "excitation.noise.j1: Input should be greater than 0"),
         ("{move: j1}", "excitation.move: needs a list, found 'j1'"),
         ("{hold: {j1: x}}", "excitation.hold.j1: needs a number or an expression of numbers and pi, found 'x'"),

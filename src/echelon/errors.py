@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class EchelonError(Exception):
     """Root of all deliberate errors; the command line turns it into one line and exit code 2."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies, such as those that other processes send, say the same, whatever the constructor takes."""
+        return _said_again, (type(self), self.args), self.__dict__
+
+
+def _said_again(kind: type[EchelonError], args: tuple[object, ...]) -> EchelonError:
+    return kind.__new__(kind, *args)
 
 
 class InputError(EchelonError):

@@ -7,6 +7,7 @@ import sys
 
 from echelon.cli import excite_commands, log_commands, model_commands  # commands put themselves on the application
 from echelon.cli.app import app
+from echelon.machine.threads import VARIABLES
 
 __all__ = ["app", "excite_commands", "log_commands", "model_commands", "run"]
 
@@ -15,6 +16,7 @@ BAD_INPUT, INTERNAL, INTERRUPTED = 2, 70, 130
 
 def run() -> None:
     """Run the command that the arguments name, and exit with its code."""
+    os.environ |= dict.fromkeys(VARIABLES, "1")  # before NumPy is imported; equal commands write equal bytes
     try:
         app()
     except KeyboardInterrupt:

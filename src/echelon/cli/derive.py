@@ -16,7 +16,7 @@ from echelon.base.model import BaseModel
 from echelon.base.own import OwnAnswer, own_answer
 from echelon.base.reading_report import MimicRanks, mimic_ranks
 from echelon.cli.destination import Destination, deliver
-from echelon.cli.progress import steps
+from echelon.cli.progress import say_time, steps
 from echelon.cli.show import show
 from echelon.errors import one_line
 from echelon.formats.linear import holds_linear_model
@@ -71,17 +71,16 @@ def run_derive(request: DeriveRequest) -> None:
                 progress=lambda phase: step(f"deriving {request.robot.name}: {phase}"),
             )
             text = _render(model, request.output_format)
-    elapsed = perf_counter() - started
     if request.output is not None:
         request.output.write(text)
     elif model is not None and request.output_format == "text" and sys.stdout.isatty():
         from echelon.cli.terminal import print_model
 
-        print_model(model, elapsed)
+        print_model(model)
     else:
         show(text)
-        if request.output_format == "text":
-            show(f"time: {elapsed:.2f} s")
+    if request.output is None and request.output_format == "text":
+        say_time(started)
 
 
 def _budget(request: DeriveRequest, robot: Mechanism) -> float:
@@ -107,7 +106,7 @@ def _write_linear(request: DeriveRequest, seed: int, started: float) -> None:
     )
     deliver(text, request.output)
     if request.output is None and request.output_format == "text":
-        show(f"time: {perf_counter() - started:.2f} s")
+        say_time(started)
 
 
 def _render(model: BaseModel, output_format: str) -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from echelon.cli.destination import Destination
-from echelon.cli.progress import steps
+from echelon.cli.progress import say_time, steps
 from echelon.cli.show import show
 from echelon.errors import InputError
 from echelon.identification.setup import load_setup
@@ -78,7 +78,7 @@ def run_excite(request: ExciteRequest, *, as_json: bool) -> None:
         step("writing")
         files = {} if request.output is None else _files(found, request)
     paths = [] if request.output is None else request.output.write_into(files)
-    _say(found, paths, perf_counter() - started, as_json=as_json)
+    _say(found, paths, started, as_json=as_json)
 
 
 def run_check(
@@ -108,7 +108,7 @@ def run_check(
         found = judged_trajectory(setup, trajectory, **changed)
     if output is not None:
         output.write(preview_html(found))
-    _say(found, [] if output is None else [output.path], perf_counter() - started, as_json=as_json)
+    _say(found, [] if output is None else [output.path], started, as_json=as_json)
     if not found.safe:
         raise typer.Exit(BROKEN)
 
@@ -138,7 +138,7 @@ def _files(found: ExcitingTrajectory, request: ExciteRequest) -> dict[str, str |
     return files
 
 
-def _say(found: ExcitingTrajectory, paths: Sequence[Path], seconds: float, *, as_json: bool) -> None:
+def _say(found: ExcitingTrajectory, paths: Sequence[Path], started: float, *, as_json: bool) -> None:
     if as_json:
         import json
 
@@ -152,4 +152,4 @@ def _say(found: ExcitingTrajectory, paths: Sequence[Path], seconds: float, *, as
     print_trajectory(found)
     if paths:
         show(f"wrote {', '.join(map(str, paths))}")
-    show(f"time: {seconds:.2f} s")
+    say_time(started)

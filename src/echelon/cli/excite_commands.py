@@ -59,7 +59,7 @@ def excite(
     move: Annotated[list[str] | None, typer.Option(help="A coordinate that moves; may be repeated.")] = None,
     starts: Annotated[int | None, typer.Option(min=1, help="Random starts; the best one counts.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Of the random starts.")] = None,
-    seconds: Annotated[float | None, typer.Option(help="Time limit of each start.")] = None,
+    iterations: Annotated[int | None, typer.Option(min=1, help="Steps of the solver in each start, at most.")] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Starts that run at the same time.")] = None,
     complement: Annotated[
         list[Path] | None, typer.Option(help="A log at hand, which the trajectory complements; may be repeated.")
@@ -94,7 +94,7 @@ def excite(
         "move": move or None,
         "starts": starts,
         "seed": seed,
-        "seconds": seconds,
+        "iterations": iterations,
         "model": model and str(model.absolute()),
     }
     request = ExciteRequest(

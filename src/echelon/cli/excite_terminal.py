@@ -69,7 +69,7 @@ def _range(low: float, high: float) -> Text:
 
 
 def _starts(found: ExcitingTrajectory) -> str:
-    done = [f"{start.status} after {start.iterations} iterations, {start.seconds:.1f} s" for start in found.starts]
+    done = [f"{start.status} after {start.iterations} iterations" for start in found.starts]
     return f"starts: {'; '.join(done)}"
 
 

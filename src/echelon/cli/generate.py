@@ -15,7 +15,7 @@ from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.cli.destination import Destination
 from echelon.cli.options import Order, reading
-from echelon.cli.progress import progress
+from echelon.cli.progress import progress, say_time
 from echelon.cli.show import show
 from echelon.codegen.constants import FROM_FILE
 from echelon.codegen.documentation import operation_counts, operations_text
@@ -72,7 +72,7 @@ def run_generate(request: GenerateRequest, *, as_json: bool) -> None:
     for function in source.functions:
         show(f"{function.name}: {operations_text(function)}")
     show(f"wrote {', '.join(map(str, paths))}")
-    show(f"time: {perf_counter() - started:.2f} s")
+    say_time(started)
 
 
 def read_values(path: Path) -> dict[str, float]:

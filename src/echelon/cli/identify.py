@@ -10,7 +10,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from echelon.cli.destination import Destination
-from echelon.cli.progress import steps
+from echelon.cli.progress import say_time, steps
 from echelon.cli.show import show
 from echelon.errors import InputError
 from echelon.identification.identify import identify
@@ -80,7 +80,7 @@ def run_identify(request: IdentifyRequest, *, as_json: bool) -> None:
     print_identification(result)
     if paths:
         show(f"wrote {', '.join(map(str, paths))}")
-    show(f"time: {perf_counter() - started:.2f} s")
+    say_time(started)
 
 
 def _check_target(target: str) -> None:
@@ -96,7 +96,7 @@ def _cluster(where: str | None) -> Any:
 
     if where is None:
         return nullcontext()
-    from echelon.identification.distributed import connect
+    from echelon.identification.cluster import connect
 
     return connect(where)
 

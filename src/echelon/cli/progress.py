@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from time import perf_counter
 
 from echelon.errors import one_line
 
@@ -17,6 +18,12 @@ def progress(message: str) -> AbstractContextManager[object]:
     from rich.text import Text
 
     return Console(stderr=True).status(Text(one_line(message)))
+
+
+def say_time(started: float) -> None:
+    """How long it took since a time of ``perf_counter``, on a terminal; files and pipes get the same every time."""
+    if sys.stderr.isatty():
+        sys.stderr.write(f"time: {perf_counter() - started:.2f} s\n")
 
 
 @contextmanager

@@ -18,8 +18,8 @@ _COLOURS = {
 }
 
 
-def print_model(model: BaseModel, elapsed: float) -> None:
-    """Print count, closed forms, classification, facts and time."""
+def print_model(model: BaseModel) -> None:
+    """Print count, closed forms, classification and facts."""
     console = Console()
     console.print(Text(headline(model), style="bold"))
     table = Table(show_header=True, header_style="bold", box=None, padding=(0, 2, 0, 0))
@@ -34,7 +34,6 @@ def print_model(model: BaseModel, elapsed: float) -> None:
         console.print(Text(legend(model)))
     for label_text, text in facts(model):
         console.print(Text.assemble((f"{label_text}: ", "cyan"), text))
-    console.print(Text.assemble(("time: ", "cyan"), f"{elapsed:.2f} s"))
 
 
 def _classification(model: BaseModel) -> Table:

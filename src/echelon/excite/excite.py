@@ -55,7 +55,7 @@ def exciting_trajectory(
     Returns
     -------
     ExcitingTrajectory
-        The same for the same seed, unless a time limit ends a start.
+        The same for the same seed, whatever else the machine does.
 
     Raises
     ------
@@ -85,11 +85,11 @@ def exciting_trajectory(
     def ended(k: int, solution: Solution) -> None:
         step(f"start {k + 1} of {entry.starts}: {solution.status}, criterion {solution.value:.5g}")
 
-    found = solutions(design.problem, entry.starts, entry.seed, entry.seconds, jobs or processors(), ended)
+    found = solutions(design.problem, entry.starts, entry.seed, entry.iterations, jobs or processors(), ended)
     step("checking all limits at every time")
     x, margins = safe(design, [s for s in found if s.x is not None])
     trajectory = design.trajectory(x)
-    starts = tuple(Start(k, s.status, s.value, s.iterations, s.seconds, s.history) for k, s in enumerate(found))
+    starts = tuple(Start(k, s.status, s.value, s.iterations, s.history) for k, s in enumerate(found))
     seen = shown(task, trajectory, prior)
     centre = dict(zip(task.mechanism.independent_velocities, design.centre.tolist(), strict=True))
     return ExcitingTrajectory(

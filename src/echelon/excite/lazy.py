@@ -7,16 +7,14 @@ motion that keeps everything.
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
 
-from echelon.errors import MissingExtraError
 from echelon.excite.problem import BROKEN, Problem
 from echelon.excite.solver import Best, SolverOptions, solve
+from echelon.machine.threads import one_thread
 
 Floats = npt.NDArray[np.float64]
 
@@ -40,7 +38,6 @@ class Solution:
     iterations : int
     history : tuple of float
         The criterion of the best motion so far, each time it became better: descending.
-    seconds : float
     """
 
     x: Floats | None
@@ -48,7 +45,6 @@ class Solution:
     status: str
     iterations: int
     history: tuple[float, ...]
-    seconds: float
 
 
 def solve_lazily(problem: Problem, start: Floats, options: SolverOptions, near: Floats | None = None) -> Solution:
@@ -67,8 +63,7 @@ def solve_lazily(problem: Problem, start: Floats, options: SolverOptions, near: 
     Linear algebra runs in one thread: matrices are small, threads that wait for each other cost more than they bring,
     and the order of additions is the same wherever it runs.
     """
-    begun = perf_counter()
-    with _one_thread():
+    with one_thread():
         best = Best(problem)
         start = problem.inside(start)  # the centre keeps all limits, so that there is something to fall back on
         best.offer(start, problem.value(start))
@@ -81,11 +76,11 @@ def solve_lazily(problem: Problem, start: Floats, options: SolverOptions, near: 
             iterations, status = iterations + ended.iterations, ended.status
             _draw_back(problem, ended.x, best)
             more = problem.extended(part, ended.x)
-            if more is None or status == "time" or iterations >= options.iterations:
+            if more is None or iterations >= options.iterations:
                 break
             part = more
             start = problem.shrunk(ended.x, 0.9) if best.x is None else best.x
-    return Solution(best.x, best.value, status, iterations, tuple(best.history), perf_counter() - begun)
+    return Solution(best.x, best.value, status, iterations, tuple(best.history))
 
 
 def _draw_back(problem: Problem, x: Floats, best: Best) -> None:
@@ -97,12 +92,3 @@ def _draw_back(problem: Problem, x: Floats, best: Best) -> None:
         if problem.violation(found) <= BROKEN:
             best.offer(found, problem.value(found))
             return
-
-
-def _one_thread() -> AbstractContextManager[object]:
-    try:
-        from threadpoolctl import threadpool_limits
-    except ImportError:
-        raise MissingExtraError("threadpoolctl", "excite") from None
-    limits: AbstractContextManager[object] = threadpool_limits(1)
-    return limits

@@ -48,7 +48,6 @@ class Start:
     value : float
         Of the criterion, smoothed; infinite if no motion kept the limits.
     iterations : int
-    seconds : float
     history : tuple of float
         The best value so far, each time it became better.
     """
@@ -57,7 +56,6 @@ class Start:
     status: str
     value: float
     iterations: int
-    seconds: float
     history: tuple[float, ...]
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import inf, isfinite
-from time import perf_counter
+from math import isfinite
 
 import numpy as np
 import numpy.typing as npt
@@ -36,7 +35,7 @@ def safe(design: Design, solutions: Sequence[Solution]) -> tuple[Floats, list[Ma
     """The best solution, changed so that every limit holds at every time, and the margins.
 
     A little that is missing between samples is given by a smaller motion; where that costs too much, limits are drawn
-    in and the search goes on.  A set-up's time limit holds here once more.
+    in and the search goes on.
 
     Parameters
     ----------
@@ -49,8 +48,7 @@ def safe(design: Design, solutions: Sequence[Solution]) -> tuple[Floats, list[Ma
     InputError
         If no trajectory keeps all limits; names those that are broken.
     """
-    begun, seconds = perf_counter(), design.task.entry.seconds
-    deadline = inf if seconds is None else begun + seconds
+    options = SolverOptions(iterations=min(_ITERATIONS, design.task.entry.iterations))
     worst = ""
     for solution in sorted(solutions, key=lambda s: s.value):
         problem, x = design.problem, solution.x
@@ -62,10 +60,7 @@ def safe(design: Design, solutions: Sequence[Solution]) -> tuple[Floats, list[Ma
             if not broken:
                 return found, margins
             worst = ", ".join(margin.label for margin in broken[:6])
-            if perf_counter() > deadline:
-                break
             problem = _drawn_in(problem, margins, design)
-            options = SolverOptions(iterations=_ITERATIONS, deadline=deadline)
             x = solve_lazily(problem, problem.shrunk(x, _BACK), options, x).x
         if solution.x is not None:
             found, margins = _smaller(design, solution.x, _MUCH_LESS)

@@ -16,7 +16,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from tempfile import TemporaryFile
 from threading import Lock, Thread
-from time import perf_counter
 
 import numpy as np
 
@@ -30,7 +29,7 @@ OnEnd = Callable[[int, Solution], None]
 
 
 def solutions(
-    problem: Problem, count: int, seed: int, seconds: float | None, jobs: int, on_end: OnEnd | None = None
+    problem: Problem, count: int, seed: int, iterations: int, jobs: int, on_end: OnEnd | None = None
 ) -> list[Solution]:
     """Solve from random starting points.
 
@@ -41,8 +40,8 @@ def solutions(
         Number of starts.
     seed : int
         Of the starting points.
-    seconds : float, optional
-        Time limit of each start.
+    iterations : int
+        Of each start, at most.
     jobs : int
         Processes that run at the same time.
     on_end : callable, optional
@@ -54,10 +53,10 @@ def solutions(
     """
     tell = on_end or (lambda _k, _solution: None)
     if count == 1:
-        found = started(problem, seed, seconds, 0)
+        found = started(problem, seed, iterations, 0)
         tell(0, found)
         return [found]
-    document, processes = pickle.dumps((problem, seed, seconds)), _Processes()
+    document, processes = pickle.dumps((problem, seed, iterations)), _Processes()
 
     def run(k: int) -> Solution:
         solution = processes.solution(document, k)
@@ -72,20 +71,19 @@ def solutions(
             raise
 
 
-def started(problem: Problem, seed: int, seconds: float | None, k: int) -> Solution:
+def started(problem: Problem, seed: int, iterations: int, k: int) -> Solution:
     """One start.
 
     Parameters
     ----------
     problem : Problem
     seed : int
-    seconds : float, optional
-        Time limit.
+    iterations : int
+        At most so many.
     k : int
         Number of the start.
     """
-    options = SolverOptions() if seconds is None else SolverOptions(deadline=perf_counter() + seconds)
-    return solve_lazily(problem, problem.start(np.random.default_rng([seed, k])), options)
+    return solve_lazily(problem, problem.start(np.random.default_rng([seed, k])), SolverOptions(iterations=iterations))
 
 
 class _Processes:
@@ -146,13 +144,13 @@ def _answer(process: subprocess.Popen[bytes], document: bytes) -> bytes:
 def _work() -> None:
     """Solve what comes in, and write the solution, or what was wrong with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # what a terminal sends to all is for the first process to answer
-    problem, seed, seconds = pickle.load(sys.stdin.buffer)
+    problem, seed, iterations = pickle.load(sys.stdin.buffer)
     Thread(target=_end_with_parent, daemon=True).start()
     # libraries that print, in Python or not, must not spoil the answer
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     try:
-        found: Solution | EchelonError = started(problem, seed, seconds, int(sys.argv[1]))
+        found: Solution | EchelonError = started(problem, seed, iterations, int(sys.argv[1]))
     except EchelonError as error:
         found = error
     out.write(pickle.dumps(found))

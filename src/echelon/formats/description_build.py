@@ -107,29 +107,25 @@ def _added_to_file(
     options = replace(options, separate=cut_off(robot))
     # the loops of a geometry in numbers close at these numbers only
     stated = read_file(robot.robot.file, replace(options, symbolic=False) if robot.loops else options)
+    add = partial(_with_additions, document, robot, options)
+    mechanism = add(stated)
+    return mechanism if mechanism.reading is None else replace(mechanism, reading=mechanism.reading.followed_by(add))
+
+
+def _with_additions(
+    document: Document, robot: RobotDescription, options: ReadingOptions, mechanism: Mechanism
+) -> Mechanism:
+    """What a robot file states with what a description adds to it."""
     symbols, bare = declared_symbols(robot, document)
-
-    def add(mechanism: Mechanism) -> Mechanism:
-        known = {n: s for n, s in symbols.items() if n not in bare}
-        expressions = Expressions(document, options, (), {**mechanism.symbols, **symbols})
-        mechanism = replace(mechanism, symbols={**mechanism.symbols, **known})
-        find = _FileParts(mechanism, expressions)
-        mechanism = add_setup(add_loops(mechanism, robot, expressions, find), robot, expressions, find)
-        if mechanism.reading is None:
-            return mechanism
-        snaps = (*mechanism.reading.snaps, *find.snaps)
-        return replace(mechanism, reading=replace(mechanism.reading, snaps=tuple(dict.fromkeys(snaps))))
-
-    mechanism, read = add(stated), stated.reading
-    if mechanism.reading is None or read is None:
+    known = {n: s for n, s in symbols.items() if n not in bare}
+    expressions = Expressions(document, options, (), {**mechanism.symbols, **symbols})
+    mechanism = replace(mechanism, symbols={**mechanism.symbols, **known})
+    find = _FileParts(mechanism, expressions)
+    mechanism = add_setup(add_loops(mechanism, robot, expressions, find), robot, expressions, find)
+    if mechanism.reading is None:
         return mechanism
-    other = read.recoupled
-    reading = replace(
-        mechanism.reading,
-        rebuild=lambda literal: add(read.rebuild(literal)),
-        recoupled=None if other is None else lambda: add(other()),
-    )
-    return replace(mechanism, reading=reading)
+    snaps = (*mechanism.reading.snaps, *find.snaps)
+    return replace(mechanism, reading=replace(mechanism.reading, snaps=tuple(dict.fromkeys(snaps))))
 
 
 class _FileParts:

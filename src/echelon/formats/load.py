@@ -96,9 +96,7 @@ def load(
 
 def _in_numbers(mechanism: Mechanism) -> Mechanism:
     reading, numeric = mechanism.reading, in_numbers(mechanism)
-    if reading is None:
-        return numeric
-    return replace(numeric, reading=replace(reading, rebuild=lambda literal: in_numbers(reading.rebuild(literal))))
+    return numeric if reading is None else replace(numeric, reading=reading.followed_by(in_numbers))
 
 
 def parse_robot(data: bytes, source: str, options: ReadingOptions, directory: Path | None = None) -> Mechanism:
@@ -117,18 +115,20 @@ def parse_robot(data: bytes, source: str, options: ReadingOptions, directory: Pa
     if suffix in (".yaml", ".yml", ".json"):
         from echelon.formats.description import read_description
 
-        def read_file(name: str, options: ReadingOptions) -> Mechanism:
-            file = (directory or Path()) / name
-            if file.suffix.lower() in (".yaml", ".yml", ".json"):
-                raise InputError("only URDF and MJCF files can be added to; include the description", source=str(file))
-            return parse_robot(read_content(file), str(file), options, file.parent)
-
-        return read_description(data, source, options, read_file)
+        return read_description(data, source, options, partial(_read_beside, directory or Path()))
     if not data.strip():
         raise InputError("the file is empty", source=source)
     if suffix in (".urdf", ".xml", ".mjcf", ".xacro") or data.lstrip()[:1] == b"<":
         return _parse_xml_robot(data, source, options, directory)
     raise InputError(f"unknown format; expected {_SUPPORTED}", source=source)
+
+
+def _read_beside(directory: Path, name: str, options: ReadingOptions) -> Mechanism:
+    """The robot file that a description adds to."""
+    file = directory / name
+    if file.suffix.lower() in (".yaml", ".yml", ".json"):
+        raise InputError("only URDF and MJCF files can be added to; include the description", source=str(file))
+    return parse_robot(read_content(file), str(file), options, file.parent)
 
 
 def _parse_xml_robot(data: bytes, source: str, options: ReadingOptions, directory: Path | None) -> Mechanism:

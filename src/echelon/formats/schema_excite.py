@@ -116,10 +116,6 @@ def _written_range(value: tuple[float, float]) -> list[float | str]:
     return [_written(end) for end in value]
 
 
-def _optional(value: object) -> object:
-    return None if value == _NONE else value
-
-
 _SCALAR: dict[str, Any] = {"type": ["number", "string"]}
 _ENDS: dict[str, Any] = {"type": "array", "items": _SCALAR, "minItems": 2, "maxItems": 2}
 _INTERVAL: dict[str, Any] = {"anyOf": [_ENDS, {"const": _NONE}]}
@@ -300,9 +296,7 @@ class ExcitationEntry(Model):
     collisions: CollisionsEntry = Field(CollisionsEntry.model_construct(), description="What must not touch.")
     starts: Count = Field(4, description="Random starts of the optimisation; the best result counts.", examples=[8])
     seed: Annotated[Whole, Field(ge=0)] = Field(2015, description="Of the random starts.", examples=[1])
-    seconds: Annotated[Positive | None, BeforeValidator(_optional)] = Field(
-        None, description="Time limit for each start, s; default: none.", examples=[60]
-    )
+    iterations: Count = Field(500, description="Steps of the solver in each start, at most.", examples=[50])
 
     @model_validator(mode="after")
     def _check_roles(self) -> Self:

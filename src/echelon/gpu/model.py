@@ -216,5 +216,9 @@ class Gpu:
             self._evaluators[name] = DeviceEvaluator(self._device, self.base.mechanism, function, self.precision)
         return self._evaluators[name]
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies compile their own code, for the device of the process that they are in."""
+        return type(self), (self.base, self.precision.value)
+
     def __repr__(self) -> str:
         return f"Gpu({self.base.mechanism.name}, {self.precision} precision)"

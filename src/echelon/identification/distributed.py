@@ -8,13 +8,11 @@ task whose worker died is simply run again.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from echelon.errors import InputError, MissingExtraError
-from echelon.exact.syntax import is_whole
-from echelon.identification.rows.batches import Batch, joined
+from echelon.identification.cluster import check_versions, result, versions
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -22,41 +20,6 @@ if TYPE_CHECKING:
 Common = TypeVar("Common")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-
-
-@contextmanager
-def connect(where: str) -> Iterator[Client]:
-    """A Dask client.
-
-    Parameters
-    ----------
-    where : str
-        Address of a scheduler, such as ``tcp://10.0.0.1:8786``, or a number of processes to start on this machine.
-
-    Raises
-    ------
-    MissingExtraError
-        If Dask is not installed.
-    InputError
-        If the scheduler cannot be reached.
-    """
-    try:
-        from distributed import Client, LocalCluster
-    except ImportError:
-        raise MissingExtraError("distributed", "dask") from None
-    if is_whole(where):
-        with (
-            LocalCluster(n_workers=max(int(where), 1), threads_per_worker=1, dashboard_address=None) as cluster,
-            Client(cluster) as client,
-        ):
-            yield client
-        return
-    try:
-        client = Client(where, timeout="10s")
-    except (OSError, ValueError) as error:
-        raise InputError(f"the scheduler cannot be reached: {error}", source=where) from None
-    with client:
-        yield client
 
 
 def each(
@@ -79,23 +42,26 @@ def each(
     futures = _mapped(client, function, common, list(items))
     while futures:
         # a result that was taken need not be kept by its worker
-        yield futures.pop(0).result()
+        yield result(client, futures.pop(0))
 
 
 def summed(
     client: Client | None,
-    function: Callable[[Common, Item], tuple[Batch, ...]],
+    function: Callable[[Common, Item], Result],
+    merge: Callable[[Result, Result], Result],
     common: Common,
     items: Sequence[Item],
     groups: int,
-) -> list[tuple[Batch, ...]]:
-    """Batches of all items, merged into so many groups of neighbours.
+) -> list[Result]:
+    """Results of a function for all items, merged into so many groups of neighbours.
 
     Parameters
     ----------
     client : distributed.Client, optional
     function : callable
         Takes in one item; see :func:`each`.
+    merge : callable
+        Associative; where results are, which need not travel then.
     common : object
         What every call needs.
     items : sequence
@@ -105,14 +71,10 @@ def summed(
     bounds = [round(k * len(items) / groups) for k in range(groups + 1)]
     parts = [items[low:high] for low, high in pairwise(bounds) if high > low]
     if client is None:
-        return [tree((function(common, item) for item in part), joined) for part in parts]
-
-    def merge(a: Any, b: Any) -> Any:
-        return client.submit(joined, a, b, pure=False)
-
-    trees = [tree(_mapped(client, function, common, part), merge) for part in parts]
-    found: list[tuple[Batch, ...]] = client.gather(trees)
-    return found
+        return [tree((function(common, item) for item in part), merge) for part in parts]
+    there = partial(client.submit, merge, pure=False)
+    trees = [tree(_mapped(client, function, common, part), there) for part in parts]
+    return [result(client, future) for future in trees]
 
 
 def tree(values: Iterable[Any], merge: Callable[[Any, Any], Any]) -> Any:
@@ -145,7 +107,17 @@ def tree(values: Iterable[Any], merge: Callable[[Any, Any], Any]) -> Any:
 def _mapped(client: Client, function: Callable[..., Any], common: object, items: Sequence[Any]) -> list[Any]:
     # the result of a task can be made again if the worker that holds it dies; data that were only sent could not
     shared = client.submit(_itself, common, pure=False)
-    return list(client.map(function, [shared] * len(items), items, pure=False))
+    return list(client.map(partial(_checked, versions(), function), [shared] * len(items), items, pure=False))
+
+
+def _checked(
+    expected: dict[str, str], function: Callable[[Common, Item], Result], common: Common, item: Item
+) -> Result:
+    """The function, by a worker that may have come later than others."""
+    from distributed import get_worker
+
+    check_versions(expected, versions(), f"worker {get_worker().address}")
+    return function(common, item)
 
 
 def _itself(value: Item) -> Item:

@@ -42,6 +42,7 @@ from echelon.identification.validation.validation import Validation
 from echelon.identification.validation.verdict import overall_verdict
 from echelon.logs.files.open import log_paths
 from echelon.logs.finding import Finding, Severity
+from echelon.machine.threads import one_thread
 from echelon.observe.observation import Observation
 
 if TYPE_CHECKING:
@@ -98,7 +99,8 @@ def identify(
     >>> setup = ec.load_setup("examples/logs/emps.yaml")
     >>> result = ec.identify(setup, ["DATA_EMPS.parquet"])                                  # doctest: +SKIP
     """
-    return _Run(setup, logs, validate_on, client, on_step or (lambda _: None), memory).result()
+    with one_thread():
+        return _Run(setup, logs, validate_on, client, on_step or (lambda _: None), memory).result()
 
 
 @dataclass

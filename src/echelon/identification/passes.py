@@ -6,7 +6,7 @@ many logs as batches are wanted each log is a part of one batch, and R-factors a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -32,6 +32,9 @@ Floats = npt.NDArray[np.float64]
 Task = tuple[Path, Part, str]
 """A log, the part of it that is judged, and its role."""
 
+_Part = tuple[tuple[Batch, ...], tuple[tuple[Path, int], ...]]
+"""Batches of some logs, and those of the logs whose rows are few, with their bytes."""
+
 _FEWEST = 24
 """Rows of a trace that are kept at least, however many logs there are."""
 
@@ -56,6 +59,7 @@ class Passes:
     client: Client | None = None
     memory: int = MEMORY
     _kept: dict[tuple[Path, Part], KeptRows] = field(default_factory=dict, init=False)
+    _small: set[Path] = field(default_factory=set, init=False)  # logs whose rows one process would have kept
 
     @cached_property
     def batches(self) -> list[Batch]:
@@ -67,13 +71,15 @@ class Passes:
             If a log cannot be read, is not one of this robot, or nothing is left of all of them.
         """
         count = max(-(-BATCHES // len(self.paths)), 1)
-        function = self._batches_here if self.client is None else _batches
+        function = self._taken_here if self.client is None else partial(_taken, self.memory)
         if len(self.paths) < BATCHES:
             parts = each(self.client, partial(function, count), self.plan, self.paths)
-            found = [batch for part in parts for batch in part]
         else:
-            groups = summed(self.client, partial(function, 1), self.plan, self.paths, BATCHES)
-            found = [batch for group in groups for batch in group]
+            parts = iter(summed(self.client, partial(function, 1), _merged, self.plan, self.paths, BATCHES))
+        found: list[Batch] = []
+        for batches, sizes in parts:
+            found += batches
+            self._count(sizes)
         if not found:
             raise InputError("nothing of the logs is left to fit: filters, gaps or slow motion took all samples")
         return found
@@ -116,19 +122,28 @@ class Passes:
         """
         limit = max(LIMIT // max(len(tasks), 1), _FEWEST)
         judged = _Judged(values, prior, reference, limit, self.plan.holdout > 0)
-        function = self._validated_here if self.client is None else _validated
-        return each(self.client, partial(function, judged), self.plan, tasks)
+        if self.client is None:
+            return each(None, partial(self._validated_here, judged), self.plan, tasks)
+        small = frozenset(self._small)
+        return each(self.client, partial(_validated, judged, small), self.plan, tasks)
 
-    def _batches_here(self, count: int, plan: Plan, path: Path) -> tuple[Batch, ...]:
+    def _taken_here(self, count: int, plan: Plan, path: Path) -> _Part:
         taken = take(plan, path, count, self.memory)
         self.memory -= taken.bytes
         self._kept |= {(path, part): rows for part, rows in taken.kept.items()}
-        return _few(taken, count)
+        return _few(taken, count), ()
+
+    def _count(self, sizes: Sequence[tuple[Path, int]]) -> None:
+        """Note which logs would have been kept, in the order of logs, had one process taken them in."""
+        for path, size in sizes:
+            if size <= self.memory:
+                self.memory -= size
+                self._small.add(path)
 
     def _validated_here(self, judged: _Judged, plan: Plan, task: Task) -> Validation:
         kept = self._kept.get(task[:2])
         if kept is None:
-            return _validated(judged, plan, task)
+            return _validated(judged, frozenset(), plan, task)
         return judged.validation(kept, judged.values, judged.prior, task)
 
 
@@ -148,8 +163,14 @@ class _Judged:
         return replace(found, source=f"{path} ({part} part)" if self.parted and part != "all" else str(path))
 
 
-def _batches(count: int, plan: Plan, path: Path) -> tuple[Batch, ...]:
-    return _few(take(plan, path, count), count)
+def _taken(memory: int, count: int, plan: Plan, path: Path) -> _Part:
+    """A log, by a worker; its rows are not kept, but how many there are decides how it is judged."""
+    taken = take(plan, path, count, memory)
+    return _few(taken, count), ((path, taken.bytes),) if taken.kept else ()
+
+
+def _merged(a: _Part, b: _Part) -> _Part:
+    return joined(a[0], b[0]), a[1] + b[1]
 
 
 def _few(taken: Taken, count: int) -> tuple[Batch, ...]:
@@ -157,8 +178,11 @@ def _few(taken: Taken, count: int) -> tuple[Batch, ...]:
     return joined(taken.batches, ()) if count == 1 else taken.batches
 
 
-def _validated(judged: _Judged, plan: Plan, task: Task) -> Validation:
+def _validated(judged: _Judged, small: Collection[Path], plan: Plan, task: Task) -> Validation:
+    """A log, read once more: predictions alone are filtered, but where another process has rows, rows are formed."""
     path, part, _ = task
+    if path in small and part != "all":
+        return judged.validation(plan.rows([path], part), judged.values, judged.prior, task)
     models = (judged.values,) if judged.prior is None else (judged.values, judged.prior)
     rows = PredictedRows(plan.rows([path], part), models)
     chosen = np.eye(len(models))

@@ -96,9 +96,7 @@ def with_friction(mechanism: Mechanism) -> Mechanism:
     """The mechanism with viscous and Coulomb friction and an offset in the drive of every joint coordinate."""
     effects = tuple(effect for kind in _FRICTION for effect in _at_every_joint(mechanism, kind))
     found, reading = replace(mechanism, effects=effects), mechanism.reading
-    if reading is None:
-        return found
-    return replace(found, reading=replace(reading, rebuild=lambda literal: with_friction(reading.rebuild(literal))))
+    return found if reading is None else replace(found, reading=reading.followed_by(with_friction))
 
 
 def _at_every_joint(mechanism: Mechanism, kind: str) -> Iterator[Effect]:

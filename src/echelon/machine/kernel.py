@@ -58,8 +58,13 @@ class Kernel:
 
     def __init__(self, function: Function, *, sparse: bool = False, target: Target | None = None) -> None:
         self.function, self.sparse = function, sparse
-        self.target = target or host()
+        self._asked = target
         self._codes: dict[bool, _Code] = {}
+
+    @property
+    def target(self) -> Target:
+        """The processor that code is made for."""
+        return self._asked or host()
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -117,7 +122,7 @@ class Kernel:
         return tuple(flat.tolist())
 
     def __getstate__(self) -> dict[str, object]:
-        """Copies compile their own code: it belongs to one process."""
+        """Copies compile their own code: it belongs to one process, and perhaps to one processor."""
         return {**vars(self), "_codes": {}}
 
     def __repr__(self) -> str:

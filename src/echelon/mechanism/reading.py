@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -83,3 +84,20 @@ class Reading:
     def literal(self, elements: Collection[str] | None = None) -> Mechanism:
         """The mechanism with these snapped elements (all, if omitted) taken literally."""
         return self.rebuild({snap.element for snap in self.snaps} if elements is None else elements)
+
+    def followed_by(self, change: Callable[[Mechanism], Mechanism]) -> Reading:
+        """The reading of a mechanism that was changed after it was read: what is built again is changed as well.
+
+        Parameters
+        ----------
+        change : callable
+            A function of a module, or a partial one, so that readings can be sent to other processes.
+        """
+        recoupled = None if self.recoupled is None else partial(_changed, change, self.recoupled)
+        return replace(self, rebuild=partial(_changed, change, self.rebuild), recoupled=recoupled)
+
+
+def _changed(
+    change: Callable[[Mechanism], Mechanism], build: Callable[..., Mechanism], *literal: Collection[str]
+) -> Mechanism:
+    return change(build(*literal))

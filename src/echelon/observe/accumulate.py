@@ -120,6 +120,10 @@ class Observer:
         make = QrEngine if kind == "qr" else GramEngine
         return make(self.function, target=self._target)
 
+    def __getstate__(self) -> dict[str, object]:
+        """Copies make their own engines when they are first called."""
+        return {**vars(self), "_engines": {}}
+
     def __repr__(self) -> str:
         return f"Observer({self.function}, {self.method})"
 

@@ -9,7 +9,7 @@ import ctypes
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -85,6 +85,7 @@ class _Machine:
             Samples in a block of the kernel.
         target : Target, optional
         """
+        self._asked = (rows, target)
         target = target or host()
         cut = tiling(target, rows)
         self.function = function
@@ -99,6 +100,10 @@ class _Machine:
         self._compute = self._generator.address("compute")
         self._sizes: Integers = np.array(self.layout.sizes, dtype=np.int64)
         self._rooms: list[_Room] = []  # kept from call to call: fresh memory costs as much as a hundred samples
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies compile their own code: it belongs to one process, and perhaps to one processor."""
+        return type(self), (self.function, *self._asked)
 
     @property
     def unit(self) -> int:

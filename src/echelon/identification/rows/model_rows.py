@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 
 import numpy as np
 import numpy.typing as npt
@@ -53,8 +53,7 @@ class ModelRows:
     @staticmethod
     def of(base: BaseModel, samples: Sequence[Samples], symbols: Mapping[str, float] | None = None) -> ModelRows:
         """The rows of samples that are in memory."""
-        kept = tuple(samples)
-        return ModelRows(base, lambda: kept, symbols)
+        return ModelRows(base, partial(tuple, tuple(samples)), symbols)
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -99,7 +98,9 @@ class ModelRows:
         total = _empty(self.layout)
         for samples in ahead(self.source()):
             _check_outputs(samples, self.layout)
-            total = stacked(total, self._fused(samples) if plain(samples) else self._factored(samples))
+            # in the order in which rows in memory would be added
+            parts = [self._fused(samples)] if plain(samples) else self._factors(samples)
+            total = reduce(stacked, parts, total)
         return total
 
     @staticmethod
@@ -194,8 +195,8 @@ class ModelRows:
         inputs = {name: values[window] for name, values in samples.inputs.items()}
         return self.base.accumulate({**state, "inputs": inputs}, self.symbols, threads=self.threads)
 
-    def _factored(self, samples: Samples) -> Observation:
-        return self.factored(self.layout, self.blocks_of(samples, 0))
+    def _factors(self, samples: Samples) -> Iterator[Observation]:
+        return (observed(self.layout, block) for block in self.blocks_of(samples, 0))
 
 
 class Numbering:

@@ -5,8 +5,9 @@ A plan is all that another process needs to take in a log, so that logs can be s
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -85,12 +86,11 @@ class Plan:
 
     def rows(self, paths: Sequence[str | Path], part: Part = "all", *, reference: bool = False) -> ModelRows:
         """The rows of some logs, along the measured or the reference positions; they are read again in every pass."""
+        return ModelRows(self.base, partial(self._samples, tuple(paths), part, reference), self.symbols)
 
-        def source() -> Iterable[Samples]:
-            for path in paths:
-                yield from self.samples(path, part, reference=reference)
-
-        return ModelRows(self.base, source, self.symbols)
+    def _samples(self, paths: Sequence[str | Path], part: Part, reference: bool) -> Iterator[Samples]:
+        for path in paths:
+            yield from self.samples(path, part, reference=reference)
 
     def __getstate__(self) -> dict[str, object]:
         # what was recorded and compiled here, and how the file was read, is of no use to another process

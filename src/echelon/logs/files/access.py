@@ -83,6 +83,6 @@ def decoding(source: str, kind: str, advice: str = "") -> Iterator[None]:
 def _neighbour(path: Path) -> str:
     """A question for the file beside it that was probably meant."""
     try:
-        return nearest(path.name, [entry.name for entry in path.parent.iterdir()])
+        return nearest(path.name, sorted(entry.name for entry in path.parent.iterdir()))
     except OSError:
         return ""

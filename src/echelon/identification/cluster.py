@@ -1,0 +1,173 @@
+"""A Dask cluster to work on: one that is there, or processes of this machine that only their user can reach.
+
+Whoever can connect to a scheduler can run code as the user who started it, and loopback is open to all users of a
+machine.  So a cluster of our own speaks TLS with keys that are made for it, never leave its processes, and are asked
+for on both sides.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from tempfile import TemporaryDirectory
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from echelon.errors import InputError, MissingExtraError
+from echelon.exact.syntax import is_whole
+from echelon.version import __version__
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+_PATIENCE = 15.0
+"""Seconds without a single worker after which none is expected to come (back)."""
+_LOOK = 1.0  # seconds between two looks whether there are workers
+_SILENT: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+"""No pages about what the processes do."""
+
+
+@contextmanager
+def connect(where: str) -> Iterator[Client]:
+    """A Dask client.
+
+    Parameters
+    ----------
+    where : str
+        Address of a scheduler, such as ``tcp://10.0.0.1:8786``, or a number of processes to start on this machine,
+        which nobody but this user can reach.
+
+    Raises
+    ------
+    MissingExtraError
+        If Dask is not installed, or what it needs to make keys.
+    InputError
+        If the scheduler cannot be reached, or works with other versions.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise MissingExtraError("distributed", "dask") from None
+    if is_whole(where):
+        with _own_cluster(int(where)) as cluster, Client(cluster) as client:
+            yield client
+        return
+    try:
+        client = Client(where, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise InputError(f"the scheduler cannot be reached: {error}", source=where) from None
+    with client:
+        _check_versions(client, where)
+        yield client
+
+
+@contextmanager
+def _own_cluster(count: int) -> Iterator[Any]:
+    """Processes of this machine."""
+    import dask
+    from distributed import LocalCluster, Security
+
+    if not count:
+        raise InputError("0 processes cannot work; expected at least 1, or the address of a scheduler")
+    try:
+        security = Security.temporary()
+    except ImportError:
+        raise MissingExtraError("cryptography", "dask") from None
+    with (
+        TemporaryDirectory(prefix="echelon-") as folder,
+        dask.config.set(_SILENT),
+        LocalCluster(
+            n_workers=count,
+            threads_per_worker=1,
+            dashboard_address=None,
+            protocol="tls://",
+            security=security,
+            local_directory=folder,
+        ) as cluster,
+    ):
+        yield cluster
+
+
+# -- versions ----------------------------------------------------------------------------------------------------------
+
+
+def versions() -> dict[str, str]:
+    """What has to be the same everywhere, so that results are."""
+    return {"echelon": __version__, "python": ".".join(map(str, sys.version_info[:2])), "numpy": np.__version__}
+
+
+def check_versions(wanted: Mapping[str, str], found: Mapping[str, str | None], who: str) -> None:
+    """Compare the versions of a process with those of the one that asks for work.
+
+    Parameters
+    ----------
+    wanted, found : mapping of str to str
+        By package; None where it is missing.
+    who : str
+        Whose the found ones are.
+
+    Raises
+    ------
+    InputError
+        If they differ.
+    """
+    for name, version in wanted.items():
+        other = found.get(name)
+        if other != version:
+            has = f"no {name}" if other is None else f"{name} {other}"
+            raise InputError(f"it has {has}; results are the same only with {version}, as used here", source=who)
+
+
+def _check_versions(client: Client, where: str) -> None:
+    """Ask the scheduler and all workers; who cannot even import this has no Echelon."""
+    found: dict[str, Any] = client.run(versions, on_error="return")
+    try:
+        found[f"scheduler {where}"] = client.run_on_scheduler(versions)
+    except Exception as error:  # whatever it was that the scheduler could not do
+        found[f"scheduler {where}"] = error
+    for who, answer in found.items():
+        check_versions(versions(), answer if isinstance(answer, dict) else {}, who)
+
+
+# -- results -----------------------------------------------------------------------------------------------------------
+
+
+def result(client: Client, future: Future[Any]) -> Any:
+    """What a task gave, while there is anyone to work on it.
+
+    Parameters
+    ----------
+    client : distributed.Client
+    future : distributed.Future
+
+    Raises
+    ------
+    InputError
+        If all workers are gone, the scheduler is, or a task ended several workers.
+    """
+    from concurrent.futures import CancelledError
+
+    from distributed import KilledWorker, wait
+    from distributed.comm.core import CommClosedError
+
+    address, seen = str(client.scheduler_info().get("address")), monotonic()
+    while True:
+        try:
+            wait(future, timeout=_LOOK)
+            return future.result()
+        except KilledWorker as error:
+            problem = f"a task ended {error.allowed_failures + 1} workers one after another, perhaps for want of memory"
+            raise InputError(problem, source=address) from None
+        except (CancelledError, CommClosedError):
+            raise InputError("the connection to the scheduler was lost; run this again", source=address) from None
+        except TimeoutError:
+            if future.status == "error":
+                raise
+        if client.status != "running" or client.scheduler_info()["workers"]:
+            seen = monotonic()
+        elif monotonic() - seen > _PATIENCE:
+            problem = f"the cluster has had no worker for {_PATIENCE:.0f} s; start some and run this again"
+            raise InputError(problem, source=address)
