@@ -38,12 +38,15 @@ _TYPES = (
 )
 
 
-def write_description(mechanism: Mechanism) -> dict[str, Any]:
+def write_description(mechanism: Mechanism, *, elementary: bool = False) -> dict[str, Any]:
     """A mechanism in the description format, as data for JSON or YAML.
 
     Parameters
     ----------
     mechanism : Mechanism
+    elementary : bool
+        Whether to write every joint as the frames and elementary motions that it is, so that a reader need not know
+        joint types.
 
     Returns
     -------
@@ -60,7 +63,7 @@ def write_description(mechanism: Mechanism) -> dict[str, Any]:
     for name in names:
         if names.count(name) > 1:
             raise InputError("two bodies have this name; a description needs unique names", element=f"body '{name}'")
-    joints = _reader(mechanism)
+    joints = None if elementary else _reader(mechanism)
     document: dict[str, Any] = {"echelon": 1, "name": mechanism.name}
     symbols = _symbols(mechanism)
     if symbols:
@@ -125,11 +128,11 @@ def _symbol(symbol: Symbol) -> str | dict[str, str] | None:
 # -- bodies ---------------------------------------------------------------------------------------------------------
 
 
-def _body(body: Body, mechanism: Mechanism, joints: Joints) -> dict[str, Any]:
+def _body(body: Body, mechanism: Mechanism, joints: Joints | None) -> dict[str, Any]:
     written: dict[str, Any] = {"name": body.name, "label": body.label}
     if body.parent != GROUND:
         written["parent"] = mechanism.bodies[body.parent].name
-    written |= _short_form(body, joints) or {"joint": _custom(body.joint)}
+    written |= (joints and _short_form(body, joints)) or {"joint": _custom(body.joint)}
     if body.massless:
         written["massless"] = True
     elif body.carried != ALL:

@@ -74,7 +74,7 @@ def to_dict(model: BaseModel) -> dict[str, Any]:
         "special": None if model.special is None else asdict(model.special),
         "generic": model.generic,
         "certificate": certificate,
-        "model": write_description(model.mechanism),
+        "model": write_description(model.mechanism, elementary=True),
     }
 
 
