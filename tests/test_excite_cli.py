@@ -323,3 +323,14 @@ def test_the_library_says_the_same_as_the_command(made: Made) -> None:
     file, _, done = made
     found = ec.exciting_trajectory(ec.load_setup(file))
     assert found.shown.condition == json.loads(done.stdout)["condition_numbers"]["plain"]
+
+
+def test_limits_that_nothing_can_reach(tmp_path: Path) -> None:
+    """One harmonic from rest to rest is no motion at all: its speed is zero whatever the coefficients."""
+    text = "echelon: 1\nname: slide\ngravity: none\nbodies:\n  - {name: slide, joint: {type: prismatic, axis: x}}\n"
+    limits = "{position: [-1, 1], velocity: 2, acceleration: 20}"
+    entry = f"excitation: {{duration: 2, starts: 1, family: fourier, harmonics: 1, limits: {limits}}}\n"
+    (tmp_path / "slide.yaml").write_text(text + entry)
+    done = call("excite", tmp_path / "slide.yaml", "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)["safe"] is True

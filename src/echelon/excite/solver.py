@@ -153,8 +153,8 @@ def solve(problem: Problem, start: Floats, options: SolverOptions, best: Best) -
         "ipopt.max_iter": options.iterations,
         "iteration_callback": watch,
     }
-    nlp = {"x": x, "f": objective(x), "g": casadi.densify(casadi.vertcat(*parts))}  # parts may be constantly zero
-    solver = casadi.nlpsol("excite", "ipopt", nlp, settings)
+    limited = casadi.densify(casadi.vertcat(*parts))  # some may be constantly zero
+    solver = casadi.nlpsol("excite", "ipopt", {"x": x, "f": objective(x), "g": limited}, settings)
     result = solver(x0=start, lbg=ends[0], ubg=ends[1])
     found = np.asarray(result["x"]).ravel()
     best.offer(found, evaluate(found)[0])
