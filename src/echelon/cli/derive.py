@@ -51,6 +51,7 @@ def run_derive(request: DeriveRequest) -> None:
         if holds_linear_model(request.robot):
             _write_linear(request, seed, started)
             return
+        step(f"deriving {request.robot.name}: reading, and closing loops")
         robot = load(request.robot, **request.reading)
         if request.structure:
             answer = own_answer(robot, random_generator(seed), generic=request.generic)
