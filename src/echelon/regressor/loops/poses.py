@@ -173,9 +173,7 @@ class PoseFinder:
         """
         self._spent += work
         if self._spent > _MOST_WORK:
-            raise SingularPoseError(
-                "no random point within the budget of the search has a solution"
-            )
+            raise SingularPoseError("no random point within the budget of the search has a solution")
 
     def _in_mode(
         self, positions: Positions, rng: np.random.Generator, owners: Indices, pose: Pose
