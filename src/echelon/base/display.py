@@ -7,7 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from echelon.base.classification import Identifiability
-from echelon.base.expression import LatexStyle, latex_symbol, render
+from echelon.base.expression import LatexStyle, latex_polynomial, latex_symbol, render
 from echelon.base.reading_report import ROUNDING
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import one_line
@@ -15,6 +15,7 @@ from echelon.errors import one_line
 if TYPE_CHECKING:
     from echelon.base.matrix import StatedNumbers
     from echelon.base.model import BaseModel
+    from echelon.mechanism.mechanism import Symbol
 
 _LATEX_ROWS_PER_PAGE = 40
 
@@ -85,19 +86,19 @@ def facts(model: BaseModel) -> list[tuple[str, str]]:
     if used:
         found.append(("symbols", ", ".join(f"{s.name} = {value_text(s.exact, s.value)}" for s in used)))
     if model.special is not None:
-        found.append(("stated values", one_line(model.special.text("robot"))))
+        found.append(("stated values", model.special.text("robot")))
     if model.matrix.numbers:
-        found.append(("numbers", one_line(numbers_text(model, model.matrix.numbers))))
+        found.append(("numbers", numbers_text(model, model.matrix.numbers)))
     if model.reading.snaps:
-        found.append(("read as exact", one_line(snap_summary(model))))
+        found.append(("read as exact", snap_summary(model)))
     if model.reading.mimics is not None:
         found.append(("mimic joints", str(model.reading.mimics)))
-    found += [("note", one_line(note)) for note in model.reading.notes]
+    found += [("note", note) for note in model.reading.notes]
     if model.reading.doubt:
         found.append(("doubt", model.reading.doubt))
     found.append(("certificate", str(model.certificate)))
     found.append(("assumes", f"{'; '.join(model.certificate.assumptions)} (docs/assumptions.md)"))
-    return found
+    return [(label, one_line(text)) for label, text in found]
 
 
 def numbers_text(model: BaseModel, numbers: StatedNumbers) -> str:
@@ -147,7 +148,7 @@ def to_markdown(model: BaseModel) -> str:
 
 def _cell(text: str) -> str:
     """One line of text that is safe in Markdown and its tables."""
-    return re.sub(r"([\\|<`*\[])", r"\\\1", text)
+    return re.sub(r"([\\|<`*\[$])", r"\\\1", text)
 
 
 def to_latex(model: BaseModel) -> str:
@@ -157,12 +158,17 @@ def to_latex(model: BaseModel) -> str:
     pages = [rows[k : k + _LATEX_ROWS_PER_PAGE] for k in range(0, len(rows), _LATEX_ROWS_PER_PAGE)]
     blocks = ["\\begin{align*}\n" + " \\\\\n".join(page) + "\n\\end{align*}" for page in pages]
     used = [s for s in model.matrix.symbols if s in model.mechanism.symbols]
-    values = [
-        f"${latex_symbol(s)} = {value_text(model.mechanism.symbols[s].exact, model.mechanism.symbols[s].value)}$"
-        for s in used
-    ]
+    values = [f"${latex_symbol(s)} = {_latex_value(model.mechanism.symbols[s])}$" for s in used]
     where = ["Values: " + ", ".join(values) + "."] if values else []
     return "\n".join([*comments, *blocks, *where]) + "\n"
+
+
+def _latex_value(symbol: Symbol) -> str:
+    """A value as people wrote it if that is a plain decimal, else as it was read."""
+    exact = symbol.expression
+    if exact is None or re.fullmatch(r"-?[0-9.]+", str(symbol.exact)):
+        return value_text(symbol.exact, symbol.value)
+    return latex_polynomial(exact)
 
 
 def aligned_latex(model: BaseModel) -> str:

@@ -10,7 +10,8 @@ from typing import Protocol
 
 from echelon.conventions import PARAMETERS
 from echelon.errors import one_line
-from echelon.exact.numbers import Number, Surd
+from echelon.exact.expressions import PI
+from echelon.exact.numbers import Number, Surd, is_negative
 from echelon.exact.polynomial import Monomial, Polynomial, is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
 
@@ -146,7 +147,7 @@ class LatexStyle:
         power = f"^{{{exponent}}}" if exponent > 1 else ""
         if is_trigonometric(name):
             return f"\\{name[:3]}{power}({latex_symbol(symbol_of(name))})"
-        return f"{latex_symbol(name)}{power}"
+        return (r"\pi" if name == PI else latex_symbol(name)) + power
 
     def number(self, value: Number) -> str:
         """With small fractions and roots."""
@@ -184,8 +185,14 @@ def latex_symbol(name: str) -> str:
         return f"p_{{{offset[1]}{_escape(offset[2])}}}"
     indexed = re.fullmatch(r"([^\W\d_]+)_?(\d\w*)", name)
     stem, index = (indexed[1], indexed[2]) if indexed else (name, "")
-    stem = stem if len(stem) == 1 else f"\\mathrm{{{_escape(stem)}}}"
+    stem = _escape(stem) if len(stem) == 1 else f"\\mathrm{{{_escape(stem)}}}"
     return f"{stem}_{{{_escape(index)}}}" if index else stem
+
+
+def latex_polynomial(polynomial: Polynomial) -> str:
+    """A polynomial in symbols and π."""
+    text = _factor(polynomial, LatexStyle()) if polynomial else "0"
+    return _bare(text)
 
 
 _WORDS = {"\\": "\\backslash ", "^": "\\wedge ", "~": "\\sim "}
@@ -236,7 +243,7 @@ def coefficient_text(coefficient: RationalFunction, style: Style) -> tuple[int, 
 
 def _leading_is_negative(polynomial: Polynomial) -> bool:
     lead = next(polynomial.sorted_terms(), ((), 1))[1]
-    return float(lead) < 0
+    return is_negative(lead)
 
 
 def _factor(polynomial: Polynomial, style: Style) -> str:
@@ -249,7 +256,7 @@ def _factor(polynomial: Polynomial, style: Style) -> str:
 
 
 def _term(monomial: Monomial, coefficient: Number, style: Style) -> tuple[int, str]:
-    sign = -1 if float(coefficient) < 0 else 1
+    sign = -1 if is_negative(coefficient) else 1
     size = -coefficient if sign < 0 else coefficient
     factors = [style.generator(g, e) for g, e in monomial]
     if size != 1 or not factors:

@@ -52,6 +52,7 @@ def run_derive(request: DeriveRequest) -> None:
         if holds_linear_model(request.robot):
             _write_linear(request, seed, started)
             return
+        step(f"deriving {request.robot.name}: reading, and closing loops")
         robot = load(request.robot, **request.reading)
         if request.structure:
             rng = random_generator(seed)

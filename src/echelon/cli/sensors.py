@@ -22,7 +22,7 @@ def run_sensors(
     """Tabulate and print."""
     with steps() as step:
         title = f"comparing the sensors of {robot.name}"
-        step(title)
+        step(f"{title}: reading, and closing loops")
         report = sensor_report(
             load(robot, **reading),
             size,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from enum import IntEnum
 
-from echelon.exact.numbers import Number
+from echelon.exact.numbers import Number, is_negative
 from echelon.program.operations import Op
 from echelon.program.tape import Program
 
@@ -77,7 +77,7 @@ class Expressions:
         return f"{_at_least(Binding.PRODUCT, a)}{sign}{_at_least(Binding.ATOM, b)}", Binding.PRODUCT
 
     def _constant(self, value: Number) -> Text:
-        if float(value) < 0:
+        if is_negative(value):
             return f"-{self._number(-value)}", Binding.SIGN
         return self._number(value), Binding.ATOM
 

@@ -150,6 +150,11 @@ BEYOND_DOUBLES = "beyond the range of double precision (5e-324 to 1.8e308)"
 """What is said about numbers that no double comes near to."""
 
 
+def is_negative(x: Number) -> bool:
+    """The sign of a number; rational ones may be beyond double precision."""
+    return float(x) < 0 if isinstance(x, Surd) else x < 0
+
+
 def parse_decimal(text: str) -> Rational:
     """The exact value of a decimal literal.
 

@@ -15,6 +15,7 @@ from functools import reduce
 from typing import Any, TypeVar
 
 from echelon.exact.numbers import Number, Surd, format_number
+from echelon.exact.syntax import is_whole
 
 Monomial = tuple[tuple[str, int], ...]
 """Generators with their positive exponents, sorted by generator."""
@@ -40,8 +41,9 @@ def symbol_of(generator: str) -> str:
 
 def multiple_of(generator: str) -> tuple[int, str]:
     """The argument of a sine or cosine: ``cos(40*a)`` gives 40 and ``a``."""
-    count, _, symbol = generator[4:-1].rpartition("*")
-    return int(count or 1), symbol
+    argument = generator[4:-1]
+    count, _, symbol = argument.partition("*")  # names in brackets may hold a * too
+    return (int(count), symbol) if is_whole(count) else (1, argument)
 
 
 def is_trigonometric(generator: str) -> bool:

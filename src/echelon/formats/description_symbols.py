@@ -74,6 +74,8 @@ def _unusable(name: str) -> str:
         return "is not a possible symbol: letters, digits and _ only, not beginning with a digit, such as l1 or d_4"
     if unicodedata.normalize("NFKC", name) != name:
         return f"is written with compatibility characters: write {unicodedata.normalize('NFKC', name)}"
+    if any(c.isdigit() and not c.isascii() for c in name):
+        return "is written with other digits than 0 to 9"
     return ""
 
 

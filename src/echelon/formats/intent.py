@@ -8,6 +8,7 @@ numbers become symbols named by joint, with equal magnitudes sharing one symbol,
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -250,7 +251,14 @@ def _rest_text(angle: Angle, quarters: int, sign: int) -> str:
 
 def symbol_stem(name: str) -> str:
     """How the names of symbols end that belong to a part or a loop of this name."""
-    return "_" + "".join(c if c.isalnum() else "_" for c in name)
+    return "_" + "".join(c if _in_names(c) else "_" for c in name)
+
+
+def _in_names(character: str) -> bool:
+    """Whether a character may stand in the name of a symbol, which is read back from saved files."""
+    if not f"_{character}".isidentifier() or unicodedata.normalize("NFKC", character) != character:
+        return False
+    return character.isascii() or not character.isdigit()
 
 
 def numeric_value(value: Polynomial, symbols: dict[str, float]) -> float:

@@ -97,7 +97,7 @@ def _read(text: str | bytes, source: str, directory: Path | None, mimics: bool, 
     relations = [relation for relation in relations if mimics or len(relation.terms) == 1]
     driven = driven_joints(spec)
     sensors = Sensors(spec)
-    reader = _Reader(compile_spec(spec, source, directory, lenient=lenient))
+    reader = _Reader(compile_spec(spec, source, directory, lenient=lenient), source)
     held, couplings, found = resolve(relations, reader.reference, driven, source)
     notes += found
     notes += [f"joint '{name}' is held by an equality and cannot move" for name in held]
@@ -131,17 +131,21 @@ class _Reader:
         Reference position of every hinge and slide joint.
     """
 
-    def __init__(self, compiled: CompiledModel) -> None:
-        self.compiled, self.model = compiled, compiled.model
+    def __init__(self, compiled: CompiledModel, source: str) -> None:
+        self.compiled, self.model, self.source = compiled, compiled.model, source
         self.bodies = {body.name: body for body in compiled.spec.bodies}
         self.joints = {joint.name: joint for joint in compiled.spec.joints}
         self.reference: dict[str, Rational] = {}
         for index in range(self.model.njnt):
             if self._kind(index) in _SINGLE:
-                value = float(self.model.qpos0[self.model.jnt_qposadr[index]])
-                self.reference[self._name(index)] = (
-                    exact_angle(value) if self._kind(index) == "hinge" else exact_number(value)
-                )
+                self.reference[self._name(index)] = self._reference(index)
+
+    def _reference(self, joint: int) -> Rational:
+        value = float(self.model.qpos0[self.model.jnt_qposadr[joint]])
+        try:
+            return exact_angle(value) if self._kind(joint) == "hinge" else exact_number(value)
+        except InputError as error:
+            raise InputError(error.problem, source=self.source, element=f"joint '{self._name(joint)}' ref") from None
 
     def _kind(self, joint: int) -> str:
         return _KINDS[int(self.model.jnt_type[joint])]
@@ -156,6 +160,12 @@ class _Reader:
         name = str(self.model.body(index).name)
         if index == 0:
             return LiteralLink(name, -1, "", "root", ())
+        try:
+            return self._moving_link(index, name, held)
+        except InputError as error:
+            raise InputError(error.problem, source=self.source, element=error.element or f"body '{name}'") from None
+
+    def _moving_link(self, index: int, name: str, held: Mapping[str, Rational]) -> LiteralLink:
         first = int(self.model.body_jntadr[index])
         joints = range(first, first + int(self.model.body_jntnum[index]))
         moving = [j for j in joints if self._name(j) not in held]
@@ -212,5 +222,6 @@ class _Reader:
         moments[moments <= _SOME_MASS] = 0.0
         mass = mass if mass > _SOME_MASS else 0.0
         rotation = quaternion_matrix(self.model.body_iquat[index])
-        inertial = central_inertial(mass, self.model.body_ipos[index], np.diag(moments), rotation)
+        centre = [float(v) for v in exact_triple(self.model.body_ipos[index])]
+        inertial = central_inertial(float(exact_number(mass)), centre, np.diag(moments), rotation)
         return tuple(float(v) for v in inertial)

@@ -21,6 +21,7 @@ from echelon.mechanism.mechanism import Mechanism
 Floats = npt.NDArray[np.float64]
 
 _GAINED = ("A", "V")
+_LARGEST = 1e100  # squares of it still have doubles
 """What drives report instead of forces."""
 
 _STATES = {"position": "q", "velocity": "qd", "acceleration": "qdd", "reference": "reference"}
@@ -162,5 +163,11 @@ def _read(aligned: Alignment, mechanism: Mechanism, kind: str, group: Mapping[st
         if not np.isfinite(ratio) or ratio == 0 or not np.isfinite(channel.offset):
             problem = f"scale {channel.scale:g} and offset {channel.offset:g}: expected finite numbers, the scale not 0"
             raise InputError(problem, element=f"column '{channel.column}' ({kind} of '{name}')")
-        found[name] = ratio * aligned.column(channel.column) + channel.offset
+        with np.errstate(over="ignore"):
+            values = ratio * aligned.column(channel.column) + channel.offset
+        largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
+        if largest > _LARGEST:
+            problem = f"goes to {largest:.3g} in SI units, which no sensor measures (valid: up to {_LARGEST:.0e})"
+            raise InputError(problem, element=f"column '{channel.column}' ({kind} of '{name}')")
+        found[name] = values
     return found

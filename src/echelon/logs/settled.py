@@ -103,7 +103,7 @@ class Settled:
         if count < self.needed:
             raise InputError(
                 f"an uninterrupted stretch has {count} samples; the filters and the time left out at the ends need "
-                f"{self.needed} ({self.needed / self.rate:.3g} s)",
+                f"{self.needed:.6g} ({self.needed / self.rate:.3g} s)",
                 source=source,
             )
 

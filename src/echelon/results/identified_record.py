@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel as Schema
 from pydantic import ConfigDict, Field
 
 from echelon.results.preparation_record import ColumnMapRecord, PreparationRecord
 from echelon.results.record import BaseModelRecord
+
+
+Value = Annotated[float, Field(ge=-1e100, le=1e100)]
+"""A parameter whose products still have doubles."""
 
 
 class _Strict(Schema):
@@ -119,7 +123,7 @@ class IdentifiedRecord(_Strict):
     verdict: str
     findings: list[dict[str, str]]
     chosen: Literal["estimate", "essential", "physical"]
-    values: dict[str, float] = Field(description="Base parameters that predictions use, SI units.")
+    values: dict[str, Value] = Field(description="Base parameters that predictions use, SI units.")
     estimate: EstimateRecord
     essential: EstimateRecord | None
     excitation: ExcitationRecord

@@ -25,6 +25,9 @@ from echelon.errors import InputError
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
 
+LOWEST = 1e-6
+"""Cut-off, relative to the rate, below which a filter would be longer than any log."""
+
 FAR = 1e-9
 """Influence of a sample, as a share of its value, below which a result does not depend on it."""
 
@@ -232,10 +235,10 @@ def check_cutoff(cutoff: float, rate: float) -> None:
     Raises
     ------
     InputError
-        If the cut-off is not between zero and half the rate.
+        If the cut-off is not between a millionth of and half the rate.
     """
-    if not (isfinite(cutoff) and 0 < cutoff < rate / 2):
+    if not (isfinite(cutoff) and LOWEST * rate <= cutoff < rate / 2):
         raise InputError(
-            f"a cut-off of {cutoff:g} Hz is impossible at {rate:g} samples per second: expected more than 0 and less "
-            f"than {rate / 2:g} Hz, or inf for no filter"
+            f"a cut-off of {cutoff:g} Hz is impossible at {rate:g} samples per second: expected more than "
+            f"{LOWEST * rate:g} Hz and less than {rate / 2:g} Hz, or inf for no filter"
         )

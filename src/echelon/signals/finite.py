@@ -14,7 +14,8 @@ from math import ceil
 import numpy as np
 import numpy.typing as npt
 
-from echelon.signals.filters import check_cutoff
+from echelon.errors import InputError
+from echelon.signals.filters import LOWEST, check_cutoff
 
 Floats = npt.NDArray[np.float64]
 Places = npt.NDArray[np.intp]
@@ -130,6 +131,8 @@ def finite(
     check_cutoff(cutoff, rate / factor)
     if width is None:
         width = min(WIDEST * cutoff, rate / factor - 2 * cutoff)
+    if width < LOWEST * rate:
+        raise InputError(f"a filter whose edge is {width:g} Hz wide is too long at {rate:g} samples per second")
     half = ceil((attenuation - 7.95) / (2.285 * 2 * np.pi * width / rate) / 2)  # Kaiser's formula
     taps = firwin(2 * half + 1, cutoff + width / 2, window=("kaiser", kaiser_beta(attenuation)), fs=rate)
     taps = (taps + taps[::-1]) / 2

@@ -25,6 +25,7 @@ from echelon.regressor.loops.positions import Positions
 _ROUNDS = 40
 _MOST_TRIES = 1024
 _MOST_POINTS = 3**6  # at which the equations of a block are evaluated, for each sample
+_MOST_WORK = 2e6  # evaluations of the equations, for each sample, until a first solution is found: half a minute
 _FAILURES = 8  # of the tries that close a loop with one unknown about once in two
 
 Indices = npt.NDArray[np.intp]
@@ -51,6 +52,7 @@ class PoseFinder:
         self._takes_stated = False
         self._blocks: list[ClosureBlock] | None = None
         self._manageable: set[int] = set()
+        self._spent = 0.0  # work since a pose was found last, over all primes
 
     def find(self, positions: Positions, rng: np.random.Generator) -> Pose:
         """A closed pose for every sample.
@@ -72,7 +74,9 @@ class PoseFinder:
         self._stated = []
         if self._blocks is None:
             self._blocks = self._planned(positions, rng)
-        return self._solved(positions, rng, samples, self._blocks)
+        found = self._solved(positions, rng, samples, self._blocks)
+        self._spent = 0.0
+        return found
 
     def variants(self, positions: Positions, pose: Pose, count: int, rng: np.random.Generator) -> Pose:
         """Closed poses of one sample that share the coordinates that were drawn, among them the given one.
@@ -143,6 +147,7 @@ class PoseFinder:
         ever, tried, enough = np.zeros(samples, dtype=bool), 0, _FAILURES * prod(2 ** len(b.unknown) for b in blocks)
         for _ in range(_ROUNDS):
             tries = max(2, min(tries, _MOST_TRIES // len(pending)))
+            self._spend(tries * sum(block.points for block in blocks))
             owners = np.repeat(pending, tries)
             owners, pose = self._completed(positions, rng, owners, _random_pose(positions, rng, len(owners)), blocks)
             ever[owners], tried = True, tried + tries
@@ -157,6 +162,18 @@ class PoseFinder:
                 return found
             tries *= 2
         raise DegenerateSampleError("the loops do not close at random points")
+
+    def _spend(self, work: float) -> None:
+        """Go on with a search while its budget lasts: random points of loops that do not close may be tried for ever.
+
+        Raises
+        ------
+        SingularPoseError
+            If it is used up.
+        """
+        self._spent += work
+        if self._spent > _MOST_WORK:
+            raise SingularPoseError("no random point within the budget of the search has a solution")
 
     def _in_mode(
         self, positions: Positions, rng: np.random.Generator, owners: Indices, pose: Pose
