@@ -53,7 +53,7 @@ def run(words: list[str]) -> int | None:
     """Run a command of ours; ``read`` stands for reading all of a log, ``motion`` for reading a trajectory."""
     if words[0] in ("read", "motion"):
         return _read(*words)
-    from echelon.cli.main import main
+    from echelon.cli import main
 
     sys.argv = ["echelon", *words]
     os.environ.pop("ECHELON_TRACEBACK", None)
