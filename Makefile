@@ -7,7 +7,7 @@ DEV := $(VENV)/.dev
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help venv demo test lint slow faults mutate bench clean
+.PHONY: help venv demo test lint slow faults mutate fuzz bench clean
 .DELETE_ON_ERROR:
 
 help:
@@ -16,6 +16,7 @@ help:
 	@echo "make slow    the tests that take long"
 	@echo "make faults  signals at fifty random moments of every command, full disks"
 	@echo "make mutate  plant small faults in the core, which the tests must notice"
+	@echo "make fuzz    send mutated files of every format through the commands"
 	@echo "make bench   compare speed and results with other tools"
 	@echo "make venv    only set up the development environment"
 	@echo "make clean   remove the environment and everything generated"
@@ -54,6 +55,10 @@ faults: $(DEV)
 # MUTATE="--only exact/ --jobs 4" chooses faults and how many run at the same time
 mutate: $(DEV)
 	cd tests && ../$(BIN)/python -m mutation $(MUTATE)
+
+# FUZZ="--only bag --cases 100" chooses formats and how many files
+fuzz: $(DEV)
+	cd tests && ../$(BIN)/python -m fuzz $(FUZZ)
 
 bench: $(DEV)
 	$(BIN)/python benchmarks/bench.py

@@ -139,7 +139,7 @@ def test_depth_counts_brackets_outside_of_texts() -> None:
     with pytest.raises(InputError, match="nested too deeply"):
         parse_json(f"[{inside}]", "x.json")
     with pytest.raises(InputError, match="not well-formed"):
-        parse_json("[" * 64 + '["' + '\\"' * 100_000, "x.json")
+        parse_json("[" * 63 + '["' + '\\"' * 100_000, "x.json")
     assert parse_yaml("[" * DEPTH.most + "]" * DEPTH.most, "x.yaml")
     with pytest.raises(InputError, match="nested too deeply"):
         parse_yaml("[" * (DEPTH.most + 1) + "]" * (DEPTH.most + 1), "x.yaml")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import os
 import sys
 import tempfile
@@ -17,6 +18,8 @@ from fuzz.cases import Fault, cases, prepared, run_case
 def _share(numbers: range, seed: int, folder: Path, only: str, keep: Path | None) -> list[Fault]:
     """The cases of one worker."""
     material = prepared(folder)
+    gc.collect()
+    gc.freeze()  # so that children do not copy what they only look through
     faults = []
     for kind, number in cases(numbers, only):
         fault = run_case(material, kind, number, seed, keep)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import pkgutil
 import shutil
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from random import Random
 
@@ -35,24 +38,19 @@ def prepared(folder: Path) -> Material:
     """What is mutated, with everything imported and compiled that commands need."""
     material = make(folder)
     (folder / "motion.json").write_text(json.dumps(material.trajectory), encoding="utf-8")
-    for kind in FORMATS:
-        for number in range(3):
-            run_case(material, kind, -1 - number, 0)
     import_all()
     return material
 
 
 def import_all() -> None:
-    """So that no child has to."""
-    import casadi  # noqa: F401
-    import mcap.reader  # noqa: F401
-    import mujoco  # noqa: F401
-    import pyarrow.parquet  # noqa: F401
-    import rosbags.rosbag2
-    import rosbags.typesys  # noqa: F401
-    import scipy.interpolate  # noqa: F401
+    """Whatever commands need, so that no child has to."""
+    import echelon
 
-    import echelon.cli.main  # noqa: F401
+    others = ("mcap.reader", "mujoco", "pyarrow.csv", "pyarrow.parquet", "rosbags.rosbag2", "rosbags.typesys", "sympy")
+    ours = (found.name for found in pkgutil.walk_packages(echelon.__path__, "echelon."))
+    for name in (*others, "scipy.interpolate", "scipy.io", *ours):
+        with suppress(ImportError):  # such as what needs a GPU
+            import_module(name)
 
 
 def cases(numbers: Iterable[int], only: str = "") -> Iterator[tuple[str, int]]:

@@ -28,7 +28,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     ),
     "claims": ("audit {setup} {file}",),
     "values": ("generate {base} -o {out} --parameters {file} --target python",),
-    "trajectory": ("check-trajectory {setup} {file}",),
+    "trajectory": ("motion {file}", "motion {file}", "check-trajectory {setup} {file}"),
     "log": ("read {file}", "read {file}", "identify {setup} {file} --target none", "predict {model} {file}"),
 }  # fmt: skip
 
@@ -50,10 +50,10 @@ def command(kind: str, file: Path, material: Material, rng: Random) -> list[str]
 
 
 def run(words: list[str]) -> int | None:
-    """Run a command of ours; ``read`` stands for reading all of a log."""
-    if words[0] == "read":
-        return _read(words[1])
-    from echelon.cli.main import main
+    """Run a command of ours; ``read`` stands for reading all of a log, ``motion`` for reading a trajectory."""
+    if words[0] in ("read", "motion"):
+        return _read(*words)
+    from echelon.cli import main
 
     sys.argv = ["echelon", *words]
     os.environ.pop("ECHELON_TRACEBACK", None)
@@ -61,12 +61,16 @@ def run(words: list[str]) -> int | None:
     return 0
 
 
-def _read(name: str) -> int:
+def _read(what: str, name: str) -> int:
     from echelon.errors import EchelonError
+    from echelon.excite.files.reading import read_trajectory
     from echelon.logs.files.open import read_table
 
     try:
-        read_table(name)
+        if what == "read":
+            read_table(name)
+        else:
+            read_trajectory(name, ("j1", "j2"), ("rad", "rad"))
     except EchelonError as error:
         print(error)
         return 2

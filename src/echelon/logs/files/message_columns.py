@@ -20,6 +20,7 @@ from echelon.logs.files.messages import Labels, Numbers
 from echelon.logs.table import Floats
 
 _NANO = 10**9
+_LATEST = 2**63
 
 _Layout = tuple[tuple[str, Labels], ...]
 
@@ -63,7 +64,7 @@ class TopicColumns:
         Raises
         ------
         InputError
-            If two of its numbers have the same name, or one is too large for a float.
+            If two of its numbers have the same name, or one or its time is too large.
         """
         layout = tuple([(path, labels) for path, labels, _ in numbers.parts])
         rows = self._rows.get(layout)
@@ -78,6 +79,8 @@ class TopicColumns:
             problem = "a message holds an integer that is too large for a float"
             raise InputError(problem, element=f"topic '{self._topic}'") from None
         rows.positions.append(len(self._times))
+        if abs(time) >= _LATEST:
+            raise InputError("a message's time is more than 292 years from 1970", element=f"topic '{self._topic}'")
         self._times.append(time)
 
     @property

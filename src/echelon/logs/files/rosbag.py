@@ -73,7 +73,8 @@ class Rosbag:
             chosen = [connection for connection in reader.connections if connection.topic in topics]
             for group in [chosen] if head is None else [[connection] for connection in chosen]:
                 for connection, time, message in islice(reader.messages(connections=group), head):
-                    yield connection.topic, time, self._types.decode(connection.msgtype, message)
+                    # int: a database holds what was put into it, whatever the type of its column
+                    yield connection.topic, int(time), self._types.decode(connection.msgtype, message)
 
     def _opened(self) -> Any:
         try:
