@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -46,12 +47,25 @@ def alone(folder: Path) -> Identification:
     return identify(pendulum(), [folder])
 
 
+@contextmanager
+def workers() -> Iterator[Client]:
+    """Two of them, who find the modules of the tests as they find the library."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]))
+        with connect("2") as client:
+            yield client
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Client]:
+    with workers() as client:
+        yield client
+
+
 @pytest.fixture
-def client(monkeypatch: pytest.MonkeyPatch) -> Iterator[Client]:
-    # workers must find the modules of the tests, as they find the library
-    here = str(Path(__file__).parent)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([here, os.environ.get("PYTHONPATH", "")]))
-    with connect("2") as client:
+def mortal() -> Iterator[Client]:
+    """A cluster whose workers may be killed."""
+    with workers() as client:
         yield client
 
 
@@ -90,9 +104,9 @@ def _slowly(pause: float, item: int) -> tuple[int, int]:
     return item, os.getpid()
 
 
-def test_a_worker_dies_midway(client: Client, folder: Path, alone: Identification) -> None:
+def test_a_worker_dies_midway(mortal: Client, folder: Path, alone: Identification) -> None:
     """What it had made is made again by others."""
-    pids = set(client.run(os.getpid).values())
+    pids = set(mortal.run(os.getpid).values())
     assert len(pids) == 2
     killed: list[int] = []
     started = threading.Event()
@@ -101,10 +115,10 @@ def test_a_worker_dies_midway(client: Client, folder: Path, alone: Identificatio
         started.wait(30)
         while not killed:
             # a worker that holds results and is at work
-            busy = {address for address, keys in client.processing().items() if keys}
-            holding = {address for address, keys in client.has_what().items() if len(keys) > 1}
+            busy = {address for address, keys in mortal.processing().items() if keys}
+            holding = {address for address, keys in mortal.has_what().items() if len(keys) > 1}
             for address in busy & holding:
-                victim = client.run(os.getpid, workers=[address])[address]
+                victim = mortal.run(os.getpid, workers=[address])[address]
                 os.kill(victim, signal.SIGKILL)
                 killed.append(victim)
                 return
@@ -113,7 +127,7 @@ def test_a_worker_dies_midway(client: Client, folder: Path, alone: Identificatio
     killer = threading.Thread(target=kill_one)
     killer.start()
     found = identify(
-        pendulum(), [folder], client=client, on_step=lambda text: started.set() if "taking" in text else None
+        pendulum(), [folder], client=mortal, on_step=lambda text: started.set() if "taking" in text else None
     )
     started.set()
     killer.join(30)
@@ -122,10 +136,10 @@ def test_a_worker_dies_midway(client: Client, folder: Path, alone: Identificatio
     same(found, alone)
 
 
-def test_results_come_in_order_though_a_worker_dies(client: Client) -> None:
+def test_results_come_in_order_though_a_worker_dies(mortal: Client) -> None:
     found: list[tuple[int, int]] = []
     pids: set[int] = set()
-    for item, pid in each(client, _slowly, 0.05, range(40)):
+    for item, pid in each(mortal, _slowly, 0.05, range(40)):
         found.append((item, pid))
         if len(pids) < 2 and len(pids | {pid}) == 2:
             os.kill(pid, signal.SIGKILL)
