@@ -181,12 +181,13 @@ def test_tampered_files_are_refuted(saved: Path, case: str) -> None:
         ec.verify(saved)
 
 
-def test_the_wording_of_other_versions_is_accepted(saved: Path) -> None:
+def test_expressions_of_other_versions_are_checked(saved: Path) -> None:
     data = json.loads(saved.read_text(encoding="utf-8"))
-    data["echelon"] = "0.0.1"
-    data["base"][0]["expression"] = "ZZ1 plus others"
+    data["echelon"] = "0.0.9"
+    data["base"][0]["expression"] += " + 7·M6"
     saved.write_text(json.dumps(data), encoding="utf-8")
-    assert ec.verify(saved).rank == 36
+    with pytest.raises(ec.CertificateError, match="expression"):
+        ec.verify(saved)
 
 
 DAMAGED: dict[str, Callable[[str], str]] = {
