@@ -28,7 +28,7 @@ def _term(data: Document, rng: random.Random) -> dict[str, Any]:
 
 
 def _prime_aware(data: Document, rng: random.Random) -> None:
-    """Zero modulo all primes that the certificate names or its seed leads to; all that follows from it agrees with it."""
+    """Zero modulo all primes that the certificate names or its seed leads to; the rest of the set agrees with it."""
     model = from_json(json.dumps(data))
     rows = [dict(row) for row in model.matrix.rows]
     i = rng.choice([k for k, row in enumerate(rows) if len(row) > 1])
