@@ -15,8 +15,8 @@ import arms
 import echelon as ec
 from echelon.base.display import to_latex, to_markdown
 from echelon.claims.linear import LinearReader
+from echelon.cli.commands import app
 from echelon.cli.generate import read_values
-from echelon.cli.main import app
 from echelon.cli.show import visible
 from echelon.errors import InputError
 from echelon.exact.expressions import parse

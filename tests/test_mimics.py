@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import echelon as ec
 from echelon.base.display import to_text
 from echelon.base.reading_report import MimicRanks
-from echelon.cli.app import app
+from echelon.cli.commands import app
 from mjcf_models import INERTIA, model
 from robots import robot_file
 

@@ -190,7 +190,7 @@ def test_tampered_files_are_refuted(saved: Path, case: str) -> None:
 
 def test_the_wording_counts_whatever_version_wrote_it(saved: Path) -> None:
     data = json.loads(saved.read_text(encoding="utf-8"))
-    data["echelon"] = "0.0.1"
+    data["echelon"] = "0.0.9"
     data["base"][0]["expression"] += " + 7·M6"
     saved.write_text(json.dumps(data), encoding="utf-8")
     with pytest.raises(ec.CertificateError, match="expression"):

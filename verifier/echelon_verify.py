@@ -1,0 +1,1 @@
+../src/echelon/results/echelon_verify.py
