@@ -10,7 +10,6 @@ from pydantic import ConfigDict, Field
 from echelon.results.preparation_record import ColumnMapRecord, PreparationRecord
 from echelon.results.record import BaseModelRecord
 
-
 Value = Annotated[float, Field(ge=-1e100, le=1e100)]
 """A parameter whose products still have doubles."""
 
