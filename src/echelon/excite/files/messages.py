@@ -143,9 +143,13 @@ def _order(names: list[str], coordinates: Sequence[str]) -> list[int]:
 
 
 def _time(point: dict[str, Any], k: int) -> int:
-    found = nanoseconds(point.get("time_from_start"))
+    element = f"points[{k}].time_from_start"
+    try:
+        found = nanoseconds(point.get("time_from_start"))
+    except InputError as error:
+        raise InputError(error.problem, element=element) from None
     if found is None or abs(found) > _LATEST:
-        raise InputError("needs two integers, sec and nanosec", element=f"points[{k}].time_from_start")
+        raise InputError("needs two integers, sec and nanosec", element=element)
     return found
 
 
