@@ -61,7 +61,7 @@ def test_positions_alone_make_a_message(tmp_path: Path) -> None:
         (point(0, velocities=[0.0, 0.0]), r"points\[1\].velocities: holds 0 numbers; needs 2"),
         (point(3, time_from_start={"sec": 3, "nanosec": 0}), "column 't', point 3: 3.0 s follows 3.02 s"),
         (point(3, time_from_start={"sec": 3}), r"points\[3\].time_from_start: needs two integers, sec and nanosec"),
-        (point(3, time_from_start={"sec": 10**400, "nanosec": 0}), r"points\[3\].time_from_start: needs two integers"),
+        (point(3, time_from_start={"sec": 10**400, "nanosec": 0}), r"points\[3\].time_from_start: .*292 years"),
         (
             message(points=[p | {"velocities": [0.0, 0.0]} for p in message()["points"]]),
             "column 'qd_j1': its velocities are not those of the positions",

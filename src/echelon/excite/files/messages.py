@@ -120,10 +120,14 @@ def _order(names: list[str], coordinates: Sequence[str]) -> list[int]:
 
 
 def _time(point: dict[str, Any], k: int) -> int:
+    element = f"points[{k}].time_from_start"
     parts = {name: _whole(value) for name, value in fields(point.get("time_from_start"))}
-    found = nanoseconds(parts)
+    try:
+        found = nanoseconds(parts)
+    except InputError as error:
+        raise InputError(error.problem, element=element) from None
     if found is None or abs(found) > _LATEST:
-        raise InputError("needs two integers, sec and nanosec", element=f"points[{k}].time_from_start")
+        raise InputError("needs two integers, sec and nanosec", element=element)
     return found
 
 

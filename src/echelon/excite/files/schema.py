@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel as Schema
 from pydantic import ConfigDict, Discriminator, Field
 
-from echelon.excite.trajectory import DURATIONS, LARGEST
+from echelon.excite.trajectory import DURATIONS
 
 VERSION = 1
 """Of the format."""
@@ -31,7 +31,6 @@ EXPLANATION = (
 )
 
 Length = Annotated[float, Field(ge=DURATIONS[0], le=DURATIONS[1])]
-Coefficient = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 
 
 class _Strict(Schema):
@@ -41,9 +40,9 @@ class _Strict(Schema):
 class FourierCoefficients(_Strict):
     """One coordinate's coefficients, in its unit."""
 
-    constant: Coefficient
-    sin: list[Coefficient] = Field(description="Of sin(2πkt/duration), k = 1, 2, …, harmonics.")
-    cos: list[Coefficient] = Field(description="Of cos(2πkt/duration), k = 1, 2, …, harmonics.")
+    constant: float
+    sin: list[float] = Field(description="Of sin(2πkt/duration), k = 1, 2, …, harmonics.")
+    cos: list[float] = Field(description="Of cos(2πkt/duration), k = 1, 2, …, harmonics.")
 
 
 class FourierRecord(_Strict):
@@ -65,7 +64,7 @@ class SplinesRecord(_Strict):
     knots: list[float] = Field(
         description="s; the first, 0, and the last, the duration, occur degree + 1 times, the others once."
     )
-    control_points: dict[str, list[Coefficient]] = Field(
+    control_points: dict[str, list[float]] = Field(
         description="By coordinate, in its unit; as many as there are knots less degree + 1."
     )
 
