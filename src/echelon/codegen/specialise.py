@@ -11,6 +11,7 @@ from fractions import Fraction
 
 import numpy as np
 
+from echelon.errors import InputError
 from echelon.exact.numbers import Number, Surd, parts_of
 from echelon.program.function import Argument, Function
 from echelon.program.operations import Op
@@ -129,4 +130,7 @@ def _bounded(value: Number) -> Number:
     longest = max(max(abs(part.numerator), part.denominator).bit_length() for part in parts_of(value))
     if longest <= _MOST_BITS:
         return value
-    return Fraction(float(value)) if isinstance(value, Surd | Fraction) else value
+    try:
+        return Fraction(float(value)) if isinstance(value, Surd | Fraction) else value
+    except OverflowError:
+        raise InputError("products of the values put in are beyond the range of floating-point numbers") from None
