@@ -81,7 +81,8 @@ def _own_cluster(count: int) -> Iterator[Any]:
         LocalCluster(
             n_workers=count,
             threads_per_worker=1,
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",
+            scheduler_kwargs={"dashboard": False},
             protocol="tls://",
             security=security,
             local_directory=folder,
