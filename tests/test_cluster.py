@@ -80,6 +80,7 @@ def start() -> Iterator[Start]:
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster, "_PATIENCE", 2.0)
+    monkeypatch.setattr(cluster, "_LOOK", 0.5)
 
 
 # -- our own -----------------------------------------------------------------------------------------------------------

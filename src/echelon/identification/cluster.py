@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _PATIENCE = 15.0
 """Seconds without a single worker after which none is expected to come (back)."""
-_LOOK = 1.0  # seconds between two looks whether there are workers
+_LOOK = 5.0  # seconds between two looks whether there are workers: results are small and travel faster
 _SILENT: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
 """No pages about what the processes do."""
 
@@ -82,7 +82,8 @@ def _own_cluster(count: int) -> Iterator[Any]:
         LocalCluster(
             n_workers=count,
             threads_per_worker=1,
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",
+            scheduler_kwargs={"dashboard": False},
             protocol="tls://",
             security=security,
             local_directory=folder,
@@ -150,14 +151,13 @@ def result(client: Client, future: Future[Any]) -> Any:
     """
     from concurrent.futures import CancelledError
 
-    from distributed import KilledWorker, wait
+    from distributed import KilledWorker
     from distributed.comm.core import CommClosedError
 
     address, seen = str(client.scheduler_info().get("address")), monotonic()
     while True:
         try:
-            wait(future, timeout=_LOOK)
-            return future.result()
+            return future.result(timeout=_LOOK)  # also one that was made may be lost before it is here
         except KilledWorker as error:
             problem = f"a task ended {error.allowed_failures + 1} workers one after another, perhaps for want of memory"
             raise InputError(problem, source=address) from None
