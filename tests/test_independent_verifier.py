@@ -124,7 +124,7 @@ SETUPS = {
 }
 
 
-@pytest.mark.parametrize("alpha, beta", ANGLES)
+@pytest.mark.parametrize(("alpha", "beta"), ANGLES)
 def test_stated_angles(alpha: str, beta: str, tmp_path: Path) -> None:
     code, sentence = judge(derived(ARM % (alpha, beta), tmp_path))
     assert code == VALID, sentence
