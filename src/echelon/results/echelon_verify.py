@@ -298,6 +298,7 @@ class Sample:
 def check_form(data, sample):
     """What can be read off: names, counts, units, echelon form, classes."""
     row, pivots, order = sample.row(), [row["name"] for row in data["base"]], data["order"]
+    need(data["generic"] in (True, False), "'generic' is neither true nor false")
     need(data["schema"] == "echelon.base-model/1", f"the schema {data['schema']}", 3)
     need(len(row) == len(data["parameters"]) and [*row] == data["parameters"], "its parameters are not those of its model")
     need(data["name"] == data["model"]["name"], "its name is not that of its model")
