@@ -9,7 +9,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -161,18 +160,15 @@ def test_loops_are_not_covered() -> None:
 
 
 def test_it_has_its_own_kinematics(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A fault that derivation and verification share: gravity counts double in both."""
+    """A fault that derivation and verification share passes both: here, forgotten gravity."""
     from echelon.regressor.steps import Recorder
 
-    true = Recorder.placement
-
-    def false(self: Recorder, placement: Any) -> Any:
-        return true(self, placement.inverse())
-
-    monkeypatch.setattr(Recorder, "placement", false)
-    model = ec.base_parameters(arms.rx90())
-    ec.verify(model)
-    assert judge(to_json(model))[0] == REFUTED
+    monkeypatch.setattr(Recorder, "gravity", lambda recorder: recorder.zeros)
+    model = ec.base_parameters(arms.double_pendulum())
+    assert ec.verify(model).rank == 4
+    code, sentence = judge(to_json(model))
+    assert code == REFUTED
+    assert "not complete" in sentence
 
 
 def test_keys_that_stand_twice_are_refused() -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from echelon.cli.main import app
+from echelon.cli.commands import app
 from echelon.machine.kernel import processors
 from every_command import COMMANDS, LANGUAGES, SCHEMAS, write_inputs
 

@@ -128,15 +128,15 @@ class Sample:
         moved = {s["name"]: [f"{s['name']}.{c}" for c in "xyz"] if s["motion"] == "ball" else [s["name"]] for s in motions}
         follow = {n: only(c, "terms")["terms"] for entry in model.get("couplings", []) for n, c in entry.items()}
         drives = {n: only(d, "terms")["terms"] for n, d in model.get("actuators", {}).items()}
+        turning = {s["name"] for s in motions if s["motion"] != "translation"}
         self.free = [x for n, names in moved.items() if n not in follow for x in names]
         self.ratios = {x: {x: Fraction(1)} for x in self.free}
         for n, terms in [*follow.items(), *drives.items()]:
             linear = n not in self.ratios and all(x in self.free and isinstance(r, str) for x, r in terms.items())
-            turning = any(s["name"] == n and s["motion"] != "translation" for s in motions)
-            plain_ratios = linear and not re.search("[^-+0-9./e]", "".join(terms.values()))
-            need(linear and (plain_ratios or not turning), f"how {n} depends on others", 3)
+            rational = linear and not (n in turning and re.search("[^-+0-9./e]", "".join(terms.values())))
+            need(linear and rational, f"how {n} depends on others", 3)
             self.ratios[n] = {x: evaluate(r, self.symbols, self.function) for x, r in terms.items()}
-        self.fine = math.lcm(*(r.denominator for n in follow for r in self.ratios[n].values()))
+        self.fine = math.lcm(*(r.denominator for n in turning & {*follow} for r in self.ratios[n].values()))
         self.driven, self.stated = [x for x in self.free if any(x in terms for terms in drives.values())], list(drives)
         self.drives, self.joints = [*drives, *(x for x in self.free if x not in self.driven)], {*self.free, *follow}
         self.probes, outputs = [], model.get("outputs", [{"actuator": n, "name": n} for n in self.drives])
@@ -160,13 +160,13 @@ class Sample:
         return c, s
 
     def function(self, name, argument):
-        if name == "sqrt" and argument in self.roots: return self.roots[argument]
+        if name == "sqrt" and argument in self.roots: return Fraction(self.roots[argument])
         if name in ("sign", "abs"):
             self.met[argument] = 1 if (x := evaluate(argument, self.reals)) > 0 else -1
-            return self.met[argument] * (x if name == "abs" else 1)
+            return self.met[argument] * (x if name == "abs" else Fraction(1))
         found = re.fullmatch(r"(?:([0-9]+) ?\* ?)?(\S+)", argument)
         need(name in ("cos", "sin") and found and found[2] in self.circles, f"{name}({argument[:60]})", 3)
-        return self.power(self.circles[found[2]], found[1] or 1)[name == "sin"]
+        return Fraction(self.power(self.circles[found[2]], found[1] or 1)[name == "sin"])
 
     def frame(self, data):
         """A frame as a matrix, and its inverse."""
@@ -298,6 +298,7 @@ class Sample:
 def check_form(data, sample):
     """What can be read off: names, counts, units, echelon form, classes."""
     row, pivots, order = sample.row(), [row["name"] for row in data["base"]], data["order"]
+    need(data["generic"] in (True, False), "'generic' is neither true nor false")
     need(data["schema"] == "echelon.base-model/1", f"the schema {data['schema']}", 3)
     need(len(row) == len(data["parameters"]) and [*row] == data["parameters"], "its parameters are not those of its model")
     need(data["name"] == data["model"]["name"], "its name is not that of its model")
@@ -343,6 +344,7 @@ def verify(data):
             states += 1
         together = sum(argument not in [f"qd[{x}]" for x in sample.free] for argument in sample.signs)
         size = 128 * sample.turn * len(json.dumps(data)) * 2**together  # such signs depend on several numbers of a point
+        need(size < 2**65, "such large multiples of an angle, or so many signs of sums", 3)
         error, rounds = error + math.log(size / 2.0**80 + 16 * size / 80 / 2.0**71), rounds + 1
     rows = own.rows(len(pivots) + 4)
     rank = len(reduced([[row[n][1] for n in pivots] for row in rows], own.p)[0])
