@@ -137,7 +137,7 @@ def test_torques_and_points_by_hand_keep_their_limits_and_use_one(made: Made) ->
 
 
 def test_text_for_people(tmp_path: Path) -> None:
-    done = run("excite", str(setup_file(tmp_path)), "--seconds", "1", cwd=tmp_path)
+    done = run("excite", str(setup_file(tmp_path)), "--iterations", "20", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert "\x1b" not in done.stdout
     lines = done.stdout.splitlines()
@@ -150,7 +150,7 @@ def test_text_for_people(tmp_path: Path) -> None:
 def test_options_replace_the_section(tmp_path: Path) -> None:
     file = setup_file(tmp_path)
     file.write_text(file.read_text().replace("{j1: 12, j2: 5}", "12"), encoding="utf-8")
-    options = "--duration 4 --family bspline --pieces 6 --criterion condition --seed 3 --seconds 1 --move j2"
+    options = "--duration 4 --family bspline --pieces 6 --criterion condition --seed 3 --iterations 20 --move j2"
     done = call("excite", str(file), *options.split(), "--json")
     assert done.returncode == 0, done.stderr
     document = json.loads(done.stdout)
@@ -190,7 +190,7 @@ def test_broken_limits_are_named_with_exit_code_1(made: Made, tmp_path: Path) ->
 
 def test_repeats_of_a_periodic_motion(made: Made, tmp_path: Path) -> None:
     file, *_ = made
-    done = call("excite", str(file), "-o", str(tmp_path), "--seconds", "1", "--rate", "100", "--repeats", "2")
+    done = call("excite", str(file), "-o", str(tmp_path), "--iterations", "20", "--rate", "100", "--repeats", "2")
     assert done.returncode == 0, done.stderr
     table = np.genfromtxt(tmp_path / "trajectory.csv", delimiter=",", skip_header=1)
     assert len(table) == 1001
@@ -213,7 +213,7 @@ def test_a_log_at_hand_is_complemented(tmp_path: Path) -> None:
     tau1 = tau2 + (0.02 + 2 * 0.15**2 + 0.09 + 0.045) * a1 + 0.6 * weight
     rows = np.stack([t, q1, np.zeros_like(t), tau1, tau2], axis=1)
     np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,q1,q2,tau1,tau2", comments="")
-    arguments = "excite", str(file), "--seconds", "2", "--json"
+    arguments = "excite", str(file), "--iterations", "20", "--json"
     plain, done = call(*arguments), call(*arguments, "--complement", str(tmp_path / "log.csv"))
     assert done.returncode == 0, done.stderr
     assert (plain.returncode, done.stderr) == (0, "")
@@ -245,9 +245,9 @@ def test_wrong_input_is_one_line_and_nothing_is_written(tmp_path: Path) -> None:
     out = tmp_path / "out"
     cases = {
         ("-f", "cvs"): "there is no format 'cvs'; did you mean 'csv'",
-        ("--family", "bspline", "--repeats", "2", "--seconds", "0.5"): "not periodic cannot be run 2 times",
+        ("--family", "bspline", "--repeats", "2", "--iterations", "20"): "not periodic cannot be run 2 times",
         ("--move", "j3"): "there is no coordinate 'j3'",
-        ("--rate", "0", "--seconds", "0.5"): "no sampling rate",
+        ("--rate", "0", "--iterations", "20"): "no sampling rate",
         ("--duration", "-1"): "excitation.duration",
         ("--complement", str(tmp_path / "no.csv")): "no.csv",
     }
@@ -263,7 +263,7 @@ def test_wrong_input_is_one_line_and_nothing_is_written(tmp_path: Path) -> None:
 def test_an_output_directory_that_is_a_file_is_refused(tmp_path: Path) -> None:
     file = setup_file(tmp_path)
     (tmp_path / "out").write_text("mine")
-    text = refused("excite", file, "-o", tmp_path / "out", "--seconds", "0.5")
+    text = refused("excite", file, "-o", tmp_path / "out", "--iterations", "20")
     assert len(text.strip().splitlines()) == 1
     assert "out" in text
     assert (tmp_path / "out").read_text() == "mine"
@@ -273,7 +273,7 @@ def test_a_gain_of_the_drives_does_not_enter_the_design(tmp_path: Path) -> None:
     """Which gain is meant, is not for the base parameters: a trajectory cannot be judged by an unknown factor."""
     file = setup_file(tmp_path)
     file.write_text(file.read_text() + "effects: [{type: drive_gain, at: all}]\n", encoding="utf-8")
-    done = call("excite", str(file), "--seconds", "1", "--json")
+    done = call("excite", str(file), "--iterations", "20", "--json")
     assert done.returncode in (0, 2)
     assert "Traceback" not in done.stderr
     if done.returncode:
