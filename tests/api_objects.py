@@ -210,6 +210,7 @@ OBJECTS: Mapping[str, Example] = {
     ),
     "formulas": Example(lambda: base().symbolic_regressor(), lambda found: found.latex()),
     "energy": Example(lambda: ec.energy_regressor(base().mechanism)),
+    "size of a leaf": Example(lambda: virtual_power_form(base().mechanism).sampler().leaf_size),
     "rows of many bodies": Example(lambda: virtual_power_form(load("snake.yaml")())),
     "row spaces": Example(lambda: ec.same_row_space(base(), ec.energy_regressor(base().mechanism))),
     "ranks": Example(lambda: ec.compare_numeric(base().mechanism), lambda found: (repr(found), found.verdict)),

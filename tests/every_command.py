@@ -61,7 +61,7 @@ COMMANDS = {
     "regressor-latex": "derive arm.yaml --regressor latex",
     "regressor-sympy": "derive loop.yaml --regressor sympy",
     "linear": "derive linear.yaml --json",
-    "verify": "verify arm.json --json",
+    "verify": "verify arm.json --seed 7 --json",
     "sensors": "sensors arm.yaml --size 2 --json",
     "audit": "audit arm.yaml claimed.txt --json",
     **{f"generate-{name}": f"generate arm.yaml --target {name} -o code-{name} --json" for name in LANGUAGES},

@@ -158,7 +158,7 @@ def test_names_cannot_break_a_markdown_table(hostile: ec.BaseModel) -> None:
 def test_names_cannot_format_the_terminal_table(hostile: ec.BaseModel, capsys: pytest.CaptureFixture[str]) -> None:
     arm = hostile.mechanism
     marked = replace(arm, bodies=tuple(replace(b, name="[red]robot[/red]") for b in arm.bodies))
-    print_model(replace(hostile, mechanism=marked), 0.1)
+    print_model(replace(hostile, mechanism=marked))
     shown = capsys.readouterr().out
     assert "[red]robot[/red]" in shown
     assert "\x1b" not in shown

@@ -167,7 +167,7 @@ def test_numbers_of_python_are_accepted() -> None:
         ("{rate: inf}", "excitation.rate: 'inf' is not a finite number"),
         ("{rate: l1}", "excitation.rate: needs a number or an expression of numbers and pi, found 'l1'"),
         ("{rate: 10/0}", "only division by a non-zero number is possible"),
-        ("{rate: 1e999}", "'1e999' is too large a number"),
+        ("{rate: 1e999}", "'1e999' is beyond the range of double precision"),
         ("{rate: true}", "excitation.rate: needs a number or an expression of numbers and pi, found 'true'"),
         ("{rate: }", "excitation.rate: needs a number such as 0.5 or 2*pi, found nothing"),
         ("{family: fourrier}", "excitation.family: 'fourrier' is not valid; did you mean 'fourier'?"),

@@ -60,8 +60,8 @@ FAULTS = (
     Fault(POWER, "+ dot(twist[1], wrench[1])", "- dot(twist[1], wrench[1])", "power of forces", JOINTS),
     Fault(
         "regressor/linear.py",
-        "in enumerate(keep)}",
-        "in enumerate(sorted(keep))}",
+        "in enumerate(kept)}",
+        "in enumerate(sorted(kept))}",
         "order of chosen columns",
         "test_closed_form.py::test_textbook_set_term_by_term",
     ),

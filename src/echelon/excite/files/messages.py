@@ -19,7 +19,7 @@ from echelon.logs.files.messages import fields, nanoseconds
 _STATES = ("positions", "velocities", "accelerations")
 _LATEST = 2**31 * 10**9
 _DOT = re.compile(r"\.(?=[a-zA-Z])")  # of .nan and .inf
-_INTEGER = re.compile(r"[+-]?[0-9]{1,19}")
+_INTEGER = re.compile(r"[+-]?[0-9]{1,1000}")
 _SHAPE = "a JointTrajectory has joint_names and points"
 
 
