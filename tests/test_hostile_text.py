@@ -96,7 +96,9 @@ def test_the_range_of_doubles(number: Any, inside: bool) -> None:
     assert in_double_range(number) is inside
 
 
-@pytest.mark.parametrize("value", ["1e308", "1e400", "1e999", "1e200", ".inf", "'0.3 # x'", '"0.3\\e[31m"', "٣"])
+@pytest.mark.parametrize(
+    "value", ["1e308", "1e400", "1e999", "1e200", "1e-308", ".inf", "'0.3 # x'", '"0.3\\e[31m"', "٣"]
+)
 def test_descriptions_name_the_symbol(tmp_path: Path, value: str) -> None:
     file = tmp_path / "robot.yaml"
     file.write_text(DESCRIPTION % value, encoding="utf-8")
@@ -115,7 +117,9 @@ def test_robot_files_name_the_element(tmp_path: Path, attack: tuple[str, str]) -
         ec.load(file)
 
 
-@pytest.mark.parametrize("gravity", ["0,0,1e400", "0,0,1e308", "0,0,inf", "0,0,-9.81 # down", "0,0,９", "0,0,nan"])
+@pytest.mark.parametrize(
+    "gravity", ["0,0,1e400", "0,0,1e308", "0,0,1e-308", "0,0,inf", "0,0,-9.81 # down", "0,0,９", "0,0,nan"]
+)
 def test_gravity_is_checked(gravity: str) -> None:
     with pytest.raises(InputError, match="gravity: "):
         ec.load(Path(__file__).parents[1] / "examples/two_link.xml", gravity=gravity)

@@ -269,8 +269,9 @@ class Assembly(ClosedMotion):
 def _damped_steps(values: Floats, jacobian: Floats) -> Floats:
     """Levenberg–Marquardt steps; the damping follows the square of the error, so the end is quadratic."""
     transposed = jacobian.swapaxes(1, 2)
-    damping = (values**2).sum(axis=1) + _FLOOR
-    normal = transposed @ jacobian + damping[:, None, None] * np.eye(jacobian.shape[2])
+    square = transposed @ jacobian
+    damping = (values**2).sum(axis=1) + _FLOOR * np.maximum(1.0, np.abs(square).max(axis=(1, 2), initial=0.0))
+    normal = square + damping[:, None, None] * np.eye(jacobian.shape[2])
     steps: Floats = -np.linalg.solve(normal, transposed @ values[:, :, None])[:, :, 0]
     return steps * np.minimum(1.0, _LONGEST / np.maximum(largest(steps), 1e-300))[:, None]
 
