@@ -71,6 +71,8 @@ def _columns(material: Material, rng: Random) -> dict[str, Any]:
             found[rng.choice(("t", "q1", "x", "", "a.b", "q1[0]", "x" * 3000))] = found.pop(name)
         elif action == 2:
             found[name] = np.asarray(values)[: rng.choice((0, 1, 10, 399))]
+        elif action in (3, 4) and np.asarray(values).dtype.kind not in "fiub":
+            found[name] = np.asarray(values)[::2]  # an earlier change made texts or dates of it
         elif action == 3:
             changed = np.array(values, dtype=float)
             changed.flat[rng.randrange(max(1, changed.size)) :: rng.choice((1, 7, 1000))] = (

@@ -89,6 +89,10 @@ class Rosbag:
         reasons: dict[str, str] = {}
         for connection in connections:
             topic = connection.topic
+            if not isinstance(connection.msgcount, int):
+                raise InputError(
+                    "is damaged: a number of messages is no whole number", source=self.source, element=topic
+                )
             counts[topic] += connection.msgcount
             reasons[topic] = reasons.get(topic) or self._types.left_out.get(connection.msgtype, "")
         return {topic: reason if counts[topic] else "its topic has no messages" for topic, reason in reasons.items()}
