@@ -274,3 +274,10 @@ def test_display() -> None:
     assert r"\bar\zeta_{2} &= \mathrm{cf} + \frac{1}{\mathrm{lf}}\,\mathrm{cft}" in to_latex(base)
     assert "| 2 | cf + (1/lf)·cft | N/rad |" in to_markdown(base)
     assert repr(base) == "LinearBase(single-track vehicle, yaw only: 4 base parameters of 6)"
+
+
+@pytest.mark.parametrize(("power", "route"), [("0.333333333333", "field"), ("1e-20", "balls")])
+def test_powers_that_are_fine_fractions(power: str, route: str) -> None:
+    base = ec.base_parameters(ec.LinearModel(["T"], ["a", "b", "c"], {"y": f"a + b*T^{power} + c*T^2"}))
+    assert base.rank == 3
+    assert (base.certificate is None or "ball" in str(base.certificate)) == (route == "balls")

@@ -33,6 +33,8 @@ from echelon.program.tape import Program
 Signs = tuple[tuple[int, int], ...]
 """Nodes with their signs, ±1, sorted by node."""
 
+_LARGEST_UNIT = 10**15
+"""Beyond, exponents of generators would not fit into machine integers."""
 _MOST_PASSES = 200
 _MOST_TERMS = 2000
 _LARGEST_NESTED_TURN = 24
@@ -330,6 +332,8 @@ class CanonicalForms:
         return name
 
     def _refine(self, name: str, unit: int) -> None:
+        if unit > _LARGEST_UNIT:
+            raise UnknownRelationsError(f"powers that are fractions of {unit:.0e}" if unit < 10**300 else "tiny powers")
         if unit != self.unit(name):
             self.units[name] = unit
             self._changed = True

@@ -127,10 +127,8 @@ class FieldSampler:
         roots = prod(2 * canonical.unit(g.name) for g in canonical.generators.values() if g.kind == "root")
         powers = max((canonical.unit(f"x{node}") for node in canonical.rooted), default=1)
         sizes = [_size(form) for form in canonical.known]
-        factor = roots * powers
-        return Size(
-            max([2, *(size.degree for size in sizes)]) * factor, max([2.0, *(size.bits for size in sizes)]) * factor
-        )
+        degree = max([2, powers, *(size.degree for size in sizes)])
+        return Size(degree * roots, max([2.0, *(size.bits for size in sizes)]) * roots)
 
     def _varies(self, node: int) -> bool:
         """Whether a node depends on the state."""

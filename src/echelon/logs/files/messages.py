@@ -20,7 +20,8 @@ Labels = tuple[str, ...] | int | None
 
 _NAME_FIELDS = ("name", "names", "joint_names", "interface_names")
 _NANOSECONDS = ("nanosec", "nsec", "nsecs", "nanosecs")
-_END_OF_TIME = 2**63  # ns
+END_OF_TIME = 2**63
+"""Nanoseconds that do not fit into 64 bits any more."""
 _SECONDS = ("sec", "secs")
 _LONGEST = 256
 
@@ -154,6 +155,6 @@ def nanoseconds(value: Any) -> int | None:
     if len(found) != 2 or not isinstance(seconds, int) or not isinstance(rest, int):
         return None
     time = seconds * 10**9 + rest
-    if abs(time) >= _END_OF_TIME:
+    if abs(time) >= END_OF_TIME:
         raise InputError("a message's time is further away than 292 years, which no clock says", element="stamp")
     return time

@@ -11,6 +11,7 @@ from typing import Any
 
 from echelon.errors import InputError, MissingExtraError
 from echelon.logs.files.access import decoding, existing_file
+from echelon.logs.files.messages import END_OF_TIME
 from echelon.logs.files.recordings import check_bag
 from echelon.logs.files.ros_types import Definition, RosTypes
 
@@ -52,6 +53,8 @@ class Rosbag:
         with decoding(self.source, _KIND), self._opened() as reader:
             connections = list(reader.connections)
             self.start: int = reader.start_time
+            if not isinstance(self.start, int) or abs(self.start) >= END_OF_TIME:
+                raise InputError("is damaged: its start is no time in nanoseconds", source=self.source)
             self._types = RosTypes(_definition(connection) for connection in connections)
         self.topics: Mapping[str, str] = self._readable(connections)
 
