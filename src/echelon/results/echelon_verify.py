@@ -37,7 +37,6 @@ def random_prime():
         p = 2**80 + 9 + 48 * RANDOM.randrange(2**80 // 48)  # 2^80 is 16 modulo 48, and (p − 1)/8 is odd
         powers = ([pow(a, p // k, p) for k in (8, 4, 2)] for a in (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41))
         if all(x[0] == 1 or p - 1 in x for x in powers): return p
-
 def cross(a, b): return [a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)]
 def twist(turn, slide=(0, 0, 0), rate=1):
     """The 4 × 4 matrix of an angular and a linear velocity, times a rate."""
@@ -72,7 +71,7 @@ class Robot:
                 row = [x * inverse % self.p for x in row]
                 found = {k: without(lead, n, row) for k, lead in found.items()} | {n: row}
         return found
-    def cosine_sine(self, *powers):  # Of the sum of n u over pairs of z = e^(iu) and n
+    def cosine_sine(self, *powers):  # of the sum of n u over pairs of z = e^(iu) and n
         self.largest_power = max(self.largest_power, sum(abs(n) for _, n in powers))
         a, b = (math.prod(pow(z, sign * n, self.p) for z, n in powers) for sign in (1, -1))
         return self.residue(Fraction(a + b, 2)), self.residue(Fraction(a - b, 2 * pow(self.root, 6, self.p)))
@@ -82,7 +81,7 @@ class Robot:
         steps, fine = turn - decimal, decimal / FINEST_ANGLE
         cover(steps.denominator == fine.denominator == 1, f"the angle {self.stated[name]!r}")
         return pow(self.root, int(steps), self.p) * pow(self.angles[FINEST_ANGLE], int(fine), self.p)
-    def evaluate(self, text, look_up):  # the value of an expression by Python's grammar; names, calls and entries [...] are looked up
+    def evaluate(self, text, look_up):  # an expression by Python's grammar; names, calls, entries [...] are looked up
         text = text.strip(" ").replace("^", "**")
         def value(node):
             source = ast.get_source_segment(text, node)
@@ -115,20 +114,19 @@ class Robot:
         self.ratios, self.symbolic = {x: {x: Fraction(1)} for x in self.free}, set()
         for name, entry in [*followers.items(), *actuators.items()]:
             terms = only(entry, "terms")["terms"]
-            cover(all(isinstance(ratio, str) and x in self.free for x, ratio in terms.items()) and name not in self.ratios, f"how {name!r} depends on others")
+            linear = {*terms} <= {*self.free} and {*map(type, terms.values())} <= {str}
+            cover(linear and name not in self.ratios, f"how {name!r} depends on others")
             self.ratios[name] = {x: self.evaluate(ratio, self.look_up) for x, ratio in terms.items()}
             if not re.fullmatch("[-+*/(). 0-9e]*", "".join(terms.values())): self.symbolic.add(name)
         cover(all(motions[n] == "translation" for n in {*followers} & self.symbolic), "an angle with a ratio that is a symbol")
         self.part = math.lcm(*(r.denominator for terms in self.ratios.values() for r in terms.values()))  # of an angle
         self.driven = [x for x in self.free if any(x in self.ratios[a] for a in actuators)]
         self.drives = [*actuators, *(x for x in self.free if x not in self.driven)]
-        outputs = model.get("outputs", [{"actuator": name, "name": name} for name in self.drives])
-        self.outputs = unique([self.output(entry) for entry in outputs])
+        self.outputs = unique([self.output(e) for e in model.get("outputs", [{"actuator": n, "name": n} for n in self.drives])])
     def frame(self, data):
         R = [[self.read(x) for x in row] for row in only(data, "xyz rotation").get("rotation", ("100", "010", "001"))]
-        x, y, z = columns = list(zip(*R, strict=True))
-        orthogonal = self.products(columns, R) == [row[:3] for row in ONE[:3]]
-        need(orthogonal and [a % self.p for a in cross(x, y)] == [*z], "a rotation of the model is none")
+        x, y, z = zip(*R, strict=True)
+        need(self.products([x, y, z, cross(x, y)], R) == [row[:3] for row in [*ONE[:3], ONE[2]]], "a rotation that is none")
         return [[*row, self.read(t)] for row, t in zip(R, data.get("xyz", "000"), strict=True)] + [ONE[3]]
     def output(self, entry):  # the name of an output, and weights of the displacements along which it measures
         only(entry, "name unit sum joint actuator wrench frame fixed_to components")
@@ -154,8 +152,9 @@ class Robot:
         self.angles, self.known = self.angles | {("joint", x): self.random() for x in self.free}, self.known | currents
         for kind in ("q", "qd", "qdd", "virtual!"):
             now = {x: along["joint", x] + moved[x] if kind == "virtual!" else self.random() for x in self.free}
-            for name, ratios in self.ratios.items():  # a ball has no positions
-                if kind != "q" or not self.balls & ratios.keys(): self.known[f"{kind}[{name}]"] = self.residue(sum(ratio * now[x] for x, ratio in ratios.items()))
+            allowed = {n: r for n, r in self.ratios.items() if kind != "q" or not self.balls & r.keys()}  # a ball has no position
+            for name, ratios in allowed.items():
+                self.known[f"{kind}[{name}]"] = self.residue(sum(ratio * now[x] for x, ratio in ratios.items()))
     def step(self, data):  # S, W, Ẇ and U of a frame or an elementary motion
         if "motion" not in data: return self.frame(data), ZERO, ZERO, ZERO
         kind, name, letters = only(data, "motion name axis pitch")["motion"], data["name"], data["axis"]
@@ -192,7 +191,7 @@ class Robot:
                 row.append((kind + body["label"], self.residue(sum(x * Q[i][j] for (i, j), x in MOMENTS[kind].items()))))
         return unique([*row, *((effect["parameter"], self.effect(effect)) for effect in self.model.get("effects", []))])
     def effect(self, entry):  # the virtual work of an effect
-        total = 0
+        total = Fraction(0)
         for act in only(entry, "parameter unit acts value")["acts"]:
             at = only(act, "at side term")["at"]
             cover(at in {"joint": self.ratios, "actuator": self.drives}[act["side"]], f"an effect at {at!r}")
@@ -200,8 +199,8 @@ class Robot:
             one, two, three = (self.evaluate(term, lambda text, n=n: self.of_state(text, n)) for n in (1, 2, 3))
             cover(not self.residue(one + three - 2 * two), f"products of signs: {act['term'][:60]!r}")
             total += one * (self.known[f"virtual![{at}]"] if act["side"] == "joint" else self.along["actuator", at])
-        return self.residue(Fraction(total))
-    def of_state(self, text, scale):  # what an effect may depend on; signs are scaled, which shows whether a term is linear in them
+        return self.residue(total)
+    def of_state(self, text, scale):  # of an effect; signs are scaled, which shows if a term is linear in them
         found = re.fullmatch(r"(sign|abs)\((.*)\)", text := re.sub("""["']""", "", text))
         if not found: return self.look_up(text)
         value, combination = self.residue(self.evaluate(found[2], self.look_up)), {}
