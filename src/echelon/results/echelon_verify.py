@@ -218,10 +218,10 @@ def verify(data):
     """What was found, in a sentence."""
     own, rounds, log_error = Robot(only(data, KEYS + " model")["model"], data["generic"] is False), 0, 0
     row, pivots = own.row(), [base["name"] for base in data["base"]]
-    cover(data["schema"] == "echelon.base-model/1" and isinstance(data["generic"], bool), "this schema")
+    known = (data["schema"], data["model"]["echelon"]) == ("echelon.base-model/1", 1) and isinstance(data["generic"], bool)
+    cover(known, "this schema")
     need(sorted(data["parameters"]) == sorted(data["order"]) == sorted(row), "its parameters are not those of its model")
-    same = data["name"] == data["model"]["name"] and data["outputs"] == [*own.outputs]
-    need(same and data["rank"] == len({*pivots} & {*row}) == len(pivots), "its name, outputs or rank are others")
+    need(data["outputs"] == [*own.outputs] and data["rank"] == len({*pivots} & {*row}) == len(pivots), "its outputs or its rank are others")
     terms = [(base["name"], only(t, "parameter coefficient denominator value")) for base in data["base"] for t in base["terms"]]
     while log_error > -30 * math.log(10):
         robot = Robot(data["model"], False)
