@@ -57,7 +57,7 @@ class Robot:
     def random(self): return RANDOM.randrange(1, self.p)
     def residue(self, x): return x.numerator * pow(x.denominator, -1, self.p) % self.p
     def read(self, text): return self.residue(self.evaluate(text, self.look_up))
-    def products(self, *matrices):  # the sum A B + C D + ... for A, B, C, D, 
+    def products(self, *matrices):  # the sum A B + C D + ... for A, B, C, D, ...
         rows = [[x for row in rows for x in row] for rows in zip(*matrices[::2], strict=True)]
         columns = list(zip(*(row for matrix in matrices[1::2] for row in matrix), strict=True))
         return [[sum(map(mul, row, column)) % self.p for column in columns] for row in rows]
