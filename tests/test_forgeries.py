@@ -29,7 +29,7 @@ VALID, REFUTED, UNREADABLE, NOT_COVERED = range(4)
 # The independent verifier passes over what is said beside the rows, and over evidence of others: the program refuses
 # these, and sets that are true but hold the certificate of another model.
 ONLY_THE_PROGRAM = {
-    *("certificate", "class", "count", "expression", "expression_hidden", "order", "pivot"),
+    *("certificate", "class", "count", "expression", "expression_hidden", "missing", "order", "pivot"),
     *("shape", "special", "swap_columns", "unit", "value", "zero"),
 }
 
