@@ -218,6 +218,14 @@ def _setup(data: Document, rng: random.Random) -> None:
     rng.choice(found)()
 
 
+def _special(data: Document, rng: random.Random) -> None:
+    """What the stated values change, for another number of base parameters."""
+    change = rng.choice([-1, 1, 3])
+    ranks = ("rank", "generic_rank")[:: -1 if data["generic"] else 1]
+    own, other = data["rank"] + change, data["rank"] + rng.choice([0, change])
+    data["special"] = {**dict(zip(ranks, (own, other), strict=True)), "relations": ["a = 0"]}
+
+
 CERTIFICATE: dict[str, Any] = {
     "minor_prime": [4, 2147483647, -1],
     "minor_states": [0, -5],

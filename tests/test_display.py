@@ -17,6 +17,7 @@ import sympy
 import arms
 import echelon as ec
 from echelon.base.display import to_html, to_latex, to_markdown, to_text
+from echelon.base.expression import LatexStyle, TextStyle
 from echelon.base.reading_report import ReadingReport
 from echelon.cli.terminal import print_model
 from echelon.mechanism.mechanism import Mechanism, Symbol
@@ -190,3 +191,10 @@ def test_remarks_on_the_reading(remark: str) -> None:
 def test_symbols_without_value_are_not_invented() -> None:
     mechanism = replace(arms.double_pendulum(), symbols={"l1": Symbol("l1")})
     assert "symbols: l1 = ?" in to_text(ec.base_parameters(mechanism))
+
+
+def test_multiples_of_angles_are_shown() -> None:
+    square, sine = "cos(40*a)", "sin(40*d4)"
+    assert (TextStyle().generator(square, 2), TextStyle().generator(sine, 1)) == ("cos²(40·a)", "sin(40·d4)")
+    assert LatexStyle().generator(square, 2) == r"\cos^{2}(40\,a)"
+    assert LatexStyle().generator(sine, 1) == r"\sin(40\,d_{4})"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Protocol
@@ -12,7 +12,7 @@ from echelon.conventions import PARAMETERS
 from echelon.errors import one_line
 from echelon.exact.expressions import PI
 from echelon.exact.numbers import Number, Surd, is_negative
-from echelon.exact.polynomial import Monomial, Polynomial, is_trigonometric, symbol_of
+from echelon.exact.polynomial import Monomial, Polynomial, is_trigonometric, multiple_of
 from echelon.exact.rational import RationalFunction
 
 _DECIMAL_DIGITS = 9
@@ -98,6 +98,12 @@ class Style(Protocol):
         """A quotient."""
 
 
+def angle_text(generator: str, style: Style, symbol: Callable[[str], str] = str) -> str:
+    """The argument of a sine or cosine: an angle symbol, or a multiple of one."""
+    count, name = multiple_of(generator)
+    return symbol(name) if count == 1 else f"{count}{style.times}{symbol(name)}"
+
+
 _SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -111,9 +117,9 @@ class TextStyle:
         return one_line(name)
 
     def generator(self, name: str, exponent: int) -> str:
-        """E.g. ``d4²``, ``cos²(a)``."""
+        """E.g. ``d4²``, ``cos²(a)``, ``sin(40·a)``."""
         power = str(exponent).translate(_SUPERSCRIPTS) if exponent > 1 else ""
-        return f"{name[:3]}{power}({symbol_of(name)})" if is_trigonometric(name) else f"{name}{power}"
+        return f"{name[:3]}{power}({angle_text(name, self)})" if is_trigonometric(name) else f"{name}{power}"
 
     def number(self, value: Number) -> str:
         """E.g. ``3/2``, ``√2/2``."""
@@ -146,7 +152,7 @@ class LatexStyle:
         """A power, with the name's digits as index."""
         power = f"^{{{exponent}}}" if exponent > 1 else ""
         if is_trigonometric(name):
-            return f"\\{name[:3]}{power}({latex_symbol(symbol_of(name))})"
+            return f"\\{name[:3]}{power}({angle_text(name, self, latex_symbol)})"
         return (r"\pi" if name == PI else latex_symbol(name)) + power
 
     def number(self, value: Number) -> str:

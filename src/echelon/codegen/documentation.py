@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from textwrap import wrap
 
-from echelon.base.expression import Expression, TextStyle, render
+from echelon.base.expression import Expression, TextStyle, angle_text, render
 from echelon.codegen.language import Language
 from echelon.codegen.views import FunctionView
 from echelon.codegen.wording import comment_text, unit_text
 from echelon.exact.numbers import Number
-from echelon.exact.polynomial import is_trigonometric, symbol_of
+from echelon.exact.polynomial import is_trigonometric
 from echelon.program.function import Argument, Function
 from echelon.program.operations import Op
 from echelon.version import __version__
@@ -26,7 +26,7 @@ class _AsciiStyle(TextStyle):
 
     def generator(self, name: str, exponent: int) -> str:
         power = f"^{exponent}" if exponent > 1 else ""
-        return f"{name[:3]}({symbol_of(name)}){power}" if is_trigonometric(name) else f"{name}{power}"
+        return f"{name[:3]}({angle_text(name, self)}){power}" if is_trigonometric(name) else f"{name}{power}"
 
     def number(self, value: Number) -> str:
         return str(value)

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 
-from echelon.base.expression import Expression, TextStyle, render
+from echelon.base.expression import Expression, TextStyle, angle_text, render
 from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS
 from echelon.errors import one_line
-from echelon.exact.polynomial import is_trigonometric, symbol_of
+from echelon.exact.polynomial import is_trigonometric
 
 _LONG = 72  # characters of a closed form that are shown at once
 _GROUPS = 3  # shown of one that is longer
@@ -38,8 +38,12 @@ class HtmlStyle(TextStyle):
         """A power of a symbol, sine or cosine."""
         power = f"<sup>{exponent}</sup>" if exponent > 1 else ""
         if is_trigonometric(name):
-            return f"{escape(name[:3])}{power}({_indexed(*_split(symbol_of(name)))})"
-        return f"{_indexed(*_split(name))}{power}"
+            return f"{escape(name[:3])}{power}({angle_text(name, self, _symbol)})"
+        return f"{_symbol(name)}{power}"
+
+
+def _symbol(name: str) -> str:
+    return _indexed(*_split(name))
 
 
 @dataclass(frozen=True)

@@ -202,6 +202,9 @@ def _check_derived(record: BaseModelRecord, model: BaseModel) -> None:
     for key, mine, theirs in zip(("name", "rank", "outputs", "classification"), true, stated, strict=True):
         if mine != theirs:
             raise CertificateError(f"'{key}' contradicts the model or the terms of its base parameters")
+    special = model.special
+    if special and model.rank != (special.generic_rank if model.generic else special.rank):
+        raise CertificateError(f"'special' is about another rank than the {model.rank} of the set")
     if model.matrix.numbers and model.matrix.numbers.at != value_texts(model.mechanism, model.matrix.numbers.at):
         raise CertificateError("'numbers' are for other values than those stated by the model")
     for row, derived in zip(record.base, _base_rows(model), strict=True):
