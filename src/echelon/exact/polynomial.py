@@ -119,8 +119,8 @@ class Polynomial:
             raise ValueError(f"a polynomial has no power {exponent}: use a RationalFunction")
         if exponent > 1 and len(self.terms) == 1:
             ((monomial, coefficient),) = self.terms.items()
-            if not any(is_trigonometric(generator) for generator, _ in monomial):
-                return Polynomial({tuple((g, exponent * e) for g, e in monomial): coefficient**exponent})
+            if coefficient == 1 and not any(is_trigonometric(generator) for generator, _ in monomial):
+                return Polynomial({tuple((g, exponent * e) for g, e in monomial): 1})
         return reduce(lambda total, _: total * self, range(exponent), Polynomial.constant(1))
 
     # -- comparison ----------------------------------------------------------------------------------------------
