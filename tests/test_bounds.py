@@ -56,6 +56,9 @@ HALF, THIRD = Fraction(1, 2), Fraction(1, 3)
         (X * HALF + Y * THIRD, 1, log2(5)),  # (3x + 2y)/6
         ((X * HALF + Y * THIRD) * X, 2, log2(5)),
         (X * HALF + Y, 1, log2(3)),  # (x + 2y)/2
+        (X * HALF - Y * X, 2, log2(3)),
+        (Y * X * X - X * HALF, 3, log2(3)),
+        (Y - X * HALF, 1, log2(3)),
     ],
 )
 def test_bounds_of_simple_programs(output: Scalar, degree: int, bits: float) -> None:

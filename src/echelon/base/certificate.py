@@ -184,10 +184,10 @@ def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: St
         return _certified_on_curves(regressor, matrix, seed, regressor.loops.order, minor, rng)
     sampler = regressor.sampler()
     primes: list[int] = []
-    points = _FEWEST_POINTS
+    points, forms = _FEWEST_POINTS, size_bound(sampler.program, sampler.outputs)
     while len(primes) < points:
         primes.append(_check_complete(regressor, matrix, sampler, rng, CERTIFICATE_BITS))
-        size = _identity_size(matrix, sampler)  # by now all that occurs in some region of signs is known
+        size = _identity_size(forms, matrix, sampler)  # by now all that occurs in some region of signs is known
         missed = _log10_missed(size)
         if missed > _LEAST_SHOWN:
             raise CertificateError(f"its degree of {size.degree} is too high for primes of {CERTIFICATE_BITS} bits")
@@ -311,9 +311,12 @@ def _compare_entries(
                 raise CertificateError(f"the set is incomplete or wrong: it does not reproduce the effect of {name}")
 
 
-def _identity_size(matrix: BaseMatrix, sampler: FieldSampler) -> Size:
-    """Of X − X̄ B over a common denominator, as a polynomial with whole coefficients in the random numbers."""
-    forms, substituted = size_bound(sampler.program, sampler.outputs), sampler.leaf_size
+def _identity_size(forms: Size, matrix: BaseMatrix, sampler: FieldSampler) -> Size:
+    """Of X − X̄ B over a common denominator, as a polynomial with whole coefficients in the random numbers.
+
+    ``forms`` is the size of the entries of X in the sampler's leaves.
+    """
+    substituted = sampler.leaf_size
     turns = 2 * max((multiple_of(g)[0] for g in matrix.generators if is_trigonometric(g)), default=1)
     above = polynomial_size(c.numerator for c in matrix.coefficients)
     below = [polynomial_size([d]) for d in {c.denominator for c in matrix.coefficients}]

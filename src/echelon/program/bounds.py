@@ -14,6 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import lcm, log2, sqrt
+from typing import NamedTuple
 
 from echelon.exact.numbers import Number, parts_of
 from echelon.exact.polynomial import Polynomial
@@ -39,8 +40,7 @@ class Size:
     bits: float
 
 
-@dataclass(frozen=True)
-class _Quotient:
+class _Quotient(NamedTuple):
     """N / (M·D^power), where D is the common denominator: degrees of N and M, and their norms' logarithms."""
 
     degree: int
@@ -123,7 +123,7 @@ def _log2(x: Fraction) -> float:
 def _sum(terms: Sequence[float]) -> float:
     """Logarithm of a sum, from logarithms."""
     largest = max(terms)
-    return largest + log2(sum(2.0 ** (term - largest) for term in terms))
+    return largest + log2(sum([2.0 ** (term - largest) for term in terms]))
 
 
 def _product(a: _Quotient, b: _Quotient) -> _Quotient:
@@ -139,6 +139,7 @@ def _combined(op: int, a: _Quotient, b: _Quotient, scale: float) -> _Quotient:
     if op in (Op.MUL, Op.DIV):
         return _product(a, b)
     power = max(a.power, b.power)
-    sides = [(x.degree + y.below, x.bits + y.bits_below + (power - x.power) * scale) for x, y in ((a, b), (b, a))]
-    degree, bits = max(d for d, _ in sides), _sum([bits for _, bits in sides])
-    return _Quotient(degree, bits, a.below + b.below, a.bits_below + b.bits_below, power)
+    left = a.bits + b.bits_below + (power - a.power) * scale
+    right = b.bits + a.bits_below + (power - b.power) * scale
+    degree = max(a.degree + b.below, b.degree + a.below)
+    return _Quotient(degree, _sum((left, right)), a.below + b.below, a.bits_below + b.bits_below, power)
