@@ -6,6 +6,7 @@ import gzip
 import io
 import json
 import sqlite3
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -42,7 +43,12 @@ def _document(name: str, choose: Callable[[Material, Random], Any]) -> Maker:
 
 
 def _dumped(data: Any, as_yaml: bool) -> str:
-    return str(yaml.safe_dump(data, sort_keys=False, allow_unicode=True)) if as_yaml else json.dumps(data)
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(50 * limit)  # for deep documents; what reads them has the usual one
+    try:
+        return str(yaml.safe_dump(data, sort_keys=False, allow_unicode=True)) if as_yaml else json.dumps(data)
+    finally:
+        sys.setrecursionlimit(limit)
 
 
 def _written(path: Path, content: bytes, rng: Random, bytes_too: float = 0.05) -> Path:
