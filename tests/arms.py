@@ -225,3 +225,18 @@ def rigid() -> Mechanism:
 def free_body() -> Mechanism:
     """A body that moves all ways: everything is identifiable."""
     return tree("free body", body(1, 0, "floating", *floating_motions("base")))
+
+
+KINDS = (
+    helical,
+    universal,
+    cylindrical,
+    coupled,
+    rack,
+    massless,
+    floating_pair,
+    inclined,
+    slanted,
+    rigid,
+)
+"""Builders of small robots of which each has something that the others do not."""

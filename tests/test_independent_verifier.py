@@ -77,22 +77,7 @@ def test_examples(file: Path) -> None:
 
 @pytest.mark.parametrize(
     "robot",
-    [
-        arms.helical,
-        arms.universal,
-        arms.cylindrical,
-        arms.coupled,
-        arms.rack,
-        arms.massless,
-        arms.floating_pair,
-        arms.inclined,
-        arms.slanted,
-        arms.rigid,
-        arms.spherical,
-        arms.branched,
-        arms.free_body,
-        arms.cartesian,
-    ],
+    [*arms.KINDS, arms.spherical, arms.branched, arms.free_body, arms.cartesian],
 )
 @pytest.mark.parametrize("order", ["base-to-tip", "tip-to-base"])
 def test_every_joint_type(robot: Callable[[], Mechanism], order: str) -> None:

@@ -64,19 +64,7 @@ def test_examples(file: Path) -> None:
 
 @pytest.mark.parametrize(
     "robot",
-    [
-        arms.helical,
-        arms.universal,
-        arms.cylindrical,
-        arms.coupled,
-        arms.rack,
-        arms.massless,
-        arms.floating_pair,
-        arms.inclined,
-        arms.slanted,
-        arms.rigid,
-        lambda: arms.general_arm(7),  # coefficients of thousands of characters
-    ],
+    [*arms.KINDS, lambda: arms.general_arm(7)],  # the last one has coefficients of thousands of characters
 )
 @pytest.mark.parametrize("order", ["base-to-tip", "tip-to-base"])
 def test_every_kind_of_robot(robot: Callable[[], Mechanism], order: str) -> None:

@@ -298,6 +298,15 @@ def test_float_ranks_of_neighbours_stand_for_those_of_a_large_robot(monkeypatch:
     assert "for the parameters" in report_reading(robot, 43, np.random.default_rng(1), matrix=wrong).doubt
 
 
+def test_values_without_residues_are_compared_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = "symbols: {alpha: pi, l: 0.3}\nmodified_dh: [{joint: revolute}, {joint: revolute, alpha: alpha, a: l}]"
+    base = ec.base_parameters(read(text), generic=True)
+    assert "alpha" in base.matrix.symbols
+    monkeypatch.setattr("echelon.base.reading_report._MOST_COLUMNS", 12)
+    stated = ec.base_parameters(read(text))
+    assert report_reading(read(text), stated.rank, np.random.default_rng(1), matrix=base.matrix).doubt == ""
+
+
 def test_a_count_that_is_not_compared_is_said() -> None:
     robot = ec.load(PANDA)
     assert "not compared" in report_reading(robot, 1001, np.random.default_rng(1)).doubt

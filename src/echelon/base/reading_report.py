@@ -14,7 +14,7 @@ import numpy as np
 from echelon.base.matrix import BaseMatrix
 from echelon.base.numeric_rank import numeric_ranks
 from echelon.base.own import stated_structure
-from echelon.errors import InputError
+from echelon.errors import DegenerateSampleError, InputError
 from echelon.exact.elimination import rank as rank_modulo
 from echelon.exact.field import ARRAY_BITS, PrimeField
 from echelon.mechanism.mechanism import Mechanism
@@ -32,7 +32,7 @@ _MOST_COLUMNS = 300
 _CLEAR_GAP = 1e3
 """Singular values that fall more evenly, as of motions that hardly leave a pose, tell nothing."""
 _LARGEST_RANK = 1000
-"""Above it, nothing is compared where the file's numbers have another rank, or B has columns of numbers."""
+"""Above it, nothing is compared where no part of the columns can stand for all."""
 _MOST_TRIALS, _FEWEST_TRIALS = 600, 8
 """Readings that are tried to find out which snaps matter, times the number of bodies, and at least."""
 
@@ -122,14 +122,17 @@ def _doubt(
     Snaps explain all ranks from the intended one to the literal one: what they move by little shows little.
     """
     low, high = sorted((literal, intended))
-    columns: Sequence[int] | None = None
-    where = ""
-    if high > _LARGEST_RANK and (matrix is None or matrix.numbers is not None):
-        return f"not compared with float ranks, as {high} is more than {_LARGEST_RANK}"
+    columns, where = None, ""
     if len(mechanism.parameters) > _MOST_COLUMNS and matrix is not None and matrix.numbers is None:
-        columns = _neighbours(matrix)
-        low = high = _rank_of_columns(matrix, columns, stated_values(mechanism))
-        where = f", for the parameters {matrix.parameters[columns[0]]} to {matrix.parameters[columns[-1]]}"
+        columns = _neighbours(len(matrix.parameters))
+        part = _rank_of_columns(matrix, columns, stated_values(mechanism))
+        if part is None:
+            columns = None
+        else:
+            low = high = part
+            where = f", for the parameters {matrix.parameters[columns[0]]} to {matrix.parameters[columns[-1]]}"
+    if high > _LARGEST_RANK:
+        return f"not compared with float ranks, as {high} is more than {_LARGEST_RANK}"
     try:
         found = numeric_ranks(mechanism, near=high, recorded=recorded, columns=columns)
     except InputError:  # values are missing, or loops do not close at the stated ones
@@ -144,17 +147,23 @@ def _doubt(
     return f"the file's numbers in floating point do not confirm {expected}{where}: rank {ranks}"
 
 
-def _neighbours(matrix: BaseMatrix) -> range:
+def _neighbours(count: int) -> range:
     """Columns of links that follow one another, from a random one on."""
-    start = int(random_generator(DEFAULT_SEED).integers(len(matrix.parameters) - _MOST_COLUMNS))
+    start = int(random_generator(DEFAULT_SEED).integers(count - _MOST_COLUMNS + 1))
     return range(start, start + _MOST_COLUMNS)
 
 
-def _rank_of_columns(matrix: BaseMatrix, columns: Sequence[int], values: StatedValues) -> int:
-    """Rank of some columns of B at the stated values, which is that of X, modulo a random prime."""
+def _rank_of_columns(matrix: BaseMatrix, columns: Sequence[int], values: StatedValues) -> int | None:
+    """Rank of some columns of B at the stated values, which is that of X, modulo a random prime.
+
+    None where the values have no residues (the tangent of half of a half turn) or make a denominator zero.
+    """
     rng = random_generator(DEFAULT_SEED)
     field = PrimeField.random(rng, ARRAY_BITS)
-    rows = matrix.modulo(values.draw(matrix.symbols, field, rng), field)
+    try:
+        rows = matrix.modulo(values.draw(matrix.symbols, field, rng), field)
+    except DegenerateSampleError:
+        return None
     place = {column: i for i, column in enumerate(columns)}
     rows = [row for row in rows if row.keys() & place.keys()]
     dense = np.zeros((len(rows), len(place)), dtype=np.int64)

@@ -32,7 +32,7 @@ from echelon.regressor.linear import LinearForms
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
-_LEAST_ORDER, _SURPLUS_ORDER = 24, 16
+_SURPLUS_ORDER = 16
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Structure:
         if forms.loops is None:
             return forms
         # few freedoms that have to show many parameters need more
-        order = max(_LEAST_ORDER, self.order, self.rank // max(1, len(forms.loops.preferred)) + _SURPLUS_ORDER)
+        order = max(forms.loops.order, self.order, self.rank // max(1, len(forms.loops.preferred)) + _SURPLUS_ORDER)
         return in_mode(replace(forms, loops=replace(forms.loops, order=order)), self.accepted)
 
 

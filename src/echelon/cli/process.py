@@ -1,8 +1,8 @@
 """The process around a command: its standard streams, and what it does when it is told to stop.
 
 A signal that stops the process becomes ``SystemExit``, so that everything that is open is put away on the way out:
-temporary files, processes that were started.  Only in the middle of an import the process ends
-at once, since Python's import machinery swallows exceptions there, and prints them.
+temporary files, processes that were started.  Only in the middle of an import the process ends at once, since Python's
+import machinery swallows exceptions there, and prints them.
 """
 
 from __future__ import annotations
@@ -25,9 +25,8 @@ def prepare() -> None:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
             signal.signal(number, _stop)
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if (
-            getattr(sys, name) is None
-        ):  # closed: without a substitute, the next file that is opened would take its place
+        # closed: without a substitute, the next file that is opened would take its place
+        if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # files and pipes get UTF-8 on every system

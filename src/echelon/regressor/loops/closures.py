@@ -68,7 +68,8 @@ class Loops:
     stated : bool
         Whether poses may be taken from there, or from zero, where the loops are closed exactly.
     order : int
-        Number of coefficients that show all there is to see along curves of closed configurations.
+        Number of coefficients that are taken along curves of closed configurations; more than the default where few
+        freedoms have to show many parameters.
     accepts : callable, optional
         Which of some poses are in the wanted assembly mode, from (field, rng, geometry, poses); None for all.
     real : callable, optional
