@@ -31,7 +31,14 @@ def start(folder: Path, *arguments: str, code: str = MAIN, **options: object) ->
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "ECHELON_STATE": str(folder.parent / "state")}
     environment |= options.pop("environment", {})  # type: ignore[operator]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL, "cwd": folder}
-    return subprocess.Popen([sys.executable, "-c", code, *arguments], env=environment, **{**pipes, **options})  # type: ignore[call-overload, no-any-return]
+    ways = {**pipes, "preexec_fn": heed_signals, **options}
+    return subprocess.Popen([sys.executable, "-c", code, *arguments], env=environment, **ways)  # type: ignore[call-overload, no-any-return]
+
+
+def heed_signals() -> None:
+    """Not to ignore what the tests' own process ignores, as one in the background of a shell does."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
 
 
 def ended(process: subprocess.Popen[bytes]) -> tuple[int, str, str]:
