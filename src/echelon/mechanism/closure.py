@@ -92,6 +92,9 @@ class Closure:
         The two bodies; GROUND for the base.
     first_frame, second_frame : Placement
         The frames that it holds together, each in the frame of its body.
+    second_mount : tuple of Placement
+        Placements between the frame of the second body and the second frame, one in another, where this was derived
+        from a pose; their product may be too long to write down.
     """
 
     name: str
@@ -100,3 +103,9 @@ class Closure:
     second: int
     first_frame: Placement
     second_frame: Placement
+    second_mount: tuple[Placement, ...] = ()
+
+    @property
+    def placements(self) -> tuple[Placement, ...]:
+        """All of them."""
+        return (self.first_frame, *self.second_mount, self.second_frame)

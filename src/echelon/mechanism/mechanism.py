@@ -27,6 +27,9 @@ GROUND = -1
 ALL = tuple(range(PER_BODY))
 """All ten standard parameters of a body."""
 
+ClosedAt = Mapping[str, tuple[Polynomial, ...]]
+"""Exact positions by motion: cosine and sine, a displacement, or a quaternion (:mod:`echelon.mechanism.closed_pose`)."""
+
 
 @dataclass(frozen=True)
 class Body:
@@ -140,6 +143,8 @@ class Mechanism:
         for all of them (see :func:`echelon.regressor.loops.closing.close`).
     assembly : mapping of str to float
         Positions near which the loops close, which picks one of several ways to assemble them; zero where absent.
+    closed_at : mapping of str to tuple of Polynomial
+        Exact positions at which the loops are closed by construction, by motion; empty where there are none such.
     reading : Reading, optional
         What was taken as exact when a file was read; absent for exact descriptions.
 
@@ -161,6 +166,7 @@ class Mechanism:
     closures: tuple[Closure, ...] = ()
     independent: tuple[str, ...] = ()
     assembly: Mapping[str, float] = field(default_factory=dict)
+    closed_at: ClosedAt = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _check_tree(self)
@@ -256,7 +262,7 @@ class Mechanism:
 def setup_placements(mechanism: Mechanism) -> list[Placement]:
     """Placements beside those of the joints: of sensors and closures."""
     cuts = [channel for output in mechanism.measured or () for channel, _ in output.terms if isinstance(channel, Cut)]
-    frames = [frame for closure in mechanism.closures for frame in (closure.first_frame, closure.second_frame)]
+    frames = [frame for closure in mechanism.closures for frame in closure.placements]
     return [*(cut.frame for cut in cuts), *frames]
 
 

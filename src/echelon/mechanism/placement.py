@@ -65,7 +65,11 @@ def shift(x: Polynomial | int, y: Polynomial | int, z: Polynomial | int) -> Plac
 
 def turn(axis: int, angle: Angle) -> Placement:
     """A rotation about coordinate axis 0, 1 or 2 (x, y, z) by an exact angle."""
-    c, s = angle.cos(), angle.sin()
+    return turn_by(axis, angle.cos(), angle.sin())
+
+
+def turn_by(axis: int, c: Polynomial, s: Polynomial) -> Placement:
+    """A rotation about a coordinate axis by the cosine and sine of an angle."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     entries = [list(row) for row in IDENTITY]
     entries[i][i], entries[i][j], entries[j][i], entries[j][j] = c, -s, s, c

@@ -52,7 +52,12 @@ def substituted(mechanism: Mechanism, values: Mapping[str, Polynomial]) -> Mecha
             for c in mechanism.couplings
         ),
         closures=tuple(
-            replace(c, first_frame=put.placement(c.first_frame), second_frame=put.placement(c.second_frame))
+            replace(
+                c,
+                first_frame=put.placement(c.first_frame),
+                second_frame=put.placement(c.second_frame),
+                second_mount=tuple(put.placement(p) for p in c.second_mount),
+            )
             for c in mechanism.closures
         ),
         actuators=tuple(
@@ -61,6 +66,7 @@ def substituted(mechanism: Mechanism, values: Mapping[str, Polynomial]) -> Mecha
         ),
         measured=None if mechanism.measured is None else tuple(put.output(output) for output in mechanism.measured),
         effects=tuple(put.effect(effect) for effect in mechanism.effects),
+        closed_at={name: tuple(map(put.polynomial, value)) for name, value in mechanism.closed_at.items()},
         symbols={name: symbol for name, symbol in mechanism.symbols.items() if name not in put.symbols},
         reading=None,
     )

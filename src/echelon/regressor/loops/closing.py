@@ -8,14 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from echelon.errors import DegenerateSampleError, InputError, ShakyPoseError, SingularPoseError
+from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.stated import in_numbers
+from echelon.mechanism.values import all_symbols, symbol_values
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.curves import CurveSampler
 from echelon.regressor.loops.lifting import choose
 from echelon.regressor.loops.recorded_loops import loops_of
+from echelon.regressor.loops.witness import closed_exactly
 from echelon.regressor.steps import Recorder
 from echelon.seeds import DEFAULT_SEED, random_generator
 
@@ -25,7 +29,8 @@ _EXACTLY = (
     "Write what is meant exactly: directions and angles as expressions such as pi/3 or sqrt(2)/2, equal lengths as "
     "equal numbers"
 )
-_STATES = 8  # random configurations at which the mobility is counted numerically
+_STATES, _NEAR = 8, 0.5  # random configurations at which the mobility is counted numerically, and how far they stray
+_INDEPENDENT = 1e-6  # singular values of independent motions
 
 
 def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: Sequence[str] = ()) -> Mechanism:
@@ -58,42 +63,101 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
     for name in wanted or ():
         if name not in names:
             raise InputError(f"there is no coordinate '{name}' (valid: {', '.join(names)})", element="independent")
-    assembly = _assembly(mechanism)
-    if assembly is not None and assembly.mobility(assembly.pose[None])[0] == 0:
-        raise InputError(f"the loops closed by {_closures(mechanism)} leave no motion")
-    field, jacobian = _jacobian(mechanism)
     first = list(wanted) if wanted is not None else [name for name in prefer if name in names]
-    choice = choose(jacobian, field, [names.index(name) for name in first])
-    chosen = tuple(names[k] for k in choice.independent)
-    if assembly is not None:
-        _check_mobility(mechanism, chosen, assembly)
+    real = _real(mechanism)
+    if real is None:
+        field, jacobian = _jacobian(mechanism)
+        choice = choose(jacobian, field, [names.index(name) for name in first])
+        chosen = tuple(names[k] for k in choice.independent)
+    else:
+        chosen = real.independent(first)
+        mechanism = _closed_exactly(replace(mechanism, independent=chosen), real)
     if wanted is not None:
         _check_wanted(wanted, chosen)
         chosen = tuple(wanted)
     return replace(mechanism, independent=chosen)
 
 
-def _assembly(mechanism: Mechanism) -> Assembly | None:
-    """Configurations in double precision; None if symbols have no values."""
-    if any(symbol.value is None for symbol in mechanism.symbols.values()):
-        return None
-    try:
-        return Assembly(mechanism)
-    except InputError:  # symbols that the mechanism does not even list
-        return None
+class _Real:
+    """The mechanism in double precision, near its own pose.
 
+    Attributes
+    ----------
+    assembly : Assembly
+    mobility : int
+        Degrees of freedom to six digits.
+    """
 
-def _check_mobility(mechanism: Mechanism, chosen: tuple[str, ...], assembly: Assembly) -> None:
-    """Refuse loops that can move to six digits, but not with the numbers as they are."""
-    q = assembly.pose[None]
-    if chosen:
-        moving = Assembly(replace(mechanism, independent=chosen))
-        q, _, _ = moving.random_closed_states(random_generator(DEFAULT_SEED), _STATES)
-        if np.ptp(q, axis=0).max() < _STANDS_STILL:
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism, self.assembly = mechanism, Assembly(mechanism)
+        pose = self.assembly.pose
+        if self.assembly.mobility(pose[None])[0] == 0:
+            raise InputError(f"the loops closed by {_closures(mechanism)} leave no motion")
+        self._states, _, _ = self.assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
+        if np.ptp(self._states, axis=0).max() < _STANDS_STILL:
             raise InputError(_shaky(mechanism))
-    mobility = int(assembly.mobility(q).min())
-    if len(chosen) < mobility:
-        raise InputError(_locked(mechanism, len(chosen), mobility))
+        self.mobility = int(self.assembly.mobility(self._states).min())
+
+    def independent(self, first: Sequence[str]) -> tuple[str, ...]:
+        """Coordinates that the others depend on: of the wanted ones as many as can be, then those nearer to the base."""
+        names = self.mechanism.velocities
+        jacobian = self.assembly.closures.at(self._states[:1])[1][0][:, : len(names)]
+        motion = np.linalg.svd(jacobian)[2][len(names) - self.mobility :]
+        chosen: list[str] = []
+        for name in dict.fromkeys((*first, *names)):
+            columns = motion[:, [names.index(n) for n in (*chosen, name)]]
+            if np.linalg.svd(columns, compute_uv=False).min() > _INDEPENDENT:
+                chosen.append(name)
+            if len(chosen) == self.mobility:
+                break
+        return tuple(name for name in names if name in chosen)
+
+
+def _real(mechanism: Mechanism) -> _Real | None:
+    """Configurations in double precision; None if symbols have no values."""
+    try:
+        symbol_values(mechanism, all_symbols(mechanism))
+    except InputError:
+        return None
+    return _Real(mechanism)
+
+
+def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
+    """The mechanism as it is where its loops close exactly and move as they do in doubles, else with frames that follow.
+
+    Raises
+    ------
+    InputError
+        If the loops move to six digits, but neither with the numbers as they are nor when frames follow.
+    """
+    reasons = []
+    for attempt in (_as_it_is, _followed, _in_numbers):
+        try:
+            closed = attempt(mechanism, real)
+            field, jacobian = _jacobian(closed)
+        except InputError as error:
+            reasons.append(str(error))
+            continue
+        freedom = jacobian.shape[1] - rank(jacobian, field)
+        if freedom >= real.mobility:
+            return closed
+        reasons.append(_locked(mechanism, freedom, real.mobility))
+    raise InputError(reasons[0])
+
+
+def _as_it_is(mechanism: Mechanism, _: _Real) -> Mechanism:
+    return mechanism
+
+
+def _followed(mechanism: Mechanism, real: _Real) -> Mechanism:
+    try:
+        return closed_exactly(mechanism, real.assembly.pose)
+    except ValueError as error:
+        raise InputError(_unsolved(mechanism, str(error))) from None
+
+
+def _in_numbers(mechanism: Mechanism, _: _Real) -> Mechanism:
+    return in_numbers(mechanism)
 
 
 def _jacobian(mechanism: Mechanism) -> tuple[PrimeField, Residues]:

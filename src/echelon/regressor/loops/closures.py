@@ -67,6 +67,10 @@ class Loops:
         Positions near which the loops close.
     stated : bool
         Whether poses may be taken from there, or from zero, where the loops are closed exactly.
+    closed_at : mapping of str to tuple of int
+        Nodes of the exact positions of motions where the loops are closed by construction; empty if there are none.
+    parts : mapping of str to int
+        In how many parts the angles of these count, if not one.
     order : int
         Number of coefficients that are taken along curves of closed configurations; more than the default where few
         freedoms have to show many parameters.
@@ -82,6 +86,8 @@ class Loops:
     preferred: tuple[str, ...] = ()
     assembly: Mapping[str, float] = field(default_factory=dict)
     stated: bool = True
+    closed_at: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    parts: Mapping[str, int] = field(default_factory=dict)
     order: int = 24
     accepts: Accepts | None = None
     real: RealInputs | None = None
@@ -130,7 +136,9 @@ class _Loop:
         first, second = _ancestors(mechanism, closure.first), _ancestors(mechanism, closure.second)
         shared = set(first) & set(second)
         self.first = _chain(recorder, probes, [b for b in first if b not in shared], closure.first_frame)
-        self.second = _chain(recorder, probes, [b for b in second if b not in shared], closure.second_frame)
+        self.second = _chain(
+            recorder, probes, [b for b in second if b not in shared], *closure.second_mount, closure.second_frame
+        )
 
     def conditions(self) -> Iterator[tuple[Scalar, list[tuple[str, Scalar]]]]:
         """Every equation with the effort that its unit wrench needs at each freedom."""
@@ -182,12 +190,12 @@ def _ancestors(mechanism: Mechanism, body: int) -> list[int]:
     return found[::-1]
 
 
-def _chain(recorder: Recorder, probes: Probes | None, bodies: list[int], frame: Placement) -> list[Step]:
+def _chain(recorder: Recorder, probes: Probes | None, bodies: list[int], *frames: Placement) -> list[Step]:
     steps: list[Step] = []
     for body in bodies:
         before, after = (probes.steps(body, True), probes.steps(body, False)) if probes else ([], [])
         steps += [*before, *recorder.steps(body), *after]
-    return [*steps, recorder.placement(frame)]
+    return [*steps, *(recorder.placement(frame) for frame in frames)]
 
 
 def _back(chain: list[Step], point: Vec) -> Vec:

@@ -58,17 +58,19 @@ class CurveSampler(FieldSampler):
     def __init__(self, program: Program, outputs: Sequence[int], loops: Loops, order: int) -> None:
         entries = loops.equations.jacobian
         closing = [*loops.equations.equations, *entries.values()]
-        super().__init__(program, [*outputs, *closing, *(loops.speeds or {}).values()])
+        known = [node for nodes in loops.closed_at.values() for node in nodes]
+        super().__init__(program, [*outputs, *closing, *known, *(loops.speeds or {}).values()])
         self.loops, self.order = loops, order
         layout = Layout(loops.motions)
         functions = [n for n in self._schedule.leaves if n not in self.program.inputs]
         first, last = len(outputs), len(outputs) + len(closing)
+        speeds = last + len(known)
         equations = self.outputs[first : first + len(loops.equations.equations)]
         if self._arcs:
             raise UnknownRelationsError("an arc tangent of what moves in a mechanism with loops")
         self._main_outputs = first
         self._main = Schedule(self.program, self.outputs[:first], functions)
-        self._speeds = Schedule(self.program, self.outputs[last:], functions)
+        self._speeds = Schedule(self.program, self.outputs[speeds:], functions)
         turns, turning = self._moving_turns(layout)
         moving = [n for n in self._functions if self.program.ops[n] == Op.EXP and self._moves(n)]
         self._exponentials = Exponentials(self.canonical, moving, self._sign_leaves, functions)
@@ -83,13 +85,16 @@ class CurveSampler(FieldSampler):
             Schedule(self.program, self.outputs[first:last], functions),
             list(entries),
             loops.equations.owners,
+            Schedule(self.program, self.outputs[last:speeds], functions),
+            [(name, loops.parts.get(name, 1), len(nodes)) for name, nodes in loops.closed_at.items()],
             turns,
             turning,
             units,
         )
         preferred = [layout.names.index(name) for name in loops.preferred]
         self._regular = False  # whether curves go on from the poses that are found
-        self._poses = PoseFinder(preferred, [loops.assembly, {}] if loops.stated else [], loops.accepts)
+        stated = [None, loops.assembly, {}] if loops.stated else []
+        self._poses = PoseFinder(preferred, stated, loops.accepts)
 
     def evaluate(
         self, field: PrimeField, rng: np.random.Generator, states: int, geometry: Mapping[str, Residues]

@@ -38,14 +38,14 @@ class PoseFinder:
     ----------
     preferred : sequence of int
         Coordinates that should be drawn rather than solved for.
-    stated : sequence of mapping of str to float
-        Positions at which the loops may be closed exactly.
+    stated : sequence of mapping of str to float, or None
+        Positions at which the loops may be closed exactly; None for those at which they are by construction.
     accepts : callable, optional
         Which of some poses are in the wanted assembly mode; see :class:`echelon.regressor.loops.closures.Loops`.
     """
 
     def __init__(
-        self, preferred: Sequence[int], stated: Sequence[Mapping[str, float]], accepts: Accepts | None
+        self, preferred: Sequence[int], stated: Sequence[Mapping[str, float] | None], accepts: Accepts | None
     ) -> None:
         self._preferred, self._accepts = preferred, accepts
         self._stated = list(stated)
@@ -66,7 +66,11 @@ class PoseFinder:
         """
         samples, recorded = positions.samples, positions.recorded
         for values in self._stated:
-            pose = recorded.layout.stated_pose(values, recorded.units, positions.field, samples)
+            pose = (
+                positions.exact_pose()
+                if values is None
+                else recorded.layout.stated_pose(values, recorded.units, positions.field, samples)
+            )
             self._takes_stated = pose is not None and not positions.equations(pose).any()
             if self._takes_stated and pose is not None:
                 self._stated = [values]

@@ -37,6 +37,10 @@ class Recorded:
         Equation and freedom of every entry of the Jacobian.
     owners : tuple of str
         Name of the closure of every equation.
+    closed_at : Schedule
+        Of exact positions at which the loops are closed by construction.
+    closing_motions : sequence of (str, int, int)
+        The motions that have some, in how many parts an angle counts, and how many numbers each has.
     turns : mapping of int to Turn
         Angles of the nodes that are sines and cosines.
     turning : mapping of str to int
@@ -52,6 +56,8 @@ class Recorded:
     closing: Schedule
     entries: Sequence[tuple[int, str]]
     owners: tuple[str, ...]
+    closed_at: Schedule
+    closing_motions: Sequence[tuple[str, int, int]]
     turns: Mapping[int, Turn]
     turning: Mapping[str, int]
     units: Residues
@@ -144,6 +150,28 @@ class Positions:
             if name in columns:
                 jacobian[:, row, columns[name]] = value
         return values[:count].transpose(1, 0, 2), jacobian
+
+    def exact_pose(self) -> Pose | None:
+        """The pose at which the loops are closed by construction; None if there is none, or not for such parts of angles."""
+        recorded, layout = self.recorded, self.recorded.layout
+        if not recorded.closing_motions:
+            return None
+        pose = layout.zero_pose(self.samples)
+        values = self._run(recorded.closed_at, self.resting(pose))[..., 0]
+        for name, parts, count in recorded.closing_motions:
+            own, values = values[:count], values[count:]
+            motion = next(m for m in (*layout.turning, *layout.sliding, *layout.balls) if m.name == name)
+            if motion in layout.turning:
+                place = layout.turning.index(motion)
+                times, rest = divmod(parts, int(recorded.units[place]))
+                if rest:
+                    return None
+                pose.turns[:, place] = np.stack(self.field.multiply_angle((own[0], own[1]), times), axis=1)
+            elif motion in layout.sliding:
+                pose.slides[:, layout.sliding.index(motion)] = own[0]
+            else:
+                pose.balls[:, layout.balls.index(motion)] = own.T
+        return pose
 
     def jacobian(self, pose: Pose) -> Residues:
         """Derivatives of the closure equations by all velocities at poses, (samples, equations, velocities)."""

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from echelon.errors import InputError
+from echelon.mechanism.closed_pose import angle_parts
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import all_symbols, known_values
 from echelon.program.tape import Scalar
@@ -40,8 +41,17 @@ def loops_of(
     equations = record_closures(mechanism, recorder, probes)
     motions = tuple(m for m in mechanism.motions if m.name not in mechanism.dependent)
     nodes = None if speeds is None else {name: speed.node for name, speed in speeds.items()}
-    real = partial(real_inputs, mechanism)
-    return Loops(equations, motions, nodes, mechanism.independent, mechanism.assembly, real=real)
+    record = recorder.program.polynomial
+    return Loops(
+        equations,
+        motions,
+        nodes,
+        mechanism.independent,
+        mechanism.assembly,
+        closed_at={name: tuple(record(x).node for x in value) for name, value in mechanism.closed_at.items()},
+        parts=angle_parts(mechanism) if mechanism.closed_at else {},
+        real=partial(real_inputs, mechanism),
+    )
 
 
 def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int) -> dict[str, Floats]:

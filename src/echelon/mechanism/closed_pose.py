@@ -1,0 +1,133 @@
+"""Exact poses at which the loops of a mechanism are closed because the second frames were made to follow there.
+
+A turning coordinate has a point of the circle: cosine and sine of its angle, or of the part of it that couplings count
+in.  A sliding coordinate has a displacement, and a ball a unit quaternion (w, x, y, z).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from fractions import Fraction
+from math import lcm
+
+from echelon.exact.angle import multiple_of_point
+from echelon.exact.polynomial import Polynomial
+from echelon.mechanism.closure import Closure
+from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.mechanism import GROUND, ClosedAt, Mechanism
+from echelon.mechanism.placement import Placement, shift, turn_by
+
+
+def angle_parts(mechanism: Mechanism) -> dict[str, int]:
+    """In how many parts angles count, so that couplings take whole multiples of one; 1 where absent.
+
+    Raises
+    ------
+    ValueError
+        If the ratio of a coupling is no rational number.
+    """
+    parts: dict[str, int] = {}
+    for coupling in mechanism.couplings:
+        for name, function in coupling.terms:
+            parts[name] = lcm(parts.get(name, 1), _rational(function.ratio, coupling.coordinate).denominator)
+    return parts
+
+
+def follow(mechanism: Mechanism, pose: ClosedAt) -> Mechanism:
+    """A mechanism whose loops are closed at a pose: the second frames are where the first ones are.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With closures.
+    pose : mapping of str to tuple of Polynomial
+        By motion, for all whose coordinates no coupling makes dependent.
+
+    Raises
+    ------
+    ValueError
+        If the ratio of a coupling is no rational number, or a screw is not where it is zero.
+    """
+    placed = _Placed(mechanism, pose)
+    closures = tuple(placed.followed(closure) for closure in mechanism.closures)
+    return replace(mechanism, closures=closures, closed_at=pose)
+
+
+class _Placed:
+    """Placements of bodies at a pose."""
+
+    def __init__(self, mechanism: Mechanism, pose: ClosedAt) -> None:
+        self.mechanism, self.pose = mechanism, dict(pose)
+        self._parts = angle_parts(mechanism)
+        turning = {m.name for m in mechanism.motions if m.kind is MotionKind.ROTATION}
+        for coupling in mechanism.couplings:
+            self.pose[coupling.coordinate] = self._coupled(coupling.coordinate, coupling.coordinate in turning)
+
+    def followed(self, closure: Closure) -> Closure:
+        """The closure with its second frame where the first one is."""
+        inward, outward = (list(self._carriers(body)) for body in (closure.first, closure.second))
+        while inward and outward and inward[-1] == outward[-1]:
+            inward.pop()
+            outward.pop()
+        back = [step.inverse() for body in outward for step in reversed(self._steps(body))]
+        there = [step for body in reversed(inward) for step in self._steps(body)]
+        mount = tuple(step for step in (*back, *there) if not step.is_identity)
+        return replace(closure, second_mount=mount, second_frame=closure.first_frame)
+
+    def _carriers(self, body: int) -> Iterator[int]:
+        while body != GROUND:
+            yield body
+            body = self.mechanism.bodies[body].parent
+
+    def _steps(self, body: int) -> list[Placement]:
+        steps = self.mechanism.bodies[body].joint.steps
+        return [step if isinstance(step, Placement) else self._moved(step) for step in steps]
+
+    def _moved(self, motion: Motion) -> Placement:
+        values = self.pose[motion.name]
+        if motion.kind is MotionKind.BALL:
+            return _ball(values)
+        if motion.kind is MotionKind.TRANSLATION:
+            parts = [Polynomial({})] * 3
+            parts[motion.axis] = values[0] * motion.sign
+            return shift(*parts)
+        count = self._parts.get(motion.name, 1) if motion.name not in self.mechanism.dependent else 1
+        cosine, sine = multiple_of_point((values[0], values[1]), count)
+        turned = turn_by(motion.axis, cosine, sine * motion.sign)
+        if motion.kind is MotionKind.SCREW and not turned.is_identity:
+            raise ValueError(f"screw '{motion.name}' is turned where the loops close")
+        return turned
+
+    def _coupled(self, name: str, turns: bool) -> tuple[Polynomial, ...]:
+        """Where a dependent coordinate is."""
+        coupling = next(c for c in self.mechanism.couplings if c.coordinate == name)
+        if not turns:
+            slid = [self.pose[n][0] * _rational(f.ratio, name) for n, f in coupling.terms]
+            return (Polynomial.sum(slid),)
+        point = (Polynomial.constant(1), Polynomial({}))
+        for leader, function in coupling.terms:
+            count = _rational(function.ratio, name) * self._parts[leader]
+            c, s = multiple_of_point((self.pose[leader][0], self.pose[leader][1]), int(count))
+            point = point[0] * c - point[1] * s, point[0] * s + point[1] * c
+        return point
+
+
+def _rational(ratio: Polynomial | None, name: str) -> Fraction:
+    number = None if ratio is None else ratio.number
+    if not isinstance(number, (int, Fraction)):
+        raise ValueError(f"the coupling of '{name}' has a ratio that is no rational number")
+    return Fraction(number)
+
+
+def _ball(quaternion: tuple[Polynomial, ...]) -> Placement:
+    """The rotation of a unit quaternion."""
+    w, x, y, z = quaternion
+    one = Polynomial.constant(1)
+    return Placement(
+        (
+            (one - (y * y + z * z) * 2, (x * y - w * z) * 2, (x * z + w * y) * 2),
+            ((x * y + w * z) * 2, one - (x * x + z * z) * 2, (y * z - w * x) * 2),
+            ((x * z - w * y) * 2, (y * z + w * x) * 2, one - (x * x + y * y) * 2),
+        )
+    )

@@ -1,0 +1,128 @@
+"""Numeric loops closed exactly: at a closed pose in doubles, the second frames are made to follow the first ones.
+
+The numbers of a file close its loops up to rounding only, and where constraints are redundant that locks them.  So the
+pose that is nearest to closing is solved for, its coordinates are written as decimals, and each second frame is put
+where the first one is then.  Nothing else moves, and the frames do by the rounding.  A decimal angle is a generic point
+of the circle (Lindemann), so angles that are equal, opposite, add up to another, or differ by multiples of 15° are
+recognised first, and share their symbols: the sides of a parallelogram stay parallel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from itertools import combinations
+from math import pi
+
+from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
+from echelon.exact.polynomial import Polynomial, as_polynomial
+from echelon.mechanism.closed_pose import angle_parts, follow
+from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.mechanism import Mechanism, Symbol
+from echelon.regressor.loops.closure_values import Floats
+
+_SAME = 1e-9  # angles that differ by less are the same, rad
+_STEP = pi / STEPS_PER_HALF_TURN
+_DIGITS = 15
+
+
+def closed_exactly(mechanism: Mechanism, pose: Floats) -> Mechanism:
+    """A mechanism whose loops are closed at a pose.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With closures, and values for all symbols.
+    pose : array of shape (positions,)
+        Where the loops close, or nearly so.
+
+    Raises
+    ------
+    ValueError
+        If the ratio of a coupling is no rational number, or a screw is not where it is zero.
+    """
+    values = dict(zip(mechanism.positions, map(float, pose), strict=True))
+    angles = _Angles({*mechanism.symbols})
+    parts = angle_parts(mechanism)
+    exact = {}
+    for motion in mechanism.motions:
+        if motion.name not in mechanism.dependent:
+            exact[motion.name] = _exact(motion, values, parts.get(motion.name, 1), angles)
+    named = replace(mechanism, symbols={**mechanism.symbols, **angles.symbols})
+    return follow(named, exact)
+
+
+def _exact(motion: Motion, values: dict[str, float], parts: int, angles: _Angles) -> tuple[Polynomial, ...]:
+    if motion.kind is MotionKind.BALL:
+        return tuple(map(as_polynomial, _unit_quaternion([values[name] for name in motion.positions])))
+    value = values[motion.name]
+    if motion.kind is MotionKind.TRANSLATION:
+        return (as_polynomial(_decimal(value)),)
+    angle = angles.exact(value / parts, motion.name)
+    return angle.cos(), angle.sin()
+
+
+@dataclass(frozen=True)
+class _Known:
+    angle: Angle
+    value: float
+
+
+class _Angles:
+    """Gives angles exact values, and symbols where they are no multiples of 15° and no sums of others.
+
+    Attributes
+    ----------
+    symbols : dict of str to Symbol
+        Those that were made.
+    """
+
+    def __init__(self, taken: set[str]) -> None:
+        self._taken, self.symbols = taken, dict[str, Symbol]()
+        self._known = [_Known(Angle(), 0.0)]
+
+    def exact(self, value: float, name: str) -> Angle:
+        for known in self._sums():
+            steps = (value - known.value) / _STEP
+            if abs(steps - round(steps)) * _STEP < _SAME:
+                return replace(
+                    known.angle, half_turns=known.angle.half_turns + Fraction(round(steps), STEPS_PER_HALF_TURN)
+                )
+        symbol = self._symbol(name, value)
+        angle = Angle(parts=((symbol, 1),))
+        self._known += [_Known(angle, value), _Known(Angle(parts=((symbol, -1),)), -value)]
+        return angle
+
+    def _sums(self) -> Iterator[_Known]:
+        yield from self._known
+        for a, b in combinations(self._known[1:], 2):
+            if a.angle.parts[0][0] != b.angle.parts[0][0]:
+                yield _Known(Angle(parts=(*a.angle.parts, *b.angle.parts)), a.value + b.value)
+
+    def _symbol(self, name: str, value: float) -> str:
+        stem = "".join(c if c.isalnum() else "_" for c in name)
+        symbol = stem = f"{stem}_closed" if not stem[:1].isdigit() else f"q{stem}_closed"
+        while symbol in self._taken:
+            symbol += "_"
+        self._taken.add(symbol)
+        exact = _decimal(value)
+        self.symbols[symbol] = Symbol(symbol, float(exact), _text(exact), f"angle of {name} where the loops are closed")
+        return symbol
+
+
+def _decimal(value: float) -> Fraction:
+    return Fraction(f"{value:.{_DIGITS}f}")
+
+
+def _text(value: Fraction) -> str:
+    return f"{float(value):.{_DIGITS}f}"
+
+
+def _unit_quaternion(parts: list[float]) -> list[Fraction]:
+    """A rational point of the unit sphere, by stereographic projection from the far side."""
+    lead = max(range(4), key=lambda k: abs(parts[k]))
+    sign = 1 if parts[lead] >= 0 else -1
+    t = [Fraction(x / (parts[lead] + sign)).limit_denominator(10**_DIGITS) for x in parts]
+    square = sum((x * x for k, x in enumerate(t) if k != lead), Fraction(0))
+    return [sign * (1 - square) / (1 + square) if k == lead else 2 * x / (1 + square) for k, x in enumerate(t)]
