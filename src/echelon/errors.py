@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 
@@ -56,6 +57,26 @@ class SingularPoseError(EchelonError):
 
 class ShakyPoseError(SingularPoseError):
     """Poses at which velocities are possible that no motion goes on with."""
+
+
+class OtherModeError(EchelonError):
+    """No way to assemble the loops that was found is the one of the stated pose.
+
+    Parameters
+    ----------
+    rank : int or None
+        What can be seen there, in ball arithmetic.
+    found : sequence of int
+        What can be seen in the ways that were found.
+    """
+
+    def __init__(self, rank: int | None, found: Sequence[int]) -> None:
+        shown = ", ".join(map(str, found))
+        there = "its rank cannot be told in ball arithmetic" if rank is None else f"there it is {rank}"
+        super().__init__(
+            f"the loops can be assembled in several ways, of rank {shown} as far as random poses show, and none of them "
+            f"is that of the assembly pose: {there}.  State another assembly pose, farther from where ways meet"
+        )
 
 
 class UnknownRelationsError(EchelonError):

@@ -53,7 +53,9 @@ def stated_generators(generators: Iterable[str], at: Mapping[str, str]) -> dict[
     return found
 
 
-def ball_rows(forms: LinearForms, at: Mapping[str, str], states: int, rng: np.random.Generator) -> Balls:
+def ball_rows(
+    forms: LinearForms, at: Mapping[str, str], states: int, rng: np.random.Generator, motions: int = 1
+) -> Balls:
     """Entries of forms at random states.
 
     Parameters
@@ -65,14 +67,19 @@ def ball_rows(forms: LinearForms, at: Mapping[str, str], states: int, rng: np.ra
     rng : numpy Generator
         The states are short dyadic numbers; quaternions are rational points of the unit sphere.  With loops, the
         states are closed, and what follows from the loops is a ball.
+    motions : int
+        With loops, so many states share a pose.
 
     Returns
     -------
     array of arb, shape (states · rows, columns)
     """
     schedule = Schedule(forms.program, list(forms.entries.values()))
-    drawn = _free_states if forms.loops is None else _closed_states
-    leaves = drawn(forms, schedule, at, states, rng)
+    if forms.loops is None:
+        leaves = _free_states(forms, schedule, at, states, rng)
+    else:
+        leaves = _closed_states(forms, schedule, at, -(-states // motions), rng, motions)
+        states = -(-states // motions) * motions
     found = schedule.run(BallArithmetic(), leaves, states)
     table = np.full((states, *forms.shape), flint.arb(0), dtype=object)
     for (row, column), value in zip(forms.entries, found, strict=True):
@@ -99,16 +106,17 @@ def _free_states(
 
 
 def _closed_states(
-    forms: LinearForms, schedule: Schedule, at: Mapping[str, str], states: int, rng: np.random.Generator
+    forms: LinearForms, schedule: Schedule, at: Mapping[str, str], poses: int, rng: np.random.Generator, motions: int
 ) -> dict[int, Balls]:
     loops, inputs = forms.loops, forms.program.inputs.values()
     if loops is None or loops.real is None:
         raise InputError("no real states are known on which the loops close")
-    real = loops.real(rng, states)
+    real = loops.real(rng, poses)
     names = [given.name for given in inputs if given.role == "symbol"]
     symbols = {name: stated_ball(at[name]) if name in at else ball(float(real[name][0])) for name in names}
     closed = ClosedBalls(forms.program, loops, symbols)
-    found = [closed.leaves(schedule, {name: float(x[k]) for name, x in real.items()}, rng) for k in range(states)]
+    near = [{name: float(x[k]) for name, x in real.items()} for k in range(poses)]
+    found = [leaves for pose in near for leaves in closed.leaves(schedule, pose, rng, motions)]
     return {node: np.array([leaves[node] for leaves in found], dtype=object) for node in schedule.leaves}
 
 

@@ -10,7 +10,7 @@ dependences are told apart by such coefficients only; where there are none, it i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -38,7 +38,7 @@ _Marks = tuple[tuple[tuple[int, int], Rational], ...]
 _Key = tuple[tuple[tuple[int, tuple[int, ...]], ...], _Marks | None]
 
 _POSES, _FEW_POSES = 6, 1  # variants tried at each random geometry
-_ATTEMPTS = 8
+_ATTEMPTS, _MORE_ATTEMPTS = 8, 24
 _FIRST_ORDER, _LARGEST_ORDER = 12, 96
 _SURPLUS_ROWS = 8
 _ANY = ""  # name of no symbol, to count geometries where there are no symbols
@@ -64,7 +64,9 @@ class Mode:
     marks: Mapping[tuple[int, int], Rational] | None = field(default_factory=dict)
 
 
-def find_modes(rows: Rows, rng: np.random.Generator) -> list[Mode]:
+def find_modes(
+    rows: Rows, rng: np.random.Generator, own: Callable[[Sequence[Mode]], Mode | None] | None = None
+) -> tuple[list[Mode], Mode | None]:
     """All assembly modes that random closed poses are in, those with the lowest rank first.
 
     Parameters
@@ -72,6 +74,13 @@ def find_modes(rows: Rows, rng: np.random.Generator) -> list[Mode]:
     rows : Rows
         Of a mechanism with loops.
     rng : numpy Generator
+    own : callable, optional
+        Which of some modes is wanted, None if none of them is: then random poses go on being drawn for a while.
+
+    Returns
+    -------
+    (list of Mode, Mode or None)
+        All, and the wanted one.
 
     Raises
     ------
@@ -82,7 +91,9 @@ def find_modes(rows: Rows, rng: np.random.Generator) -> list[Mode]:
     """
     orders: dict[_Key, list[int]] = {}
     order, poses, failure = _FIRST_ORDER, _POSES, ""
-    for _ in range(_ATTEMPTS):
+    confirmed: list[Mode] = []
+    wanted: Mode | None = None
+    for attempt in range(_ATTEMPTS if own is None else _MORE_ATTEMPTS):
         try:
             prime = PrimeField.random(rng)
             found = _keys(_relations_at_poses(rows, prime, rng, order, poses), prime)
@@ -92,16 +103,19 @@ def find_modes(rows: Rows, rng: np.random.Generator) -> list[Mode]:
         new = found - orders.keys()
         for key in found:
             orders.setdefault(key, []).append(order)
-        if not new:
-            break
+        if not new or attempt >= _ATTEMPTS:
+            confirmed = _confirmed(orders)
+            wanted = own(confirmed) if own is not None else None
+            if own is None or wanted is not None:
+                break
         # the rank may grow with the number of coefficients, so the next attempt takes more
         order, poses = min(2 * order, _LARGEST_ORDER), _POSES if len(orders) > 1 else _FEW_POSES
     if not orders:
         raise SingularPoseError(failure)
-    confirmed = _confirmed(orders)
+    confirmed = confirmed or _confirmed(orders)
     if not confirmed:
         raise EchelonError("random points keep contradicting each other; please report this model")
-    return sorted(confirmed, key=lambda mode: -len(mode.dependence))
+    return confirmed, wanted
 
 
 def _confirmed(orders: Mapping[_Key, Sequence[int]]) -> list[Mode]:
@@ -118,7 +132,7 @@ def _confirmed(orders: Mapping[_Key, Sequence[int]]) -> list[Mode]:
         marked = [Mode(dict(support), min(o), dict(m)) for m, o in seen.items() if m and len(o) > 1]
         alone = Mode(dict(support), min(at), {} if set(seen) == {()} else None)
         found += marked or [alone]
-    return found
+    return sorted(found, key=lambda mode: -len(mode.dependence))
 
 
 def _keys(poses: Sequence[_Relations], field: PrimeField) -> set[_Key]:
@@ -280,7 +294,7 @@ def assembly_modes(mechanism: Mechanism, *, seed: int = DEFAULT_SEED) -> tuple[i
     assert rows.forms.loops is not None
     anywhere = Rows(replace(rows.forms, loops=replace(rows.forms.loops, stated=False)), rows.auxiliary)
     try:
-        modes = find_modes(anywhere, random_generator(seed))
+        modes, _ = find_modes(anywhere, random_generator(seed))
     except SingularPoseError as error:
         raise InputError(f"no other closed poses were found: {error}") from None
     return tuple(len(mechanism.parameters) - len(mode.dependence) for mode in modes)

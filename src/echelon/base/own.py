@@ -18,13 +18,15 @@ from echelon.base.matrix import BaseMatrix
 from echelon.base.minor import find_minor
 from echelon.base.structure import Structure, find_structure
 from echelon.base.value_relations import RelationSearch, SpecialValues
-from echelon.errors import DegenerateSampleError, EchelonError, InputError
+from echelon.errors import DegenerateSampleError, EchelonError, InputError, OtherModeError
 from echelon.exact.field import CERTIFICATE_BITS, PrimeField
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, stated_values
 from echelon.mechanism.substitute import substituted
 from echelon.regressor.linear import LinearForms
+from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.loops.witness import closed_exactly
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
 
@@ -68,11 +70,25 @@ def own_answer(
     -------
     OwnAnswer
     """
+    try:
+        return _own_answer(mechanism, rng, recorded, generic)
+    except OtherModeError:
+        if mechanism.closed_at:
+            raise
+        followed = closed_exactly(mechanism, Assembly(mechanism).pose)
+        return _own_answer(followed, rng, None, generic)
+
+
+def _own_answer(
+    mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None, generic: bool
+) -> OwnAnswer:
     structure, values = find_structure(mechanism, rng), stated_values(mechanism)
     if not values.names or _is_general(mechanism, structure, values, recorded, rng):
         return OwnAnswer(mechanism, structure)
     try:
         at_values = stated_structure(mechanism, rng)
+    except OtherModeError:
+        raise
     except EchelonError as error:
         return OwnAnswer(mechanism, structure, undecided=f"for general symbols, since at the stated values {error}")
     if at_values.pivots == structure.pivots:

@@ -1,72 +1,182 @@
-"""Which assembly mode the stated pose of a mechanism is in, found in doubles: relations are fitted to real motions."""
+"""Which assembly mode the mechanism's own pose is in: relations must hold in real states near it.
+
+Doubles tell where it is clear.  Where it is not, since the pose is nearly singular or modes nearly meet there, closed
+states in ball arithmetic do: there the relations of a mode hold to a hundred digits, or they do not.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property, partial
+from math import inf, log2
+from typing import Any
 
+import flint
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import qr
 
+from echelon.base.ball_rows import ball_rows, precision
 from echelon.base.modes import Mode
-from echelon.errors import InputError
+from echelon.base.rows import Rows
+from echelon.exact.ball_elimination import ball_echelon
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.values import all_symbols, value_texts
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.loops.recorded_loops import real_inputs
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
 
+Floats = npt.NDArray[np.float64]
+
 _STATES, _NEAR = 20, 0.2
-_FITS, _NOISE = 1e-6, 1e-8  # how well a mode's relations hold there, and what counts as nothing
+_SMALLEST = 1e-4  # of columns, about the largest one: rounding keeps those that vanish far below
+_HOLDS, _FAILS = 1e-8, 1e-4  # what relations miss by in doubles where they surely hold, and where they surely do not
+_INDEPENDENT = 1e-7  # smallest singular value of columns that surely are
 _SAME_MARK = 1e-3  # coefficients that are simple rational numbers lie farther apart
+_BITS, _ZERO = 400, -100  # precision of balls, and the binary logarithm of what counts as nothing there
+_SURPLUS = 1.3  # of states that share poses
 
 
-def own_mode(mechanism: Mechanism, columns: Sequence[int], modes: Sequence[Mode]) -> Mode:
-    """The mode that the mechanism's own assembly pose is in.
-
-    Where that cannot be told, because symbols have no values or modes meet at the pose, it is the one with the lowest
-    rank: equal lengths are there to make motions special.
+class OwnPose:
+    """Real states near the pose at which a mechanism is stated to close.
 
     Parameters
     ----------
     mechanism : Mechanism
+        With loops, and values for all symbols.
+    rows : Rows
+        In which modes were found.
     columns : sequence of int
-        Those of the mechanism's parameters that the modes count.
-    modes : sequence of Mode
-        Those with the lowest rank first.
-
-    Returns
-    -------
-    Mode
-        Without marks if it is only known up to modes with the same dependence.
+        The mechanism's parameters that these count.
     """
-    own = modes[0] if len(modes) == 1 else _mode_of_pose(mechanism, columns, modes)
-    return own or replace(modes[0], marks=None if modes[0].marks else modes[0].marks)
 
+    def __init__(self, mechanism: Mechanism, rows: Rows, columns: Sequence[int]) -> None:
+        self.mechanism, self._rows, self._columns = mechanism, rows, list(columns)
 
-def _mode_of_pose(mechanism: Mechanism, columns: Sequence[int], modes: Sequence[Mode]) -> Mode | None:
-    states = _STATES + 4 * len(columns) // max(1, len(mechanism.outputs))
-    try:
-        # near the pose: farther away the walk could pass to another mode
-        real = Assembly(mechanism).random_closed_states(random_generator(DEFAULT_SEED), states, _NEAR)
-        values = evaluate_floats(virtual_power_form(mechanism), mechanism, *real)
-    except InputError:
-        return None
-    table = values.reshape(-1, values.shape[2])[:, list(columns)]
-    # columns that vanish but for rounding stay small
-    sizes = np.maximum(np.abs(table).max(axis=0), _NOISE * np.abs(table).max())
-    return next((mode for mode in modes if _fits(mode, table / sizes, sizes)), None)
+    def mode(self, modes: Sequence[Mode]) -> Mode | None:
+        """The one of some modes that the pose is in; None if it is in none of them, as far as can be told."""
+        verdicts = [self._clear(mode) for mode in modes]
+        if verdicts.count(True) == 1 and None not in verdicts:
+            return modes[verdicts.index(True)]
+        return next((m for m, v in zip(modes, verdicts, strict=True) if v is not False and self._holds(m)), None)
 
+    def likely(self, modes: Sequence[Mode]) -> Mode | None:
+        """The first of some modes whose relations hold there, perhaps beside others."""
+        return next((mode for mode in modes if self._clear(mode) is not False), None)
 
-def _fits(mode: Mode, table: npt.NDArray[np.float64], sizes: npt.NDArray[np.float64]) -> bool:
-    """Whether a mode's relations hold in real rows, whose columns were divided by their sizes."""
-    pivots = [k for k in range(table.shape[1]) if k not in mode.dependence]
-    others = list(mode.dependence)
-    solution = np.linalg.lstsq(table[:, pivots], table[:, others], rcond=None)[0]
-    if np.abs(table[:, others] - table[:, pivots] @ solution).max(initial=0.0) >= _FITS:
-        return False
-    for (column, source), mark in (mode.marks or {}).items():
-        coefficient = solution[pivots.index(source), others.index(column)] * sizes[column] / sizes[source]
-        if abs(coefficient - float(mark)) >= _SAME_MARK * max(1.0, abs(float(mark))):
+    @property
+    def is_singular(self) -> bool:
+        """Whether more motions are possible at the pose itself than near it, so that modes may meet there."""
+        assembly = Assembly(self.mechanism)
+        return bool(assembly.mobility(assembly.pose[None])[0] > assembly.mobility(self._real[0]).min())
+
+    @cached_property
+    def rank(self) -> int | None:
+        """Rank of the columns there; None if balls do not tell."""
+        with precision(_BITS):
+            found = ball_echelon([list(row) for row in self._balls], _BITS)
+        return None if found is None else len(found.pivots) - self._rows.auxiliary
+
+    # -- doubles ---------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _real(self) -> tuple[Floats, Floats, Floats]:
+        """Closed states near the pose: farther away a walk could pass to another mode."""
+        states = _STATES + 4 * len(self._columns) // max(1, len(self.mechanism.outputs))
+        return Assembly(self.mechanism).random_closed_states(random_generator(DEFAULT_SEED), states, _NEAR)
+
+    @cached_property
+    def _table(self) -> tuple[Floats, Floats]:
+        """Rows with columns of size one, and the sizes."""
+        values = evaluate_floats(virtual_power_form(self.mechanism), self.mechanism, *self._real)
+        table = values.reshape(-1, values.shape[2])[:, self._columns]
+        # columns that vanish but for rounding stay small
+        sizes = np.maximum(np.abs(table).max(axis=0), _SMALLEST * np.abs(table).max())
+        return table / sizes, sizes
+
+    def _clear(self, mode: Mode) -> bool | None:
+        """Whether a mode surely holds; None if doubles do not tell."""
+        table, sizes = self._table
+        pivots, others = _split(mode, table.shape[1])
+        solution = np.linalg.lstsq(table[:, pivots], table[:, others], rcond=None)[0]
+        missed = np.abs(table[:, others] - table[:, pivots] @ solution).max(initial=0.0)
+        if missed > _FAILS:
             return False
-    return True
+        smallest = np.linalg.svd(table[:, pivots], compute_uv=False).min(initial=1.0)
+        if missed > _HOLDS or smallest < _INDEPENDENT:
+            return None
+        scaled = solution * sizes[others] / sizes[pivots][:, None]
+        return all(
+            _same(scaled[pivots.index(source), others.index(column)], float(mark))
+            for (column, source), mark in (mode.marks or {}).items()
+        )
+
+    # -- balls -----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _balls(self) -> npt.NDArray[Any]:
+        """Rows in ball arithmetic, those of auxiliary columns first."""
+        forms, motions = self._rows.forms, len(self.mechanism.independent_velocities)
+        assert forms.loops is not None
+        near = replace(forms, loops=replace(forms.loops, real=partial(real_inputs, self.mechanism, reach=_NEAR)))
+        states = -(-(forms.shape[1] + _STATES) // forms.shape[0])
+        states = states if motions == 1 else int(_SURPLUS * states) + 2 * motions
+        with precision(_BITS):
+            return ball_rows(near, value_texts(self.mechanism, all_symbols(self.mechanism)), states, random_generator(DEFAULT_SEED), motions)
+
+    def _holds(self, mode: Mode) -> bool:
+        """Whether the representatives of a mode are independent there, and its relations and no others hold."""
+        auxiliary = self._rows.auxiliary
+        pivots, others = _split(mode, len(self._columns))
+        kept = [*range(auxiliary), *(auxiliary + k for k in pivots)]
+        with precision(_BITS):
+            solution = _relations(self._balls, kept, [auxiliary + k for k in others])
+            if solution is None:
+                return False
+            for k, column in enumerate(others):
+                sources = {pivots[i - auxiliary] for i in range(auxiliary, len(kept)) if _log(solution[i, k]) > _ZERO}
+                if sources != set(mode.dependence[column]):
+                    return False
+            return all(
+                _same(float(solution[auxiliary + pivots.index(source), others.index(column)].mid()), float(mark))
+                for (column, source), mark in (mode.marks or {}).items()
+            )
+
+
+def _relations(table: npt.NDArray[Any], pivots: Sequence[int], others: Sequence[int]) -> Any:
+    """Columns as combinations of others; None if they are none, or these are not independent."""
+    square, rest = _independent_rows(table[:, pivots])
+    try:
+        solution = flint.arb_mat(table[np.ix_(square, pivots)].tolist()).solve(
+            flint.arb_mat(table[np.ix_(square, others)].tolist())
+        )
+    except ZeroDivisionError:
+        return None
+    left = flint.arb_mat(table[np.ix_(rest, pivots)].tolist()) * solution
+    missed = [table[i, c] - left[k, j] for k, i in enumerate(rest) for j, c in enumerate(others)]
+    return solution if all(_log(x) <= _ZERO for x in missed) else None
+
+
+def _independent_rows(table: npt.NDArray[Any]) -> tuple[list[int], list[int]]:
+    """As many rows as there are columns, the most independent ones, and the others."""
+    doubles = np.array([[float(x.mid()) for x in row] for row in table]).reshape(table.shape)
+    order = qr(doubles.T, mode="r", pivoting=True)[-1] if doubles.size else np.arange(len(table))
+    return [int(k) for k in order[: table.shape[1]]], [int(k) for k in order[table.shape[1] :]]
+
+
+def _split(mode: Mode, columns: int) -> tuple[list[int], list[int]]:
+    """The columns that are representatives in a mode, and the others."""
+    return [k for k in range(columns) if k not in mode.dependence], list(mode.dependence)
+
+
+def _same(value: float, mark: float) -> bool:
+    return abs(value - mark) < _SAME_MARK * max(1.0, abs(mark))
+
+
+def _log(x: Any) -> float:
+    """Binary logarithm of the largest size that a ball allows."""
+    size = float(x.abs_upper())
+    return log2(size) if size > 0 else -inf

@@ -17,14 +17,15 @@ from operator import matmul
 import numpy as np
 
 from echelon.base.modes import Dependence, InMode, Mode, dependence, find_modes, in_mode
-from echelon.base.own_mode import own_mode
+from echelon.base.own_mode import OwnPose
 from echelon.base.rows import Rows, rows_of
-from echelon.errors import DegenerateSampleError, EchelonError
+from echelon.errors import DegenerateSampleError, EchelonError, OtherModeError
 from echelon.exact.field import PrimeField
 from echelon.mechanism.joint import Joint, Motion, Step, floating_motions
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
 from echelon.mechanism.output import Cut
 from echelon.mechanism.placement import Placement
+from echelon.mechanism.values import has_values
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.blocks import FEW_COLUMNS
 from echelon.regressor.energy import energy_changes, energy_form
@@ -116,8 +117,7 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     rows, accepted, order = whole.columns(remaining), None, 0
     modes: list[Mode] = []
     if mechanism.closures:
-        modes = find_modes(rows, rng)
-        mode = own_mode(mechanism, remaining, modes)
+        modes, mode = _modes(mechanism, rows, remaining, rng)
         supports, order = mode.dependence, mode.order
         accepted = InMode(rows, mode) if len(modes) > 1 or mode.marks is None else None
     else:
@@ -126,6 +126,28 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     by_robot = {remaining[k]: tuple(remaining[s] for s in support) for k, support in supports.items()}
     ranks = tuple(len(remaining) - len(mode.dependence) for mode in modes)
     return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, ranks, accepted, order)
+
+
+def _modes(
+    mechanism: Mechanism, rows: Rows, columns: Sequence[int], rng: np.random.Generator
+) -> tuple[list[Mode], Mode]:
+    """All assembly modes, and the one of the mechanism's own pose.
+
+    Where that cannot be told, because symbols have no values or modes meet at the pose, it is the one with the lowest
+    rank: equal lengths are there to make motions special.
+    """
+    if not has_values(mechanism):
+        modes, own = find_modes(rows, rng)
+    else:
+        pose = OwnPose(mechanism, rows, columns)
+        # what is special about the stated values is in no mode of general ones
+        general = bool(rows.forms.sampler().symbols)
+        modes, own = find_modes(rows, rng, pose.likely if general else pose.mode)
+        if own is None and not pose.is_singular:
+            raise OtherModeError(pose.rank, [len(columns) - len(mode.dependence) for mode in modes])
+    if own is None:  # modes meet there
+        own = modes[0] if len(modes) == 1 else replace(modes[0], marks=None if modes[0].marks else modes[0].marks)
+    return modes, own
 
 
 def floating_pair(mechanism: Mechanism, index: int) -> Mechanism:

@@ -34,6 +34,14 @@ def angle_parts(mechanism: Mechanism) -> dict[str, int]:
     return parts
 
 
+def loop_motions(mechanism: Mechanism) -> set[str]:
+    """Names of the motions that the loops involve, those of leaders instead of coupled ones."""
+    bodies = {body for closure in mechanism.closures for chain in _chains(mechanism, closure) for body in chain}
+    names = {motion.name for body in bodies for motion in mechanism.bodies[body].joint.motions}
+    leaders = {c.coordinate: {name for name, _ in c.terms} for c in mechanism.couplings}
+    return {leader for name in names for leader in leaders.get(name, {name})}
+
+
 def follow(mechanism: Mechanism, pose: ClosedAt) -> Mechanism:
     """A mechanism whose loops are closed at a pose: the second frames are where the first ones are.
 
@@ -42,7 +50,7 @@ def follow(mechanism: Mechanism, pose: ClosedAt) -> Mechanism:
     mechanism : Mechanism
         With closures.
     pose : mapping of str to tuple of Polynomial
-        By motion, for all whose coordinates no coupling makes dependent.
+        By motion, for all that :func:`loop_motions` names.
 
     Raises
     ------
@@ -58,59 +66,64 @@ class _Placed:
     """Placements of bodies at a pose."""
 
     def __init__(self, mechanism: Mechanism, pose: ClosedAt) -> None:
-        self.mechanism, self.pose = mechanism, dict(pose)
+        self.mechanism, self.pose = mechanism, pose
         self._parts = angle_parts(mechanism)
-        turning = {m.name for m in mechanism.motions if m.kind is MotionKind.ROTATION}
-        for coupling in mechanism.couplings:
-            self.pose[coupling.coordinate] = self._coupled(coupling.coordinate, coupling.coordinate in turning)
 
     def followed(self, closure: Closure) -> Closure:
         """The closure with its second frame where the first one is."""
-        inward, outward = (list(self._carriers(body)) for body in (closure.first, closure.second))
-        while inward and outward and inward[-1] == outward[-1]:
-            inward.pop()
-            outward.pop()
+        inward, outward = _chains(self.mechanism, closure)
         back = [step.inverse() for body in outward for step in reversed(self._steps(body))]
         there = [step for body in reversed(inward) for step in self._steps(body)]
         mount = tuple(step for step in (*back, *there) if not step.is_identity)
         return replace(closure, second_mount=mount, second_frame=closure.first_frame)
-
-    def _carriers(self, body: int) -> Iterator[int]:
-        while body != GROUND:
-            yield body
-            body = self.mechanism.bodies[body].parent
 
     def _steps(self, body: int) -> list[Placement]:
         steps = self.mechanism.bodies[body].joint.steps
         return [step if isinstance(step, Placement) else self._moved(step) for step in steps]
 
     def _moved(self, motion: Motion) -> Placement:
-        values = self.pose[motion.name]
+        coupled = motion.name in self.mechanism.dependent
+        values = self._coupled(motion) if coupled else self.pose[motion.name]
         if motion.kind is MotionKind.BALL:
             return _ball(values)
         if motion.kind is MotionKind.TRANSLATION:
             parts = [Polynomial({})] * 3
             parts[motion.axis] = values[0] * motion.sign
             return shift(*parts)
-        count = self._parts.get(motion.name, 1) if motion.name not in self.mechanism.dependent else 1
+        count = 1 if coupled else self._parts.get(motion.name, 1)
         cosine, sine = multiple_of_point((values[0], values[1]), count)
         turned = turn_by(motion.axis, cosine, sine * motion.sign)
         if motion.kind is MotionKind.SCREW and not turned.is_identity:
             raise ValueError(f"screw '{motion.name}' is turned where the loops close")
         return turned
 
-    def _coupled(self, name: str, turns: bool) -> tuple[Polynomial, ...]:
+    def _coupled(self, motion: Motion) -> tuple[Polynomial, ...]:
         """Where a dependent coordinate is."""
-        coupling = next(c for c in self.mechanism.couplings if c.coordinate == name)
-        if not turns:
-            slid = [self.pose[n][0] * _rational(f.ratio, name) for n, f in coupling.terms]
+        coupling = next(c for c in self.mechanism.couplings if c.coordinate == motion.name)
+        if motion.kind is MotionKind.TRANSLATION:
+            slid = [self.pose[name][0] * _rational(f.ratio, motion.name) for name, f in coupling.terms]
             return (Polynomial.sum(slid),)
         point = (Polynomial.constant(1), Polynomial({}))
         for leader, function in coupling.terms:
-            count = _rational(function.ratio, name) * self._parts[leader]
+            count = _rational(function.ratio, motion.name) * self._parts[leader]
             c, s = multiple_of_point((self.pose[leader][0], self.pose[leader][1]), int(count))
             point = point[0] * c - point[1] * s, point[0] * s + point[1] * c
         return point
+
+
+def _chains(mechanism: Mechanism, closure: Closure) -> tuple[list[int], list[int]]:
+    """The bodies between each end of a closure and what carries both, the outermost first."""
+    inward, outward = (list(_carriers(mechanism, body)) for body in (closure.first, closure.second))
+    while inward and outward and inward[-1] == outward[-1]:
+        inward.pop()
+        outward.pop()
+    return inward, outward
+
+
+def _carriers(mechanism: Mechanism, body: int) -> Iterator[int]:
+    while body != GROUND:
+        yield body
+        body = mechanism.bodies[body].parent
 
 
 def _rational(ratio: Polynomial | None, name: str) -> Fraction:

@@ -63,6 +63,11 @@ def known_values(mechanism: Mechanism) -> dict[str, float]:
     return {name: s.value for name, s in mechanism.symbols.items() if s.value is not None}
 
 
+def has_values(mechanism: Mechanism) -> bool:
+    """Whether all symbols that a mechanism lists or uses have one."""
+    return all_symbols(mechanism) <= known_values(mechanism).keys()
+
+
 def placement_matrix(placement: Placement, symbols: Mapping[str, float]) -> npt.NDArray[np.float64]:
     """A placement as a homogeneous matrix, shape (4, 4).
 

@@ -84,8 +84,10 @@ class ClosedBalls:
         self._closing = Schedule(program, [*loops.equations.equations, *loops.equations.jacobian.values()])
         self._speeds = Schedule(program, list((loops.speeds or {}).values()))
 
-    def leaves(self, schedule: Schedule, real: Mapping[str, float], rng: np.random.Generator) -> dict[int, Any]:
-        """Values of a schedule's leaves at one random closed state.
+    def leaves(
+        self, schedule: Schedule, real: Mapping[str, float], rng: np.random.Generator, motions: int = 1
+    ) -> list[dict[int, Any]]:
+        """Values of a schedule's leaves at some random motions through one closed pose.
 
         Parameters
         ----------
@@ -94,6 +96,7 @@ class ClosedBalls:
         real : mapping of str to float
             Positions near which the loops close, by the name of the input.
         rng : numpy Generator
+        motions : int
 
         Raises
         ------
@@ -104,18 +107,25 @@ class ClosedBalls:
             q = self._pose(real)
         except ZeroDivisionError:
             raise InputError(_OPEN) from None
+        inputs = {*schedule.leaves, *self._speeds.leaves}
+        names = {n: self.program.inputs[n].name for n in inputs}
         jacobian = self._jacobian(q, self.layout.names)
+        found = []
+        for _ in range(motions):
+            values = self._moving(q, jacobian, set(names.values()), rng)
+            found.append({node: values[names[node]] for node in schedule.leaves})
+        return found
+
+    def _moving(self, q: Values, jacobian: _Jacobian, names: set[str], rng: np.random.Generator) -> Values:
+        """Values of inputs at a random motion through a pose."""
         rates = jacobian.completed({name: _random(rng) for name in jacobian.free})
         accelerations = jacobian.completed({name: _random(rng) for name in jacobian.free}, self._bias(q, rates))
         values = {f"q[{n}]": x for n, x in q.items()}
         values |= {f"qd[{n}]": x for n, x in rates.items()} | {f"qdd[{n}]": x for n, x in accelerations.items()}
-        inputs = {*schedule.leaves, *self._speeds.leaves}
-        names = {n: self.program.inputs[n].name for n in inputs}
-        values |= {name: _random(rng) for name in sorted(names.values()) if name not in {*values, *self.symbols}}
+        values |= {name: _random(rng) for name in sorted(names) if name not in {*values, *self.symbols}}
         values |= self.symbols
         given = self._run(self._speeds, values) if self.loops.speeds is not None else None
-        values |= {f"v[{n}]": x for n, x in self._virtual(q, given, rng).items()}
-        return {node: values[names[node]] for node in schedule.leaves}
+        return values | {f"v[{n}]": x for n, x in self._virtual(q, given, rng).items()}
 
     # -- poses -----------------------------------------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import in_numbers
-from echelon.mechanism.values import all_symbols, symbol_values
+from echelon.mechanism.values import has_values
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.curves import CurveSampler
@@ -115,11 +115,7 @@ class _Real:
 
 def _real(mechanism: Mechanism) -> _Real | None:
     """Configurations in double precision; None if symbols have no values."""
-    try:
-        symbol_values(mechanism, all_symbols(mechanism))
-    except InputError:
-        return None
-    return _Real(mechanism)
+    return _Real(mechanism) if has_values(mechanism) else None
 
 
 def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:

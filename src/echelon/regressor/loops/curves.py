@@ -93,7 +93,8 @@ class CurveSampler(FieldSampler):
         )
         preferred = [layout.names.index(name) for name in loops.preferred]
         self._regular = False  # whether curves go on from the poses that are found
-        stated = [None, loops.assembly, {}] if loops.stated else []
+        # zero is a pose of the wanted way to assemble only where no other is stated
+        stated = [None, loops.assembly] if loops.stated else []
         self._poses = PoseFinder(preferred, stated, loops.accepts)
 
     def evaluate(

@@ -67,7 +67,7 @@ class PoseFinder:
         samples, recorded = positions.samples, positions.recorded
         for values in self._stated:
             pose = (
-                positions.exact_pose()
+                positions.exact_pose(_random_pose(positions, rng, samples))
                 if values is None
                 else recorded.layout.stated_pose(values, recorded.units, positions.field, samples)
             )

@@ -151,12 +151,14 @@ class Positions:
                 jacobian[:, row, columns[name]] = value
         return values[:count].transpose(1, 0, 2), jacobian
 
-    def exact_pose(self) -> Pose | None:
-        """The pose at which the loops are closed by construction; None if there is none, or not for such parts of angles."""
+    def exact_pose(self, pose: Pose) -> Pose | None:
+        """A pose changed to one at which the loops are closed by construction; None if there is none.
+
+        There is none either where functions need smaller parts of angles than couplings do.
+        """
         recorded, layout = self.recorded, self.recorded.layout
         if not recorded.closing_motions:
             return None
-        pose = layout.zero_pose(self.samples)
         values = self._run(recorded.closed_at, self.resting(pose))[..., 0]
         for name, parts, count in recorded.closing_motions:
             own, values = values[:count], values[count:]

@@ -54,7 +54,9 @@ def loops_of(
     )
 
 
-def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int) -> dict[str, Floats]:
+def real_inputs(
+    mechanism: Mechanism, rng: np.random.Generator, count: int, reach: float = 1.0
+) -> dict[str, Floats]:
     """Random closed states and values of symbols, by the names of program inputs.
 
     Symbols without a value get a random one.
@@ -64,6 +66,8 @@ def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int) -> d
     mechanism : Mechanism
     rng : numpy Generator
     count : int
+    reach : float
+        How far the states stray from the mechanism's own pose.
 
     Returns
     -------
@@ -79,7 +83,7 @@ def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int) -> d
     for attempt in range(_DRAWS):
         drawn = {name: float(rng.uniform(0.5, 1.5)) for name in unknown}
         try:
-            q, qd, qdd = Assembly(mechanism, drawn).random_closed_states(rng, count)
+            q, qd, qdd = Assembly(mechanism, drawn).random_closed_states(rng, count, reach)
             break
         except InputError:
             if not unknown or attempt == _DRAWS - 1:

@@ -17,7 +17,7 @@ from math import pi
 
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.polynomial import Polynomial, as_polynomial
-from echelon.mechanism.closed_pose import angle_parts, follow
+from echelon.mechanism.closed_pose import angle_parts, follow, loop_motions
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import Mechanism, Symbol
 from echelon.regressor.loops.closure_values import Floats
@@ -46,8 +46,9 @@ def closed_exactly(mechanism: Mechanism, pose: Floats) -> Mechanism:
     angles = _Angles({*mechanism.symbols})
     parts = angle_parts(mechanism)
     exact = {}
+    involved = loop_motions(mechanism)
     for motion in mechanism.motions:
-        if motion.name not in mechanism.dependent:
+        if motion.name in involved:
             exact[motion.name] = _exact(motion, values, parts.get(motion.name, 1), angles)
     named = replace(mechanism, symbols={**mechanism.symbols, **angles.symbols})
     return follow(named, exact)
