@@ -24,7 +24,8 @@ from echelon.formats.literal import (
 )
 from echelon.formats.options import ReadingOptions, gravity_vector
 from echelon.formats.relations import with_relations
-from echelon.formats.riders import Riders
+from echelon.formats.riders import Ride, Riders
+from echelon.formats.stated_joints import with_joints
 from echelon.formats.stated_couplings import StatedCoupling, resolved
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, setup_placements
@@ -54,7 +55,7 @@ def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collect
         If the tree has unusable couplings or names.
     """
     try:
-        return _Builder(tree, options, literal).build()
+        return _Builder(with_joints(tree, options.joints), options, literal).build()
     except InputError as error:
         raise error.located(tree.source) from None
 
@@ -100,12 +101,20 @@ class _Builder:
         symbols = {name: symbol for name, symbol in self.intent.symbols.items() if name in used}
         # a placement on the way to a closure is read once more
         snaps = tuple(dict.fromkeys(self.intent.snaps))
-        names = {body.name for body in self.bodies}
-        rides = {k: self._ride(k) for k, link in enumerate(self.tree.links) if link.name not in names}
-        riders = Riders(self.tree, self.intent, rides)
+        riders = Riders(self.intent, self._rides())
         reading = Reading(snaps, tuple(self.notes), partial(build_mechanism, self.tree, self.options), riders)
         mechanism = replace(mechanism, symbols=symbols, reading=reading)
         return self._closed(mechanism) if closures else mechanism
+
+    def _rides(self) -> dict[str, Ride]:
+        """What is fixed to bodies, by name: links, and then frames whose names no link has."""
+        links, bodies = self.tree.links, {body.name for body in self.bodies}
+        rides = {link.name: self._ride(k) for k, link in enumerate(links) if link.name not in bodies}
+        for frame in self.tree.frames:
+            if frame.name not in bodies:
+                body, placements = self._ride(frame.link)
+                rides.setdefault(frame.name, (body, (*placements, *frame.placements)))
+        return rides
 
     def _measured(self, mechanism: Mechanism) -> tuple[Output, ...] | None:
         """What the sensors of the file measure, if that is asked for."""
@@ -137,7 +146,7 @@ class _Builder:
         except InputError as error:
             raise error.located(self.tree.source) from None
 
-    def _ride(self, link: int) -> tuple[int, tuple[LiteralPlacement, ...]]:
+    def _ride(self, link: int) -> Ride:
         """The body that carries a link, and the placements from its frame to the link's."""
         return self.host.get(link, GROUND), self.offset.get(link, ())
 

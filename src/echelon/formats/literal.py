@@ -143,6 +143,23 @@ class LiteralWrench:
     angular: bool
 
 
+@dataclass(frozen=True)
+class LiteralFrame:
+    """A named frame on a link, such as a site.
+
+    Attributes
+    ----------
+    name : str
+    link : int
+    placements : tuple of LiteralPlacement
+        In the link's frame.
+    """
+
+    name: str
+    link: int
+    placements: tuple[LiteralPlacement, ...]
+
+
 LiteralSensor = LiteralEffort | LiteralWrench
 
 
@@ -172,6 +189,8 @@ class LiteralTree:
         Whether the file couples joints, whatever is made of it.
     sensors : tuple of LiteralSensor
         Those that measure forces.
+    frames : tuple of LiteralFrame
+        Named frames beside those of the links.
     """
 
     name: str
@@ -186,3 +205,4 @@ class LiteralTree:
     driven: tuple[str, ...] = ()
     has_mimics: bool = False
     sensors: tuple[LiteralSensor, ...] = ()
+    frames: tuple[LiteralFrame, ...] = ()

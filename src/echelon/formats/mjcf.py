@@ -26,7 +26,7 @@ from echelon.formats.literal import (
 )
 from echelon.formats.mjcf_document import check_document
 from echelon.formats.mjcf_equality import JOINT, TENDON, equality_kind, read_relation, resolve, take_equalities
-from echelon.formats.mjcf_loops import driven_joints, read_closures, reference_positions
+from echelon.formats.mjcf_loops import driven_joints, named_frames, read_closures, reference_positions
 from echelon.formats.mjcf_numbers import (
     cleaned,
     displaced,
@@ -119,6 +119,7 @@ def _read(text: str | bytes, source: str, directory: Path | None, mimics: bool, 
         driven=driven,
         has_mimics=bool(couplings) or len(relations) < len(couples),
         sensors=measured,
+        frames=tuple(named_frames(model, spec)),
     )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-from echelon.formats.literal import LiteralClosure, LiteralPlacement
+from echelon.formats.literal import LiteralClosure, LiteralFrame, LiteralPlacement
 from echelon.formats.mjcf_equality import equality_kind, equality_label
 from echelon.formats.mjcf_numbers import exact_triple, placements
 from echelon.formats.mjcf_spec import import_mujoco
@@ -80,6 +80,14 @@ def site_frame(model: Any, site: Any, label: str) -> tuple[int, tuple[LiteralPla
     compiled = model.site(site.name)
     xyz = exact_triple(compiled.pos, site.pos)
     return int(compiled.bodyid[0]), placements(f"{label} site '{site.name}'", xyz, compiled.quat)
+
+
+def named_frames(model: Any, spec: Any) -> Iterator[LiteralFrame]:
+    """The sites that have names."""
+    for site in spec.sites:
+        if site.name:
+            body, at = site_frame(model, site, "frame")
+            yield LiteralFrame(str(site.name), body, at)
 
 
 def _between_bodies(equality: Any, model: Any, label: str, name: str, kind: ClosureKind) -> LiteralClosure:
