@@ -25,8 +25,8 @@ from echelon.formats.literal import (
 from echelon.formats.options import ReadingOptions, gravity_vector
 from echelon.formats.relations import with_relations
 from echelon.formats.riders import Ride, Riders
-from echelon.formats.stated_joints import with_joints
 from echelon.formats.stated_couplings import StatedCoupling, resolved
+from echelon.formats.stated_joints import with_joints
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, setup_placements
 from echelon.mechanism.output import Output

@@ -14,7 +14,7 @@ from echelon.mechanism.joint import MotionKind
 def with_joints(tree: LiteralTree, joints: Sequence[StatedJoint]) -> LiteralTree:
     """A tree some of whose joints are of other types.
 
-    The frame in which a joint of the file is stated stays; a ball, or the axes of a universal joint, take the place of its
+    The frame in which the file states a joint stays; a ball, or the axes of a universal joint, take the place of its
     axis.
 
     Parameters
