@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from echelon.errors import InputError
+from echelon.formats.assembly_pose import chosen_pose
 from echelon.formats.build_loops import build_closure
 from echelon.formats.build_sensors import build_outputs
 from echelon.formats.inertia import Inertial, move_inertial, numeric_placement
@@ -102,8 +103,13 @@ class _Builder:
         # a placement on the way to a closure is read once more
         snaps = tuple(dict.fromkeys(self.intent.snaps))
         riders = Riders(self.intent, self._rides())
+        mechanism = replace(mechanism, symbols=symbols)
+        if closures:
+            assembly, note = chosen_pose(mechanism, self.tree.poses)
+            mechanism = replace(mechanism, assembly=assembly)
+            self.notes += [note] if note else []
         reading = Reading(snaps, tuple(self.notes), partial(build_mechanism, self.tree, self.options), riders)
-        mechanism = replace(mechanism, symbols=symbols, reading=reading)
+        mechanism = replace(mechanism, reading=reading)
         return self._closed(mechanism) if closures else mechanism
 
     def _rides(self) -> dict[str, Ride]:
@@ -138,11 +144,9 @@ class _Builder:
 
     def _closed(self, mechanism: Mechanism) -> Mechanism:
         """A mechanism whose loops close."""
-        positions = mechanism.positions
-        assembly = {name: value for name, value in self.tree.assembly.items() if name in positions}
         driven = [name for name in self.tree.driven if name in mechanism.velocities]
         try:
-            return close(replace(mechanism, assembly=assembly), None, prefer=driven)
+            return close(mechanism, None, prefer=driven)
         except InputError as error:
             raise error.located(self.tree.source) from None
 

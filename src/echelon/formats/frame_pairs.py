@@ -1,8 +1,8 @@
 """Lists of frame pairs beside a URDF, as collections of parallel robots publish them, read as descriptions.
 
 ``closed_loop`` lists pairs of links that are held together, ``type`` whether in 6 or in 3 directions, ``name_mot`` the
-joints with motors.  A URDF has neither balls nor universal joints, so ``joint_name`` and ``joint_type`` say which of its
-joints stand for one: a ball, or turns about x and then y of the joint's frame (CARDAN), or about other axes of it
+joints with motors.  A URDF has neither balls nor universal joints, so ``joint_name`` and ``joint_type`` say which of
+its joints stand for one: a ball, or turns about x and then y of the joint's frame (CARDAN), or about other axes of it
 (UJOINT_ZY).  The URDF has the name of the list.
 """
 

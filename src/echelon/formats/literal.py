@@ -181,8 +181,8 @@ class LiteralTree:
     root_is_world : bool
         Whether the first link is the world itself, which never moves and carries no parameters.
     closures : tuple of LiteralClosure
-    assembly : mapping of str to float
-        Positions at which the loops close; zero where absent.
+    poses : mapping of str to mapping of str to float
+        Positions at which the loops may close, zero where absent, by what states them: the reference pose first.
     driven : tuple of str
         Coordinates with actuators.
     has_mimics : bool
@@ -201,7 +201,7 @@ class LiteralTree:
     notes: tuple[str, ...] = ()
     root_is_world: bool = False
     closures: tuple[LiteralClosure, ...] = ()
-    assembly: Mapping[str, float] = field(default_factory=dict)
+    poses: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     driven: tuple[str, ...] = ()
     has_mimics: bool = False
     sensors: tuple[LiteralSensor, ...] = ()
