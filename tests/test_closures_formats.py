@@ -264,7 +264,9 @@ def test_loops_of_a_robot_file(tmp_path: Path) -> None:
     closed_at_base = ADDED.replace("[coupler, rocker]", "[base, coupler]").replace("[0.3, 0, 0]", "[0.25, 0, 0]")
     ground = added(tmp_path, closed_at_base.split("assembly")[0])
     assert (ground.closures[0].first, ground.closures[0].second) == (GROUND, 1)
-    with pytest.raises(ec.InputError, match=r"connects\[1\]: there is no body 'rokker'; did you mean 'rocker'"):
+    with pytest.raises(
+        ec.InputError, match=r"connects\[1\]: there is no body or frame 'rokker'; did you mean 'rocker'"
+    ):
         added(tmp_path, ADDED.replace(", rocker]", ", rokker]"))
 
 

@@ -190,3 +190,44 @@ def test_round_trip(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_bodies_that_do_not_exist_are_refused() -> None:
     with pytest.raises(InputError, match="nobody"):
         read('<connect name="pin" body1="a" body2="nobody" anchor="0 0 0"/>')
+
+
+# -- where loops are assembled -----------------------------------------------------------------------------------------
+
+BARS = f"""<mujoco><compiler angle="radian"/><default><joint axis="0 0 1"/></default><worldbody>
+  <body name="crank"><joint name="q1"/>{INERTIA}
+    <body name="coupler" pos="0.15 0 0"><joint name="q2"/>{INERTIA}<site name="one" pos="0.35 0 0"/></body></body>
+  <body name="rocker" pos="0.4 0 0"><joint name="q3"/>{INERTIA}<site name="two" pos="0.3 0 0"/></body></worldbody>
+<equality><connect name="pin" site1="one" site2="two"/></equality>
+<keyframe><key name="far" qpos="0.5 0.5 0.5"/><key name="home" qpos="1 -0.4816 1.6206"/><key name="odd"/></keyframe>
+</mujoco>"""
+
+
+def notes(mechanism: Mechanism) -> str:
+    assert mechanism.reading is not None
+    return "; ".join(mechanism.reading.notes)
+
+
+def test_a_keyframe_that_closes_is_where_loops_are_assembled() -> None:
+    mechanism = read("", tree=BARS)
+    assert dict(mechanism.assembly) == {"q1": 1, "q2": -0.4816, "q3": 1.6206}
+    expected = (
+        "the loops are assembled near keyframe 'home', because at the reference pose closure 'pin' is off by 0.2 m"
+    )
+    assert expected in notes(mechanism)
+
+
+def test_a_pose_that_misses_by_little_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    near = BARS.replace('pos="0.3 0 0"', 'pos="0.1 0 0"').replace('"0.35 0 0"', '"0.348 0 0"')
+    mechanism = read("", tree=near)
+    assert not any(mechanism.assembly.values())
+    assert "at the reference pose closure 'pin' is off by 0.002 m: the loops are assembled near it" in notes(mechanism)
+    assert "assembled" not in notes(read("", tree=near.replace("0.348", "0.35")))
+
+
+def test_half_turns_of_the_reference_pose_stay() -> None:
+    """A rotation without w is not taken for none."""
+    tree = TREE.replace('pos="1 2 3" euler="0 45 0"', 'pos="1 2 3" quat="0 0 1 0"')
+    mechanism = read(EQUALITIES["connect"], tree=tree)
+    assert (mechanism.assembly["je.r.w"], mechanism.assembly["je.r.y"]) == (0, 1)
+    np.testing.assert_allclose(residual(mechanism, dict(mechanism.assembly)), 0, atol=1e-13)

@@ -298,9 +298,12 @@ REFUSED = {
         model('<body name="a"><inertial pos="0 0 0" mass="1" diaginertia="1 1 3"/></body>'),
         "element 'a'.*A [+] B >= C",
     ),
-    "two couplings of one joint": (
-        model(ARM, tail='<equality><joint joint1="a" joint2="b"/><joint joint1="a"/></equality>'),
-        r"equality joint 'a': 'a' is already coupled in equality joint 'a and b'",
+    "contradicting couplings": (
+        model(
+            ARM,
+            tail='<equality><joint joint1="a" polycoef="0.2 0 0 0 0"/><joint name="again" joint1="a"/></equality>',
+        ),
+        r"equality joint 'again': it contradicts the other equalities by -0.2",
     ),
     "coupling of no joint": (model(ARM, tail='<equality><joint joint1="z" joint2="b"/></equality>'), "z"),
     "contradicting tendons": (
@@ -337,10 +340,18 @@ def test_refusals_name_file_and_element(name: str, tmp_path: Path, monkeypatch: 
     assert not list(tmp_path.iterdir())  # MuJoCo writes a log file for what it only warns of
 
 
-def test_circular_couplings_are_refused() -> None:
-    equality = '<equality><joint joint1="a" joint2="b"/><joint joint1="b" joint2="a"/></equality>'
-    with pytest.raises(InputError, match="the couplings form a circle: a -> b -> a"):
-        mechanism_of(read(model(ARM, tail=equality)))
+def test_couplings_of_coupled_joints() -> None:
+    """The second constraint of a joint is one of the joints that it follows; a third one may say nothing."""
+    equality = '<equality><joint joint1="a" joint2="b"/>SECOND</equality>'
+    robot = mechanism_of(read(model(ARM, tail=equality.replace("SECOND", '<joint joint1="b" joint2="a"/>'))))
+    assert [c.coordinate for c in robot.couplings] == ["a"]
+    assert robot.reading is not None
+    assert "equality joint 'b and a' says nothing that the other equalities do not say" in robot.reading.notes
+    held = mechanism_of(read(model(ARM, tail=equality.replace("SECOND", '<joint joint1="a"/>'))))
+    assert not {"a", "b"} & {m.name for m in held.motions}
+    square = '<joint joint1="a" joint2="b" polycoef="0 1 2 0 0"/>'
+    with pytest.raises(InputError, match="equality joint 'a and b': it cannot be solved for one of its joints"):
+        mechanism_of(read(model(ARM, tail=equality.replace("SECOND", square))))
 
 
 def test_other_encodings_are_refused() -> None:

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from echelon.errors import InputError
+from echelon.formats.assembly_pose import chosen_pose
 from echelon.formats.build_loops import build_closure
 from echelon.formats.build_sensors import build_outputs
 from echelon.formats.inertia import Inertial, move_inertial, numeric_placement
@@ -24,8 +25,9 @@ from echelon.formats.literal import (
 )
 from echelon.formats.options import ReadingOptions, gravity_vector
 from echelon.formats.relations import with_relations
-from echelon.formats.riders import Riders
+from echelon.formats.riders import Ride, Riders
 from echelon.formats.stated_couplings import StatedCoupling, resolved
+from echelon.formats.stated_joints import with_joints
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, setup_placements
 from echelon.mechanism.output import Output
@@ -54,7 +56,7 @@ def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collect
         If the tree has unusable couplings or names.
     """
     try:
-        return _Builder(tree, options, literal).build()
+        return _Builder(with_joints(tree, options.joints), options, literal).build()
     except InputError as error:
         raise error.located(tree.source) from None
 
@@ -100,12 +102,25 @@ class _Builder:
         symbols = {name: symbol for name, symbol in self.intent.symbols.items() if name in used}
         # a placement on the way to a closure is read once more
         snaps = tuple(dict.fromkeys(self.intent.snaps))
-        names = {body.name for body in self.bodies}
-        rides = {k: self._ride(k) for k, link in enumerate(self.tree.links) if link.name not in names}
-        riders = Riders(self.tree, self.intent, rides)
+        riders = Riders(self.intent, self._rides())
+        mechanism = replace(mechanism, symbols=symbols)
+        if closures:
+            assembly, note = chosen_pose(mechanism, self.tree.poses)
+            mechanism = replace(mechanism, assembly=assembly)
+            self.notes += [note] if note else []
         reading = Reading(snaps, tuple(self.notes), partial(build_mechanism, self.tree, self.options), riders)
-        mechanism = replace(mechanism, symbols=symbols, reading=reading)
+        mechanism = replace(mechanism, reading=reading)
         return self._closed(mechanism) if closures else mechanism
+
+    def _rides(self) -> dict[str, Ride]:
+        """What is fixed to bodies, by name: links, and then frames whose names no link has."""
+        links, bodies = self.tree.links, {body.name for body in self.bodies}
+        rides = {link.name: self._ride(k) for k, link in enumerate(links) if link.name not in bodies}
+        for frame in self.tree.frames:
+            if frame.name not in bodies:
+                body, placements = self._ride(frame.link)
+                rides.setdefault(frame.name, (body, (*placements, *frame.placements)))
+        return rides
 
     def _measured(self, mechanism: Mechanism) -> tuple[Output, ...] | None:
         """What the sensors of the file measure, if that is asked for."""
@@ -129,15 +144,13 @@ class _Builder:
 
     def _closed(self, mechanism: Mechanism) -> Mechanism:
         """A mechanism whose loops close."""
-        positions = mechanism.positions
-        assembly = {name: value for name, value in self.tree.assembly.items() if name in positions}
         driven = [name for name in self.tree.driven if name in mechanism.velocities]
         try:
-            return close(replace(mechanism, assembly=assembly), None, prefer=driven)
+            return close(mechanism, None, prefer=driven)
         except InputError as error:
             raise error.located(self.tree.source) from None
 
-    def _ride(self, link: int) -> tuple[int, tuple[LiteralPlacement, ...]]:
+    def _ride(self, link: int) -> Ride:
         """The body that carries a link, and the placements from its frame to the link's."""
         return self.host.get(link, GROUND), self.offset.get(link, ())
 

@@ -14,6 +14,7 @@ from echelon.formats.description_build import ReadFile, build_description
 from echelon.formats.description_check import check_document
 from echelon.formats.description_text import Document, read_text
 from echelon.formats.description_write import write_description
+from echelon.formats.frame_pairs import as_description, lists_pairs
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 
@@ -88,6 +89,8 @@ def read_description_data(data: Mapping[str, Any], source: str, options: Reading
 
 def _build(document: Document, options: ReadingOptions, read_file: ReadFile | None = None) -> Mechanism:
     try:
+        if lists_pairs(document):
+            document = as_description(document)
         return build_description(document, check_document(document), options, read_file)
     except InputError as error:
         raise error.located(document.source) from None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.description_couplings import offset_placement, read_couplings
 from echelon.formats.description_expressions import Expressions
+from echelon.formats.description_joints import coordinate_axis
 from echelon.formats.description_loops import add_loops
 from echelon.formats.description_parts import BASE, Part, read_parts
 from echelon.formats.description_setup import add_setup, cut_off
@@ -20,7 +21,7 @@ from echelon.formats.description_symbols import check_use, declared_symbols, sta
 from echelon.formats.description_text import Document
 from echelon.formats.inertia import Inertial, move_inertial
 from echelon.formats.intent import numeric_value, symbol_stem
-from echelon.formats.options import ReadingOptions, gravity_vector
+from echelon.formats.options import ReadingOptions, StatedJoint, gravity_vector
 from echelon.formats.relations import with_relations
 from echelon.formats.stated_couplings import StatedCoupling
 from echelon.hints import nearest_of
@@ -31,6 +32,7 @@ from echelon.mechanism.reading import Reading, Rider, Snap
 
 if TYPE_CHECKING:
     from echelon.formats.schema import RobotDescription
+    from echelon.formats.schema_setup import RobotFile
 
 
 ReadFile = Callable[[str, ReadingOptions], Mechanism]
@@ -104,12 +106,20 @@ def _added_to_file(
             raise document.error(key, "belongs to the geometry, which is that of the robot file")
     if read_file is None:
         raise document.error("robot", "a description without a place of its own cannot refer to another file")
-    options = replace(options, separate=cut_off(robot))
+    joints = tuple(_file_joints(document, robot.robot))
+    options = replace(options, separate=cut_off(robot), joints=joints)
     # the loops of a geometry in numbers close at these numbers only
     stated = read_file(robot.robot.file, replace(options, symbolic=False) if robot.loops else options)
     add = partial(_with_additions, document, robot, options)
     mechanism = add(stated)
     return mechanism if mechanism.reading is None else replace(mechanism, reading=mechanism.reading.followed_by(add))
+
+
+def _file_joints(document: Document, file: RobotFile) -> Iterator[StatedJoint]:
+    """What joints of a robot file really are."""
+    for name, entry in file.joints.items():
+        axes = tuple(coordinate_axis(axis) for axis in (entry.axis, entry.axis2) if axis is not None)
+        yield StatedJoint(name, entry.type, axes, partial(document.error, f"robot.joints.{name}"))
 
 
 def _with_additions(
@@ -150,7 +160,7 @@ class _FileParts:
         if name is None or name == BASE:
             return GROUND, Placement()
         valid = [BASE, *self.names, *self.riders]
-        raise self.expressions.error(path, f"there is no body '{name}'{nearest_of(name, valid)}")
+        raise self.expressions.error(path, f"there is no body or frame '{name}'{nearest_of(name, valid)}")
 
     def _rider(self, rider: Rider, path: str) -> tuple[int, Placement]:
         known = self.expressions.intent.symbols

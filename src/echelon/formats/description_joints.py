@@ -104,7 +104,7 @@ class Joints:
                 return floating_motions(name)
             case "universal":
                 pairs = enumerate((joint.axis, joint.axis2), 1)
-                return tuple(rotation(f"{name}.{i}", *_coordinate_axis(axis)) for i, axis in pairs)
+                return tuple(rotation(f"{name}.{i}", *coordinate_axis(axis)) for i, axis in pairs)
             case "helical" | "cylindrical":
                 return self._along_axis(joint, name, path, stem)
         axis_joint = cast("AxisJoint", joint)
@@ -134,7 +134,7 @@ class Joints:
         return tuple(steps)
 
     def _elementary(self, step: MotionStep, path: str) -> Motion:
-        axis, sign = _coordinate_axis(step.axis)
+        axis, sign = coordinate_axis(step.axis)
         pitch = self.expressions.length(step.pitch, f"{path}.pitch")
         if pitch and step.motion != "screw":
             raise self.expressions.error(f"{path}.pitch", f"only a screw has a pitch, not a {step.motion}")
@@ -167,7 +167,7 @@ def joint_name(body: BodyEntry) -> str:
     return body.name if stated is None else stated
 
 
-def _coordinate_axis(direction: str) -> tuple[int, int]:
+def coordinate_axis(direction: str) -> tuple[int, int]:
     """Axis and sign of a direction such as ``-x``."""
     return "xyz".index(direction[-1]), -1 if direction.startswith("-") else 1
 

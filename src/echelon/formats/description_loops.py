@@ -14,6 +14,7 @@ from echelon.exact.angle import Angle
 from echelon.exact.expressions import PI
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_joints import Joints
+from echelon.formats.description_parts import BASE
 from echelon.formats.intent import symbol_stem
 from echelon.formats.second_frame import second_frame
 from echelon.hints import nearest_of
@@ -88,6 +89,8 @@ class _Loops:
         taken = {closure.name for closure in self.mechanism.closures}
         for index, entry in enumerate(self.robot.loops):
             path = f"loops[{index}]"
+            if isinstance(entry, tuple):
+                entry = _weld(entry)
             name = entry.name or f"loop{len(self.mechanism.closures) + index + 1}"
             if name in taken:
                 raise self.expressions.error(f"{path}.name", f"another loop has the name '{name}'")
@@ -105,11 +108,19 @@ class _Loops:
         aim = self._aim(entry, path, stem)
         kind = _ALIASES.get(entry.joint) or ClosureKind(entry.joint)
         frame = offset @ self._frame(entry.at, f"{path}.at", stem) @ aim
-        if entry.on_second is None:
+        meets = "at" not in entry.model_fields_set and all(self._is_frame(part) for part in entry.connects)
+        if entry.on_second is None and not meets:
             met = self._met(kind, first, second, frame, path)
         else:
-            met = other @ self._frame(entry.on_second, f"{path}.on_second", stem) @ aim
+            stated = entry.at if entry.on_second is None else entry.on_second
+            met = other @ self._frame(stated, f"{path}.on_second", stem) @ aim
         return Closure(name, kind, first, second, frame, met)
+
+    def _is_frame(self, part: str | None) -> bool:
+        """Whether a part is only fixed to what moves, so that it can have no other use than to mark a place."""
+        if part is None or part == BASE:
+            return False
+        return all(body.name != part or body.joint.is_fixed for body in self.mechanism.bodies)
 
     def _frame(self, frame: Frame, path: str, stem: str) -> Placement:
         return self.joints.frame(frame, path, stem)
@@ -157,12 +168,27 @@ class _Loops:
     def driven(self) -> list[str]:
         """Coordinates that actuators drive."""
         stated: list[str] = []
+        if self.robot.robot is not None:
+            for index, name in enumerate(self.robot.robot.driven):
+                several = [known for known in self.mechanism.velocities if known.startswith(f"{name}.")]
+                if not several:
+                    self._check(name, self.mechanism.velocities, f"robot.driven[{index}]")
+                stated += several or [name]
         for actuator, entry in self.robot.actuators.items():
             if isinstance(entry, str):
                 stated += self.expressions.parsed(entry, f"actuators.{actuator}").symbols()
             else:
                 stated += entry.terms
         return [name for name in dict.fromkeys(stated) if name in self.mechanism.velocities]
+
+
+def _weld(pair: tuple[str | None, str | None]) -> LoopEntry:
+    """Two frames that are held together as they are."""
+    from echelon.formats.schema_joints import Frame
+    from echelon.formats.schema_loops import LoopEntry
+
+    name = "-".join(part or BASE for part in pair)
+    return LoopEntry.model_construct(name=name, joint="weld", connects=pair, on_second=Frame.model_construct())
 
 
 def _at_zero(body: Body) -> Placement:

@@ -26,15 +26,19 @@ class Document:
         Name of the file, for messages.
     lines : mapping of str to int
         Line, counted from 1, of every element by its path; empty for JSON.
+    names : mapping of str to str
+        What the file calls elements, by the beginnings of their paths, where it is of another layout.
     """
 
     data: Any
     source: str
     lines: Mapping[str, int] = field(default_factory=dict)
+    names: Mapping[str, str] = field(default_factory=dict)
 
     def error(self, path: str, problem: str) -> InputError:
         """An error about the element at a path such as ``modified_dh[3].alpha``."""
-        known = path
+        begun = max((name for name in self.names if path.startswith(name)), key=len, default="")
+        path = known = self.names.get(begun, "") + path.removeprefix(begun)
         while known and known not in self.lines:
             known = known[: max(known.rfind("."), known.rfind("["), 0)]
         line = f" (line {self.lines[known]})" if known else ""

@@ -87,15 +87,25 @@ class Intent:
         )
         return Placement(placement.rotation, (x, y, z))
 
-    def _length(self, value: Polynomial, name: str, element: str) -> Polynomial:
-        if not value:
-            return value
-        size = abs(self.numeric(value))
-        if size <= self.length_tolerance(element):
+    def without_noise(self, placement: Placement, element: str) -> Placement:
+        """A placement with tiny translations dropped and the others left as numbers."""
+        x, y, z = (
+            self._rounded(value, f"{element} {axis}") for axis, value in zip("xyz", placement.translation, strict=True)
+        )
+        return Placement(placement.rotation, (x, y, z))
+
+    def _rounded(self, value: Polynomial, element: str) -> Polynomial:
+        size = abs(self.numeric(value)) if value else 0.0
+        if value and size <= self.length_tolerance(element):
             self.snaps.append(Snap(element, f"{self.numeric(value):.3g}", "0", size))
             return Polynomial({})
-        if not self.options.symbolic:
+        return value
+
+    def _length(self, value: Polynomial, name: str, element: str) -> Polynomial:
+        value = self._rounded(value, element)
+        if not value or not self.options.symbolic:
             return value
+        size = abs(self.numeric(value))
         sign = 1 if self.numeric(value) > 0 else -1
         known = None if self.options.separate_symbols else self._same_length(sign * value, size, element)
         if known is None:

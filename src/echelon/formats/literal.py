@@ -143,6 +143,23 @@ class LiteralWrench:
     angular: bool
 
 
+@dataclass(frozen=True)
+class LiteralFrame:
+    """A named frame on a link, such as a site.
+
+    Attributes
+    ----------
+    name : str
+    link : int
+    placements : tuple of LiteralPlacement
+        In the link's frame.
+    """
+
+    name: str
+    link: int
+    placements: tuple[LiteralPlacement, ...]
+
+
 LiteralSensor = LiteralEffort | LiteralWrench
 
 
@@ -164,14 +181,16 @@ class LiteralTree:
     root_is_world : bool
         Whether the first link is the world itself, which never moves and carries no parameters.
     closures : tuple of LiteralClosure
-    assembly : mapping of str to float
-        Positions at which the loops close; zero where absent.
+    poses : mapping of str to mapping of str to float
+        Positions at which the loops may close, zero where absent, by what states them: the reference pose first.
     driven : tuple of str
         Coordinates with actuators.
     has_mimics : bool
         Whether the file couples joints, whatever is made of it.
     sensors : tuple of LiteralSensor
         Those that measure forces.
+    frames : tuple of LiteralFrame
+        Named frames beside those of the links.
     """
 
     name: str
@@ -182,7 +201,8 @@ class LiteralTree:
     notes: tuple[str, ...] = ()
     root_is_world: bool = False
     closures: tuple[LiteralClosure, ...] = ()
-    assembly: Mapping[str, float] = field(default_factory=dict)
+    poses: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     driven: tuple[str, ...] = ()
     has_mimics: bool = False
     sensors: tuple[LiteralSensor, ...] = ()
+    frames: tuple[LiteralFrame, ...] = ()

@@ -26,7 +26,7 @@ from echelon.formats.literal import (
 )
 from echelon.formats.mjcf_document import check_document
 from echelon.formats.mjcf_equality import JOINT, TENDON, equality_kind, read_relation, resolve, take_equalities
-from echelon.formats.mjcf_loops import driven_joints, read_closures, reference_positions
+from echelon.formats.mjcf_loops import driven_joints, named_frames, read_closures, read_keyframes, read_poses
 from echelon.formats.mjcf_numbers import (
     cleaned,
     displaced,
@@ -95,7 +95,7 @@ def _read(text: str | bytes, source: str, directory: Path | None, mimics: bool, 
     couples = [equality for equality in equalities if equality_kind(equality) in (JOINT, TENDON)]
     relations = [read_relation(e, spec, source) for e in couples if mimics or (e.name1 and not e.name2)]
     relations = [relation for relation in relations if mimics or len(relation.terms) == 1]
-    driven = driven_joints(spec)
+    driven, keyframes = driven_joints(spec), read_keyframes(spec)
     sensors = Sensors(spec)
     reader = _Reader(compile_spec(spec, source, directory, lenient=lenient), source)
     held, couplings, found = resolve(relations, reader.reference, driven, source)
@@ -115,10 +115,11 @@ def _read(text: str | bytes, source: str, directory: Path | None, mimics: bool, 
         (*notes, *reader.compiled.notes, *sensors.notes),
         root_is_world=True,
         closures=tuple(read_closures(loops, model, spec)),
-        assembly=reference_positions(model) if loops else {},
+        poses=read_poses(model, keyframes) if loops else {},
         driven=driven,
         has_mimics=bool(couplings) or len(relations) < len(couples),
         sensors=measured,
+        frames=tuple(named_frames(model, spec)),
     )
 
 

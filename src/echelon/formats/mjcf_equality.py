@@ -14,7 +14,7 @@ from typing import Any
 from echelon.errors import InputError
 from echelon.exact.numbers import Rational, inverse, parse_decimal
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.stated_couplings import StatedCoupling, resolved, substituted
+from echelon.formats.stated_couplings import StatedCoupling, substituted
 from echelon.mechanism.spline import Spline
 
 JOINT = "joint"
@@ -130,7 +130,8 @@ def resolve(
 ) -> tuple[dict[str, Rational], tuple[StatedCoupling, ...], list[str]]:
     """Sort relations into joints that cannot move and joints that follow others.
 
-    Of the joints of a tendon the last one that no actuator drives follows the others.
+    Where a joint equality's own joint follows already, or of the joints of a tendon, the last one that no actuator
+    drives follows the others, if none follows it by a nonlinear function.
 
     Parameters
     ----------
@@ -151,31 +152,35 @@ def resolve(
     Raises
     ------
     InputError
-        If two equalities constrain the same joint, or relations contradict each other.
+        If relations contradict each other, or one that is left cannot be solved for a joint.
     """
 
     def error(element: str, problem: str) -> InputError:
         return InputError(problem, source=source, element=element)
 
-    stated = [_solved(relation, relation.dependent) for relation in relations if relation.dependent]
+    known: dict[str, StatedCoupling] = {}
     notes: list[str] = []
     order = sorted(reference, key=lambda name: name not in driven)  # what shall follow, last
-    for relation in (r for r in relations if not r.dependent):
-        known = resolved(stated, error)
+    for relation in sorted(relations, key=lambda relation: not relation.dependent):
         whole = substituted(StatedCoupling(relation.element, "", relation.terms, relation.constant), known, error)
         left = Relation(relation.element, "", whole.terms, whole.offset)
         free = [name for name, function in left.terms.items() if function.ratio is not None]
         if free:
-            stated.append(_solved(left, max(free, key=order.index)))
+            bent = {n for other in known.values() for n, function in other.terms.items() if function.ratio is None}
+            last = max(free, key=lambda name: (name not in bent, order.index(name)))
+            wanted = relation.dependent if relation.dependent in free else last
+            coupling = _solved(left, wanted)
+            for name in [name for name, other in known.items() if wanted in other.terms]:
+                known[name] = substituted(known[name], {wanted: coupling}, error)
+            known[wanted] = coupling
         elif left.terms:
             raise error(relation.element, f"it cannot be solved for one of its joints; {_IGNORE}")
         elif left.constant:
-            raise error(relation.element, "it contradicts the other equalities")
+            raise error(relation.element, f"it contradicts the other equalities by {float(_number(left.constant)):.3g}")
         else:
             notes.append(f"{relation.element} says nothing that the other equalities do not say")
-    found = resolved(stated, error).values()
-    held = {c.coordinate: _number(c.offset) for c in found if not c.terms}
-    return held, tuple(_counted(c, reference) for c in found if c.terms), notes
+    held = {c.coordinate: _number(c.offset) for c in known.values() if not c.terms}
+    return held, tuple(_counted(c, reference) for c in known.values() if c.terms), notes
 
 
 def _solved(relation: Relation, joint: str) -> StatedCoupling:

@@ -6,10 +6,11 @@ it is at the reference pose, unless a weld states the relative pose.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from math import isfinite
 from typing import Any
 
-from echelon.formats.literal import LiteralClosure, LiteralPlacement
+from echelon.formats.literal import LiteralClosure, LiteralFrame, LiteralPlacement
 from echelon.formats.mjcf_equality import equality_kind, equality_label
 from echelon.formats.mjcf_numbers import exact_triple, placements
 from echelon.formats.mjcf_spec import import_mujoco
@@ -26,16 +27,26 @@ def driven_joints(spec: Any) -> tuple[str, ...]:
     return tuple(dict.fromkeys(str(a.target) for a in spec.actuators if a.trntype in direct))
 
 
-def reference_positions(model: Any) -> dict[str, float]:
-    """The coordinates of the reference pose that are not zero."""
-    found: dict[str, float] = {}
+def read_poses(model: Any, keyframes: Mapping[str, Sequence[float]]) -> dict[str, dict[str, float]]:
+    """The coordinates of the reference pose, and of the keyframes, by what states them."""
+    names: list[str] = []
     for index in range(model.njnt):
         joint = model.joint(index)
         ball = tuple(f"{joint.name}.{c}" for c in _BALL)
         free = (*(f"{joint.name}.t{c}" for c in "xyz"), *(f"{joint.name}.r.{c}" for c in _BALL))
-        names = {1: (str(joint.name),), len(ball): ball, len(free): free}[len(joint.qpos0)]
-        found |= {name: float(value) for name, value in zip(names, joint.qpos0, strict=True) if value}
-    return found
+        names += {1: (str(joint.name),), len(ball): ball, len(free): free}[len(joint.qpos0)]
+    stated = {"the reference pose": model.qpos0} | {f"keyframe '{name}'": qpos for name, qpos in keyframes.items()}
+    # a rotation without w would be taken for none
+    return {
+        element: {n: float(v) for n, v in zip(names, qpos, strict=True) if v or n.endswith(".w")}
+        for element, qpos in stated.items()
+        if len(qpos) == len(names) and all(map(isfinite, qpos))
+    }
+
+
+def read_keyframes(spec: Any) -> dict[str, Sequence[float]]:
+    """Positions of the keyframes, by name or number."""
+    return {str(key.name) or str(number): list(key.qpos) for number, key in enumerate(spec.keys)}
 
 
 def read_closures(equalities: Sequence[Any], model: Any, spec: Any) -> Iterator[LiteralClosure]:
@@ -80,6 +91,14 @@ def site_frame(model: Any, site: Any, label: str) -> tuple[int, tuple[LiteralPla
     compiled = model.site(site.name)
     xyz = exact_triple(compiled.pos, site.pos)
     return int(compiled.bodyid[0]), placements(f"{label} site '{site.name}'", xyz, compiled.quat)
+
+
+def named_frames(model: Any, spec: Any) -> Iterator[LiteralFrame]:
+    """The sites that have names."""
+    for site in spec.sites:
+        if site.name:
+            body, at = site_frame(model, site, "frame")
+            yield LiteralFrame(str(site.name), body, at)
 
 
 def _between_bodies(equality: Any, model: Any, label: str, name: str, kind: ClosureKind) -> LiteralClosure:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -22,6 +22,27 @@ PRECISION = 1e-9
 """The literal reading: what agrees to nine digits is the exact number, written as well as decimals can."""
 
 Gravity = Sequence[str | float | int] | str | None
+
+
+@dataclass(frozen=True)
+class StatedJoint:
+    """What a joint of a robot file really is.
+
+    Attributes
+    ----------
+    name : str
+        Of the joint in the file.
+    kind : "spherical", "universal" or "fixed"
+    axes : tuple of (int, int)
+        Coordinate axes and signs of a universal joint, in the frame of the joint's origin.
+    error : callable
+        Makes an error about what states it.
+    """
+
+    name: str
+    kind: str
+    axes: tuple[tuple[int, int], ...]
+    error: Callable[[str], InputError]
 
 
 @dataclass(frozen=True)
@@ -53,6 +74,8 @@ class ReadingOptions:
         Fixed links that are kept as bodies of their own, because a sensor cuts between them and their parents.
     measured : "drives" or "file"
         Whether the forces of all drives are measured, or what the sensors of the file measure.
+    joints : tuple of StatedJoint
+        Joints that are of other types than the file says.
     """
 
     tolerance: float = ANGLE_TOLERANCE
@@ -65,6 +88,7 @@ class ReadingOptions:
     separate_symbols: bool = False
     separate: tuple[str, ...] = ()
     measured: Literal["drives", "file"] = "drives"
+    joints: tuple[StatedJoint, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0 <= self.tolerance <= 0.1:

@@ -1,32 +1,30 @@
-"""Links of a robot file that are fixed to others: where they are on the bodies that carry them."""
+"""Links and frames of a robot file that are fixed to others: where they are on the bodies that carry them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
 from echelon.formats.intent import Intent, symbol_stem
-from echelon.formats.literal import LiteralPlacement, LiteralTree
+from echelon.formats.literal import LiteralPlacement
 from echelon.mechanism.placement import Placement
 from echelon.mechanism.reading import Rider
 
+Ride = tuple[int, tuple[LiteralPlacement, ...]]
+"""The body that carries something, and the placements from its frame to what it carries."""
+
 
 class Riders(Mapping[str, Rider]):
-    """Links that are fixed to others, by name; their numbers are read as exact ones when they are asked for.
+    """What is fixed to bodies, by name; its numbers are read as exact ones when they are asked for.
 
     Parameters
     ----------
-    tree : LiteralTree
     intent : Intent
         That has read the bodies already.
-    rides : mapping of int to (int, tuple of LiteralPlacement)
-        For every fixed link the body that carries it, and the placements from its frame to the link's.
+    rides : mapping of str to Ride
     """
 
-    def __init__(
-        self, tree: LiteralTree, intent: Intent, rides: Mapping[int, tuple[int, tuple[LiteralPlacement, ...]]]
-    ) -> None:
-        self._intent = intent
-        self._rides = {tree.links[link].name: ride for link, ride in rides.items()}
+    def __init__(self, intent: Intent, rides: Mapping[str, Ride]) -> None:
+        self._intent, self._rides = intent, rides
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._rides)
@@ -39,5 +37,6 @@ class Riders(Mapping[str, Rider]):
         placed = Placement()
         for placement in placements:
             placed = placed @ self._intent.placement(placement, symbol_stem(name))
+        placed = self._intent.without_noise(placed, f"frame '{name}'")
         symbols = tuple(self._intent.symbols[symbol] for symbol in placed.symbols())
         return Rider(body, placed, symbols, tuple(self._intent.snaps[known:]))

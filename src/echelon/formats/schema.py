@@ -15,7 +15,7 @@ from echelon.formats.schema_couplings import CouplingEntry
 from echelon.formats.schema_excite import ExcitationEntry
 from echelon.formats.schema_joints import Frame, Joint, Model
 from echelon.formats.schema_log import IdentificationEntry, LogEntry, PreparationEntry
-from echelon.formats.schema_loops import LoopEntry
+from echelon.formats.schema_loops import Loop
 from echelon.formats.schema_setup import EffectEntry, LinearTerms, OutputEntry, RobotFile, RotorEntry
 from echelon.formats.schema_types import (
     AS_LIST,
@@ -198,9 +198,9 @@ class RobotDescription(Model):
         description="Coordinates that depend linearly on others, each as an expression in coordinates and symbols.",
         examples=[[{"j3": "2*j2 - 0.5*j1"}]],
     )
-    loops: Annotated[tuple[LoopEntry, ...], AS_LIST] = Field(
+    loops: Annotated[tuple[Loop, ...], AS_LIST] = Field(
         (),
-        description="Joints that close loops.",
+        description="Joints that close loops; or pairs of frames that are welded together.",
         examples=[[{"joint": "revolute", "connects": ["coupler", "rocker"], "at": {"xyz": ["l3", 0, 0]}}]],
     )
     independent: Annotated[tuple[Name, ...], AS_LIST] | None = Field(

@@ -1,13 +1,16 @@
-"""Joints that close loops, as data models of the description format."""
+"""Joints that close loops, as data models of the description format.
+
+A loop may be as short as the names of two frames that are held together, as other programs list them.
+"""
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from echelon.formats.schema_joints import Axis, Frame, Model
-from echelon.formats.schema_types import Name, PairOfParts, refusal
+from echelon.formats.schema_types import Name, PairOfParts, list_or_mapping, refusal
 
 _WITHOUT_AXIS = ("weld", "spherical", "points")
 
@@ -33,7 +36,8 @@ class LoopEntry(Model):
         examples=["revolute"],
     )
     connects: PairOfParts = Field(
-        description="Names of the first and the second body; base for the base, null for the fixed world.",
+        description="Names of the first and the second body, or of frames on them; base for the base, null for the "
+        "fixed world.",
         examples=[["coupler", "rocker"]],
     )
     at: Frame = Field(
@@ -43,8 +47,9 @@ class LoopEntry(Model):
     )
     on_second: Frame | None = Field(
         None,
-        description="Frame on the second body; its y axis is the second of a universal. Default: where the first frame "
-        "is while all coordinates are zero.",
+        description="Frame on the second body; its y axis is the second of a universal. Default: its own, where two "
+        "fixed frames are connected and at is left out; otherwise where the first frame is while all coordinates are "
+        "zero.",
         examples=[{"xyz": ["l4", 0, 0]}],
     )
     axis: Axis | None = Field(
@@ -60,3 +65,9 @@ class LoopEntry(Model):
         if self.axis is not None and self.joint == "universal":
             raise refusal("a universal joint has two axes, x of at and y of on_second: turn these frames by rpy")
         return self
+
+
+Loop = Annotated[
+    Annotated[LoopEntry, Tag("mapping")] | Annotated[PairOfParts, Tag("list")], Discriminator(list_or_mapping)
+]
+"""A joint, or the names of two frames that are held together in all six directions."""

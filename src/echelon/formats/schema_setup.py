@@ -14,10 +14,40 @@ Component = Literal["fx", "fy", "fz", "tx", "ty", "tz"]
 COMPONENTS: tuple[Component, ...] = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
-class RobotFile(Model):
-    """A robot file of any format that this description adds to."""
+class FileJoint(Model):
+    """What a joint of a robot file really is, where its format cannot say so."""
 
-    file: Name = Field(description="URDF, MJCF or description file, relative to this one.", examples=["arm.urdf"])
+    type: Literal["spherical", "universal", "fixed"] = Field(description="Type of the joint.", examples=["spherical"])
+    axis: Direction | None = Field(
+        None, description="First axis of a universal joint, in the frame of the joint's origin.", examples=["x"]
+    )
+    axis2: Direction | None = Field(None, description="Its second axis, perpendicular to the first.", examples=["y"])
+
+    @model_validator(mode="after")
+    def _check_axes(self) -> Self:
+        axes = [axis for axis in (self.axis, self.axis2) if axis is not None]
+        if self.type != "universal" and axes:
+            raise refusal(f"a {self.type} joint has no axis")
+        if self.type == "universal" and len({axis[-1] for axis in axes}) != len(("axis", "axis2")):
+            raise refusal("a universal joint has an axis and an axis2, perpendicular to each other")
+        return self
+
+
+class RobotFile(Model):
+    """A robot file of another format that this description adds to."""
+
+    file: Name = Field(description="URDF, SDF or MJCF file, relative to this one.", examples=["arm.urdf"])
+    joints: dict[str, FileJoint] = Field(
+        {},
+        description="Joints that are of other types than the file says: URDF has no balls.",
+        examples=[{"ankle_rod": {"type": "spherical"}}],
+    )
+    driven: Annotated[tuple[Name, ...], AS_LIST] = Field(
+        (),
+        description="With loops, coordinates or joints that motors move: where the choice is free, they are "
+        "independent.",
+        examples=[["hip", "knee"]],
+    )
 
 
 class LinearTerms(Model):

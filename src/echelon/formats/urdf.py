@@ -7,12 +7,13 @@ refused.  The reader checks the tree completely, because the rest of Echelon rel
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 
 from echelon.errors import InputError
-from echelon.exact.numbers import Rational, parse_decimal
+from echelon.exact.numbers import Rational, decimal_text, parse_decimal
 from echelon.exact.polynomial import as_polynomial
 from echelon.formats.inertia import central_inertial, rotation_matrix
 from echelon.formats.literal import (
@@ -112,13 +113,26 @@ class _Reader:
             if parent == child:
                 raise self._error(f"link '{child}' is its own parent", f"joint '{name}'")
             if child in carried:
-                raise self._error(
-                    f"link '{child}' already has joint '{carried[child]}'; closed loops are not trees",
-                    f"joint '{name}'",
-                )
+                raise self._closes_loop(name, parent, child, carried[child])
             carried[child] = name
             self.children[parent].append(child)
         return carried
+
+    def _closes_loop(self, name: str, parent: str, child: str, carrier: str) -> InputError:
+        """A second joint of a link closes a loop, which URDF cannot state, but a description can."""
+        joint, where = self.joints[name], f"joint '{name}'"
+        known = {"continuous": "revolute", "fixed": "weld", "floating": None}
+        kind = known.get(joint.get("type"), joint.get("type"))
+        origin = self._origin(joint, where)
+        frame = f"{{xyz: [{_written(origin.xyz)}], rpy: [{_written(origin.rpy)}]}}"
+        axis = "" if kind in ("weld", None) else f", axis: [{_written(self._axis(joint, name))}]"
+        loop = f"{{name: {name}, joint: {kind}, connects: [{parent}, {child}], at: {frame}{axis}, on_second: {{}}}}"
+        stated = f"and state it as a loop: 'robot: {{file: {PurePath(self.source).name}}}' and 'loops: [{loop}]'"
+        return self._error(
+            f"link '{child}' already has joint '{carrier}', and the links of a URDF form a tree: take this joint out, "
+            + (f"{stated} in a YAML file beside it" if kind else "as it constrains nothing"),
+            where,
+        )
 
     def _end(self, joint: Any, tag: str, name: str) -> str:
         element = joint.find(tag)
@@ -248,6 +262,10 @@ class _Reader:
 
     def _error(self, problem: str, element: str | None = None) -> InputError:
         return InputError(problem, source=self.source, element=element)
+
+
+def _written(numbers: Triple) -> str:
+    return ", ".join(decimal_text(number) for number in numbers)
 
 
 def _listed(names: list[str], most: int = 6) -> str:
