@@ -85,7 +85,7 @@ class OwnPose:
     @cached_property
     def _real(self) -> tuple[Floats, Floats, Floats]:
         """Closed states near the pose: farther away a walk could pass to another mode."""
-        states = _STATES + 4 * len(self._columns) // max(1, len(self.mechanism.outputs))
+        states = _STATES + 2 * len(self._columns) // max(1, len(self.mechanism.outputs))
         return Assembly(self.mechanism).random_closed_states(random_generator(DEFAULT_SEED), states, _NEAR)
 
     @cached_property
@@ -103,11 +103,10 @@ class OwnPose:
         pivots, others = _split(mode, table.shape[1])
         solution = np.linalg.lstsq(table[:, pivots], table[:, others], rcond=None)[0]
         missed = np.abs(table[:, others] - table[:, pivots] @ solution).max(initial=0.0)
-        if missed > _FAILS:
-            return False
-        smallest = np.linalg.svd(table[:, pivots], compute_uv=False).min(initial=1.0)
-        if missed > _HOLDS or smallest < _INDEPENDENT:
+        if np.linalg.svd(table[:, pivots], compute_uv=False).min(initial=1.0) < _INDEPENDENT:
             return None
+        if missed > _HOLDS:
+            return False if missed > _FAILS else None
         scaled = solution * sizes[others] / sizes[pivots][:, None]
         return all(
             _same(scaled[pivots.index(source), others.index(column)], float(mark))
@@ -125,7 +124,13 @@ class OwnPose:
         states = -(-(forms.shape[1] + _STATES) // forms.shape[0])
         states = states if motions == 1 else int(_SURPLUS * states) + 2 * motions
         with precision(_BITS):
-            return ball_rows(near, value_texts(self.mechanism, all_symbols(self.mechanism)), states, random_generator(DEFAULT_SEED), motions)
+            return ball_rows(
+                near,
+                value_texts(self.mechanism, all_symbols(self.mechanism)),
+                states,
+                random_generator(DEFAULT_SEED),
+                motions,
+            )
 
     def _holds(self, mode: Mode) -> bool:
         """Whether the representatives of a mode are independent there, and its relations and no others hold."""

@@ -12,7 +12,7 @@ import unicodedata
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from math import atan2, hypot, pi
+from math import atan2, ceil, hypot, log10, pi
 
 from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
@@ -36,6 +36,7 @@ from echelon.mechanism.reading import Snap
 _STEP = pi / STEPS_PER_HALF_TURN
 _SAME = 1e-12
 _EXACT = 1e-15
+_DIGITS, _DOUBLE = 12, 1e-15  # digits of a short decimal, and how far a double is from it, of the largest length
 
 
 @dataclass
@@ -68,13 +69,21 @@ class Intent:
 
     def placement(self, literal: LiteralPlacement, label: str) -> Placement:
         """A literal placement with exact rotation; translations stay numbers until :meth:`name_lengths`."""
-        x, y, z = (as_polynomial(v) for v in literal.xyz)
+        x, y, z = (as_polynomial(self._without_digits(v, literal.element)) for v in literal.xyz)
         placed = shift(x, y, z)
         for axis, word in ((2, "yaw"), (1, "pitch"), (0, "roll")):
             value = literal.rpy[axis]
             if value:
                 placed = placed @ turn(axis, self.angle(value, f"{literal.element} {word}", f"{word}{label}"))
         return placed
+
+    def _without_digits(self, value: Rational, element: str) -> Rational:
+        """A length without the last digits of a double, if without them it is a short decimal: 0.175 for 0.1749…933."""
+        if not self._scale or not self.options.tolerance or element in self.literal:
+            return value
+        digits = _DIGITS - ceil(log10(self._scale))
+        short = round(Fraction(value), digits)
+        return short if abs(float(short - value)) <= _DOUBLE * self._scale else value
 
     def name_lengths(self, steps: tuple[Step, ...], label: str, element: str) -> tuple[Step, ...]:
         """The steps with tiny translations dropped and the others, if so wished, given symbols."""

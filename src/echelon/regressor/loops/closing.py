@@ -30,7 +30,8 @@ _EXACTLY = (
     "equal numbers"
 )
 _STATES, _NEAR = 8, 0.5  # random configurations at which the mobility is counted numerically, and how far they stray
-_INDEPENDENT = 1e-6  # singular values of independent motions
+_FEW_UNKNOWNS = 5  # that take no longer than to let frames follow
+_INDEPENDENT = (1e-2, 1e-4, 1e-6)  # singular values of independent motions, the wanted one first
 
 
 def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: Sequence[str] = ()) -> Mechanism:
@@ -104,12 +105,11 @@ class _Real:
         jacobian = self.assembly.closures.at(self._states[:1])[1][0][:, : len(names)]
         motion = np.linalg.svd(jacobian)[2][len(names) - self.mobility :]
         chosen: list[str] = []
-        for name in dict.fromkeys((*first, *names)):
-            columns = motion[:, [names.index(n) for n in (*chosen, name)]]
-            if np.linalg.svd(columns, compute_uv=False).min() > _INDEPENDENT:
-                chosen.append(name)
-            if len(chosen) == self.mobility:
-                break
+        for threshold in _INDEPENDENT:  # what hardly moves on its own only if nothing else does
+            for name in dict.fromkeys((*first, *names)):
+                columns = motion[:, [names.index(n) for n in (*chosen, name)]]
+                if len(chosen) < self.mobility and np.linalg.svd(columns, compute_uv=False).min() > threshold:
+                    chosen.append(name)
         return tuple(name for name in names if name in chosen)
 
 
@@ -127,10 +127,11 @@ def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
         If the loops move to six digits, but neither with the numbers as they are nor when frames follow.
     """
     reasons = []
-    for attempt in (_as_it_is, _followed, _in_numbers):
+    attempts = ((_as_it_is, _FEW_UNKNOWNS), (_followed, 0), (_as_it_is, None), (_in_numbers, None))
+    for attempt, unknowns in attempts:
         try:
             closed = attempt(mechanism, real)
-            field, jacobian = _jacobian(closed)
+            field, jacobian = _jacobian(closed, unknowns)
         except InputError as error:
             reasons.append(str(error))
             continue
@@ -156,12 +157,13 @@ def _in_numbers(mechanism: Mechanism, _: _Real) -> Mechanism:
     return in_numbers(mechanism)
 
 
-def _jacobian(mechanism: Mechanism) -> tuple[PrimeField, Residues]:
-    """The Jacobian of the closures at a closed pose of a random geometry."""
+def _jacobian(mechanism: Mechanism, unknowns: int | None = None) -> tuple[PrimeField, Residues]:
+    """The Jacobian of the closures at a closed pose of a random geometry, solving for so many coordinates at once."""
     program = Program()
     recorder = Recorder(mechanism, program)
     loops = loops_of(mechanism, recorder)
     assert loops is not None
+    loops = loops if unknowns is None else replace(loops, unknowns=unknowns)
     sampler, rng = CurveSampler(program, [], loops, loops.order), random_generator(DEFAULT_SEED)
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)

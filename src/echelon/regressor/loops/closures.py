@@ -74,6 +74,8 @@ class Loops:
     order : int
         Number of coefficients that are taken along curves of closed configurations; more than the default where few
         freedoms have to show many parameters.
+    unknowns : int
+        The most coordinates that may have to be solved for at once, where poses are looked for.
     accepts : callable, optional
         Which of some poses are in the wanted assembly mode, from (field, rng, geometry, poses); None for all.
     real : callable, optional
@@ -89,6 +91,7 @@ class Loops:
     closed_at: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     parts: Mapping[str, int] = field(default_factory=dict)
     order: int = 24
+    unknowns: int = 6
     accepts: Accepts | None = None
     real: RealInputs | None = None
 

@@ -54,9 +54,7 @@ def loops_of(
     )
 
 
-def real_inputs(
-    mechanism: Mechanism, rng: np.random.Generator, count: int, reach: float = 1.0
-) -> dict[str, Floats]:
+def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int, reach: float = 1.0) -> dict[str, Floats]:
     """Random closed states and values of symbols, by the names of program inputs.
 
     Symbols without a value get a random one.
