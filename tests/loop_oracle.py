@@ -23,19 +23,10 @@ CLOSED = 1e-60
 """What a closure, and its first and second rate, may miss by."""
 GAP = 1e15
 
-EQUATIONS: dict[str, list[list[tuple[int, int, int]]]] = {
-    "point": [[(0, 3, 1)], [(1, 3, 1)], [(2, 3, 1)]],
-    "turned": [[(2, 1, 1), (1, 2, -1)], [(0, 2, 1), (2, 0, -1)], [(1, 0, 1), (0, 1, -1)]],
-    "parallel": [[(0, 2, 1)], [(1, 2, 1)]],
-    "inside": [[(0, 3, 1)], [(1, 3, 1)]],
-}
-"""Sums of signed entries of the second frame's pose in the first that vanish: points meet, frames agree, axes z."""
-KINDS = {
-    "point": ("point",),
-    "weld": ("point", "turned"),
-    "revolute": ("point", "parallel"),
-    "axis": ("inside", "parallel"),
-}
+POINT, TURN = [(0, 3), (1, 3), (2, 3)], [(i, j) for i in range(3) for j in range(3)]
+AXIS = [(0, 2), (1, 2), (2, 2)]
+KINDS = {"point": POINT, "weld": POINT + TURN, "revolute": POINT + AXIS, "axis": POINT[:2] + AXIS}
+"""The entries of the second frame's pose in the first frame that are those of the identity; axes are z."""
 
 
 def number(value: str | float) -> arb:
@@ -147,17 +138,12 @@ class Linkage:
             biases.append(bias)
         return State([*poses[1:], ONE], axes, [*rates[1:], NOTHING], [*biases[1:], NOTHING])
 
-    def equations(self, loop: Loop, entries: arb_mat) -> list[arb]:
-        """The equations of a closure, or their rates, from its relative pose or that pose's rate."""
-        sums = [sum_ for kind in KINDS[loop.kind] for sum_ in EQUATIONS[kind]]
-        return [sum((entries[i, j] * sign for i, j, sign in sum_), arb(0)) for sum_ in sums]
-
     def residual(self, q: Sequence[arb]) -> list[arb]:
         at = self.state(q, [arb(0)] * len(q))
         missed: list[arb] = []
         for loop in self.loops:
             pose = (at.poses[loop.first] * loop.at).inv() * at.poses[loop.second] * loop.on
-            missed += self.equations(loop, pose)
+            missed += [(pose - ONE)[entry] for entry in KINDS[loop.kind]]
         for tie in self.ties:
             missed.append(sum((number(c) * (q[j] - number(self.start[j])) for j, c in tie.items()), arb(0)))
         return missed
@@ -169,7 +155,8 @@ class Linkage:
             for loop in self.loops:
                 sign = (j in self.chains[loop.second]) - (j in self.chains[loop.first])
                 first, second = at.poses[loop.first] * loop.at, at.poses[loop.second] * loop.on
-                column += self.equations(loop, first.inv() * axis * second * sign if sign else NOTHING)
+                change = first.inv() * axis * second * sign if sign else NOTHING
+                column += [change[entry] for entry in KINDS[loop.kind]]
             columns.append(column + [number(tie.get(j, 0)) for tie in self.ties])
         return arb_mat(columns).transpose()
 
@@ -181,13 +168,14 @@ class Linkage:
             slow, fast = at.rates[loop.first], at.rates[loop.second]
             apart = fast - slow
             rate = at.biases[loop.second] - at.biases[loop.first] + apart * fast - slow * apart
-            found += self.equations(loop, first.inv() * rate * second)
+            change = first.inv() * rate * second
+            found += [change[entry] for entry in KINDS[loop.kind]]
         return found + [arb(0)] * len(self.ties)
 
     def closed(self, guess: Sequence[arb]) -> list[arb]:
         """Closed coordinates near a guess, by Newton steps of least length; their sixteen digits add up to all."""
         q = [value.mid() for value in guess]
-        for _ in range(60):
+        for _ in range(200):
             missed = self.residual(q)
             sizes = [float(abs(value).mid()) for value in missed]
             if max(sizes, default=0.0) < CLOSED:
@@ -196,7 +184,8 @@ class Linkage:
             slopes = doubles(self.jacobian(self.state(q, [arb(0)] * len(q))))
             right = np.array([float((value / scale).mid()) for value in missed])
             step = np.linalg.lstsq(slopes, right, rcond=1e-7)[0]
-            q = [(a - number(float(b)) * number(scale)).mid() for a, b in zip(q, step, strict=True)]
+            length = max(np.abs(step).max() * scale / 0.3, 1.0)
+            q = [(a - number(float(b)) * number(scale / length)).mid() for a, b in zip(q, step, strict=True)]
         raise ArithmeticError(f"no closed pose here: closures miss by {max(sizes):.1e}")
 
 

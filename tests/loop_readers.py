@@ -125,7 +125,7 @@ def urdf(file: Path, floating: bool = False, literal: bool = False, loops: Path 
             }[joint.get("type")]()
             motions = REPLACED[kinds[name]] if name in kinds else motions
             first[name] = sum(len(body.motions) for body in bodies)
-            known[joint.find("child").get("link")] = len(bodies)
+            known[joint.find("child").get("link")] = known[name] = len(bodies)
             bodies.append(Body(joint.find("child").get("link"), parent, origin(joint.find("origin"), numbers), motions))
             if joint.find("mimic") is not None:
                 mimics[name] = joint.find("mimic")
