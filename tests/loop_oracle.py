@@ -330,14 +330,14 @@ def regressor(linkage: Linkage, at: State, qdd: list[arb], motions: list[list[ar
     return rows
 
 
-def walk(linkage: Linkage, rng: np.random.Generator, step: float = 0.1) -> Iterator[list[arb]]:
-    """Closed poses along a random walk of small steps, which stays in one assembly mode."""
-    q = linkage.closed([number(value) for value in linkage.start])
+def walk(linkage: Linkage, rng: np.random.Generator, step: float = 0.06) -> Iterator[list[arb]]:
+    """Closed poses a few small steps away from the start, which stay in its assembly mode."""
+    start = linkage.closed([number(value) for value in linkage.start])
     while True:
-        for _ in range(3):
-            q = linkage.closed(
-                [value + number(step * float(d)) for value, d in zip(q, rng.normal(size=len(q)), strict=True)]
-            )
+        q = start
+        for _ in range(4):
+            moved_on = rng.normal(scale=step, size=len(q))
+            q = linkage.closed([value + number(float(d)) for value, d in zip(q, moved_on, strict=True)])
         yield q
 
 
