@@ -1,8 +1,8 @@
 """Ranks of mechanisms with loops, by mechanics that shares nothing with the package.
 
 A body is a 4 x 4 pose, a joint a product of exponentials of twists, a closure some entries of the pose of one frame in
-another.  The inertial parameters of a body are the ten entries of its pseudo-inertia P, the integral of X X' dm over its
-points X = (x, y, z, 1), because the virtual power of a body that moves with T(t) is then just tr(dT P (T'' - G)').
+another.  The parameters of a body are the ten entries of its pseudo-inertia P, the integral of X X' dm over its points
+X = (x, y, z, 1), because the virtual power of a body that moves with T(t) is then just tr(dT P (T'' - G)').
 
 Closed states are solved, and regressors computed, with 75 digits.  A rank is stated with the ratio of the smallest pivot
 that is kept to the largest number that is dropped; without a gap of fifteen digits there is no answer.
@@ -71,7 +71,7 @@ def moved(by: arb_mat, amount: arb) -> arb_mat:
 
 @dataclass(frozen=True)
 class Body:
-    """A body: its parent (-1 the ground), its pose there while its motions are at zero, and the twists of these, in order."""
+    """A body: its parent (-1 the ground), its pose there while its motions are at zero, and their twists, in order."""
 
     name: str
     parent: int
@@ -265,14 +265,16 @@ class Rank:
     gap: float
 
 
-class Unsettled(ArithmeticError):
+class UnsettledError(ArithmeticError):
     """A rank that the numbers do not settle."""
 
 
 def settled(found: Pivots, what: str) -> int:
     steps = found.steps
     if found.sizes and (len(steps) != 1 or steps[0][1] < GAP):
-        raise Unsettled(f"{what}: pivots fall after {steps}, the last of {len(found.sizes)} is {found.sizes[-1]:.1e}")
+        raise UnsettledError(
+            f"{what}: pivots fall after {steps}, the last of {len(found.sizes)} is {found.sizes[-1]:.1e}"
+        )
     return len(found.sizes)
 
 
@@ -309,7 +311,7 @@ def virtual_powers(linkage: Linkage, q: list[arb], rng: np.random.Generator) -> 
             and max(float(abs(v)) for v in (slopes * arb_mat(len(q), 1, rate) + arb_mat(len(bias), 1, extra)).entries())
             > 1e-40
         ):
-            raise Unsettled("the closures that were left out do not stay closed")
+            raise UnsettledError("the closures that were left out do not stay closed")
     motions = [whole([arb(int(k == d)) for k in range(len(free))], zero) for d in range(len(free))]
     return regressor(linkage, at, qdd, motions)
 
@@ -351,7 +353,7 @@ def rank(linkage: Linkage, seed: int = 0) -> Rank:
         drawn = virtual_powers(linkage, q, rng)
         freedom = len(drawn)
         rows += drawn
-        if not freedom or len(rows) > 1.2 * columns and count > 12:
+        if not freedom or (len(rows) > 1.2 * columns and count > 12):
             break
     found = pivots(arb_mat(rows))
     return Rank(freedom, settled(found, "rank"), found.steps[0][1] if found.sizes else np.inf)

@@ -1,4 +1,4 @@
-"""Linkages for `loop_oracle` from robot files: MJCF as MuJoCo compiles it, URDF with a YAML file of frames that coincide.
+"""Linkages for `loop_oracle` from files: MJCF as MuJoCo compiles it, URDF with a YAML file of frames that coincide.
 
 Numbers are taken as intended: angles next to a multiple of 15 degrees are that multiple, other numbers lose what stands
 after their twelfth decimal.  With ``literal=True`` they are taken as they stand.
@@ -14,7 +14,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import yaml
-from flint import arb
+from flint import arb, arb_mat
+
 from loop_oracle import ONE, Body, Linkage, Loop, matrix, number, sliding, turning
 
 NEAR = 1e-9
@@ -96,6 +97,15 @@ def origin(element: ET.Element | None, numbers: Numbers):
     return placed(turned(*(numbers.angle(value) for value in rpy)), numbers.vector(xyz))
 
 
+def motion(kind: str, along: tuple[arb, ...]) -> tuple[arb_mat, ...]:
+    """The twists of a joint of URDF."""
+    if kind == "fixed":
+        return ()
+    if kind == "floating":
+        return FREE
+    return (sliding(along),) if kind == "prismatic" else (turning(along),)
+
+
 def urdf(file: Path, floating: bool = False, literal: bool = False, loops: Path | None = None) -> Linkage:
     """A URDF file, with the loops of the YAML file beside it if there is one."""
     numbers = Numbers(literal)
@@ -116,13 +126,7 @@ def urdf(file: Path, floating: bool = False, literal: bool = False, loops: Path 
                 continue
             axis = joint.find("axis")
             along = numbers.direction((axis.get("xyz") if axis is not None else "1 0 0").split())
-            motions = {
-                "revolute": lambda: (turning(along),),
-                "continuous": lambda: (turning(along),),
-                "prismatic": lambda: (sliding(along),),
-                "floating": lambda: FREE,
-                "fixed": lambda: (),
-            }[joint.get("type")]()
+            motions = motion(joint.get("type"), along)
             motions = REPLACED[kinds[name]] if name in kinds else motions
             first[name] = sum(len(body.motions) for body in bodies)
             known[joint.find("child").get("link")] = known[name] = len(bodies)
@@ -195,7 +199,7 @@ def mjcf(file: Path, literal: bool = False) -> Linkage:
 
 
 def frames(kind: str, data: np.ndarray, apart, numbers: Numbers):
-    """The two frames of an equality between bodies; the second one lies where the first one is at the reference pose."""
+    """The two frames of an equality between bodies: the second one where the first one is at the reference pose."""
     if kind == "point":
         at, on = placed(NEUTRAL.tolist(), numbers.vector(data[:3])), placed(NEUTRAL.tolist(), numbers.vector(data[3:6]))
         follows = apart.inv() * at
