@@ -16,7 +16,7 @@ import numpy as np
 import yaml
 from flint import arb, arb_mat
 
-from loop_oracle import ONE, Body, Linkage, Loop, matrix, number, sliding, turning
+from loop_linkage import ONE, Body, Linkage, Loop, matrix, number, sliding, turning
 
 NEAR = 1e-9
 AXES = tuple(tuple(arb(int(i == j)) for j in range(3)) for i in range(3))
