@@ -166,21 +166,25 @@ class Linkage:
             found += [change[entry] for entry in KINDS[loop.kind]]
         return found + [arb(0)] * len(self.ties)
 
-    def closed(self, guess: Sequence[arb]) -> list[arb]:
-        """Closed coordinates near a guess, by Newton steps of least length; their sixteen digits add up to all."""
+    def closed(self, guess: Sequence[arb], constraints: int | None = None) -> list[arb]:
+        """Closed coordinates near a guess, by Newton steps of least length; their sixteen digits add up to all.
+
+        Where loops are redundantly constrained, only as many constraints as are known to be independent are followed:
+        away from closed poses the others contradict them.
+        """
         q = [value.mid() for value in guess]
         for _ in range(200):
             missed = self.residual(q)
-            sizes = [float(abs(value).mid()) for value in missed]
-            if max(sizes, default=0.0) < CLOSED:
+            scale = max((float(abs(value).mid()) for value in missed), default=0.0)
+            if scale < CLOSED:
                 return q
-            scale = max(sizes)
-            slopes = doubles(self.jacobian(self.state(q, [arb(0)] * len(q))))
-            right = np.array([float((value / scale).mid()) for value in missed])
-            step = np.linalg.lstsq(slopes, right, rcond=1e-7)[0]
+            left, sizes, right = np.linalg.svd(doubles(self.jacobian(self.state(q, [arb(0)] * len(q)))))
+            count = constraints or int(np.sum(sizes > 1e-7 * sizes[0]))
+            error = np.array([float((value / scale).mid()) for value in missed])
+            step = right[:count].T @ ((left[:, :count].T @ error) / sizes[:count])
             length = max(np.abs(step).max() * scale / 0.3, 1.0)
             q = [(a - number(float(b)) * number(scale / length)).mid() for a, b in zip(q, step, strict=True)]
-        raise ArithmeticError(f"no closed pose here: closures miss by {max(sizes):.1e}")
+        raise ArithmeticError(f"no closed pose here: closures miss by {scale:.1e}")
 
 
 def doubles(values: arb_mat) -> np.ndarray:

@@ -162,11 +162,12 @@ def regressor(linkage: Linkage, at: State, qdd: list[arb], motions: list[list[ar
 def walk(linkage: Linkage, rng: np.random.Generator, step: float = 0.06) -> Iterator[list[arb]]:
     """Closed poses a few small steps away from the start, which stay in its assembly mode."""
     start = linkage.closed([number(value) for value in linkage.start])
+    constraints = len(pivots(linkage.jacobian(linkage.state(start, [arb(0)] * len(start)))).sizes)
     while True:
         q = start
         for _ in range(4):
             moved_on = rng.normal(scale=step, size=len(q))
-            q = linkage.closed([value + number(float(d)) for value, d in zip(q, moved_on, strict=True)])
+            q = linkage.closed([a + number(float(d)) for a, d in zip(q, moved_on, strict=True)], constraints)
         yield q
 
 
