@@ -48,6 +48,7 @@ PUBLISHED = (
     Published("palletizer_kr700_general", 4, 44),
     Published("palletizer_mpl800", 4, 25),
     Published("palletizer_mpl800_general", 4, 55),
+    Published("picker_tdr2040", 2, 11),
     Published("delta_pins", 3, 40),
     Published("xarm7_gripper", 1, 3),
     Published("robotiq_2f85", 3, 19),
