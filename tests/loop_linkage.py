@@ -178,7 +178,9 @@ class Linkage:
             scale = max((float(abs(value).mid()) for value in missed), default=0.0)
             if scale < CLOSED:
                 return q
-            left, sizes, right = np.linalg.svd(doubles(self.jacobian(self.state(q, [arb(0)] * len(q)))))
+            left, sizes, right = np.linalg.svd(
+                doubles(self.jacobian(self.state(q, [arb(0)] * len(q)))), full_matrices=False
+            )
             count = constraints or int(np.sum(sizes > 1e-7 * sizes[0]))
             error = np.array([float((value / scale).mid()) for value in missed])
             step = right[:count].T @ ((left[:, :count].T @ error) / sizes[:count])
