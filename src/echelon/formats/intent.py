@@ -74,7 +74,7 @@ class Intent:
             value = literal.rpy[axis]
             if value:
                 placed = placed @ turn(axis, self.angle(value, f"{literal.element} {word}", f"{word}{label}"))
-        return placed
+        return placed.inverse() if literal.inverse else placed
 
     def name_lengths(self, steps: tuple[Step, ...], label: str, element: str) -> tuple[Step, ...]:
         """The steps with tiny translations dropped and the others, if so wished, given symbols."""
@@ -186,8 +186,10 @@ class Intent:
         return min(PRECISION, self.options.tolerance) if element in self.literal else self.options.tolerance
 
     def _angle_symbol(self, size: float, exact: str | None, element: str, name: str) -> str:
-        for known, symbol in () if self.options.separate_symbols else self._angles:
-            if abs(known - size) <= _SAME:
+        for known, symbol in self._angles:
+            # a number that is read once more is the same number
+            apart = self.options.separate_symbols and self.symbols[symbol].meaning != element
+            if abs(known - size) <= _SAME and not apart:
                 return symbol
         symbol = self._new_symbol(name, Symbol(name, size, exact, element))
         self._angles.append((size, symbol))

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.errors import InputError
 from echelon.formats.write_values import IdentifiedValues, sorted_values
 from echelon.formats.write_xml import decoded
 from echelon.inputs.content import read_content
@@ -94,7 +93,7 @@ def identified_robot(
         from echelon.formats.write_urdf_file import edited_urdf
 
         return (WrittenRobot("identified.urdf", *edited_urdf(mechanism, values, text, str(file))),)
-    raise InputError(f"the root element is <{root.tag}>; expected <robot> (URDF) or <mujoco> (MJCF)", source=str(file))
+    return _from_description(mechanism, values)
 
 
 def _from_description(mechanism: Mechanism, values: IdentifiedValues) -> tuple[WrittenRobot, ...]:
