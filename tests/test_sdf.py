@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 import pytest
-from kinematics import Array, along, moved, pose_of, turned
 
 import echelon as ec
 from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
+from kinematics import Array, along, moved, pose_of, turned
 from test_closures_formats import residual
 
 LITERAL = ReadingOptions(tolerance=0)
@@ -42,7 +42,7 @@ def euler(x: float, y: float, z: float, roll: float, pitch: float, yaw: float) -
 class RandomModel:
     """Links, joints and frames whose poses refer to one another at random; everything again as matrices."""
 
-    def __init__(self, seed: int, links: int = 5) -> None:
+    def __init__(self, seed: int, links: int = 4) -> None:
         self.rng = np.random.default_rng(seed)
         model_pose, stated = self._pose()
         self.world: dict[str, Array] = {"__model__": model_pose}  # where frames are while all coordinates are zero
@@ -55,7 +55,9 @@ class RandomModel:
         self.text = model(content, stated)
 
     def _pose(self) -> tuple[Array, str]:
-        numbers = [float(f"{v:.3g}") for v in [*self.rng.uniform(-1, 1, 3), *self.rng.uniform(-3, 3, 3)]]
+        angles = self.rng.integers(-1, 3, 3) * np.pi / 2
+        angles[self.rng.integers(3)] = round(self.rng.uniform(-3, 3), 2)
+        numbers = [*(round(float(v), 3) for v in self.rng.uniform(-1, 1, 3)), *map(float, angles)]
         return euler(*numbers), " ".join(map(repr, numbers))
 
     def _frame(self, name: str, tag: str, content: str, attributes: str = "") -> str:
@@ -114,14 +116,15 @@ def check_kinematics(robot: Mechanism, at: Callable[[Mapping[str, float]], dict[
         np.testing.assert_allclose(found[k], expected[body.name], atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(10))
 def test_links_are_where_their_poses_say(seed: int) -> None:
     known = RandomModel(seed)
     check_kinematics(read(known.text, ReadingOptions(tolerance=0, every_link=True)), known.at, seed)
 
 
-def test_every_number_is_one_symbol(seed: int = 3) -> None:
+def test_every_number_is_one_symbol() -> None:
     """What is turned and turned back is as it was, also where all numbers have symbols of their own."""
+    seed = 3
     known = RandomModel(seed)
     robot = read(known.text, ReadingOptions(tolerance=0, separate_symbols=True))
     check_kinematics(robot, known.at, seed)
@@ -129,7 +132,8 @@ def test_every_number_is_one_symbol(seed: int = 3) -> None:
 
 def test_it_is_the_robot_that_a_urdf_says() -> None:
     urdf = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/>
-      <joint name="q1" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/><origin xyz="0 0 0.3"/></joint>
+      <joint name="q1" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+        <origin xyz="0 0 0.3"/></joint>
       <joint name="q2" type="revolute"><parent link="b"/><child link="c"/><axis xyz="0 0 1"/>
         <origin xyz="0.2 0 0" rpy="1.5708 0 0"/></joint></robot>"""
     sdf = model("""<link name="a"/><link name="b"><pose>0 0 0.3 0 0 0</pose></link>

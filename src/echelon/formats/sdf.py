@@ -134,9 +134,8 @@ class _Reader:
     def _joint(self, name: str, joint: Any) -> SdfJoint:
         where, kind = f"joint '{name}'", joint.get("type")
         if kind not in JOINT_TYPES:
-            raise self.frames.error(
-                f"unknown or unsupported joint type '{kind}' (valid: {', '.join(JOINT_TYPES)})", where
-            )
+            valid = ", ".join(JOINT_TYPES)
+            raise self.frames.error(f"unknown or unsupported joint type '{kind}' (valid: {valid})", where)
         parent, child = (self.frames.link(self._end(joint, tag, where), where) for tag in ("parent", "child"))
         if parent == child:
             raise self.frames.error(f"connects link '{parent}' with itself", where)
@@ -167,7 +166,10 @@ class _Reader:
         return order, carried
 
     def _spanning(self) -> list[SdfJoint]:
-        """Joints that form a tree, in the order of the file; the last ones of loops are left out, if they can close them."""
+        """Joints that form a tree, in the order of the file.
+
+        Of each loop the last one is left out that can close it.
+        """
         part = {name: name for name in (WORLD, *self.links)}
         kept: list[SdfJoint] = []
         for joint in sorted(self.joints, key=lambda joint: joint.kind in CLOSURES):

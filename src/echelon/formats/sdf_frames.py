@@ -7,18 +7,28 @@ down to the other, so inverses are exact, and what is common to both never count
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import radians
+from math import pi, radians
 from typing import Any
 
+import numpy as np
+
 from echelon.errors import InputError
+from echelon.exact.angle import STEPS_PER_HALF_TURN
 from echelon.exact.numbers import Rational, parse_decimal
+from echelon.formats.inertia import numeric_placement
 from echelon.formats.literal import LiteralPlacement, Triple
-from echelon.formats.mjcf_numbers import exact_angle, placements
+from echelon.formats.mjcf_numbers import exact_angle, exact_number, placements, placements_of
+from echelon.formats.options import ANGLE_TOLERANCE
 from echelon.formats.size import checked_size
 from echelon.hints import nearest_of
 
 WORLD, MODEL = "world", "__model__"
 _SIX, _SEVEN = 6, 7
+_DIGITS = 15  # decimals of a metre
+
+
+_MOST_GENERAL = 2
+"""Rotations by general angles that are multiplied exactly; products of more have too many terms."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +89,8 @@ class SdfFrames:
         while common < min(len(down), len(up)) and down[common] == up[common]:
             common += 1
         inward = [replace(p, inverse=True) for name in reversed(up[common:]) for p in reversed(self.known[name].pose)]
-        return (*inward, *(p for name in down[common:] for p in self.known[name].pose))
+        way = (*inward, *(p for name in down[common:] for p in self.known[name].pose))
+        return way if sum(_is_general(p) for p in way) <= _MOST_GENERAL else _as_one(way, element)
 
     def _way(self, name: str, element: str) -> list[str]:
         """From the world to a frame."""
@@ -138,3 +149,19 @@ class SdfFrames:
     def error(self, problem: str, element: str | None = None) -> InputError:
         """An error about an element."""
         return InputError(problem, source=self.source, element=element)
+
+
+def _is_general(placement: LiteralPlacement) -> bool:
+    """Whether a placement turns by angles that are no multiples of 15°."""
+    step = pi / STEPS_PER_HALF_TURN
+    return any(abs(a - step * round(a / step)) > ANGLE_TOLERANCE for a in map(float, placement.rpy))
+
+
+def _as_one(way: tuple[LiteralPlacement, ...], element: str) -> tuple[LiteralPlacement, ...]:
+    """Several placements as one, rounded as doubles are."""
+    rotation, translation = np.eye(3), np.zeros(3)
+    for placement in way:
+        turned, shifted = numeric_placement(placement)
+        translation, rotation = translation + rotation @ shifted, rotation @ turned
+    x, y, z = (exact_number(round(float(v), _DIGITS)) for v in translation)
+    return placements_of(element, (x, y, z), rotation)

@@ -46,6 +46,7 @@ class SdfJoint:
     data: Any
 
     def other(self, link: str) -> str:
+        """The link at the other end."""
         return self.child if link == self.parent else self.parent
 
 
@@ -94,6 +95,14 @@ class SdfJoints:
         return tuple(replace(turn, xyz=(0, 0, 0)) for turn in turns), axis
 
     def closure(self, joint: SdfJoint, position: Mapping[str, int]) -> LiteralClosure:
+        """A joint that closes a loop: its frame on both links, with z along its axis.
+
+        Parameters
+        ----------
+        joint : SdfJoint
+        position : mapping of str to int
+            Indices of the links.
+        """
         if joint.kind not in CLOSURES:
             kinds = ", ".join(CLOSURES)
             raise self.frames.error(f"a {joint.kind} joint cannot close a loop (these can: {kinds})", joint.element)
@@ -110,6 +119,7 @@ class SdfJoints:
         return LiteralClosure(joint.element, joint.name, CLOSURES[joint.kind], first, second, one, two)
 
     def couplings(self, joints: Sequence[SdfJoint]) -> Iterator[StatedCoupling]:
+        """What mimic elements say."""
         for joint in joints:
             mimic = joint.data.find("axis/mimic")
             if mimic is None:
