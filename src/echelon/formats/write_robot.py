@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.errors import InputError
 from echelon.formats.write_values import IdentifiedValues, sorted_values
 from echelon.formats.write_xml import decoded
 from echelon.inputs.content import read_content
@@ -93,7 +94,10 @@ def identified_robot(
         from echelon.formats.write_urdf_file import edited_urdf
 
         return (WrittenRobot("identified.urdf", *edited_urdf(mechanism, values, text, str(file))),)
-    return _from_description(mechanism, values)
+    if root.tag == "sdf":
+        return _from_description(mechanism, values)
+    problem = f"the root element is <{root.tag}>; expected <robot> (URDF), <sdf> (SDF) or <mujoco> (MJCF)"
+    raise InputError(problem, source=str(file))
 
 
 def _from_description(mechanism: Mechanism, values: IdentifiedValues) -> tuple[WrittenRobot, ...]:
