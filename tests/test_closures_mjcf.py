@@ -217,7 +217,7 @@ def test_a_keyframe_that_closes_is_where_loops_are_assembled() -> None:
     assert expected in notes(mechanism)
 
 
-def test_a_pose_that_misses_by_little_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pose_that_misses_by_little_is_said() -> None:
     near = BARS.replace('pos="0.3 0 0"', 'pos="0.1 0 0"').replace('"0.35 0 0"', '"0.348 0 0"')
     mechanism = read("", tree=near)
     assert not any(mechanism.assembly.values())

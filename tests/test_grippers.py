@@ -92,3 +92,23 @@ def test_what_states_with_fingers_apart_would_show() -> None:
     """Two parameters too many; and with crossed parallelograms 15 where 3 are right."""
     assert (apart("adaptive", 0), apart("parallelogram", 0)) == (21, 5)
     assert apart("parallelogram", 2.0) == 15
+
+
+NEAR = HANDS["parallelogram"].replace("0.035465 0.042039", "0.03546 0.04204").replace("-0.015 0.015", "-0.01501 0.015")
+
+
+def test_a_parallelogram_within_rounding_is_meant() -> None:
+    """The literal count stands beside the intended one: two different four-bars with one driver."""
+    robot = parse_robot(NEAR.encode(), "hand.xml", ReadingOptions())
+    base = ec.base_parameters(robot)
+    assert (base.rank, base.reading.literal_rank) == (3, 8)
+    assert {snap.element for snap in base.reading.decisive} == {
+        f"equality connect '{side}_finger and {side}_inner'" for side in ("left", "right")
+    }
+    assert base.reading.snaps[0].difference == pytest.approx(1e-5)
+    robot = parse_robot(NEAR.encode(), "hand.xml", ReadingOptions(tolerance=0))
+    assert ec.base_parameters(robot).rank == 8
+    far = NEAR.replace("-0.01501 0.015", "-0.0155 0.015")
+    robot = parse_robot(far.encode(), "hand.xml", ReadingOptions())
+    assert robot.reading is not None
+    assert not robot.reading.snaps

@@ -250,7 +250,7 @@ REFUSED = {
     "wrong encoding": ('<?xml version="1.0" encoding="UTF-16"?><robot/>', "encoding"),
     "unknown encoding": ('<?xml version="1.0" encoding="klingon"?><robot/>', "unknown encoding: klingon"),
     "broken characters": (b"<robot name='\xe9'/>", "not well-formed"),
-    "wrong root": ("<sdf/>", "<sdf>"),
+    "wrong root": ("<page/>", "<page>"),
     "xacro": ("<robot xmlns:xacro='http://www.ros.org/wiki/xacro'><xacro:include filename='x'/></robot>", "xacro"),
     "empty robot": (robot(), "no links"),
     "unnamed": (robot("<link/>"), "no name"),

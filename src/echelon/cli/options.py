@@ -37,7 +37,7 @@ class SymbolSharing(StrEnum):
     SEPARATE = "separate"
 
 
-Robot = Annotated[Path, typer.Argument(help="URDF, MJCF or Echelon description (YAML, JSON).")]
+Robot = Annotated[Path, typer.Argument(help="URDF, SDF, MJCF or Echelon description (YAML, JSON).")]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="File to write instead of the terminal.")]
 Force = Annotated[
     bool, typer.Option("--force", help="Replace files that are read, or that no earlier command wrote, as well.")

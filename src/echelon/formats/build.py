@@ -24,10 +24,12 @@ from echelon.formats.literal import (
     LiteralWrench,
 )
 from echelon.formats.options import ReadingOptions, gravity_vector
+from echelon.formats.parallelograms import with_parallelogram
 from echelon.formats.relations import with_relations
 from echelon.formats.riders import Ride, Riders
 from echelon.formats.stated_couplings import StatedCoupling, resolved
 from echelon.formats.stated_joints import with_joints
+from echelon.mechanism.closure import Closure
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, setup_placements
 from echelon.mechanism.output import Output
@@ -88,7 +90,7 @@ class _Builder:
         if not self.tree.closures:  # loops close at the numbers of the file, not at any others
             self.bodies, gravity = with_relations(self.bodies, gravity, self.intent, self.sources)
         couplings = tuple(c.coupling for c in self.couplings.values())
-        closures = tuple(build_closure(c, self.tree, self.intent, self._ride) for c in self._moving_closures())
+        closures = tuple(self._closure(closure) for closure in self._moving_closures())
         mechanism = Mechanism(
             self.tree.name,
             tuple(self.bodies),
@@ -134,6 +136,10 @@ class _Builder:
         if not outputs:
             raise InputError("it has no sensors of forces that could be outputs", source=self.tree.source)
         return outputs
+
+    def _closure(self, stated: LiteralClosure) -> Closure:
+        closure = build_closure(stated, self.tree, self.intent, self._ride)
+        return with_parallelogram(closure, stated.element, self.bodies, self.intent)
 
     def _moving_closures(self) -> Iterator[LiteralClosure]:
         for closure in self.tree.closures:

@@ -7,16 +7,18 @@ expressions are exact already, so a mechanism is built from it directly, without
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from echelon.errors import InputError
 from echelon.formats.description_build import ReadFile, build_description
-from echelon.formats.description_check import check_document
-from echelon.formats.description_text import Document, read_text
+from echelon.formats.description_check import check_document, read_checked
+from echelon.formats.description_text import Document
 from echelon.formats.description_write import write_description
-from echelon.formats.frame_pairs import as_description, lists_pairs
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
+
+if TYPE_CHECKING:
+    from echelon.formats.schema import RobotDescription
 
 __all__ = ["read_description", "read_description_data", "write_description"]
 
@@ -61,7 +63,7 @@ def read_description(
     >>> print(read_description(pendulum, "pendulum.yaml", ReadingOptions()))
     pendulum: 2 bodies, 2 degrees of freedom
     """
-    return _build(read_text(text, source), options, read_file)
+    return _build(*read_checked(text, source), options, read_file)
 
 
 def read_description_data(data: Mapping[str, Any], source: str, options: ReadingOptions) -> Mechanism:
@@ -84,13 +86,14 @@ def read_description_data(data: Mapping[str, Any], source: str, options: Reading
     InputError
         As for :func:`read_description`.
     """
-    return _build(Document(dict(data), source), options)
+    document = Document(dict(data), source)
+    return _build(document, check_document(document), options)
 
 
-def _build(document: Document, options: ReadingOptions, read_file: ReadFile | None = None) -> Mechanism:
+def _build(
+    document: Document, robot: RobotDescription, options: ReadingOptions, read_file: ReadFile | None = None
+) -> Mechanism:
     try:
-        if lists_pairs(document):
-            document = as_description(document)
-        return build_description(document, check_document(document), options, read_file)
+        return build_description(document, robot, options, read_file)
     except InputError as error:
         raise error.located(document.source) from None

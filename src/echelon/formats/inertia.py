@@ -30,7 +30,8 @@ def rotation_matrix(roll: float, pitch: float, yaw: float) -> npt.NDArray[np.flo
 def numeric_placement(placement: LiteralPlacement) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Rotation and translation of a literal placement in floats."""
     roll, pitch, yaw = (float(v) for v in placement.rpy)
-    return rotation_matrix(roll, pitch, yaw), np.array([float(v) for v in placement.xyz])
+    rotation, translation = rotation_matrix(roll, pitch, yaw), np.array([float(v) for v in placement.xyz])
+    return (rotation.T, -rotation.T @ translation) if placement.inverse else (rotation, translation)
 
 
 def central_inertial(mass: float, centre: npt.ArrayLike, tensor: npt.ArrayLike, rotation: npt.ArrayLike) -> Inertial:

@@ -75,7 +75,7 @@ class Intent:
             value = literal.rpy[axis]
             if value:
                 placed = placed @ turn(axis, self.angle(value, f"{literal.element} {word}", f"{word}{label}"))
-        return placed
+        return placed.inverse() if literal.inverse else placed
 
     def _without_digits(self, value: Rational, element: str) -> Rational:
         """A length without the last digits of a double, if without them it is a short decimal: 0.175 for 0.1749…933."""
@@ -195,8 +195,10 @@ class Intent:
         return min(PRECISION, self.options.tolerance) if element in self.literal else self.options.tolerance
 
     def _angle_symbol(self, size: float, exact: str | None, element: str, name: str) -> str:
-        for known, symbol in () if self.options.separate_symbols else self._angles:
-            if abs(known - size) <= _SAME:
+        for known, symbol in self._angles:
+            # a number that is read once more is the same number
+            apart = self.options.separate_symbols and self.symbols[symbol].meaning != element
+            if abs(known - size) <= _SAME and not apart:
                 return symbol
         symbol = self._new_symbol(name, Symbol(name, size, exact, element))
         self._angles.append((size, symbol))

@@ -98,6 +98,8 @@ def stated_limits(path: str | os.PathLike[str], mechanism: Mechanism) -> dict[st
         return _of_description(file, data, mechanism)
     root = parse_xml(data, str(file))
     names = [motion.name for motion in mechanism.motions if len(motion.velocities) == 1]
+    if root.tag == "sdf":
+        return {}
     found = _of_mjcf(file, data) if root.tag == "mujoco" else _of_urdf(root, str(file))
     offsets = _offsets(file, data, root.tag, mechanism)
     said = {name: _counted_from(offsets.get(name, 0.0), found[name]) for name in names if name in found}
@@ -105,10 +107,9 @@ def stated_limits(path: str | os.PathLike[str], mechanism: Mechanism) -> dict[st
 
 
 def _of_description(file: Path, data: bytes, mechanism: Mechanism) -> dict[str, StatedLimits]:
-    from echelon.formats.description_check import check_document
-    from echelon.formats.description_text import read_text
+    from echelon.formats.description_check import read_checked
 
-    robot = check_document(read_text(data, str(file))).robot
+    robot = read_checked(data, str(file))[1].robot
     return {} if robot is None else stated_limits(file.parent / robot.file, mechanism)
 
 

@@ -29,11 +29,14 @@ class LiteralPlacement:
         Translation, m.
     rpy : 3 numbers
         Rotations about the fixed x, y and z axes, in this order, rad: R = Rz(yaw) Ry(pitch) Rx(roll).
+    inverse : bool
+        Whether these numbers say where the frame stands that this placement starts from, seen from the one it leads to.
     """
 
     element: str
     xyz: Triple = (0, 0, 0)
     rpy: Triple = (0, 0, 0)
+    inverse: bool = False
 
 
 @dataclass(frozen=True)

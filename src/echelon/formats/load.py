@@ -17,7 +17,7 @@ from echelon.inputs.content import read_content
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import in_numbers
 
-_SUPPORTED = "URDF (.urdf), MJCF (.xml, .mjcf) or an Echelon description (.yaml, .yml, .json)"
+_SUPPORTED = "URDF (.urdf), SDF (.sdf), MJCF (.xml, .mjcf) or an Echelon description (.yaml, .yml, .json)"
 _XACRO = re.compile(r"\{https?://[^}]*xacro/?\}")
 
 
@@ -39,7 +39,7 @@ def load(
     Parameters
     ----------
     path : path-like
-        A URDF, MJCF or Echelon description file; the content decides between XML formats.
+        A URDF, SDF, MJCF or Echelon description file; the content decides between XML formats.
     tolerance : float
         Angles this near (rad) to a multiple of 15° and axes this near to a coordinate direction are read as exact; 0
         switches this off.
@@ -118,7 +118,7 @@ def parse_robot(data: bytes, source: str, options: ReadingOptions, directory: Pa
         return read_description(data, source, options, partial(_read_beside, directory or Path()))
     if not data.strip():
         raise InputError("the file is empty", source=source)
-    if suffix in (".urdf", ".xml", ".mjcf", ".xacro") or data.lstrip()[:1] == b"<":
+    if suffix in (".urdf", ".sdf", ".world", ".xml", ".mjcf", ".xacro") or data.lstrip()[:1] == b"<":
         return _parse_xml_robot(data, source, options, directory)
     raise InputError(f"unknown format; expected {_SUPPORTED}", source=source)
 
@@ -127,7 +127,7 @@ def _read_beside(directory: Path, name: str, options: ReadingOptions) -> Mechani
     """The robot file that a description adds to."""
     file = directory / name
     if file.suffix.lower() in (".yaml", ".yml", ".json"):
-        raise InputError("only URDF and MJCF files can be added to; include the description", source=str(file))
+        raise InputError("only URDF, SDF and MJCF files can be added to; include the description", source=str(file))
     return parse_robot(read_content(file), str(file), options, file.parent)
 
 
@@ -145,8 +145,13 @@ def _parse_xml_robot(data: bytes, source: str, options: ReadingOptions, director
         from echelon.formats.urdf import read_urdf
 
         tree = read_urdf(data, source, mimics=not options.independent_mimics)
+    elif root.tag == "sdf":
+        from echelon.formats.sdf import read_sdf
+
+        tree = read_sdf(data, source, mimics=not options.independent_mimics)
     else:
-        raise InputError(f"the root element is <{root.tag}>; expected <robot> (URDF) or <mujoco> (MJCF)", source=source)
+        problem = f"the root element is <{root.tag}>; expected <robot> (URDF), <sdf> (SDF) or <mujoco> (MJCF)"
+        raise InputError(problem, source=source)
     mechanism = build_mechanism(tree, options)
     if not tree.has_mimics or mechanism.reading is None:
         return mechanism

@@ -37,13 +37,17 @@ def quaternion_matrix(quaternion: npt.ArrayLike) -> npt.NDArray[np.float64]:
 
 
 def placements(element: str, xyz: Triple, quaternion: npt.ArrayLike) -> tuple[LiteralPlacement, ...]:
-    """A pose as placements whose angles, where they are nearly multiples of 15°, are all seen to be.
+    """A pose as placements whose angles, where they are nearly multiples of 15°, are all seen to be."""
+    return placements_of(element, xyz, quaternion_matrix(quaternion))
+
+
+def placements_of(element: str, xyz: Triple, matrix: npt.NDArray[np.float64]) -> tuple[LiteralPlacement, ...]:
+    """The same of a rotation matrix.
 
     With a pitch of nearly ±90° a rounded quaternion has arbitrary roll and yaw, and only their sum or difference means
     anything.  Then the first placement has roll 0 and pitch ±90° exactly, and a second one, of three small angles, the
     remainder.
     """
-    matrix = quaternion_matrix(quaternion)
     if hypot(matrix[0, 0], matrix[1, 0]) >= _LOCK:
         return (LiteralPlacement(element, xyz, _rpy(matrix)),)
     pitch, yaw = (pi / 2 if matrix[2, 0] < 0 else -pi / 2), atan2(-matrix[0, 1], matrix[1, 1])

@@ -94,7 +94,10 @@ def identified_robot(
         from echelon.formats.write_urdf_file import edited_urdf
 
         return (WrittenRobot("identified.urdf", *edited_urdf(mechanism, values, text, str(file))),)
-    raise InputError(f"the root element is <{root.tag}>; expected <robot> (URDF) or <mujoco> (MJCF)", source=str(file))
+    if root.tag == "sdf":
+        return _from_description(mechanism, values)
+    problem = f"the root element is <{root.tag}>; expected <robot> (URDF), <sdf> (SDF) or <mujoco> (MJCF)"
+    raise InputError(problem, source=str(file))
 
 
 def _from_description(mechanism: Mechanism, values: IdentifiedValues) -> tuple[WrittenRobot, ...]:

@@ -71,11 +71,9 @@ def load_setup(path: str | os.PathLike[str], *, prior: str | os.PathLike[str] | 
 
 
 def _described(file: Path, mechanism: Mechanism, reading: Mapping[str, Any]) -> Setup:
-    from echelon.formats.description_check import check_document
-    from echelon.formats.description_text import read_text
+    from echelon.formats.description_check import read_checked
 
-    document = read_text(read_content(file), str(file))
-    robot = check_document(document)
+    document, robot = read_checked(read_content(file), str(file))
     entry = robot.identification
     listed = isinstance(robot.log, tuple)
     logs = robot.log if isinstance(robot.log, tuple) else (robot.log,)
