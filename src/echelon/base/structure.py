@@ -142,8 +142,10 @@ def _modes(
         pose = OwnPose(mechanism, rows, columns)
         # what is special about the stated values is in no mode of general ones
         general = bool(rows.forms.sampler().symbols)
-        modes, own = find_modes(rows, rng, pose.likely if general else pose.mode)
-        if own is None and not pose.is_singular:
+        singular = pose.is_singular and not mechanism.closed_at  # so that modes may meet there
+        wanted = pose.likely if general else pose.mode
+        modes, own = find_modes(rows, rng, None if singular else wanted)
+        if own is None and not singular:
             raise OtherModeError(pose.rank, [len(columns) - len(mode.dependence) for mode in modes])
     if own is None:  # modes meet there
         own = modes[0] if len(modes) == 1 else replace(modes[0], marks=None if modes[0].marks else modes[0].marks)

@@ -149,6 +149,7 @@ class _FileParts:
 
     def __init__(self, mechanism: Mechanism, expressions: Expressions) -> None:
         self.names = {body.name: k for k, body in enumerate(mechanism.bodies)}
+        self._joints = {body.joint.name: k for k, body in enumerate(mechanism.bodies)}
         self.riders = {} if mechanism.reading is None else mechanism.reading.riders
         self.expressions, self.snaps = expressions, list[Snap]()
 
@@ -159,6 +160,8 @@ class _FileParts:
             return self._rider(self.riders[name], path)
         if name is None or name == BASE:
             return GROUND, Placement()
+        if name in self._joints:  # a joint marks the frame that it moves
+            return self._joints[name], Placement()
         valid = [BASE, *self.names, *self.riders]
         raise self.expressions.error(path, f"there is no body or frame '{name}'{nearest_of(name, valid)}")
 
