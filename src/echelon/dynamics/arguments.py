@@ -41,7 +41,7 @@ class Arguments:
         Parameters
         ----------
         names : sequence of str
-            In order; of ``q qd qdd u v inputs parameters symbols``.
+            In order; of ``q qd qdd inputs parameters symbols``.
         outputs : iterable of int
             Nodes of the result.
         """
@@ -49,8 +49,6 @@ class Arguments:
             "q": self._positions,
             "qd": self._velocities,
             "qdd": self._accelerations,
-            "u": self._u,
-            "v": self._v,
             "parameters": self._parameters,
         }
         used = [n for n in self.program.needed(outputs) if self.program.ops[n] == Op.INPUT]
@@ -69,23 +67,20 @@ class Arguments:
         return Argument(name, nodes, tuple(labels), tuple(units), meaning)
 
     def _positions(self) -> Argument:
-        return self._named("q", self.mechanism.positions, coordinate_units(self.mechanism, "q"), "joint positions")
+        meaning = "joint positions" + (", all of them, closed" if self.mechanism.closures else "")
+        return self._named("q", self.mechanism.positions, coordinate_units(self.mechanism, "q"), meaning)
 
     def _velocities(self) -> Argument:
-        return self._named("qd", self.mechanism.velocities, coordinate_units(self.mechanism, "qd"), "joint velocities")
+        return self._rates("qd", "joint velocities")
 
     def _accelerations(self) -> Argument:
-        units = coordinate_units(self.mechanism, "qdd")
-        return self._named("qdd", self.mechanism.velocities, units, "joint accelerations")
+        return self._rates("qdd", "joint accelerations")
 
-    def _u(self) -> Argument:
-        labels = [output.name for output in self.mechanism.outputs]
-        return self._named("u", labels, ["1"] * len(labels), "weight of each output, 1 for the one that is wanted")
-
-    def _v(self) -> Argument:
-        units = coordinate_units(self.mechanism, "qd")
-        meaning = "virtual velocities that keep the loops closed and make the power the output that is wanted"
-        return self._named("v", self.mechanism.velocities, units, meaning)
+    def _rates(self, kind: str, meaning: str) -> Argument:
+        units = dict(zip(self.mechanism.velocities, coordinate_units(self.mechanism, kind), strict=True))
+        labels = self.mechanism.independent_velocities
+        of = ", independent" if self.mechanism.closures else ""
+        return self._named(kind, labels, [units[name] for name in labels], meaning + of)
 
     def _parameters(self) -> Argument:
         nodes = tuple(self.program.input(parameter_input(name), "symbol").node for name in self.parameters)
@@ -139,8 +134,8 @@ def parameter_input(name: str) -> str:
 
 
 def row_names(mechanism: Mechanism) -> tuple[str, ...]:
-    """What the rows of a result are: the outputs, or with loops the power of all of them in a virtual motion."""
-    return ("power",) if mechanism.closures else tuple(output.name for output in mechanism.outputs)
+    """What the rows of a result are: the outputs."""
+    return tuple(output.name for output in mechanism.outputs)
 
 
 def coordinate_units(mechanism: Mechanism, kind: str) -> list[str]:

@@ -101,6 +101,13 @@ class LeastSquares:
                 found[row] = found[row] + term if row in found else term
         return found
 
+    def share(self, row: Column) -> Scalar:
+        """How much of a linear form in y is the same for all y with Aᵀ y = c: its square's share in the span of A."""
+        form = {k: entry / self._weights.get(k, 1) for k, entry in row.items()}
+        parts = (self._dot(column, form) for column in self._orthogonal.values())
+        inside = sum((p * p * i for p, i in zip(parts, self._inverse.values(), strict=True)), self._program.zero)
+        return inside / self._dot(form, form) if form else self._program.one
+
     def _reduced(self, name: str, column: Column) -> tuple[Scalar, Column]:
         """A column's share of an orthogonal one, and what is left of it."""
         orthogonal = self._orthogonal[name]

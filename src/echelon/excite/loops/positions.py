@@ -97,7 +97,7 @@ class LoopPositions(Assembly):
     @property
     def independent_units(self) -> Floats:
         """Units of the independent positions, shape (k,)."""
-        found: Floats = self._position_units[self._places]
+        found: Floats = self.position_units[self._places]
         return found
 
     @property
@@ -181,7 +181,7 @@ class LoopPositions(Assembly):
         return q, gone
 
     def _nearly(self, guess: Floats, found: Floats) -> Bools:
-        near: Bools = largest((found - guess) / self._position_units) < _LARGEST_CORRECTION
+        near: Bools = largest((found - guess) / self.position_units) < _LARGEST_CORRECTION
         return near
 
     def _described(self, q: Floats, done: Bools, missing: Floats) -> Closed:

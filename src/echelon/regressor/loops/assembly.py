@@ -129,7 +129,7 @@ class Assembly(ClosedMotion):
         places = [self.mechanism.positions.index(name) for name in self.independent_positions]
         q = np.repeat((self.pose if start is None else start)[None], len(q_independent), axis=0)
         begin, end = q[:, places], self._turned_towards(q[:, places], q_independent)
-        extent = np.maximum(largest((end - begin) / self._position_units[places]), _STRIDE)
+        extent = np.maximum(largest((end - begin) / self.position_units[places]), _STRIDE)
         gone, stride, trend = np.zeros(len(q)), _STRIDE / extent, np.zeros_like(q)
         while (gone < 1).any():
             on = np.flatnonzero(gone < 1)
@@ -137,8 +137,8 @@ class Assembly(ClosedMotion):
             guess = q[on] + trend[on] * (reached - gone[on, None])
             guess[:, places] = (1 - reached) * begin[on] + reached * end[on]
             guess = normalised(self.mechanism, guess)
-            found, done = self.closed(guess, self.mechanism.independent_velocities, _FEW)
-            done &= largest((found - guess) / self._position_units) < _LARGEST_CORRECTION
+            found, done = self.near(guess)
+            done &= largest((found - guess) / self.position_units) < _LARGEST_CORRECTION
             trend[on[done]] = (found - q[on])[done] / (reached[:, 0] - gone[on])[done, None]
             q[on[done]], gone[on[done]] = found[done], reached[done, 0]
             stride[on] = np.where(done, np.minimum(1.5 * stride[on], _STRIDE / extent[on]), stride[on] / 2)
@@ -146,6 +146,15 @@ class Assembly(ClosedMotion):
             if len(stuck):
                 self._refuse(int(stuck[0]), q[stuck[0]], q_independent[stuck[0]], places)
         return q
+
+    def near(self, guess: Floats) -> tuple[Floats, Bools]:
+        """Closed configurations near guesses, with the same independent positions; and which of them were found.
+
+        Parameters
+        ----------
+        guess : array of shape (N, positions)
+        """
+        return self.closed(guess, self.mechanism.independent_velocities, _FEW)
 
     @cached_property
     def independent_positions(self) -> tuple[str, ...]:
@@ -185,13 +194,13 @@ class Assembly(ClosedMotion):
         """
         velocities, independent = self.mechanism.velocities, self.mechanism.independent_velocities
         if q.shape[-1] != len(self.mechanism.positions):
-            _check_shape(q, "q", self.mechanism.positions, self.independent_positions)
+            check_shape(q, "q", self.mechanism.positions, self.independent_positions)
             q = self.from_independent(q)
         if qd.shape[-1] != len(velocities):
-            _check_shape(qd, "qd", velocities, independent)
+            check_shape(qd, "qd", velocities, independent)
             qd = self.velocities(q, qd)
         if qdd.shape[-1] != len(velocities):
-            _check_shape(qdd, "qdd", velocities, independent)
+            check_shape(qdd, "qdd", velocities, independent)
             qdd = self.accelerations(q, qd, qdd)
         self.check_closed(q, qd, qdd)
         return q, qd, qdd
@@ -242,7 +251,8 @@ class Assembly(ClosedMotion):
         return normalised(self.mechanism, q + position_rates(self.mechanism, q, change * units))
 
     @cached_property
-    def _position_units(self) -> Floats:
+    def position_units(self) -> Floats:
+        """Units of the positions, shape (positions,): the characteristic length where they slide."""
         units = dict(zip(self.closures.freedoms, self.closures.units, strict=True))
         return np.array([units.get(name, 1.0) for name in self.mechanism.positions])
 
@@ -276,7 +286,8 @@ def _damped_steps(values: Floats, jacobian: Floats) -> Floats:
     return steps * np.minimum(1.0, _LONGEST / np.maximum(largest(steps), 1e-300))[:, None]
 
 
-def _check_shape(values: Floats, kind: str, names: tuple[str, ...], independent: tuple[str, ...]) -> None:
+def check_shape(values: Floats, kind: str, names: tuple[str, ...], independent: tuple[str, ...]) -> None:
+    """Refuse values that are neither those of all coordinates nor those of the independent ones."""
     if values.ndim != 2 or values.shape[1] != len(independent):
         raise InputError(
             f"{kind} has shape {values.shape}; expected (samples, {len(names)}) for all coordinates "

@@ -50,7 +50,7 @@ class ClosedMotion:
 
     def __init__(self, mechanism: Mechanism, symbols: Mapping[str, float] | None = None) -> None:
         self.mechanism, self.closures = mechanism, ClosureValues(mechanism, symbols)
-        self._symbols = symbols
+        self.symbols = symbols
         names = mechanism.velocities
         self._independent = [names.index(name) for name in mechanism.independent_velocities]
         self._dependent = [k for k in range(len(names)) if k not in self._independent]
@@ -169,7 +169,7 @@ class ClosedMotion:
             chosen = virtual_motion(self.mechanism, probes, {output.name: program.one}).chosen
             schedule = Schedule(program, [speed.node for speed in chosen.values()])
             names = {n: program.inputs[n].name for n in schedule.leaves}
-            values = symbol_values(self.mechanism, names.values(), self._symbols)
+            values = symbol_values(self.mechanism, names.values(), self.symbols)
             leaves = {n: np.full(1, values[name]) for n, name in names.items()}
             speeds = schedule.run(FloatArithmetic(), leaves, 1)[:, 0]
             found.append(dict(zip(chosen, map(float, speeds), strict=True)))

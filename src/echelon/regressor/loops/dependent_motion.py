@@ -49,6 +49,7 @@ class DependentMotion:
         self._recorder = Recorder(mechanism, program)
         found = record_closures(mechanism, self._recorder, Probes(mechanism, self._recorder))
         rows = [row for row, kept in enumerate(_kept(mechanism)) if kept]
+        self._owners, self._wrenches = found.owners, found.wrenches
         self._openings = {row: Scalar(program, found.equations[row]) for row in rows}
         self._columns: dict[str, dict[int, Scalar]] = {}
         for (row, name), node in found.jacobian.items():
@@ -119,16 +120,45 @@ class DependentMotion:
         }
         return {node: rate for node, rate in found.items() if not rate.is_zero}
 
-    def multipliers(self, efforts: Mapping[str, Scalar]) -> Mapping[int, Scalar]:
-        """Forces of the closures, by equation, that make the efforts of the dependent coordinates.
-
-        Where constraints are redundant, the smallest ones; moments count by the characteristic length.
+    def closing_wrenches(self, efforts: Mapping[str, Scalar]) -> list[tuple[Scalar, ...]]:
+        """Wrenches of the closures that make the efforts of the dependent coordinates.
 
         Parameters
         ----------
         efforts : mapping of str to Scalar
+            By dependent velocity coordinate.
+
+        Returns
+        -------
+        list of 6 of Scalar
+            Moment and force on the second body of every closure, about the first frame's origin, in its axes.  Where
+            constraints are redundant, the smallest multipliers, of lengths in units of the characteristic length.
         """
-        return self._system.solve_transposed({name: efforts[name] for name in self.dependent})
+        multipliers = self._system.solve_transposed(efforts)
+        return [
+            tuple(
+                sum((component * multipliers[row] for row, component in parts if row in multipliers), self.program.zero)
+                for parts in components
+            )
+            for components in self._components
+        ]
+
+    def determined(self) -> list[tuple[Scalar, ...]]:
+        """For every component of these wrenches, how much of it the efforts determine: 1, or less if redundant."""
+        return [
+            tuple(self._system.share({row: component for row, component in parts}) for parts in components)
+            for components in self._components
+        ]
+
+    @cached_property
+    def _components(self) -> list[list[list[tuple[int, Scalar]]]]:
+        """Rows of every component of every closure's wrench, and the component that their unit stands for."""
+        found: list[list[list[tuple[int, Scalar]]]] = []
+        for closure in self.mechanism.closures:
+            rows = [row for row in self._openings if self._owners[row] == closure.name]
+            wrenches = {row: (*self._wrenches[row][0], *self._wrenches[row][1]) for row in rows}
+            found.append([[(r, w[k]) for r, w in wrenches.items() if not w[k].is_zero] for k in range(6)])
+        return found
 
     # -- equations ---------------------------------------------------------------------------------------------------
 
