@@ -6,8 +6,9 @@ followed from the assembly pose; given dependent rates are checked and left out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +29,7 @@ from echelon.regressor.loops.assembly import Assembly, check_shape
 from echelon.regressor.loops.closed_motion import CLOSED, RANK_TOLERANCE, largest
 
 Bools = npt.NDArray[np.bool_]
+Builder = Callable[[Mechanism, Sequence[int]], Function]
 
 _STEP = 1e-9  # rad or characteristic lengths: what Newton's iteration leaves after a step that small is rounding
 _SINGULAR = RANK_TOLERANCE**2  # pivots are squares
@@ -45,11 +47,19 @@ class CompiledAssembly(Assembly):
         Values that replace or complete those of the mechanism.
     """
 
+    functions: ClassVar[tuple[Builder, ...]] = (
+        closed_positions,
+        closed_velocities,
+        closed_accelerations,
+        closure_pivots,
+    )
+    """What is compiled."""
+
     def near(self, guess: Floats) -> tuple[Floats, Bools]:
         """Closed configurations near guesses, with the same independent positions; and which of them were found."""
         q, done = guess, np.zeros(len(guess), dtype=bool)
         for _ in range(_FEW):
-            moved = self._run("closed_positions", q=q)
+            moved = self.run("closed_positions", q=q)
             done = largest((moved - q) / self.position_units) < _STEP  # false where a singular one makes it NaN
             q = np.where(np.isfinite(moved).all(axis=1)[:, None], moved, q)
             if done.all():
@@ -70,7 +80,7 @@ class CompiledAssembly(Assembly):
             If shapes do not fit, the loops are not or cannot be closed, or a sample is a singular configuration.
         """
         found = {"q": self._positions(state["q"])}
-        pivots = self._run("closure_pivots", **found)
+        pivots = self.run("closure_pivots", **found)
         singular = ~(pivots > _SINGULAR).all(axis=1)
         if singular.any():
             self._refuse_singular(int(singular.argmax()), pivots)
@@ -97,7 +107,7 @@ class CompiledAssembly(Assembly):
             return given
         chosen = np.ascontiguousarray(given[:, [names.index(n) for n in free]])
         rates = {"qd": np.zeros_like(chosen), **found, name: chosen}
-        closed, units = self._run(function, **rates), self.closures.units[: len(names)]
+        closed, units = self.run(function, **rates), self.closures.units[: len(names)]
         off = np.abs(given - closed) / units > CLOSED / trust[:, None] * np.maximum(largest(closed / units), 1.0)[:, None]
         if off.any():
             sample, place = np.argwhere(off)[0].tolist()
@@ -110,7 +120,7 @@ class CompiledAssembly(Assembly):
         return chosen
 
     def _check_closed(self, q: Floats, trust: Floats) -> None:
-        step = largest((self._run("closed_positions", q=q) - q) / self.position_units)
+        step = largest((self.run("closed_positions", q=q) - q) / self.position_units)
         off = ~(step * trust < CLOSED)
         if off.any():
             sample = int(off.argmax())
@@ -128,15 +138,23 @@ class CompiledAssembly(Assembly):
             f"({', '.join(self.mechanism.independent_velocities)}) do not determine the motion of '{loose}' there"
         )
 
-    def _run(self, name: str, **state: Floats) -> Floats:
+    def run(self, name: str, **state: Floats) -> Floats:
+        """Evaluate a recorded function of closed states.
+
+        Parameters
+        ----------
+        name : str
+            ``closed_positions``, ``closed_velocities``, ``closed_accelerations`` or ``closure_pivots``.
+        **state : array of shape (N, size)
+            ``q`` of all coordinates, ``qd`` and ``qdd`` of the independent ones; those that are not needed are ignored.
+        """
         kernel = self._kernels[name]
         names = {argument.name for argument in kernel.function.arguments}
         return kernel({**{k: v for k, v in state.items() if k in names}, **self._geometry[name]})
 
     @cached_property
     def _kernels(self) -> dict[str, Kernel]:
-        builders = (closed_positions, closed_velocities, closed_accelerations, closure_pivots)
-        made: list[Function] = [build(self.mechanism, ()) for build in builders]
+        made: list[Function] = [build(self.mechanism, ()) for build in self.functions]
         return {function.name: Kernel(function) for function in made}
 
     @cached_property

@@ -27,7 +27,7 @@ def closed_positions(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
     motion = _motion(mechanism, "closed_positions")
     meaning = "positions nearer to where the loops are closed (one step of Newton's iteration); independent ones stay"
     units = tuple(coordinate_units(mechanism, "q"))
-    return _made("closed_positions", motion, motion.closed_positions(), mechanism.positions, "q", meaning, units)
+    return motion_function("closed_positions", motion, motion.closed_positions(), mechanism.positions, "q", meaning, units)
 
 
 def closed_velocities(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
@@ -44,7 +44,7 @@ def closure_pivots(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
     """Record how far every dependent coordinate is from being undetermined."""
     motion = _motion(mechanism, "closure_pivots")
     meaning = "squares of sines, 0 where the dependent coordinate does not follow from the others: a singular position"
-    return _made("closure_pivots", motion, list(motion.pivots.values()), tuple(motion.pivots), "q", meaning, ())
+    return motion_function("closure_pivots", motion, list(motion.pivots.values()), tuple(motion.pivots), "q", meaning)
 
 
 def constraint_forces(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
@@ -107,18 +107,34 @@ def _rates(mechanism: Mechanism, kind: str, what: str, arguments: str) -> Functi
     given = motion.given()
     values = [given[f"{kind}[{n}]"] for n in mechanism.velocities]
     units = tuple(coordinate_units(mechanism, kind))
-    return _made(name, motion, values, mechanism.velocities, arguments, f"{what} of all coordinates", units)
+    return motion_function(name, motion, values, mechanism.velocities, arguments, f"{what} of all coordinates", units)
 
 
-def _made(
+def motion_function(
     name: str,
     motion: DependentMotion,
     values: Sequence[Scalar],
     labels: tuple[str, ...],
     arguments: str,
     meaning: str,
-    units: tuple[str, ...],
+    units: tuple[str, ...] = (),
 ) -> Function:
+    """A function of positions, and perhaps independent velocities and accelerations.
+
+    Parameters
+    ----------
+    name : str
+    motion : DependentMotion
+    values : sequence of Scalar
+        The results.
+    labels : tuple of str
+        Names of the results.
+    arguments : str
+        Those of ``q qd qdd`` that it takes.
+    meaning : str
+    units : tuple of str
+        SI units of the results.
+    """
     entries = {(k,): value.node for k, value in enumerate(values) if not value.is_zero}
     make = Arguments(motion.mechanism, motion.program, {})
     made = make.of([*arguments.split(), "symbols"], entries.values())

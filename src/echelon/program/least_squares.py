@@ -108,6 +108,25 @@ class LeastSquares:
         inside = sum((p * p * i for p, i in zip(parts, self._inverse.values(), strict=True)), self._program.zero)
         return inside / self._dot(form, form) if form else self._program.one
 
+    def inverse_square(self, units: Mapping[str, Number]) -> Scalar:
+        """Σ 1/σ² over the singular values of A, whose columns are multiplied by units (1 where absent).
+
+        Parameters
+        ----------
+        units : mapping of str to Number
+        """
+        total, before = self._program.zero, list[str]()
+        for name, inverse in self._inverse.items():
+            column = {name: self._program.one}  # of the inverse of R
+            for other in reversed(before):
+                terms = [share * column[n] for n, share in self._upper[other].items() if n in column]
+                if terms:
+                    column[other] = -sum(terms, self._program.zero)
+            sizes = ((value / units.get(n, 1)) for n, value in column.items())
+            total = total + inverse * sum((size * size for size in sizes), self._program.zero)
+            before.append(name)
+        return total
+
     def _reduced(self, name: str, column: Column) -> tuple[Scalar, Column]:
         """A column's share of an orthogonal one, and what is left of it."""
         orthogonal = self._orthogonal[name]

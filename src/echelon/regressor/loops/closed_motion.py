@@ -98,15 +98,15 @@ class ClosedMotion:
         InputError
             If an output is not determined by the motion because constraints are redundant; names the output.
         """
-        freedoms = list(dict.fromkeys(name for motion in self._virtual for name in motion))
+        freedoms = list(dict.fromkeys(name for motion in self.chosen_speeds for name in motion))
         given = [self.closures.freedoms.index(name) for name in freedoms]
-        speeds = np.array([[motion.get(name, 0.0) for motion in self._virtual] for name in freedoms])
-        speeds = speeds.reshape(len(freedoms), len(self._virtual)) / self.closures.units[given, None]
+        speeds = np.array([[motion.get(name, 0.0) for motion in self.chosen_speeds] for name in freedoms])
+        speeds = speeds.reshape(len(freedoms), len(self.chosen_speeds)) / self.closures.units[given, None]
         _, jacobian = self.closures.at(q)
         driven = jacobian[:, :, given] @ speeds
         solved = -self._solved(jacobian, driven)
         self._check_determined(driven + jacobian[:, :, self._dependent] @ solved, driven)
-        result = np.zeros((len(q), len(self.closures.freedoms), len(self._virtual)))
+        result = np.zeros((len(q), len(self.closures.freedoms), len(self.chosen_speeds)))
         result[:, given], result[:, self._dependent] = speeds, solved
         result *= self.closures.units[:, None]
         return result[:, : len(self.mechanism.velocities)]
@@ -160,7 +160,7 @@ class ClosedMotion:
         return solved
 
     @cached_property
-    def _virtual(self) -> Sequence[Mapping[str, float]]:
+    def chosen_speeds(self) -> Sequence[Mapping[str, float]]:
         """For every output, the virtual velocities of the freedoms that the outputs determine."""
         program = Program()
         probes = Probes(self.mechanism, Recorder(self.mechanism, program))

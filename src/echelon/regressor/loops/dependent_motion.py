@@ -61,7 +61,37 @@ class DependentMotion:
         if loose is not None:
             raise InputError(f"'{loose}' is in no loop and not independent", element="independent")
         columns = {name: self._columns[name] for name in self.dependent}
-        self._system = LeastSquares(program, columns, self._weights)
+        weights = {row: 1 / unit**2 for row, unit in self.row_units.items()}
+        self._system = LeastSquares(program, columns, weights)
+
+    @cached_property
+    def length(self) -> Fraction:
+        """The characteristic length, rounded to a power of two, m."""
+        return Fraction(2) ** round(log2(characteristic_length(self.mechanism)))
+
+    @cached_property
+    def units(self) -> dict[str, Fraction]:
+        """Units of velocity coordinates: the characteristic length where they slide."""
+        sliding = {m.name for m in self.mechanism.motions if m.kind is MotionKind.TRANSLATION}
+        return {name: self.length if name in sliding else Fraction(1) for name in self.mechanism.velocities}
+
+    @cached_property
+    def jacobian(self) -> dict[tuple[int, str], Scalar]:
+        """Derivatives of the closure equations that count, by equation and velocity coordinate."""
+        names = self.mechanism.velocities
+        return {(row, name): entry for name in names for row, entry in self._columns.get(name, {}).items()}
+
+    @cached_property
+    def row_units(self) -> dict[int, Fraction]:
+        """Units of the closure equations that count, by their numbers: lengths are in characteristic lengths."""
+        parts = [part for c in self.mechanism.closures for part in (c.kind.positions, c.kind.directions)]
+        is_length = [number % 2 == 0 for number, part in enumerate(parts) for _ in part]
+        return {row: self.length if is_length[row] else Fraction(1) for row in self._openings}
+
+    @property
+    def openness(self) -> Scalar:
+        """(Σ 1/σ²)^(−1/2) over the singular values of J_D in these units: how far the pose is from a singular one."""
+        return 1 / self._system.inverse_square({name: self.units[name] for name in self.dependent}).sqrt()
 
     @property
     def pivots(self) -> dict[str, Scalar]:
@@ -93,7 +123,7 @@ class DependentMotion:
         )
         qd |= self._solved(self._opened(qd))
         opening = self._opened({name: qdd[name] for name in free})
-        for row, value in self._bias(qd).items():
+        for row, value in self.bias(qd).items():
             opening[row] = opening.get(row, zero) + value
         qdd |= self._solved(opening)
         return {f"{kind}[{n}]": value for kind, found in (("qd", qd), ("qdd", qdd)) for n, value in found.items()}
@@ -160,15 +190,22 @@ class DependentMotion:
             found.append([[(r, w[k]) for r, w in wrenches.items() if not w[k].is_zero] for k in range(6)])
         return found
 
-    # -- equations ---------------------------------------------------------------------------------------------------
+    def bias(self, speeds: Mapping[str, Scalar]) -> dict[int, Scalar]:
+        """J̇ q̇: accelerations of the closure equations that velocities alone cause, by equation.
 
-    @cached_property
-    def _weights(self) -> dict[int, Fraction]:
-        """Squares of lengths in units of the characteristic length, rounded to a power of two."""
-        inverse = Fraction(2) ** -round(2 * log2(characteristic_length(self.mechanism)))
-        parts = [part for c in self.mechanism.closures for part in (c.kind.positions, c.kind.directions)]
-        is_length = [number % 2 == 0 for number, part in enumerate(parts) for _ in part]
-        return {row: inverse for row in self._openings if is_length[row]}
+        Parameters
+        ----------
+        speeds : mapping of str to Scalar
+            Of all velocity coordinates.
+        """
+        total: dict[int, Scalar] = {}
+        if seeds := self.position_rates(speeds):
+            changes = rates(self.program, [entry.node for entry in self.jacobian.values()], seeds)
+            for (row, name), change in zip(self.jacobian, changes, strict=True):
+                total[row] = total.get(row, self.program.zero) + change * speeds[name]
+        return total
+
+    # -- equations ---------------------------------------------------------------------------------------------------
 
     def _opened(self, speeds: Mapping[str, Scalar]) -> dict[int, Scalar]:
         found: dict[int, Scalar] = {}
@@ -177,22 +214,6 @@ class DependentMotion:
                 term = entry * speed
                 found[row] = found[row] + term if row in found else term
         return {row: value for row, value in found.items() if not value.is_zero}
-
-    def _bias(self, speeds: Mapping[str, Scalar]) -> dict[int, Scalar]:
-        """J̇ q̇."""
-        seeds = self.position_rates(speeds)
-        if not seeds:
-            return {}
-        places = [(name, row) for name in self.mechanism.velocities for row in self._columns.get(name, {})]
-        found: dict[str, dict[int, Scalar]] = {}
-        changes = rates(self.program, [self._columns[name][row].node for name, row in places], seeds)
-        for (name, row), change in zip(places, changes, strict=True):
-            found.setdefault(name, {})[row] = change
-        total: dict[int, Scalar] = {}
-        for name, column in found.items():
-            for row, change in column.items():
-                total[row] = total.get(row, self.program.zero) + change * speeds[name]
-        return total
 
     def _solved(self, opening: Mapping[int, Scalar]) -> dict[str, Scalar]:
         return self._system.solve({row: -value for row, value in opening.items()})
