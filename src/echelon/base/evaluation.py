@@ -214,7 +214,7 @@ class Evaluation(Recorded):
         q: npt.ArrayLike,
         qd: npt.ArrayLike,
         qdd: npt.ArrayLike,
-        values: npt.ArrayLike,
+        standard: npt.ArrayLike,
         symbols: Symbols = None,
         inputs: Inputs = None,
         *,
@@ -222,16 +222,26 @@ class Evaluation(Recorded):
     ) -> Floats:
         """Moments and forces that closures exert on their second bodies, those that rigid bodies determine.
 
-        Arguments are those of :class:`Evaluation`.  They are about the origin of the closure's first frame and in its
-        axes; ``function("constraint_forces").axes[0]`` names them.  The values must be those of all bodies in the loop:
-        base parameters that stand for others move forces between the closure and the joints, so use the standard
-        parameters if constraint forces are to be those of the real robot.
+        They are about the origin of the closure's first frame and in its axes.  ``function("constraint_forces")`` names
+        them in ``axes[0]``, and in ``meaning`` those that redundant constraints leave undetermined.
+
+        Parameters
+        ----------
+        q, qd, qdd, symbols, inputs, threads
+            See :class:`Evaluation`.
+        standard : array of shape (standard parameters,)
+            SI units.  Base parameters determine outputs, but not the forces inside of loops.
 
         Returns
         -------
         array of shape (N, components)
+
+        Raises
+        ------
+        InputError
+            If there are no loops, or none of the components is determined.
         """
-        state = {"q": q, "qd": qd, "qdd": qdd, "parameters": values}
+        state = {"q": q, "qd": qd, "qdd": qdd, "standard_parameters": standard}
         return self._evaluator("constraint_forces")(state, symbols, inputs, None, threads)
 
     # -- machine code --------------------------------------------------------------------------------------------

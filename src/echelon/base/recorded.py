@@ -38,7 +38,7 @@ class Recorded(ABC):
         Parameters
         ----------
         name : str
-            Of :data:`echelon.dynamics.functions.FUNCTIONS`.
+            Of :data:`echelon.dynamics.functions.ALL_FUNCTIONS`.
 
         Returns
         -------

@@ -18,6 +18,9 @@ from echelon.program.tape import Program
 STATE = ("q", "qd", "qdd")
 """Positions, velocities and accelerations."""
 
+STANDARD = "standard_parameters"
+"""The argument of functions that base parameters do not determine."""
+
 
 @dataclass(frozen=True)
 class Arguments:
@@ -29,11 +32,14 @@ class Arguments:
     program : Program
     parameters : mapping of str to str
         Names of the parameters and their units, in order.
+    standard : bool
+        Whether they are the standard parameters.
     """
 
     mechanism: Mechanism
     program: Program
     parameters: Mapping[str, str]
+    standard: bool = False
 
     def of(self, names: Sequence[str], outputs: Iterable[int]) -> tuple[Argument, ...]:
         """Arguments of these names, without ``inputs`` and ``symbols`` where the outputs need none.
@@ -67,7 +73,7 @@ class Arguments:
         return Argument(name, nodes, tuple(labels), tuple(units), meaning)
 
     def _positions(self) -> Argument:
-        meaning = "joint positions" + (", all of them, closed" if self.mechanism.closures else "")
+        meaning = "joint positions" + (", all of them, which close the loops" if self.mechanism.closures else "")
         return self._named("q", self.mechanism.positions, coordinate_units(self.mechanism, "q"), meaning)
 
     def _velocities(self) -> Argument:
@@ -83,9 +89,10 @@ class Arguments:
         return self._named(kind, labels, [units[name] for name in labels], meaning + of)
 
     def _parameters(self) -> Argument:
-        nodes = tuple(self.program.input(parameter_input(name), "symbol").node for name in self.parameters)
-        units = tuple(self.parameters.values())
-        return Argument("parameters", nodes, tuple(self.parameters), units, "dynamic parameters", uniform=True)
+        inputs = (parameter_input(name, standard=self.standard) for name in self.parameters)
+        nodes, units = tuple(self.program.input(n, "symbol").node for n in inputs), tuple(self.parameters.values())
+        name, meaning = (STANDARD, "standard parameters") if self.standard else ("parameters", "dynamic parameters")
+        return Argument(name, nodes, tuple(self.parameters), units, meaning, uniform=True)
 
     def _inputs(self, used: Sequence[int]) -> list[Argument]:
         names = {self.program.inputs[n].name: n for n in used if self.program.inputs[n].name.startswith("i[")}
@@ -96,7 +103,7 @@ class Arguments:
         return [Argument("inputs", tuple(names.values()), labels, ("SI",) * len(names), meaning)]
 
     def _symbols(self, used: Sequence[int]) -> list[Argument]:
-        parameters = {parameter_input(name) for name in self.parameters}
+        parameters = {parameter_input(name, standard=self.standard) for name in self.parameters}
         inputs = {self.program.inputs[n].name: n for n in used if self.program.inputs[n].role == "symbol"}
         known = list(self.mechanism.symbols)
         names = sorted(inputs.keys() - parameters, key=lambda n: (known.index(n) if n in known else len(known), n))
@@ -128,9 +135,9 @@ def geometry_values(
     return {a.name: np.array(list(symbol_values(mechanism, a.labels, symbols).values())) for a in geometry}
 
 
-def parameter_input(name: str) -> str:
-    """Name of a parameter's input, which no geometry symbol can have."""
-    return f"p[{name}]"
+def parameter_input(name: str, *, standard: bool = False) -> str:
+    """Name of a parameter's input, which no geometry symbol can have; of a base parameter's by its representative."""
+    return f"s[{name}]" if standard else f"p[{name}]"
 
 
 def row_names(mechanism: Mechanism) -> tuple[str, ...]:

@@ -57,11 +57,11 @@ class CompiledAssembly(Assembly):
 
     def near(self, guess: Floats) -> tuple[Floats, Bools]:
         """Closed configurations near guesses, with the same independent positions; and which of them were found."""
-        q, done = guess, np.zeros(len(guess), dtype=bool)
+        q, done = guess, np.zeros(len(guess), dtype=np.bool_)
         for _ in range(_FEW):
             moved = self.run("closed_positions", q=q)
             done = largest((moved - q) / self.position_units) < _STEP  # false where a singular one makes it NaN
-            q = np.where(np.isfinite(moved).all(axis=1)[:, None], moved, q)
+            q = np.where(np.isfinite(moved), moved, q)
             if done.all():
                 break
         return q, done
@@ -108,7 +108,9 @@ class CompiledAssembly(Assembly):
         chosen = np.ascontiguousarray(given[:, [names.index(n) for n in free]])
         rates = {"qd": np.zeros_like(chosen), **found, name: chosen}
         closed, units = self.run(function, **rates), self.closures.units[: len(names)]
-        off = np.abs(given - closed) / units > CLOSED / trust[:, None] * np.maximum(largest(closed / units), 1.0)[:, None]
+        off = (
+            np.abs(given - closed) / units > CLOSED / trust[:, None] * np.maximum(largest(closed / units), 1.0)[:, None]
+        )
         if off.any():
             sample, place = np.argwhere(off)[0].tolist()
             what = {"qd": "velocities", "qdd": "accelerations"}[name]
@@ -159,7 +161,9 @@ class CompiledAssembly(Assembly):
 
     @cached_property
     def _geometry(self) -> dict[str, dict[str, Floats]]:
-        return {n: geometry_values(self.mechanism, k.function.arguments, self.symbols) for n, k in self._kernels.items()}
+        return {
+            n: geometry_values(self.mechanism, k.function.arguments, self.symbols) for n, k in self._kernels.items()
+        }
 
 
 class ClosedStates:

@@ -81,7 +81,7 @@ def regressor(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
     columns = [mechanism.columns[p] for p in pivots]
     parameters = {column.name: column.unit for column in columns}
     arguments = Arguments(mechanism, forms.program, parameters)
-    made = arguments.of("q qd qdd inputs symbols".split(), forms.entries.values())
+    made = arguments.of(["q", "qd", "qdd", "inputs", "symbols"], forms.entries.values())
     meaning = "outputs per unit of each parameter"
     entries: dict[Index, int] = {(row, column): node for (row, column), node in forms.entries.items()}
     axes = (row_names(mechanism), tuple(parameters))
@@ -114,13 +114,20 @@ FUNCTIONS: Mapping[str, Builder] = {
     "mass_matrix": _cheapest(mass_matrix),
     "inverse_dynamics_derivatives": _cheapest(inverse_dynamics_derivatives),
     "regressor": regressor,
+}
+"""Builders by the name of the function."""
+
+LOOP_FUNCTIONS: Mapping[str, Builder] = {
     "closed_positions": closed_positions,
     "closed_velocities": closed_velocities,
     "closed_accelerations": closed_accelerations,
     "closure_pivots": closure_pivots,
     "constraint_forces": constraint_forces,
 }
-"""Builders by the name of the function."""
+"""The same, of functions of mechanisms with loops only."""
+
+ALL_FUNCTIONS: Mapping[str, Builder] = {**FUNCTIONS, **LOOP_FUNCTIONS}
+"""Both."""
 
 
 def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Function:
@@ -129,11 +136,11 @@ def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Fu
     Parameters
     ----------
     name : str
-        One of :data:`FUNCTIONS`.
+        One of :data:`ALL_FUNCTIONS`.
     mechanism : Mechanism
     pivots : sequence of int
         Columns of the regressor whose parameters are arguments: the pivots of the base matrix for base parameters, all
-        columns for standard parameters.
+        columns for standard parameters.  Forces of closures depend on all standard parameters, whatever is given.
 
     Returns
     -------
@@ -146,9 +153,9 @@ def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Fu
     InputError
         If there is no such function or no such column.
     """
-    if name not in FUNCTIONS:
-        raise InputError(f"there is no function '{name}' (valid: {', '.join(FUNCTIONS)})")
-    return FUNCTIONS[name](mechanism, pivots)
+    if name not in ALL_FUNCTIONS:
+        raise InputError(f"there is no function '{name}' (valid: {', '.join(ALL_FUNCTIONS)})")
+    return ALL_FUNCTIONS[name](mechanism, pivots)
 
 
 # -- putting together --------------------------------------------------------------------------------------------------

@@ -17,6 +17,8 @@ from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.regressor.loops.recorded_loops import real_inputs
 from echelon.seeds import DEFAULT_SEED, random_generator
 
+Index = tuple[int, ...]
+
 _STATES = 8  # at which it is looked whether closures are redundant
 _DETERMINED = 1e-9  # is lacking at the most, of what rounding leaves in poses that are closed to 1e-12
 _COMPONENTS = ("moment x", "moment y", "moment z", "force x", "force y", "force z")
@@ -27,7 +29,9 @@ def closed_positions(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
     motion = _motion(mechanism, "closed_positions")
     meaning = "positions nearer to where the loops are closed (one step of Newton's iteration); independent ones stay"
     units = tuple(coordinate_units(mechanism, "q"))
-    return motion_function("closed_positions", motion, motion.closed_positions(), mechanism.positions, "q", meaning, units)
+    return motion_function(
+        "closed_positions", motion, motion.closed_positions(), mechanism.positions, "q", meaning, units
+    )
 
 
 def closed_velocities(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
@@ -47,10 +51,11 @@ def closure_pivots(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
     return motion_function("closure_pivots", motion, list(motion.pivots.values()), tuple(motion.pivots), "q", meaning)
 
 
-def constraint_forces(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
-    """Record the wrenches that closures exert on their second bodies, in the axes and about the origin of the first frame.
+def constraint_forces(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
+    """Record the wrenches that closures exert on their second bodies, about the first frame's origin and in its axes.
 
-    Components that redundant constraints leave undetermined are left out.
+    Components that redundant constraints leave undetermined are left out.  Base parameters do not determine the others:
+    they are functions of all standard parameters.
 
     Raises
     ------
@@ -58,7 +63,7 @@ def constraint_forces(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
         If the mechanism has no loops, or none of them determines a component.
     """
     _motion(mechanism, "constraint_forces")
-    recorded = RecordedOutputs(mechanism, pivots, dependent=True)
+    recorded = RecordedOutputs(mechanism, range(len(mechanism.parameters)), dependent=True)
     motion = recorded.dependent_motion
     assert motion is not None
     forces = (a + b for a, b in zip(recorded.inertial(True), recorded.effects(), strict=True))
@@ -71,14 +76,14 @@ def constraint_forces(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
     left_out = ", ".join(name for name in shares if name not in kept)
     meaning += f"; redundant constraints leave undetermined: {left_out}" if left_out else ""
     units = tuple("N" if "force" in name else "N*m" for name in kept)
-    entries = {(k,): found[name].node for k, name in enumerate(kept) if not found[name].is_zero}
-    names = "q qd qdd inputs parameters symbols".split()
-    made = Arguments(mechanism, recorded.program, recorded.parameters).of(names, entries.values())
+    entries: dict[Index, int] = {(k,): found[name].node for k, name in enumerate(kept) if not found[name].is_zero}
+    names = ["q", "qd", "qdd", "inputs", "parameters", "symbols"]
+    made = Arguments(mechanism, recorded.program, recorded.parameters, standard=True).of(names, entries.values())
     return Function("constraint_forces", recorded.program, made, entries, (kept,), units, meaning)
 
 
 def _determined(mechanism: Mechanism, motion: DependentMotion) -> dict[str, float]:
-    """How much of the components of closing wrenches the motion determines in some closed states, of those there are."""
+    """How much of every component of closing wrenches the motion determines in some closed states."""
     shares = {name: value for name, value in _labelled(mechanism, motion.determined()) if value.number is None}
     values = real_inputs(mechanism, random_generator(DEFAULT_SEED), _STATES)
     schedule = Schedule(motion.program, [share.node for share in shares.values()])
@@ -135,7 +140,7 @@ def motion_function(
     units : tuple of str
         SI units of the results.
     """
-    entries = {(k,): value.node for k, value in enumerate(values) if not value.is_zero}
+    entries: dict[Index, int] = {(k,): value.node for k, value in enumerate(values) if not value.is_zero}
     make = Arguments(motion.mechanism, motion.program, {})
     made = make.of([*arguments.split(), "symbols"], entries.values())
     return Function(name, motion.program, made, entries, (labels,), units, meaning)

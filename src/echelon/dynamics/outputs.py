@@ -39,7 +39,8 @@ class RecordedOutputs:
     sums : bool
         Whether to use sums of angles, see :mod:`echelon.dynamics.recursion`.
     dependent : bool
-        With loops, record the forces of the tree at the dependent coordinates instead of outputs.
+        With loops, record the forces of the tree at the dependent coordinates instead of outputs, in terms of standard
+        parameters.
 
     Attributes
     ----------
@@ -60,17 +61,20 @@ class RecordedOutputs:
         self.mechanism, self.program, self._sums = mechanism, Program(), sums
         self._reframed = reframed(mechanism)
         self.parameters = {columns[p].name: columns[p].unit for p in pivots}
-        self._values = {p: self.program.input(parameter_input(columns[p].name), "symbol") for p in pivots}
+        self._values = {p: self._parameter(columns[p].name, dependent) for p in pivots}
         self.dependent_motion = DependentMotion(mechanism, self.program) if mechanism.closures else None
         self.names = row_names(mechanism)
         self._dependent = dependent
 
     @property
     def state(self) -> tuple[str, ...]:
-        """Inputs of the positions, then of the velocities; with loops, the independent velocity coordinates for both."""
+        """Inputs of the positions, then of the velocities; with loops, of independent velocity coordinates twice."""
         free = self.mechanism.independent_velocities
         positions = free if self.mechanism.closures else self.mechanism.positions
         return (*(f"q[{n}]" for n in positions), *(f"qd[{n}]" for n in free))
+
+    def _parameter(self, name: str, standard: bool) -> Scalar:
+        return self.program.input(parameter_input(name, standard=standard), "symbol")
 
     # -- parts -------------------------------------------------------------------------------------------------
 

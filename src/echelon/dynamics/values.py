@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from echelon.dynamics.arguments import STATE
+from echelon.dynamics.arguments import STANDARD, STATE
 from echelon.dynamics.closed_states import ClosedStates
 from echelon.errors import InputError
 from echelon.machine.batch import Floats, real_array, value_of
@@ -33,7 +33,7 @@ def function_values(
     mechanism : Mechanism
     function : Function
     state : mapping of str to array
-        Values that are passed on: ``q``, ``qd``, ``qdd``, ``parameters``.
+        Values that are passed on: ``q``, ``qd``, ``qdd``, ``parameters``, ``standard_parameters``.
     symbols : mapping of str to float, optional
         Values that replace or complete those of the mechanism.
     inputs : mapping of str to array of shape (N,), optional
@@ -48,7 +48,7 @@ def function_values(
     """
     values: Values = dict(state)
     arguments = {argument.name: argument for argument in function.arguments}
-    for name in arguments.keys() & {*STATE, "parameters"}:
+    for name in arguments.keys() & {*STATE, "parameters", STANDARD}:
         value_of(arguments[name], values)
     if loops is not None:
         values |= loops.independent_state({name: state[name] for name in STATE if name in arguments}, symbols)

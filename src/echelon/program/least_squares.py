@@ -1,10 +1,10 @@
 """Linear systems solved on a program: the elimination is recorded as operations like any others.
 
-The columns of A are made orthogonal one after another, A = V R with R unit upper triangular (modified Gram–Schmidt without
-square roots).  A program cannot choose pivots by size when it runs, and need not here: wherever A has full column rank
-this is as stable as it gets, redundant rows included, whichever rows depend on one another there.  Columns without a
-common row are orthogonal by structure and cost nothing, so those that meet fewest others come first, which keeps blocks
-apart: the legs of a platform before the platform.
+The columns of A are made orthogonal one after another, A = V R with R unit upper triangular (modified Gram–Schmidt
+without square roots).  A program cannot choose pivots by size when it runs, and need not here: wherever A has full
+column rank this is as stable as it gets, redundant rows included, whichever rows depend on one another there.  Columns
+without a common row are orthogonal by structure and cost nothing, so those that meet fewest others come first, which
+keeps blocks apart: the legs of a platform before the platform.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class LeastSquares:
     Attributes
     ----------
     pivots : dict of str to Scalar
-        For every column, the square of the sine of the angle between it and the columns before it: zero where it depends
-        on them.
+        For every column, the square of the sine of the angle between it and the columns before it: zero where it
+        depends on them.
 
     Examples
     --------

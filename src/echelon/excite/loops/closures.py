@@ -59,7 +59,8 @@ class ClosureBounds:
         """The Jacobian by velocity coordinates, shape (N, equations, velocities)."""
         found = np.zeros((len(q), len(self._row_units), len(self.units)))
         found[:, *self._jacobian.places] = self._jacobian.kernel({"q": q, **self._jacobian.geometry})
-        return found * self.units / self._row_units[:, None]
+        scaled: Floats = found * (self.units / self._row_units[:, None])
+        return scaled
 
     def jacobian_enclosures(self, q: Interval) -> Interval:
         """Bounds of the Jacobian while positions stay in intervals, each of shape (cells, equations, velocities).

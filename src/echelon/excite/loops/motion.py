@@ -1,8 +1,8 @@
 """Motions of mechanisms with loops, and what derivatives by the whole state are as derivatives by the independent one.
 
-Velocities and accelerations of all coordinates are recorded functions of all positions and of the independent rates, and
-so their derivatives are pullbacks in machine code.  What is left are derivatives by all positions: they count along the
-motions of the independent coordinates.
+Velocities and accelerations of all coordinates are recorded functions of all positions and of the independent rates,
+and so their derivatives are pullbacks in machine code.  What is left are derivatives by all positions: they count along
+the motions of the independent coordinates.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class LoopMotion(LoopPositions):
         """
         closed = self.positioned(q)
         state = {"q": closed.q, "qd": qd, "qdd": qdd}
-        rates = (self.run(name, **state) for name in ("closed_velocities", "closed_accelerations"))
-        return replace(closed, **dict(zip(("qd", "qdd"), (closed.counted(rate) for rate in rates), strict=True)))
+        rates = [self.run(name, **state) for name in ("closed_velocities", "closed_accelerations")]
+        return replace(closed, qd=closed.counted(rates[0]), qdd=closed.counted(rates[1]))
 
     def independent(self, closed: Closed) -> dict[str, Floats]:
         """The arguments q, q̇ and q̈ of recorded functions: all positions, and independent rates."""

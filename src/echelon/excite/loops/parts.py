@@ -18,7 +18,7 @@ from echelon.excite.loops.positions import Closed
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Argument
 from echelon.program.intervals import Interval
-from echelon.program.tape import Program, Scalar
+from echelon.program.tape import Program
 from echelon.regressor.loops.closed_motion import ClosedMotion
 from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.regressor.probes import Probes, virtual_motion

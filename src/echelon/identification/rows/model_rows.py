@@ -68,10 +68,6 @@ class ModelRows:
     @cached_property
     def layout(self) -> Layout:
         """Outputs, base parameters, and which of them each output can depend on."""
-        if self._dense:
-            outputs = tuple(output.name for output in self.base.mechanism.outputs)
-            parameters = tuple(expression.name for expression in self.base.expressions)
-            return Layout(outputs, parameters, (tuple(range(len(parameters))),) * len(outputs))
         return layout_of(measured(self.base.function("regressor")))[0]
 
     def blocks(self) -> Iterator[RowBlock]:

@@ -1,6 +1,7 @@
 """What moves dependently in a mechanism with loops, recorded: velocities, accelerations, positions, closing forces.
 
-With J the Jacobian of the closure equations, J_D its columns of dependent coordinates and J_I those of independent ones,
+With J the Jacobian of the closure equations, J_D its columns of dependent coordinates and J_I those of independent
+ones,
 
     q̇_D = −J_D⁺ J_I q̇_I,        q̈_D = −J_D⁺ (J_I q̈_I + J̇ q̇),        λ = J_Dᵀ⁺ Γ_D,
 
@@ -35,8 +36,8 @@ class DependentMotion:
     mechanism : Mechanism
         With loops.
     program : Program
-        Is extended.  Inputs are ``q[...]`` of all positions, which are to be closed, and ``qd[...]`` and ``qdd[...]`` of
-        the independent velocity coordinates.
+        Is extended.  Inputs are ``q[...]`` of all positions, which are to be closed, and ``qd[...]`` and ``qdd[...]``
+        of the independent velocity coordinates.
 
     Raises
     ------
@@ -175,10 +176,7 @@ class DependentMotion:
 
     def determined(self) -> list[tuple[Scalar, ...]]:
         """For every component of these wrenches, how much of it the efforts determine: 1, or less if redundant."""
-        return [
-            tuple(self._system.share({row: component for row, component in parts}) for parts in components)
-            for components in self._components
-        ]
+        return [tuple(self._system.share(dict(parts)) for parts in components) for components in self._components]
 
     @cached_property
     def _components(self) -> list[list[list[tuple[int, Scalar]]]]:
