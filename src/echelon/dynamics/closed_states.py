@@ -54,6 +54,7 @@ class CompiledAssembly(Assembly):
         closure_pivots,
     )
     """What is compiled."""
+    _determined = False
 
     def near(self, guess: Floats) -> tuple[Floats, Bools]:
         """Closed configurations near guesses, with the same independent positions; and which of them were found."""
@@ -77,7 +78,8 @@ class CompiledAssembly(Assembly):
         Raises
         ------
         InputError
-            If shapes do not fit, the loops are not or cannot be closed, or a sample is a singular configuration.
+            If shapes do not fit, the loops are not or cannot be closed, a sample is a singular configuration, or the
+            motion does not determine an output.
         """
         found = {"q": self._positions(state["q"])}
         pivots = self.run("closure_pivots", **found)
@@ -86,6 +88,9 @@ class CompiledAssembly(Assembly):
             self._refuse_singular(int(singular.argmax()), pivots)
         trust = np.sqrt(pivots.min(axis=1, initial=1.0))
         self._check_closed(found["q"], trust)
+        if len(trust) and not self._determined:
+            self.virtual_velocities(found["q"][:1])  # refuses outputs and coordinates that redundant constraints forbid
+            self._determined = True
         for name, function in (("qd", "closed_velocities"), ("qdd", "closed_accelerations")):
             if name in state:
                 found[name] = self._independent_rates(name, function, found, state, trust)
