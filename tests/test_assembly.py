@@ -13,6 +13,7 @@ import echelon as ec
 import linkages
 import oracles
 from constrained import Constrained
+from echelon.dynamics.closed_states import ClosedStates
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import floating_motions
 from echelon.mechanism.mechanism import Mechanism
@@ -21,7 +22,7 @@ from echelon.mechanism.placement import Placement
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closure_values import ClosureValues, normalised, position_rates
-from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
+from echelon.regressor.virtual_power import virtual_power_form
 from oracles import FloatArray
 
 EXAMPLES = Path(__file__).parent.parent / "examples" / "loops"
@@ -186,8 +187,6 @@ def test_what_does_not_fit_is_named() -> None:
         regressor(linkages.rssr(), *zeros(2, 2, 2))
     with pytest.raises(ec.InputError, match="different numbers of samples"):
         regressor(linkages.four_bar(), np.zeros((2, 1)), *zeros(1, 1))
-    with pytest.raises(ec.InputError, match="use virtual_power_form"):
-        inverse_dynamics_regressor(linkages.four_bar())
 
 
 def test_what_the_motion_does_not_determine_is_named() -> None:
@@ -199,6 +198,9 @@ def test_what_the_motion_does_not_determine_is_named() -> None:
     assert np.isfinite(regressor(replace(mechanism, measured=(inward,)), *zeros(1, 1, 1))).all()
     with pytest.raises(ec.InputError, match="crank, rocker are not independent"):
         regressor(replace(mechanism, independent=("crank", "rocker")), *(Assembly(mechanism).pose[None], *zeros(3, 3)))
+    locked, pose = replace(mechanism, independent=("crank", "rocker")), Assembly(mechanism).pose[None]
+    with pytest.raises(ec.InputError, match="crank, rocker are not independent"):
+        ClosedStates(locked).independent_state({"q": pose}, None)
 
 
 def test_singular_configurations_are_named() -> None:

@@ -18,9 +18,11 @@ from echelon.codegen.generate import generate_source, printed
 from echelon.codegen.numbers import Precision
 from echelon.codegen.targets import TARGETS
 from echelon.dynamics.functions import FUNCTIONS as ALL
+from echelon.dynamics.functions import LOOP_FUNCTIONS
 from echelon.program.function import Argument, Function
 from echelon.program.operations import FUNCTIONS
 from echelon.program.tape import Program
+from echelon.regressor.loops.assembly import Assembly
 
 ROOT = Path(__file__).parents[1]
 Floats = npt.NDArray[Any]
@@ -74,6 +76,13 @@ def states(functions: tuple[Function, ...], samples: int, *, large: bool) -> dic
     return values
 
 
+def closed_states_of(mechanism: ec.Mechanism, samples: int) -> dict[str, Floats]:
+    """States in which the loops are closed."""
+    q, qd, qdd = Assembly(mechanism).random_closed_states(np.random.default_rng(3), samples)
+    free = [mechanism.velocities.index(name) for name in mechanism.independent_velocities]
+    return {"q": q, "qd": qd[:, free], "qdd": qdd[:, free]}
+
+
 def check(
     target: str, functions: tuple[Function, ...], files: Mapping[str, str], robot: str, folder: Path, **options: Any
 ) -> None:
@@ -82,7 +91,7 @@ def check(
         (folder / name).write_text(text, encoding="utf-8")
         assert max(map(len, text.splitlines())) <= 180
     call = generated.RUNNERS[target](generated.Build(folder, robot, functions, precision))
-    values = states(functions, 24, large=options.get("large", True))
+    values = states(functions, 24, large=options.get("large", True)) | options.get("given", {})
     if precision == "single":
         values = {name: array.astype(np.float32).astype(float) for name, array in values.items()}
     for function in functions:
@@ -110,8 +119,8 @@ ROBOTS = {
     "floating_tree": robot("floating_tree"),
     "coupled_arm": robot("coupled_arm"),
     "tx40": robot("tx40"),
-    "four_bar": robot("loops/four_bar"),
 }
+LOOPS = {name: robot(f"loops/{name}") for name in ("four_bar", "sr400", "delta")}
 QUICK = ("double_pendulum", "four_bar")
 
 
@@ -129,6 +138,45 @@ def test_robots(target: str, name: str, tmp_path: Path) -> None:
     wanted = list(ALL) if target != "jax" or name in QUICK else ["inverse_dynamics", "gravity"]
     source = generate_source(ROBOTS[name](), target, wanted, name="my_robot")
     check(target, source.functions, source.files, "my_robot", tmp_path)
+
+
+def loop_cases() -> Iterator[object]:
+    """All targets with all loops; the long ones in C and NumPy at once."""
+    for target in generated.RUNNERS:
+        for name in LOOPS:
+            slow = name not in QUICK and (target not in ("c", "python") or name == "delta")
+            yield pytest.param(target, name, marks=[pytest.mark.slow] * slow)
+
+
+@pytest.mark.parametrize(("target", "name"), list(loop_cases()))
+def test_robots_with_loops(target: str, name: str, tmp_path: Path) -> None:
+    base = LOOPS[name]()
+    wanted = [*ALL, *LOOP_FUNCTIONS] if target != "jax" else ["gravity", "closed_positions"]
+    source = generate_source(base, target, wanted, name="my_robot")
+    given = closed_states_of(base.mechanism, 24)
+    check(target, source.functions, source.files, "my_robot", tmp_path, large=False, given=given)
+
+
+def test_generated_code_closes_loops_and_moves_them(tmp_path: Path) -> None:
+    """As a controller would call it: from the last positions, with new independent ones, a few steps each time."""
+    base = LOOPS["four_bar"]()
+    source = generate_source(base, "c", ["closed_positions", "mass_matrix"], name="bar", parameters=PARAMETERS)
+    for name, text in source.files.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    call = generated.c(generated.Build(tmp_path, "bar", source.functions, "double"))
+    closed, mass = source.functions
+    q = Assembly(base.mechanism).pose[None]
+    for crank in np.linspace(q[0, 0], q[0, 0] + 2 * np.pi, 400)[1:]:
+        q[0, 0] = crank
+        for _ in range(3):
+            q = call(closed, {"q": q})
+        expected = base.mass_matrix(q, list(PARAMETERS.values()))
+        np.testing.assert_allclose(call(mass, {"q": q}), expected, rtol=1e-9)
+    pose = Assembly(base.mechanism).pose
+    np.testing.assert_allclose(np.cos(q[0]), np.cos(pose), atol=1e-9)  # after a whole turn
+
+
+PARAMETERS = dict(zip(("ZZ1", "MX1", "MY1", "ZZ2", "MX2", "MY2", "ZZ3", "MY3"), np.linspace(0.5, 0.9, 8), strict=True))
 
 
 @pytest.mark.parametrize("target", generated.RUNNERS)

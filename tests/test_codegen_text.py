@@ -23,12 +23,13 @@ import arms
 import echelon as ec
 import generated
 from echelon.cli.model_commands import FUNCTIONS as LISTED_FUNCTIONS
+from echelon.cli.model_commands import LOOP_FUNCTIONS as LISTED_LOOP_FUNCTIONS
 from echelon.cli.model_commands import TARGETS as LISTED_TARGETS
 from echelon.codegen.documentation import Subject
 from echelon.codegen.generate import generate, generate_source, printed
 from echelon.codegen.numbers import Precision
 from echelon.codegen.targets import TARGETS
-from echelon.dynamics.functions import FUNCTIONS
+from echelon.dynamics.functions import FUNCTIONS, LOOP_FUNCTIONS
 from echelon.program.function import Argument, Function
 from echelon.program.tape import Program
 from test_cli import run
@@ -228,3 +229,4 @@ def test_command_refuses_a_file_for_several(tmp_path: Path) -> None:
 def test_help_lists_what_there_is() -> None:
     assert LISTED_TARGETS.split(", ") == list(TARGETS)
     assert set(LISTED_FUNCTIONS.split(", ")) == set(FUNCTIONS)
+    assert set(LISTED_LOOP_FUNCTIONS.split(", ")) == set(LOOP_FUNCTIONS)

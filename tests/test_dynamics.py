@@ -223,17 +223,6 @@ def test_derivatives_with_effects_and_sensors(tmp_path: Path, sensors: str) -> N
 # -- loops -------------------------------------------------------------------------------------------------------------
 
 
-def closed(mechanism: Mechanism, name: str, columns: Sequence[int], values: dict[str, FloatArray]) -> FloatArray:
-    """A function of one row for every output, shape (samples, outputs, ...)."""
-    function, outputs = robot_function(name, mechanism, columns), len(mechanism.outputs)
-    moved = Assembly(mechanism).virtual_velocities(values["q"])
-    rows = [
-        evaluate(function, mechanism, values | {"u": np.tile(np.eye(outputs)[k], (len(moved), 1)), "v": moved[:, :, k]})
-        for k in range(outputs)
-    ]
-    return np.concatenate(rows, axis=1)
-
-
 def sensed(mechanism: Mechanism) -> Mechanism:
     cuts = [Cut(1, Placement(), False, axis, angular) for axis in range(3) for angular in (False, True)]
     return replace(mechanism, measured=tuple(plain(f"s{k}", "N", cut) for k, cut in enumerate(cuts)))
@@ -248,13 +237,11 @@ def test_loops(mechanism: Mechanism) -> None:
     columns = range(len(mechanism.parameters))
     q, qd, qdd = Assembly(mechanism).random_closed_states(np.random.default_rng(5), 4)
     zeta = np.random.default_rng(6).normal(size=len(columns))
-    values = {"q": q, "qd": qd, "qdd": qdd, "parameters": zeta}
-    found = {name: closed(mechanism, name, columns, values) for name in NAMES}
-    check_parts(found, zeta, qdd)
+    free = [mechanism.velocities.index(name) for name in mechanism.independent_velocities]
+    values = {"q": q, "qd": qd[:, free], "qdd": qdd[:, free], "parameters": zeta}
+    found = {name: evaluate(robot_function(name, mechanism, columns), mechanism, values) for name in NAMES}
+    check_parts(found, zeta, qdd[:, free])
     x = evaluate_floats(virtual_power_form(mechanism), mechanism, q, qd, qdd)
-    np.testing.assert_allclose(found["inverse_dynamics"], x @ zeta, atol=1e-10 * np.abs(x).max())
+    np.testing.assert_allclose(found["inverse_dynamics"], x @ zeta, atol=1e-9 * np.abs(x).max())
     arguments = robot_function("coriolis", mechanism, columns).arguments
-    assert [a.name for a in arguments] == ["q", "qd", "u", "v", "parameters", "symbols"]
-    u, v = np.eye(len(mechanism.outputs))[:1], Assembly(mechanism).virtual_velocities(q)[:, :, 0]
-    if "rssr" not in mechanism.name:  # central differences would leave the unit sphere
-        check_slopes(mechanism, values | {"u": np.tile(u, (4, 1)), "v": v})
+    assert [a.name for a in arguments] == ["q", "qd", "parameters", "symbols"]

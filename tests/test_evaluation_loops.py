@@ -121,8 +121,8 @@ def test_effects_and_sensors() -> None:
     friction = Effect("Fv", "N·m·s/rad", (Action(mechanism.velocities[-1], Side.JOINT, "qd"),))
     case = Case(replace(mechanism, effects=(friction,)))
     x = evaluate_floats(virtual_power_form(case.mechanism), case.mechanism, *case.state)
-    check(case.base.standard_regressor(*case.state), x)
-    check(case.base.predict(*case.state, case.values), x[:, :, list(case.base.matrix.pivots)] @ case.values, 1e-11)
+    check(case.base.standard_regressor(*case.state), x, 1e-9)  # of states that are closed to rounding
+    check(case.base.predict(*case.state, case.values), x[:, :, list(case.base.matrix.pivots)] @ case.values, 1e-9)
 
 
 def test_results_and_threads(four_bar: Case, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,17 +140,6 @@ def test_results_and_threads(four_bar: Case, monkeypatch: pytest.MonkeyPatch) ->
 
 
 MISTAKES: dict[str, tuple[Callable[[Case], object], str]] = {
-    "entries": (
-        lambda c: c.base.regressor_entries(*c.state),
-        "with loops no entry of the regressor is structurally zero",
-    ),
-    "coriolis": (lambda c: c.base.coriolis(c.q, c.qd, c.values), "coriolis is not available with loops"),
-    "mass matrix": (lambda c: c.base.mass_matrix(c.q, c.values), "mass_matrix is not available with loops"),
-    "effects": (lambda c: c.base.effects(c.q, c.qd, c.values), "effects is not available with loops"),
-    "derivatives": (
-        lambda c: c.base.inverse_dynamics_derivatives(*c.state, c.values),
-        "inverse_dynamics_derivatives is not available with loops",
-    ),
     "open loops": (
         lambda c: c.base.regressor(c.q + 0.1, c.qd, c.qdd),
         "positions of sample 0 do not keep the loops closed",
@@ -160,7 +149,6 @@ MISTAKES: dict[str, tuple[Callable[[Case], object], str]] = {
         "velocities of sample 0 do not keep the loops closed",
     ),
     "open accelerations": (lambda c: c.base.regressor(*c.state[:2], c.qdd + 0.1), "accelerations of sample 0 do not"),
-    "sparsity": (lambda c: c.base.sparsity, "with loops no entry of the regressor is structurally zero"),
     "shape": (lambda c: c.base.regressor(c.q[:, :2], c.qd, c.qdd), r"q has shape \(11, 2\)"),
     "samples": (
         lambda c: c.base.regressor(c.q[:5], c.qd, c.qdd),

@@ -23,9 +23,6 @@ def test_states_are_those_of_the_assembly(name: str) -> None:
     assert closed.done.all()
     for mine, other in zip((closed.q, closed.qd, closed.qdd), reference.completed(*state.values()), strict=True):
         np.testing.assert_allclose(mine, other, atol=1e-8 * max(np.abs(other).max(), 1.0))
-    velocities = closed.qd.shape[1]
-    virtual = motion.virtual(closed, motion.given_speeds())[:, :velocities] * motion.speed_units[:, None]
-    np.testing.assert_allclose(virtual, reference.virtual_velocities(closed.q), atol=1e-9 * np.abs(virtual).max())
 
 
 @pytest.mark.parametrize("name", MECHANISMS)
@@ -41,9 +38,8 @@ def test_entries_are_those_of_the_base_model(name: str) -> None:
 def test_redundant_equations_are_among_the_cases() -> None:
     for name in MECHANISMS:
         motion = LoopMotion(mechanism(name))
-        closed = motion.at(*states(motion).values())
-        dependent = closed.inverse.shape[1]
-        assert (closed.jacobian.shape[1] > dependent) == (name in REDUNDANT or name.endswith("chain")), name
+        equations = motion.bounds.jacobian(motion.pose[None]).shape[1]
+        assert (equations > len(motion.columns[1])) == (name in REDUNDANT), name
 
 
 @pytest.mark.parametrize("name", MECHANISMS)

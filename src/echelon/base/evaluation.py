@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from echelon.base.recorded import Recorded
 from echelon.dynamics.functions import robot_function
-from echelon.errors import InputError
 from echelon.program.function import Function
 
 if TYPE_CHECKING:  # importing LLVM takes longer than deriving base parameters: only who computes needs it
@@ -88,17 +87,12 @@ class Evaluation(Recorded):
         Returns
         -------
         array of shape (N, entries)
-
-        Raises
-        ------
-        InputError
-            With loops, where no entry is structurally zero.
         """
         return self._evaluator("entries")({"q": q, "qd": qd, "qdd": qdd}, symbols, inputs, out, threads)
 
     @property
     def sparsity(self) -> npt.NDArray[np.intp]:
-        """Output and base parameter of every entry of :meth:`regressor_entries`, shape (2, entries); not with loops."""
+        """Output and base parameter of every entry of :meth:`regressor_entries`, shape (2, entries)."""
         entries = list(self._evaluator("entries").function.entries)
         return np.array(entries, dtype=np.intp).reshape(-1, 2).T
 
@@ -176,14 +170,14 @@ class Evaluation(Recorded):
     ) -> Floats:
         """The outputs of friction, springs and other effects while accelerations are zero, shape (N, outputs).
 
-        Arguments are those of :class:`Evaluation`; not with loops.
+        Arguments are those of :class:`Evaluation`.
         """
         return self._evaluator("effects")({"q": q, "qd": qd, "parameters": values}, symbols, inputs, None, threads)
 
     def mass_matrix(
         self, q: npt.ArrayLike, values: npt.ArrayLike, symbols: Symbols = None, *, threads: int | None = None
     ) -> Floats:
-        """The mass matrix ∂y/∂q̈, shape (N, outputs, velocities); not with loops.
+        """The mass matrix ∂y/∂q̈, shape (N, outputs, independent velocities).
 
         The outputs are ``mass_matrix · q̈ + coriolis + gravity + effects``.  Arguments are those of :class:`Evaluation`.
         """
@@ -200,18 +194,55 @@ class Evaluation(Recorded):
         *,
         threads: int | None = None,
     ) -> tuple[Floats, Floats]:
-        """Derivatives of the outputs; see :class:`Evaluation` for the arguments; not with loops.
+        """Derivatives of the outputs; see :class:`Evaluation` for the arguments.
 
         Returns
         -------
         by_position : array of shape (N, outputs, positions)
-            Those of a unit quaternion's entries are along the unit sphere.
-        by_velocity : array of shape (N, outputs, velocities)
+            Those of a unit quaternion's entries are along the unit sphere.  With loops, one for every independent
+            velocity coordinate: of turns about a ball's own axes, while all dependent coordinates follow.
+        by_velocity : array of shape (N, outputs, independent velocities)
         """
         state = {"q": q, "qd": qd, "qdd": qdd, "parameters": values}
         both = self._evaluator("inverse_dynamics_derivatives")(state, symbols, inputs, None, threads)
-        positions = len(self.mechanism.positions)
+        mechanism = self.mechanism
+        positions = len(mechanism.independent_velocities if mechanism.closures else mechanism.positions)
         return both[:, :, :positions], both[:, :, positions:]
+
+    def constraint_forces(
+        self,
+        q: npt.ArrayLike,
+        qd: npt.ArrayLike,
+        qdd: npt.ArrayLike,
+        standard: npt.ArrayLike,
+        symbols: Symbols = None,
+        inputs: Inputs = None,
+        *,
+        threads: int | None = None,
+    ) -> Floats:
+        """Moments and forces that closures exert on their second bodies, those that rigid bodies determine.
+
+        They are about the origin of the closure's first frame and in its axes.  ``function("constraint_forces")`` names
+        them in ``axes[0]``, and in ``meaning`` those that redundant constraints leave undetermined.
+
+        Parameters
+        ----------
+        q, qd, qdd, symbols, inputs, threads
+            See :class:`Evaluation`.
+        standard : array of shape (standard parameters,)
+            SI units.  Base parameters determine outputs, but not the forces inside of loops.
+
+        Returns
+        -------
+        array of shape (N, components)
+
+        Raises
+        ------
+        InputError
+            If there are no loops, or none of the components is determined.
+        """
+        state = {"q": q, "qd": qd, "qdd": qdd, "standard_parameters": standard}
+        return self._evaluator("constraint_forces")(state, symbols, inputs, None, threads)
 
     # -- machine code --------------------------------------------------------------------------------------------
 
@@ -221,15 +252,15 @@ class Evaluation(Recorded):
 
     def _evaluator(self, name: str) -> Evaluator:
         """Machine code of a function, compiled when it is first asked for."""
-        if self.mechanism.closures and name == "entries":
-            raise InputError("with loops no entry of the regressor is structurally zero: use regressor()")
         if name not in self._evaluators:
             from echelon.dynamics.evaluator import Evaluator
 
-            self._evaluators[name] = Evaluator(self.mechanism, self._recorded(name), sparse=name == "entries")
+            self._evaluators[name] = Evaluator(
+                self.mechanism, self._recorded(name), sparse=name == "entries", loops=self._loops
+            )
         return self._evaluators[name]
 
     def _recorded(self, name: str) -> Function:
         if name == "standard_regressor":
             return robot_function("regressor", self.mechanism, range(len(self.mechanism.parameters)))
-        return self.evaluated_function("regressor" if name == "entries" else name)
+        return self.function("regressor" if name == "entries" else name)

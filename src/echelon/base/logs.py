@@ -75,4 +75,4 @@ class Logs(Recorded):
     def _observer(self) -> RobotObserver:
         from echelon.dynamics.observer import RobotObserver
 
-        return RobotObserver(self.mechanism, self.function("regressor"))
+        return RobotObserver(self.mechanism, self.function("regressor"), loops=self._loops)

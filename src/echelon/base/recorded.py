@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from abc import ABC
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 from echelon.base.matrix import BaseMatrix
 from echelon.dynamics.functions import robot_function
-from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
 
-_NOT_WITH_LOOPS = ("coriolis", "mass_matrix", "inverse_dynamics_derivatives", "effects")
+if TYPE_CHECKING:  # importing LLVM takes longer than deriving base parameters: only who computes needs it
+    from echelon.dynamics.closed_states import ClosedStates
 
 
 class Recorded(ABC):
@@ -37,7 +38,7 @@ class Recorded(ABC):
         Parameters
         ----------
         name : str
-            Of :data:`echelon.dynamics.functions.FUNCTIONS`.
+            Of :data:`echelon.dynamics.functions.ALL_FUNCTIONS`.
 
         Returns
         -------
@@ -46,25 +47,17 @@ class Recorded(ABC):
         Raises
         ------
         InputError
-            If there is no such function.
+            If there is no such function, or it is one of mechanisms with loops and there are none.
         """
         if name not in self._functions:
             self._functions[name] = robot_function(name, self.mechanism, self.matrix.pivots)
         return self._functions[name]
 
-    def evaluated_function(self, name: str) -> Function:
-        """The same, to be evaluated at states.
+    @cached_property
+    def _loops(self) -> ClosedStates | None:
+        """What completes states; None without loops."""
+        if not self.mechanism.closures:
+            return None
+        from echelon.dynamics.closed_states import ClosedStates
 
-        Parameters
-        ----------
-        name : str
-            Of :data:`echelon.dynamics.functions.FUNCTIONS`.
-
-        Raises
-        ------
-        InputError
-            If there is no such function, or it makes no sense with loops.
-        """
-        if self.mechanism.closures and name in _NOT_WITH_LOOPS:
-            raise InputError(f"{name} is not available with loops, where accelerations depend on one another")
-        return self.function(name)
+        return ClosedStates(self.mechanism)

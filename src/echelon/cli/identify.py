@@ -117,9 +117,5 @@ def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
 
         names = [expression.name for expression in result.base.expressions]
         values = dict(zip(names, map(float, result.values), strict=True))
-        functions = ("regressor", "inverse_dynamics") if result.base.mechanism.closures else FUNCTIONS
-        files |= generate(result.base, target, functions, name="model", parameters=values)
+        files |= generate(result.base, target, name="model", parameters=values)
     return files
-
-
-FUNCTIONS = ("inverse_dynamics", "regressor", "mass_matrix", "gravity")

@@ -40,6 +40,7 @@ from echelon.cli.show import show
 
 TARGETS = "c, cpp, cuda, python, jax, casadi, matlab, julia, rust"
 FUNCTIONS = "regressor, inverse_dynamics, mass_matrix, gravity, coriolis, effects, inverse_dynamics_derivatives"
+LOOP_FUNCTIONS = "closed_positions, closed_velocities, closed_accelerations, closure_pivots, constraint_forces"
 
 
 class Format(StrEnum):
@@ -153,8 +154,13 @@ def generate(
     force: Force = False,
     target: Annotated[str, typer.Option("--target", "-t", help=f"One of {TARGETS}.")] = "c",
     function: Annotated[
-        str, typer.Option("--function", help=f"One or more, with commas, of {FUNCTIONS}.")
-    ] = "regressor,inverse_dynamics,mass_matrix,gravity",
+        str | None,
+        typer.Option(
+            "--function",
+            show_default="regressor,inverse_dynamics,mass_matrix,gravity",
+            help=f"One or more, with commas, of {FUNCTIONS}; with loops also of {LOOP_FUNCTIONS}.",
+        ),
+    ] = None,
     name: Annotated[str | None, typer.Option(help="Stands before the functions' names; made from the robot's.")] = None,
     precision: Annotated[str, typer.Option(help="double or single.")] = "double",
     parameters: Annotated[
@@ -184,7 +190,7 @@ def generate(
     from echelon.cli.generate import GenerateRequest, run_generate
 
     chosen_reading = reading(floating, gravity, tolerance, mimic, every_link, numeric, massless)
-    functions = tuple(part.strip() for part in function.split(",") if part.strip())
+    functions = None if function is None else tuple(part.strip() for part in function.split(",") if part.strip())
     kept = tuple(part.strip() for part in (keep_symbols or "").split(",") if part.strip())
     derivation = {"order": order.value, "prefer": tuple(prefer or ()), **({} if seed is None else {"seed": seed})}
     options = {"target": target, "functions": functions, "name": name, "precision": precision}

@@ -105,7 +105,7 @@ def _arguments(functions: Sequence[FunctionView], first: int, stated: Mapping[st
     lines = []
     for argument in found.values():
         lines.append(f"{argument.name} ({len(argument)}): {argument.meaning}")
-        if argument.name != "parameters":
+        if argument.name != "parameters":  # those are described below
             entries = enumerate(zip(argument.labels, argument.units, strict=True), first)
             values = stated if argument.name == "symbols" else {}
             said = {label: f", {values[label]} in the robot's file" for label in argument.labels if label in values}

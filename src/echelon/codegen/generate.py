@@ -15,14 +15,14 @@ from echelon.codegen.specialise import SHARED, specialised
 from echelon.codegen.targets import TARGETS
 from echelon.codegen.views import LANES, view
 from echelon.codegen.wording import checked_identifier, identifier
-from echelon.dynamics.functions import FUNCTIONS
+from echelon.dynamics.functions import ALL_FUNCTIONS
 from echelon.errors import InputError, one_line
 from echelon.program.function import Function
 from echelon.program.operations import Op
 from echelon.version import __version__
 
 DEFAULT_FUNCTIONS = ("regressor", "inverse_dynamics", "mass_matrix", "gravity")
-"""What is generated unless something else is asked for."""
+"""What is generated unless something else is asked for; with loops also ``closed_positions``."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Source:
 def generate(
     base: BaseModel,
     target: str = "c",
-    functions: Sequence[str] = DEFAULT_FUNCTIONS,
+    functions: Sequence[str] | None = None,
     *,
     name: str | None = None,
     precision: str = "double",
@@ -60,9 +60,10 @@ def generate(
         Made by :func:`echelon.base_parameters` or :func:`echelon.load_base`.
     target : str
         ``"c"``, ``"cpp"``, ``"cuda"``, ``"python"``, ``"jax"``, ``"casadi"``, ``"matlab"``, ``"julia"`` or ``"rust"``.
-    functions : sequence of str
+    functions : sequence of str, optional
         Of ``"regressor"``, ``"inverse_dynamics"``, ``"mass_matrix"``, ``"gravity"``, ``"coriolis"``, ``"effects"``,
-        ``"inverse_dynamics_derivatives"``.
+        ``"inverse_dynamics_derivatives"``, and with loops ``"closed_positions"``, ``"closed_velocities"``,
+        ``"closed_accelerations"``, ``"closure_pivots"``, ``"constraint_forces"``; :data:`DEFAULT_FUNCTIONS` if omitted.
     name : str, optional
         Stands before the functions' names and names the files; made from the robot's name if omitted.
     precision : str
@@ -112,7 +113,7 @@ def generate(
 def generate_source(
     base: BaseModel,
     target: str,
-    functions: Sequence[str],
+    functions: Sequence[str] | None,
     *,
     name: str | None = None,
     precision: str = "double",
@@ -128,9 +129,11 @@ def generate_source(
         See :func:`generate`.
     """
     language = TARGETS[_valid("target", target, list(TARGETS))]
-    chosen = [_valid("function", function, list(FUNCTIONS)) for function in dict.fromkeys(functions)]
+    if functions is None:
+        functions = (*DEFAULT_FUNCTIONS, *["closed_positions"] * bool(base.mechanism.closures))
+    chosen = [_valid("function", function, list(ALL_FUNCTIONS)) for function in dict.fromkeys(functions)]
     if not chosen:
-        raise InputError(f"no function is asked for (valid: {', '.join(FUNCTIONS)})")
+        raise InputError(f"no function is asked for (valid: {', '.join(ALL_FUNCTIONS)})")
     mode = Precision.named(precision)
     robot = identifier(base.mechanism.name) if name is None else checked_identifier(name)
     kept = kept_symbols(base.mechanism, keep_symbols, symbols)

@@ -94,6 +94,8 @@ def _copied(known: Program, node: int, copy: Program, new: Mapping[int, int], va
 
 def _binary(copy: Program, op: Op, a: int, b: int) -> int:
     if op is Op.DIV:
+        if b == copy.zero.node:
+            raise InputError("with the values put in a divisor is zero: is the mechanism always in a singular pose?")
         made = copy.divide(a, b)
     elif op is Op.MUL:
         made = copy.multiply(*_gathered(copy, Op.MUL, a, b))

@@ -18,6 +18,9 @@ from echelon.program.tape import Program
 STATE = ("q", "qd", "qdd")
 """Positions, velocities and accelerations."""
 
+STANDARD = "standard_parameters"
+"""The argument of functions that base parameters do not determine."""
+
 
 @dataclass(frozen=True)
 class Arguments:
@@ -29,11 +32,14 @@ class Arguments:
     program : Program
     parameters : mapping of str to str
         Names of the parameters and their units, in order.
+    standard : bool
+        Whether they are the standard parameters.
     """
 
     mechanism: Mechanism
     program: Program
     parameters: Mapping[str, str]
+    standard: bool = False
 
     def of(self, names: Sequence[str], outputs: Iterable[int]) -> tuple[Argument, ...]:
         """Arguments of these names, without ``inputs`` and ``symbols`` where the outputs need none.
@@ -41,7 +47,7 @@ class Arguments:
         Parameters
         ----------
         names : sequence of str
-            In order; of ``q qd qdd u v inputs parameters symbols``.
+            In order; of ``q qd qdd inputs parameters symbols``.
         outputs : iterable of int
             Nodes of the result.
         """
@@ -49,8 +55,6 @@ class Arguments:
             "q": self._positions,
             "qd": self._velocities,
             "qdd": self._accelerations,
-            "u": self._u,
-            "v": self._v,
             "parameters": self._parameters,
         }
         used = [n for n in self.program.needed(outputs) if self.program.ops[n] == Op.INPUT]
@@ -69,28 +73,26 @@ class Arguments:
         return Argument(name, nodes, tuple(labels), tuple(units), meaning)
 
     def _positions(self) -> Argument:
-        return self._named("q", self.mechanism.positions, coordinate_units(self.mechanism, "q"), "joint positions")
+        meaning = "joint positions" + (", all of them, which close the loops" if self.mechanism.closures else "")
+        return self._named("q", self.mechanism.positions, coordinate_units(self.mechanism, "q"), meaning)
 
     def _velocities(self) -> Argument:
-        return self._named("qd", self.mechanism.velocities, coordinate_units(self.mechanism, "qd"), "joint velocities")
+        return self._rates("qd", "joint velocities")
 
     def _accelerations(self) -> Argument:
-        units = coordinate_units(self.mechanism, "qdd")
-        return self._named("qdd", self.mechanism.velocities, units, "joint accelerations")
+        return self._rates("qdd", "joint accelerations")
 
-    def _u(self) -> Argument:
-        labels = [output.name for output in self.mechanism.outputs]
-        return self._named("u", labels, ["1"] * len(labels), "weight of each output, 1 for the one that is wanted")
-
-    def _v(self) -> Argument:
-        units = coordinate_units(self.mechanism, "qd")
-        meaning = "virtual velocities that keep the loops closed and make the power the output that is wanted"
-        return self._named("v", self.mechanism.velocities, units, meaning)
+    def _rates(self, kind: str, meaning: str) -> Argument:
+        units = dict(zip(self.mechanism.velocities, coordinate_units(self.mechanism, kind), strict=True))
+        labels = self.mechanism.independent_velocities
+        of = ", independent" if self.mechanism.closures else ""
+        return self._named(kind, labels, [units[name] for name in labels], meaning + of)
 
     def _parameters(self) -> Argument:
-        nodes = tuple(self.program.input(parameter_input(name), "symbol").node for name in self.parameters)
-        units = tuple(self.parameters.values())
-        return Argument("parameters", nodes, tuple(self.parameters), units, "dynamic parameters", uniform=True)
+        inputs = (parameter_input(name, standard=self.standard) for name in self.parameters)
+        nodes, units = tuple(self.program.input(n, "symbol").node for n in inputs), tuple(self.parameters.values())
+        name, meaning = (STANDARD, "standard parameters") if self.standard else ("parameters", "dynamic parameters")
+        return Argument(name, nodes, tuple(self.parameters), units, meaning, uniform=True)
 
     def _inputs(self, used: Sequence[int]) -> list[Argument]:
         names = {self.program.inputs[n].name: n for n in used if self.program.inputs[n].name.startswith("i[")}
@@ -101,7 +103,7 @@ class Arguments:
         return [Argument("inputs", tuple(names.values()), labels, ("SI",) * len(names), meaning)]
 
     def _symbols(self, used: Sequence[int]) -> list[Argument]:
-        parameters = {parameter_input(name) for name in self.parameters}
+        parameters = {parameter_input(name, standard=self.standard) for name in self.parameters}
         inputs = {self.program.inputs[n].name: n for n in used if self.program.inputs[n].role == "symbol"}
         known = list(self.mechanism.symbols)
         names = sorted(inputs.keys() - parameters, key=lambda n: (known.index(n) if n in known else len(known), n))
@@ -133,14 +135,14 @@ def geometry_values(
     return {a.name: np.array(list(symbol_values(mechanism, a.labels, symbols).values())) for a in geometry}
 
 
-def parameter_input(name: str) -> str:
-    """Name of a parameter's input, which no geometry symbol can have."""
-    return f"p[{name}]"
+def parameter_input(name: str, *, standard: bool = False) -> str:
+    """Name of a parameter's input, which no geometry symbol can have; of a base parameter's by its representative."""
+    return f"s[{name}]" if standard else f"p[{name}]"
 
 
 def row_names(mechanism: Mechanism) -> tuple[str, ...]:
-    """What the rows of a result are: the outputs, or with loops the power of all of them in a virtual motion."""
-    return ("power",) if mechanism.closures else tuple(output.name for output in mechanism.outputs)
+    """What the rows of a result are: the outputs."""
+    return tuple(output.name for output in mechanism.outputs)
 
 
 def coordinate_units(mechanism: Mechanism, kind: str) -> list[str]:

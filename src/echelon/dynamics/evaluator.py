@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
 import numpy.typing as npt
 
-from echelon.dynamics.arguments import STATE
-from echelon.dynamics.values import along_loops, function_values
-from echelon.machine.batch import Floats, result_array
+from echelon.dynamics.closed_states import ClosedStates
+from echelon.dynamics.values import function_values
+from echelon.machine.batch import Floats
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
@@ -25,10 +24,14 @@ class Evaluator:
         As :func:`echelon.dynamics.functions.robot_function` records it.
     sparse : bool
         Results hold the entries that are not structurally zero, one after another.
+    loops : ClosedStates, optional
+        What completes the states of a mechanism with loops; without, they are to be as the function takes them.
     """
 
-    def __init__(self, mechanism: Mechanism, function: Function, *, sparse: bool = False) -> None:
-        self.mechanism, self.function = mechanism, function
+    def __init__(
+        self, mechanism: Mechanism, function: Function, *, sparse: bool = False, loops: ClosedStates | None = None
+    ) -> None:
+        self.mechanism, self.function, self._loops = mechanism, function, loops
         self.kernel = Kernel(function, sparse=sparse)
 
     def __call__(
@@ -62,12 +65,5 @@ class Evaluator:
         InputError
             If values are missing or do not fit.
         """
-        values = function_values(self.mechanism, self.function, state, symbols, inputs)
-        if not self.mechanism.closures:
-            return self.kernel(values, out, threads)
-        values, speeds = along_loops(self.mechanism, values, symbols)
-        states = [np.asarray(values[name]) for name in STATE if name in values]
-        result = result_array((len(states[0]), len(self.mechanism.outputs), *self.kernel.shape[1:]), out, states)
-        for row, chosen in enumerate(speeds):
-            result[:, row] = self.kernel({**values, **chosen}, None, threads)[:, 0]
-        return result
+        values = function_values(self.mechanism, self.function, state, symbols, inputs, self._loops)
+        return self.kernel(values, out, threads)

@@ -10,13 +10,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from echelon.dynamics.arguments import Arguments, row_names
+from echelon.dynamics.loop_functions import (
+    closed_accelerations,
+    closed_positions,
+    closed_velocities,
+    closure_pivots,
+    constraint_forces,
+)
 from echelon.dynamics.outputs import RecordedOutputs
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
 from echelon.program.operations import Op
 from echelon.program.tape import Scalar
-from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
+from echelon.regressor.virtual_power import inverse_dynamics_regressor
 
 Index = tuple[int, ...]
 Builder = Callable[[Mechanism, Sequence[int]], Function]
@@ -24,25 +31,25 @@ Builder = Callable[[Mechanism, Sequence[int]], Function]
 
 def inverse_dynamics(recorded: RecordedOutputs) -> Function:
     """Record y(q, q̇, q̈): inertial forces with gravity, and all effects."""
-    forces = _total(recorded.inertial(True, {}), recorded.effects({}))
-    return _vector("inverse_dynamics", recorded, forces, "q qd qdd u v inputs", "outputs that a motion needs")
+    forces = _total(recorded.inertial(True), recorded.effects())
+    return _vector("inverse_dynamics", recorded, forces, "q qd qdd inputs", "outputs that a motion needs")
 
 
 def gravity(recorded: RecordedOutputs) -> Function:
     """Record the inertial forces at rest."""
-    return _vector("gravity", recorded, recorded.weight(), "q u v", "outputs that hold the bodies' weight")
+    return _vector("gravity", recorded, recorded.weight(), "q", "outputs that hold the bodies' weight")
 
 
 def coriolis(recorded: RecordedOutputs) -> Function:
     """Record the inertial forces that depend on the velocities, C(q, q̇) q̇."""
-    forces = recorded.inertial(False, recorded.still("qdd"))
-    return _vector("coriolis", recorded, forces, "q qd u v", "Coriolis and centrifugal outputs")
+    forces = recorded.inertial(False, "qdd")
+    return _vector("coriolis", recorded, forces, "q qd", "Coriolis and centrifugal outputs")
 
 
 def effects(recorded: RecordedOutputs) -> Function:
     """Record the forces of all effects while accelerations are zero."""
-    forces = recorded.effects(recorded.still("qdd"))
-    return _vector("effects", recorded, forces, "q qd u v inputs", "outputs of friction, springs and other effects")
+    forces = recorded.effects("qdd")
+    return _vector("effects", recorded, forces, "q qd inputs", "outputs of friction, springs and other effects")
 
 
 def mass_matrix(recorded: RecordedOutputs) -> Function:
@@ -50,8 +57,8 @@ def mass_matrix(recorded: RecordedOutputs) -> Function:
     entries: dict[Index, Scalar] = dict(recorded.inertial_mass().items())
     for index, slope in recorded.effect_inertia().items():
         entries[index] = entries[index] + slope
-    axes = (recorded.names, recorded.mechanism.velocities)
-    return _function("mass_matrix", recorded, entries, axes, "q u v", "outputs per unit of each acceleration")
+    axes = (recorded.names, recorded.mechanism.independent_velocities)
+    return _function("mass_matrix", recorded, entries, axes, "q", "outputs per unit of each acceleration")
 
 
 def inverse_dynamics_derivatives(recorded: RecordedOutputs) -> Function:
@@ -65,20 +72,16 @@ def inverse_dynamics_derivatives(recorded: RecordedOutputs) -> Function:
         entries[index] = entries[index] + slope
     meaning = "derivatives of the inverse dynamics by positions and velocities"
     axes = (recorded.names, recorded.state)
-    return _function("inverse_dynamics_derivatives", recorded, entries, axes, "q qd qdd u v inputs", meaning)
+    return _function("inverse_dynamics_derivatives", recorded, entries, axes, "q qd qdd inputs", meaning)
 
 
 def regressor(mechanism: Mechanism, pivots: Sequence[int]) -> Function:
     """Record X̄, the columns of the regressor that belong to the parameters."""
-    if mechanism.closures:
-        forms = virtual_power_form(mechanism).columns(pivots)
-    else:
-        forms = inverse_dynamics_regressor(mechanism, pivots)
+    forms = inverse_dynamics_regressor(mechanism, pivots)
     columns = [mechanism.columns[p] for p in pivots]
     parameters = {column.name: column.unit for column in columns}
-    names = _names("q qd qdd u v inputs", mechanism)
     arguments = Arguments(mechanism, forms.program, parameters)
-    made = arguments.of([n for n in names if n != "parameters"], forms.entries.values())
+    made = arguments.of(["q", "qd", "qdd", "inputs", "symbols"], forms.entries.values())
     meaning = "outputs per unit of each parameter"
     entries: dict[Index, int] = {(row, column): node for (row, column), node in forms.entries.items()}
     axes = (row_names(mechanism), tuple(parameters))
@@ -114,6 +117,18 @@ FUNCTIONS: Mapping[str, Builder] = {
 }
 """Builders by the name of the function."""
 
+LOOP_FUNCTIONS: Mapping[str, Builder] = {
+    "closed_positions": closed_positions,
+    "closed_velocities": closed_velocities,
+    "closed_accelerations": closed_accelerations,
+    "closure_pivots": closure_pivots,
+    "constraint_forces": constraint_forces,
+}
+"""The same, of functions of mechanisms with loops only."""
+
+ALL_FUNCTIONS: Mapping[str, Builder] = {**FUNCTIONS, **LOOP_FUNCTIONS}
+"""Both."""
+
 
 def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Function:
     """Record one function of a mechanism.
@@ -121,27 +136,26 @@ def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Fu
     Parameters
     ----------
     name : str
-        One of :data:`FUNCTIONS`.
+        One of :data:`ALL_FUNCTIONS`.
     mechanism : Mechanism
     pivots : sequence of int
         Columns of the regressor whose parameters are arguments: the pivots of the base matrix for base parameters, all
-        columns for standard parameters.
+        columns for standard parameters.  Forces of closures depend on all standard parameters, whatever is given.
 
     Returns
     -------
     Function
-        Its arguments, as far as it has them: ``q``, ``qd``, ``qdd``; with loops ``u`` and ``v``, the output that is
-        wanted and the virtual velocities that belong to it, as in
-        :func:`echelon.regressor.virtual_power.virtual_power_form`; ``inputs``, ``parameters``, ``symbols``.
+        Its arguments, as far as it has them: ``q``, ``qd``, ``qdd``, ``inputs``, ``parameters``, ``symbols``.  With
+        loops, ``q`` holds all positions, which must be closed, and ``qd`` and ``qdd`` are independent.
 
     Raises
     ------
     InputError
         If there is no such function or no such column.
     """
-    if name not in FUNCTIONS:
-        raise InputError(f"there is no function '{name}' (valid: {', '.join(FUNCTIONS)})")
-    return FUNCTIONS[name](mechanism, pivots)
+    if name not in ALL_FUNCTIONS:
+        raise InputError(f"there is no function '{name}' (valid: {', '.join(ALL_FUNCTIONS)})")
+    return ALL_FUNCTIONS[name](mechanism, pivots)
 
 
 # -- putting together --------------------------------------------------------------------------------------------------
@@ -151,16 +165,9 @@ def _total(first: Sequence[Scalar], second: Sequence[Scalar]) -> list[Scalar]:
     return [a + b for a, b in zip(first, second, strict=True)]
 
 
-def _names(names: str, mechanism: Mechanism) -> list[str]:
-    """Argument names; virtual velocities only with loops, parameters and symbols always."""
-    found = [name for name in names.split() if mechanism.closures or name not in ("u", "v")]
-    return [*found, "parameters", "symbols"]
-
-
 def _vector(name: str, recorded: RecordedOutputs, forces: Sequence[Scalar], arguments: str, meaning: str) -> Function:
     entries: dict[Index, Scalar] = {(row,): force for row, force in enumerate(forces)}
-    mechanism = recorded.mechanism
-    units = ("W",) if mechanism.closures else tuple(output.unit for output in mechanism.outputs)
+    units = tuple(output.unit for output in recorded.mechanism.outputs)
     return _function(name, recorded, entries, (recorded.names,), arguments, meaning, units)
 
 
@@ -175,5 +182,5 @@ def _function(
 ) -> Function:
     nodes = {index: value.node for index, value in entries.items() if not value.is_zero}
     make = Arguments(recorded.mechanism, recorded.program, recorded.parameters)
-    made = make.of(_names(arguments, recorded.mechanism), nodes.values())
+    made = make.of([*arguments.split(), "parameters", "symbols"], nodes.values())
     return Function(name, recorded.program, made, nodes, axes, units, meaning)

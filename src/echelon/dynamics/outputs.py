@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 
-from echelon.dynamics.arguments import STATE, parameter_input, row_names
+from echelon.dynamics.arguments import parameter_input, row_names
 from echelon.dynamics.composite import efforts_at_rest, mass_matrix_of_freedoms
 from echelon.dynamics.frames import reframed
 from echelon.dynamics.grouping import grouped_inertias
@@ -20,7 +20,8 @@ from echelon.program.derivatives import derivatives
 from echelon.program.operations import Op
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.effects import EffectRecorder
-from echelon.regressor.probes import Probes, VirtualMotion, any_motion, virtual_motion
+from echelon.regressor.loops.dependent_motion import DependentMotion
+from echelon.regressor.probes import Probes, VirtualMotion, motion_of_joints, virtual_motion
 from echelon.regressor.steps import Recorder
 
 Index = tuple[int, ...]
@@ -37,6 +38,9 @@ class RecordedOutputs:
         Columns of the regressor that belong to parameters; all other columns' parameters are zero.
     sums : bool
         Whether to use sums of angles, see :mod:`echelon.dynamics.recursion`.
+    dependent : bool
+        With loops, record the forces of the tree at the dependent coordinates instead of outputs, in terms of standard
+        parameters.
 
     Attributes
     ----------
@@ -44,10 +48,12 @@ class RecordedOutputs:
     parameters : mapping of str to str
         Names and units of the parameters.
     names : tuple of str
-        Of the rows.  With loops one row, the power of all outputs in a virtual motion.
+        Of the rows.
+    dependent_motion : DependentMotion or None
+        Of a mechanism with loops.
     """
 
-    def __init__(self, mechanism: Mechanism, pivots: Sequence[int], sums: bool = True) -> None:
+    def __init__(self, mechanism: Mechanism, pivots: Sequence[int], sums: bool = True, dependent: bool = False) -> None:
         columns = mechanism.columns
         strange = next((p for p in pivots if not 0 <= p < len(columns)), None)
         if strange is not None or len(set(pivots)) < len(pivots):
@@ -55,51 +61,59 @@ class RecordedOutputs:
         self.mechanism, self.program, self._sums = mechanism, Program(), sums
         self._reframed = reframed(mechanism)
         self.parameters = {columns[p].name: columns[p].unit for p in pivots}
-        self._values = {p: self.program.input(parameter_input(columns[p].name), "symbol") for p in pivots}
+        self._values = {p: self._parameter(columns[p].name, dependent) for p in pivots}
+        self.dependent_motion = DependentMotion(mechanism, self.program) if mechanism.closures else None
         self.names = row_names(mechanism)
+        self._dependent = dependent
 
     @property
     def state(self) -> tuple[str, ...]:
-        """Inputs of the positions, then of the velocities."""
-        mechanism = self.mechanism
-        return (*(f"q[{n}]" for n in mechanism.positions), *(f"qd[{n}]" for n in mechanism.velocities))
+        """Inputs of the positions, then of the velocities; with loops, of independent velocity coordinates twice."""
+        free = self.mechanism.independent_velocities
+        positions = free if self.mechanism.closures else self.mechanism.positions
+        return (*(f"q[{n}]" for n in positions), *(f"qd[{n}]" for n in free))
+
+    def _parameter(self, name: str, standard: bool) -> Scalar:
+        return self.program.input(parameter_input(name, standard=standard), "symbol")
 
     # -- parts -------------------------------------------------------------------------------------------------
 
-    def inertial(self, gravity: bool, given: Mapping[str, Scalar]) -> list[Scalar]:
+    def inertial(self, gravity: bool, *still: str) -> list[Scalar]:
         """Forces of the bodies' inertia, with or without gravity.
 
         Parameters
         ----------
         gravity : bool
-        given : mapping of str to Scalar
-            Values that stand in for inputs, see :meth:`still`.
+        *still : str
+            ``"qd"`` or ``"qdd"`` where velocities or accelerations, with loops the independent ones, are zero.
 
         Returns
         -------
         list of Scalar
             One for each row.
         """
-        recorder, recursion = self._recursion(given)
+        recorder, recursion = self._recursion(*still)
         return self._rows(recursion.efforts(self._inertias, recorder.gravity() if gravity else recorder.zeros))
 
     def weight(self) -> list[Scalar]:
         """Forces that hold the bodies' weight at rest, one for each row."""
-        recorder, recursion = self._recursion(self.still("qd", "qdd"))
+        recorder, recursion = self._recursion("qd", "qdd")
         mechanism = self._reframed.mechanism
         return self._rows(efforts_at_rest(mechanism, recorder, recursion, self._inertias, recorder.gravity()))
 
     def inertial_mass(self) -> dict[Index, Scalar]:
         """Derivatives of the inertial forces by the accelerations, by row and column."""
-        recorder, recursion = self._recursion(self.still("qd", "qdd"))
+        recorder, recursion = self._recursion("qd", "qdd")
         return self._outer(mass_matrix_of_freedoms(self._reframed.mechanism, recorder, recursion, self._inertias))
 
     def inertial_slopes(self) -> dict[Index, Scalar]:
         """Derivatives of the inertial forces by row and column; columns are positions, then velocities."""
         mechanism = self._reframed.mechanism
+        if mechanism.closures:
+            return self._slopes_in_loops(self.inertial(True))
         if not all(coupling.is_linear for coupling in mechanism.couplings):
-            return self._slopes_on_sphere(self.inertial(True, {}))
-        recorder, recursion = self._recursion({})
+            return self._slopes_on_sphere(self.inertial(True))
+        recorder, recursion = self._recursion()
         by_angle, by_rate = map(
             self._outer, effort_slopes(mechanism, recorder, recursion, self._inertias, recorder.gravity())
         )
@@ -118,7 +132,23 @@ class RecordedOutputs:
 
     def effect_slopes(self) -> dict[Index, Scalar]:
         """The same of the effects."""
-        return self._slopes(self.effects({}))
+        forces = self.effects()
+        return self._slopes_in_loops(forces) if self.mechanism.closures else self._slopes(forces)
+
+    def _slopes_in_loops(self, forces: Sequence[Scalar]) -> dict[Index, Scalar]:
+        """The same, along the motions of the independent coordinates."""
+        assert self.dependent_motion is not None
+        program, free = self.program, self.mechanism.independent_velocities
+        along = [self.dependent_motion.position_rates(motion) for motion in self._unit_motions.values()]
+        along += [{program.input(f"qd[{name}]").node: program.one} for name in free]
+        inputs = list(dict.fromkeys(node for rates in along for node in rates))
+        found = derivatives(program, [force.node for force in forces], inputs, reverse=True)
+        slopes = {(row, inputs[k]): Scalar(program, node) for (row, k), node in found.items()}
+        return {
+            (row, k): sum((slopes[row, n] * rate for n, rate in rates.items() if (row, n) in slopes), program.zero)
+            for k, rates in enumerate(along)
+            for row in range(len(forces))
+        }
 
     def _slopes(self, forces: Sequence[Scalar]) -> dict[Index, Scalar]:
         """Derivatives by the state, by row and column."""
@@ -149,27 +179,22 @@ class RecordedOutputs:
 
     def _outer(self, matrix: Mapping[tuple[str, str], Scalar]) -> dict[Index, Scalar]:
         """Entries between freedoms as entries between outputs and velocity coordinates."""
-        mechanism, program = self.mechanism, self.program
-        moved = {name: {name: program.one} for name in mechanism.velocities}
-        for coordinate, slopes in Recorder(mechanism, program).slopes.items():
-            for name, slope in slopes.items():
-                moved[name][coordinate] = slope
         found: dict[Index, Scalar] = {}
-        for row, motion in enumerate(self._motions):
-            for column, name in enumerate(mechanism.velocities):
-                terms = [
-                    matrix[effort, cause] * weight * ratio
-                    for effort, weight in motion.freedoms.items()
-                    for cause, ratio in moved[name].items()
-                    if (effort, cause) in matrix
-                ]
-                found[row, column] = sum(terms, program.zero)
+        zero = self.program.zero
+        for column, moved in enumerate(self._unit_motions.values()):
+            efforts: dict[str, Scalar] = {}
+            for (effort, cause), entry in matrix.items():
+                if cause in moved:
+                    efforts[effort] = efforts.get(effort, zero) + entry * moved[cause]
+            for row, motion in enumerate(self._motions):
+                terms = (efforts[n] * weight for n, weight in motion.freedoms.items() if n in efforts)
+                found[row, column] = sum(terms, zero)
         return found
 
-    def effects(self, given: Mapping[str, Scalar]) -> list[Scalar]:
-        """Forces of the effects, one for each row."""
+    def effects(self, *still: str) -> list[Scalar]:
+        """Forces of the effects, one for each row; see :meth:`inertial`."""
         totals = [self.program.zero for _ in self._motions]
-        for _, row, force in self._effect_terms(given):
+        for _, row, force in self._effect_terms(*still):
             totals[row] = totals[row] + force
         return totals
 
@@ -182,8 +207,8 @@ class RecordedOutputs:
             If an effect is not linear in the accelerations.
         """
         program, total = self.program, dict[Index, Scalar]()
-        inputs = [program.input(f"qdd[{name}]").node for name in self.mechanism.velocities]
-        for name, row, force in self._effect_terms({}):
+        inputs = [program.input(f"qdd[{name}]").node for name in self.mechanism.independent_velocities]
+        for name, row, force in self._effect_terms():
             slopes = derivatives(program, [force.node], inputs)
             if _varies(program, slopes.values(), ("qd[", "qdd[", "i[")) or _varies(program, _signs(force), ("qdd[",)):
                 raise InputError(
@@ -194,9 +219,9 @@ class RecordedOutputs:
                 total[row, column] = total.get((row, column), program.zero) + Scalar(program, node)
         return total
 
-    def _effect_terms(self, given: Mapping[str, Scalar]) -> Iterator[tuple[str, int, Scalar]]:
+    def _effect_terms(self, *still: str) -> Iterator[tuple[str, int, Scalar]]:
         """Effects by name, and what they add to rows."""
-        recorder = EffectRecorder(self.mechanism, Recorder(self.mechanism, self.program, given))
+        recorder = EffectRecorder(self.mechanism, Recorder(self.mechanism, self.program, self._given(*still)))
         first = len(self.mechanism.parameters) - len(self.mechanism.effects)
         for column, effect in enumerate(self.mechanism.effects, first):
             if column not in self._values:
@@ -207,16 +232,17 @@ class RecordedOutputs:
                     if at in speeds:
                         yield effect.parameter, row, self._values[column] * speeds[at] * force
 
-    def still(self, *kinds: str) -> dict[str, Scalar]:
-        """Zero for all velocities (``qd``) or accelerations (``qdd``)."""
-        assert set(kinds) <= set(STATE)
-        return {f"{kind}[{name}]": self.program.zero for kind in kinds for name in self.mechanism.velocities}
-
     # -- what they share -----------------------------------------------------------------------------------------
 
-    def _recursion(self, given: Mapping[str, Scalar]) -> tuple[Recorder, Recursion]:
+    def _given(self, *still: str) -> dict[str, Scalar]:
+        """Values that stand in for inputs: zeros, and dependent velocities and accelerations."""
+        if self.dependent_motion is not None:
+            return self.dependent_motion.given(*still)
+        return {f"{kind}[{name}]": self.program.zero for kind in still for name in self.mechanism.velocities}
+
+    def _recursion(self, *still: str) -> tuple[Recorder, Recursion]:
         mechanism = self._reframed.mechanism
-        recorder = Recorder(mechanism, self.program, given)
+        recorder = Recorder(mechanism, self.program, self._given(*still))
         return recorder, Recursion(mechanism, recorder, Probes(mechanism, recorder), self._sums)
 
     def _rows(self, efforts: Mapping[str, Scalar]) -> list[Scalar]:
@@ -235,12 +261,21 @@ class RecordedOutputs:
         mechanism, program = self.mechanism, self.program
         recorder = Recorder(mechanism, program)
         probes = Probes(mechanism, recorder)
-        if not mechanism.closures:
-            return [virtual_motion(mechanism, probes, {o.name: program.one}) for o in mechanism.outputs]
-        if mechanism.measures_every_force:
-            return [any_motion(mechanism, recorder)]
-        weights = {output.name: program.input(f"u[{output.name}]") for output in mechanism.outputs}
-        return [virtual_motion(mechanism, probes, weights)]
+        closed = self.dependent_motion
+        if closed is not None and self._dependent:
+            return [motion_of_joints(mechanism, recorder, {name: program.one}) for name in closed.dependent]
+        solved = None if closed is None else closed.speeds
+        return [virtual_motion(mechanism, probes, {o.name: program.one}, solved) for o in mechanism.outputs]
+
+    @cached_property
+    def _unit_motions(self) -> dict[str, Mapping[str, Scalar]]:
+        """For every independent velocity coordinate, the velocities of all coordinates while it alone has one."""
+        mechanism, one = self.mechanism, self.program.one
+        recorder, found = Recorder(mechanism, self.program), dict[str, Mapping[str, Scalar]]()
+        for name in mechanism.independent_velocities:
+            moved = {} if self.dependent_motion is None else self.dependent_motion.speeds({name: one})
+            found[name] = motion_of_joints(mechanism, recorder, {name: one, **moved}).freedoms
+        return found
 
 
 def _signs(force: Scalar) -> list[int]:

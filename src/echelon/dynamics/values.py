@@ -1,24 +1,19 @@
-"""Values of the arguments of a robot's functions: states, geometry, measured inputs, virtual velocities.
-
-In a mechanism with loops a function gives the power in a virtual motion that keeps the loops closed.  It is evaluated
-once for each output, with the virtual velocities that make the power that output; they follow from the closures in
-double precision.
-"""
+"""Values of the arguments of a robot's functions: states, geometry, measured inputs."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
 
-from echelon.dynamics.arguments import STATE
+from echelon.dynamics.arguments import STANDARD, STATE
+from echelon.dynamics.closed_states import ClosedStates
 from echelon.errors import InputError
 from echelon.machine.batch import Floats, real_array, value_of
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import symbol_values
 from echelon.program.function import Argument, Function
-from echelon.regressor.loops.assembly import Assembly
 
 Values = dict[str, npt.ArrayLike]
 
@@ -29,6 +24,7 @@ def function_values(
     state: Mapping[str, npt.ArrayLike],
     symbols: Mapping[str, float] | None,
     inputs: Mapping[str, npt.ArrayLike] | None,
+    loops: ClosedStates | None = None,
 ) -> Values:
     """Values of a function's arguments, by name.
 
@@ -37,11 +33,13 @@ def function_values(
     mechanism : Mechanism
     function : Function
     state : mapping of str to array
-        Values that are passed on: ``q``, ``qd``, ``qdd``, ``parameters``.
+        Values that are passed on: ``q``, ``qd``, ``qdd``, ``parameters``, ``standard_parameters``.
     symbols : mapping of str to float, optional
         Values that replace or complete those of the mechanism.
     inputs : mapping of str to array of shape (N,), optional
         Measured inputs, by name.
+    loops : ClosedStates, optional
+        What completes the states of a mechanism with loops.
 
     Raises
     ------
@@ -50,8 +48,10 @@ def function_values(
     """
     values: Values = dict(state)
     arguments = {argument.name: argument for argument in function.arguments}
-    for name in arguments.keys() & {*STATE, "parameters"}:
+    for name in arguments.keys() & {*STATE, "parameters", STANDARD}:
         value_of(arguments[name], values)
+    if loops is not None:
+        values |= loops.independent_state({name: state[name] for name in STATE if name in arguments}, symbols)
     labels = arguments["symbols"].labels if "symbols" in arguments else ()
     if labels or symbols:
         known = symbol_values(mechanism, labels, symbols)
@@ -69,43 +69,6 @@ def _check_inputs(mechanism: Mechanism, inputs: Mapping[str, npt.ArrayLike]) -> 
     strange = next((name for name in inputs if name not in valid), None)
     if strange is not None:
         raise InputError(f"inputs has '{strange}'; expected names of {', '.join(dict.fromkeys(valid))}")
-
-
-def along_loops(
-    mechanism: Mechanism, values: Values, symbols: Mapping[str, float] | None
-) -> tuple[Values, Iterator[Values]]:
-    """Values at closed states, and for each output the arguments ``u`` and ``v`` that make the power that output.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With loops.
-    values : mapping of str to array
-        Where each of ``q``, ``qd``, ``qdd`` may be that of the independent coordinates only.
-    symbols : mapping of str to float, optional
-
-    Raises
-    ------
-    InputError
-        If states are not closed or cannot be closed, or an output is not determined by the motion.
-    """
-    assembly = Assembly(mechanism, symbols)
-    moving = {name: np.atleast_2d(real_array(name, values[name])) for name in STATE if name in values}
-    if len({array.shape[:-1] for array in moving.values()}) > 1 or moving["q"].ndim != 2:
-        shown = ", ".join(f"{name} {array.shape}" for name, array in moving.items())
-        raise InputError(f"expected states of shape (samples, size), as many of each kind; got {shown}")
-    still = np.zeros((len(moving["q"]), len(mechanism.velocities)))
-    closed = assembly.completed(moving["q"], moving.get("qd", still), moving.get("qdd", still))
-    found = values | {name: array for name, array in zip(STATE, closed, strict=True) if name in moving}
-    return found, _virtual_speeds(assembly, closed[0])
-
-
-def _virtual_speeds(assembly: Assembly, q: Floats) -> Iterator[Values]:
-    moved = assembly.virtual_velocities(q)
-    count = moved.shape[2]
-    for row in range(count):
-        chosen = np.broadcast_to(np.eye(count)[row], (len(q), count))
-        yield {"u": chosen, "v": np.ascontiguousarray(moved[:, :, row])}
 
 
 def _measured(argument: Argument, inputs: Mapping[str, npt.ArrayLike]) -> Floats:

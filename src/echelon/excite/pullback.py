@@ -27,8 +27,6 @@ from echelon.program.tape import Scalar
 Floats = npt.NDArray[np.float64]
 
 ADJOINT = "adjoint"
-MOVING = (*STATE, "v")
-"""Arguments by which there are derivatives; ``v``, the virtual velocities, only with loops."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,7 @@ class StateRegressor:
     Parameters
     ----------
     mechanism : Mechanism
-        Without loops.
+        With loops, states are those that functions take: all positions, independent velocities and accelerations.
     pivots : sequence of int
         Columns of the regressor.
     smooth : float, optional
@@ -102,10 +100,11 @@ class StateRegressor:
         return self._entries({**state, **self._symbols})
 
     def pulled(self, state: Mapping[str, Floats], adjoint: Floats) -> tuple[Floats, Floats, Floats]:
-        """Derivatives by q, q̇ and q̈, each of shape (N, n), from those by the entries, of shape (N, size)."""
+        """Derivatives by q, q̇ and q̈, each of its shape, from those by the entries, of shape (N, size)."""
         found = self._pullback({**state, **self._symbols, ADJOINT: adjoint})
-        n = found.shape[1] // 3
-        return found[:, :n], found[:, n : 2 * n], found[:, 2 * n :]
+        sizes = [len(argument) for argument in self.function.arguments if argument.name in STATE]
+        by_q, by_qd, by_qdd = np.split(found, np.cumsum(sizes)[:-1], axis=1)
+        return by_q, by_qd, by_qdd
 
 
 def pullback(function: Function) -> Function:
@@ -114,7 +113,7 @@ def pullback(function: Function) -> Function:
     Parameters
     ----------
     function : Function
-        Any function of some of ``q``, ``qd``, ``qdd`` and ``v``; its program is extended.
+        Any function of some of ``q``, ``qd`` and ``qdd``; its program is extended.
 
     Returns
     -------
@@ -128,7 +127,7 @@ def pullback(function: Function) -> Function:
     total = program.zero
     for weight, node in zip(weights, function.entries.values(), strict=True):
         total = total + weight * Scalar(program, node)
-    states = [a for name in MOVING for a in function.arguments if a.name == name]
+    states = [a for name in STATE for a in function.arguments if a.name == name]
     inputs = [node for argument in states for node in argument.nodes]
     found = derivatives(program, [total.node], inputs, reverse=True)
     adjoint = Argument(ADJOINT, tuple(w.node for w in weights), tuple(labels), ("1",) * len(labels), "weights")

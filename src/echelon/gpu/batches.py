@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from echelon.codegen.numbers import Precision
-from echelon.dynamics.arguments import STATE
-from echelon.dynamics.values import Values, along_loops, function_values
+from echelon.dynamics.closed_states import ClosedStates
+from echelon.dynamics.values import Values, function_values
 from echelon.gpu.arguments import arranged, passed
 from echelon.gpu.device import Array, Device
 from echelon.gpu.text import ENTRIES, ROWS, entries_text, rows_text
@@ -124,10 +124,19 @@ class DeviceEvaluator:
     function : Function
         As :func:`echelon.dynamics.functions.robot_function` records it.
     precision : Precision
+    loops : ClosedStates, optional
+        What completes the states of a mechanism with loops.
     """
 
-    def __init__(self, device: Device, mechanism: Mechanism, function: Function, precision: Precision) -> None:
-        self.device, self.mechanism = device, mechanism
+    def __init__(
+        self,
+        device: Device,
+        mechanism: Mechanism,
+        function: Function,
+        precision: Precision,
+        loops: ClosedStates | None = None,
+    ) -> None:
+        self.device, self.mechanism, self._loops = device, mechanism, loops
         self.made = DeviceFunction(device, function, precision)
 
     def values(
@@ -135,7 +144,9 @@ class DeviceEvaluator:
     ) -> Values:
         """Values of the function's arguments; see :func:`echelon.dynamics.values.function_values`."""
         fetched = {name: self.device.fetched(array) for name, array in (inputs or {}).items()}
-        return function_values(self.mechanism, self.made.function, state, symbols, fetched)
+        if self._loops is not None:  # states are completed in double precision, on the processor
+            state = {name: self.device.fetched(array) for name, array in state.items()}
+        return function_values(self.mechanism, self.made.function, state, symbols, fetched, self._loops)
 
     def __call__(
         self,
@@ -159,14 +170,4 @@ class DeviceEvaluator:
         -------
         CuPy array of shape (N, …)
         """
-        values = self.values(state, symbols, inputs)
-        if not self.mechanism.closures:
-            return self.made(values, out)
-        # virtual velocities follow from the closures in double precision, on the processor
-        values, speeds = along_loops(self.mechanism, {k: self.device.fetched(v) for k, v in values.items()}, symbols)
-        count = next(len(np.asarray(values[name])) for name in STATE if name in values)
-        shape = (count, len(self.mechanism.outputs), *self.made.function.shape[1:])
-        result = self.device.result(shape, self.made.dtype, out, tuple(state.values()))
-        for row, chosen in enumerate(speeds):
-            result[:, row] = self.made({**values, **chosen})[:, 0]
-        return result
+        return self.made(self.values(state, symbols, inputs), out)

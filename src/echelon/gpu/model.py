@@ -8,8 +8,8 @@ from typing import Any
 
 from echelon.base.model import BaseModel
 from echelon.codegen.numbers import Precision
+from echelon.dynamics.closed_states import ClosedStates
 from echelon.dynamics.observer import RobotObserver
-from echelon.errors import InputError
 from echelon.gpu.accumulate import DeviceObserver
 from echelon.gpu.batches import DeviceEvaluator
 from echelon.gpu.device import Array, Device
@@ -98,10 +98,8 @@ class Gpu:
         Raises
         ------
         InputError
-            With loops, where no entry is structurally zero, or as for :meth:`regressor`.
+            As for :meth:`regressor`.
         """
-        if self.base.mechanism.closures:
-            raise InputError("with loops no entry of the regressor is structurally zero: use regressor()")
         evaluator = self._evaluator("regressor")
         return evaluator.made.entries(evaluator.values({"q": q, "qd": qd, "qdd": qdd}, symbols, inputs)).T
 
@@ -193,16 +191,20 @@ class Gpu:
         """
         function, observer = self._evaluator("regressor").made.function, self._observer
         size = observer.engine.block if block is None else block
-        return RobotObserver(self.base.mechanism, function, observer).observation(
-            self._pieces(log), symbols, size, None
-        )
+        robot = RobotObserver(self.base.mechanism, function, observer, self._loops)
+        return robot.observation(self._pieces(log), symbols, size, None)
+
+    @cached_property
+    def _loops(self) -> ClosedStates | None:
+        mechanism = self.base.mechanism
+        return ClosedStates(mechanism) if mechanism.closures else None
 
     @cached_property
     def _observer(self) -> DeviceObserver:
         return DeviceObserver(self._evaluator("regressor").made.function, self._device)
 
     def _pieces(self, log: Mapping[str, Any] | Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-        """A log piece by piece; with loops in NumPy's memory, where virtual velocities are found."""
+        """A log piece by piece; with loops in NumPy's memory, where states are completed."""
         fetched = self._device.fetched
         for piece in [log] if isinstance(log, Mapping) else log:
             found = {name: fetched(v) if self.base.mechanism.closures else v for name, v in piece.items()}
@@ -212,8 +214,8 @@ class Gpu:
 
     def _evaluator(self, name: str) -> DeviceEvaluator:
         if name not in self._evaluators:
-            function = self.base.evaluated_function(name)
-            self._evaluators[name] = DeviceEvaluator(self._device, self.base.mechanism, function, self.precision)
+            function, mechanism = self.base.function(name), self.base.mechanism
+            self._evaluators[name] = DeviceEvaluator(self._device, mechanism, function, self.precision, self._loops)
         return self._evaluators[name]
 
     def __reduce__(self) -> tuple[Any, ...]:

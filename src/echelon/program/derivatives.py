@@ -8,7 +8,7 @@ gradient costs about as much as the function itself, three to five times over.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 
 from echelon.program.operations import Op
@@ -58,9 +58,26 @@ def derivatives(
             found |= {(i, j): adjoints[node].node for j, node in enumerate(inputs) if node in adjoints}
     else:
         for j, node in enumerate(inputs):
-            tangents = _pushed(recorded, order, node)
+            tangents = _pushed(recorded, order, {node: program.one})
             found |= {(i, j): tangents[output].node for i, output in enumerate(outputs) if output in tangents}
     return {key: node for key, node in sorted(found.items()) if node != program.zero.node}
+
+
+def rates(program: Program, outputs: Sequence[int], seeds: Mapping[int, Scalar]) -> list[Scalar]:
+    """Record how fast outputs change while inputs change at given rates.
+
+    Parameters
+    ----------
+    program : Program
+        Is extended.
+    outputs : sequence of int
+        Nodes.
+    seeds : mapping of int to Scalar
+        Rates of nodes, of inputs or of anything else that then counts as independent.
+    """
+    varying = dependent(program, program.needed(outputs, seeds), list(seeds))
+    tangents = _pushed(_Partials(program, varying), sorted(varying), seeds)
+    return [tangents.get(node, program.zero) for node in outputs]
 
 
 def dependent(program: Program, needed: Sequence[int], inputs: Sequence[int]) -> set[int]:
@@ -85,11 +102,11 @@ class _Partials:
         return self._known[node]
 
 
-def _pushed(partials: _Partials, order: Sequence[int], start: int) -> dict[int, Scalar]:
-    """Derivatives of all nodes by one."""
-    tangents = {start: partials.program.one}
+def _pushed(partials: _Partials, order: Sequence[int], seeds: Mapping[int, Scalar]) -> dict[int, Scalar]:
+    """Rates of all nodes from those of some."""
+    tangents, first = dict(seeds), min(seeds)
     for node in order:
-        if node <= start:
+        if node <= first or node in seeds:
             continue
         terms = [d * tangents[operand] for operand, d in partials[node] if operand in tangents]
         if terms:

@@ -35,7 +35,8 @@ def interval_values(program: Program, outputs: Sequence[int], inputs: Mapping[in
     outputs : sequence of int
         Nodes.
     inputs : mapping of int to (array, array)
-        Least and largest value of every input that the outputs need, of any shapes that broadcast.
+        Least and largest value of every input that the outputs need, of any shapes that broadcast; of other nodes, too,
+        if they are known better than from the inputs.
 
     Returns
     -------
@@ -58,12 +59,12 @@ def interval_values(program: Program, outputs: Sequence[int], inputs: Mapping[in
     """
     found: dict[int, Interval] = {}
     with np.errstate(all="ignore"):  # where there is no value, bounds are infinite
-        for node in program.needed(outputs):
+        for node in program.needed(outputs, inputs):
             op = Op(program.ops[node])
-            if op is Op.INPUT:
-                if node not in inputs:
-                    raise InputError(f"the range of '{program.inputs[node].name}' is missing")
+            if node in inputs:
                 found[node] = inputs[node]
+            elif op is Op.INPUT:
+                raise InputError(f"the range of '{program.inputs[node].name}' is missing")
             elif op is Op.CONSTANT:
                 value = np.asarray(float(program.constants[node]))
                 found[node] = _widened(value, value)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from echelon.mechanism.mechanism import Mechanism
@@ -69,7 +69,13 @@ class VirtualMotion:
     chosen: Mapping[str, Scalar]
 
 
-def virtual_motion(mechanism: Mechanism, probes: Probes, speeds: Mapping[str, Scalar]) -> VirtualMotion:
+Speeds = Callable[[Mapping[str, Scalar]], Mapping[str, Scalar]]
+"""Virtual velocities of the coordinates that depend on given ones through loops."""
+
+
+def virtual_motion(
+    mechanism: Mechanism, probes: Probes, speeds: Mapping[str, Scalar], solved: Speeds | None = None
+) -> VirtualMotion:
     """The virtual motion whose power is Σ speed · output.
 
     Parameters
@@ -78,6 +84,8 @@ def virtual_motion(mechanism: Mechanism, probes: Probes, speeds: Mapping[str, Sc
     probes : Probes
     speeds : mapping of str to Scalar
         Virtual velocity conjugate to each output, by name; absent outputs do not take part.
+    solved : callable, optional
+        With loops, what gives the virtual velocities that the outputs leave open; inputs ``v[...]`` if omitted.
     """
     program = probes.recorder.program
     freedoms: dict[str, Scalar] = {}
@@ -104,7 +112,8 @@ def virtual_motion(mechanism: Mechanism, probes: Probes, speeds: Mapping[str, Sc
                     increase(freedoms, joint, speed * factor)
     chosen = dict(freedoms)
     if mechanism.closures:
-        freedoms.update({n: program.input(f"v[{n}]") for n in mechanism.velocities if n not in chosen})
+        open_ = [n for n in mechanism.velocities if n not in chosen]
+        freedoms.update({n: program.input(f"v[{n}]") for n in open_} if solved is None else solved(chosen))
     return VirtualMotion(_coupled(probes.recorder, freedoms), drives, chosen)
 
 

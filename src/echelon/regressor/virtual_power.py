@@ -9,9 +9,8 @@ O(bodies · depth).  So X · N = 0 and the rank of X can be checked on X itself 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
-from echelon.errors import InputError
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.values import known_values
@@ -20,6 +19,7 @@ from echelon.regressor.accelerations import Wrench, forward_accelerations, unit_
 from echelon.regressor.blocks import FEW_COLUMNS, BlockRows, blocks_of
 from echelon.regressor.effects import EffectRecorder
 from echelon.regressor.linear import LinearForms
+from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.regressor.loops.recorded_loops import loops_of
 from echelon.regressor.probes import Probes, VirtualMotion, any_motion, motion_of_joints, virtual_motion
 from echelon.regressor.spatial import Vec, add, cross, dot, scale
@@ -43,21 +43,18 @@ def inverse_dynamics_regressor(mechanism: Mechanism, columns: Sequence[int] | No
     LinearForms
         Rows are ``mechanism.outputs`` (N·m or N), columns ``mechanism.parameters``; entries go column by column, which
         is the order in which intermediate values are soonest done with.  Inputs are ``q[...]``, ``qd[...]``,
-        ``qdd[...]``, the geometry symbols, and ``i[...]`` where effects use measured inputs.
+        ``qdd[...]``, the geometry symbols, and ``i[...]`` where effects use measured inputs.  With loops, velocities
+        and accelerations are those of the independent coordinates, and positions must be closed.
 
-    Raises
-    ------
-    InputError
-        If the mechanism has loops, where the rows of X are not functions of the coordinates alone.
     """
-    if mechanism.closures:
-        raise InputError("X of a mechanism with loops is not recorded row by row; use virtual_power_form")
-    recorded = _RecordedPowers(mechanism)
+    program = Program()
+    closed = DependentMotion(mechanism, program) if mechanism.closures else None
+    recorded = _RecordedPowers(mechanism, program, closed.given() if closed else None)
     wanted = range(len(mechanism.parameters)) if columns is None else columns
     rows = []
     for output in mechanism.outputs:
-        speeds = {output.name: recorded.program.one}
-        motion = virtual_motion(mechanism, recorded.probes, speeds)
+        speeds = {output.name: program.one}
+        motion = virtual_motion(mechanism, recorded.probes, speeds, closed.speeds if closed else None)
         rows.append(recorded.powers(motion, set(wanted)))
     entries = {
         (row, place): powers[column].node
@@ -137,9 +134,11 @@ def power_form(mechanism: Mechanism) -> LinearForms:
 class _RecordedPowers:
     """A mechanism's motion on a program, and powers in virtual motions."""
 
-    def __init__(self, mechanism: Mechanism) -> None:
-        self.mechanism, self.program = mechanism, Program()
-        self.recorder = Recorder(mechanism, self.program)
+    def __init__(
+        self, mechanism: Mechanism, program: Program | None = None, given: Mapping[str, Scalar] | None = None
+    ) -> None:
+        self.mechanism, self.program = mechanism, program or Program()
+        self.recorder = Recorder(mechanism, self.program, given)
         self.probes = Probes(mechanism, self.recorder)
         self._steps = {index: self.recorder.steps(index) for index in range(len(mechanism.bodies))}
         accelerations = forward_accelerations(mechanism, self.recorder, self._steps)

@@ -13,7 +13,7 @@ from echelon.dynamics.functions import robot_function
 from echelon.errors import InputError
 from echelon.excite.constraints.effort_bounds import EffortBounds, EffortLimit
 from echelon.excite.constraints.effort_model import EffortModel
-from echelon.excite.constraints.state import Enclosed, StateLimits
+from echelon.excite.constraints.state import StateLimits
 from echelon.excite.constraints.uncertain import UncertainEfforts
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, JointForce, Output, plain
@@ -28,13 +28,13 @@ def effort_limits(
     margin: float,
     smooth: float | None,
     symbols: Mapping[str, float] | None = None,
-) -> Enclosed:
+) -> StateLimits | UncertainEfforts:
     """Limits of efforts as constraints of the state.
 
     Parameters
     ----------
     mechanism : Mechanism
-        Without loops.
+        With loops, states are those that functions take: all positions, independent velocities and accelerations.
     limits : sequence of EffortLimit
         At least one.
     model : EffortModel

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol, runtime_checkable
@@ -96,6 +96,11 @@ class StateLimits:
     high: Floats
     smooth: float | None = None
 
+    @property
+    def recorded(self) -> Function:
+        """What is bounded."""
+        return self.function
+
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """The functions at states of shape (N, n), shape (N, m)."""
         found: Floats = self._kernels[0](self._given(q, qd, qdd))
@@ -111,19 +116,21 @@ class StateLimits:
             place += len(argument)
         return parts.get("q"), parts.get("qd"), parts.get("qdd")
 
-    def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
+    def enclosures(self, ranges: Mapping[str, Interval], known: Sequence[Argument] = ()) -> Interval:
         """Bounds of the functions while states stay in intervals, without smoothing.
 
         Parameters
         ----------
         ranges : mapping of str to (array, array)
             Least and largest ``q``, ``qd``, ``qdd``, of shape (cells, n).
+        known : sequence of Argument
+            See :func:`enclosures_of`.
 
         Returns
         -------
         low, high : arrays of shape (cells, m)
         """
-        least, largest = enclosures_of(self.function, self.uniform, ranges)
+        least, largest = enclosures_of(self.function, self.uniform, ranges, known)
         low, high = np.zeros((len(least), len(self.labels))), np.zeros((len(least), len(self.labels)))
         rows = [row for (row,) in self.function.entries]
         low[:, rows], high[:, rows] = least, largest
@@ -143,7 +150,12 @@ class StateLimits:
         return Kernel(function), Kernel(state_slopes(function))
 
 
-def enclosures_of(function: Function, uniform: Mapping[str, Floats], ranges: Mapping[str, Interval]) -> Interval:
+def enclosures_of(
+    function: Function,
+    uniform: Mapping[str, Floats],
+    ranges: Mapping[str, Interval],
+    known: Sequence[Argument] = (),
+) -> Interval:
     """Bounds of a function's entries while states stay in intervals.
 
     Parameters
@@ -153,21 +165,28 @@ def enclosures_of(function: Function, uniform: Mapping[str, Floats], ranges: Map
         Values of its uniform arguments.
     ranges : mapping of str to (array, array)
         Least and largest ``q``, ``qd``, ``qdd``, of shape (cells, n).
+    known : sequence of Argument
+        Other nodes of the program, in ranges by the arguments' names, that are known better than from the states.
 
     Returns
     -------
     low, high : arrays of shape (cells, entries)
     """
     cells, together = len(ranges["q"][0]), max(_NUMBERS // max(len(function.program), 1), 16)
-    parts = [_enclosed(function, uniform, ranges, slice(k, k + together)) for k in range(0, cells, together)]
+    blocks = [slice(k, k + together) for k in range(0, cells, together)]
+    parts = [_enclosed(function, uniform, ranges, block, known) for block in blocks]
     return np.concatenate([low for low, _ in parts]), np.concatenate([high for _, high in parts])
 
 
 def _enclosed(
-    function: Function, uniform: Mapping[str, Floats], ranges: Mapping[str, Interval], cells: slice
+    function: Function,
+    uniform: Mapping[str, Floats],
+    ranges: Mapping[str, Interval],
+    cells: slice,
+    known: Sequence[Argument],
 ) -> Interval:
     inputs: dict[int, Interval] = {}
-    for argument in function.arguments:
+    for argument in (*function.arguments, *known):
         if argument.uniform:
             exact = [(np.asarray(v), np.asarray(v)) for v in uniform[argument.name]]
             inputs |= dict(zip(argument.nodes, exact, strict=True))

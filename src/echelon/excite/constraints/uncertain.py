@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ from echelon.excite.constraints.effort_model import EffortModel
 from echelon.excite.constraints.state import Slopes, enclosures_of
 from echelon.excite.pullback import StateRegressor
 from echelon.mechanism.mechanism import Mechanism
+from echelon.program.function import Argument, Function
 from echelon.program.intervals import Interval
 
 Floats = npt.NDArray[np.float64]
@@ -24,7 +25,7 @@ class UncertainEfforts:
     Parameters
     ----------
     mechanism : Mechanism
-        Without loops, whose outputs are the efforts.
+        Whose outputs are the efforts.
     model : EffortModel
         With a covariance.
     bounds : EffortBounds
@@ -63,18 +64,25 @@ class UncertainEfforts:
         by_q, by_qd, by_qdd = (np.stack(parts, axis=1) for parts in zip(*found, strict=True))
         return by_q, by_qd, by_qdd
 
-    def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
+    @property
+    def recorded(self) -> Function:
+        """The regressor, without smoothing."""
+        return self._regressor.recorded
+
+    def enclosures(self, ranges: Mapping[str, Interval], known: Sequence[Argument] = ()) -> Interval:
         """Bounds of the functions while states stay in intervals, without smoothing.
 
         Parameters
         ----------
         ranges : mapping of str to (array, array)
             Least and largest ``q``, ``qd``, ``qdd``, of shape (cells, n).
+        known : sequence of Argument
+            See :func:`echelon.excite.constraints.state.enclosures_of`.
 
         Returns
         -------
         low, high : arrays of shape (cells, 2m)
         """
-        low, high = enclosures_of(self._regressor.recorded, self._uniform, ranges)
+        low, high = enclosures_of(self.recorded, self._uniform, ranges, known)
         parts = [model.enclosed((low[:, mine], high[:, mine])) for mine, model in self._rows]
         return np.hstack([part for part, _ in parts]), np.hstack([part for _, part in parts])

@@ -44,13 +44,16 @@ class Located:
         Where the box is known to hold all configurations; elsewhere nothing is known.
     q : (array, array)
         Least and largest positions, shape (cells, positions).
+    inverse : array of shape (cells, dependent, equations)
+        P; zero where the loops are not closed.
     product : (array, array)
-        P J, shape (cells, dependent, freedoms).
+        P J, shape (cells, dependent, velocities).
     """
 
     closed: Closed
     found: Bools
     q: Interval
+    inverse: Floats
     product: Around
 
 
@@ -63,7 +66,7 @@ class LoopEnclosures:
     """
 
     def __init__(self, motion: LoopMotion) -> None:
-        self._motion = motion
+        self.motion = motion
 
     def located(self, ranges: Mapping[str, Interval]) -> Located:
         """Positions.
@@ -73,23 +76,24 @@ class LoopEnclosures:
         ranges : mapping of str to (array, array)
             See :func:`echelon.excite.cells.ranges`: configurations are followed from the middle of each cell.
         """
-        motion, free = self._motion, self._motion.columns[0]
+        motion, free = self.motion, self.motion.columns[0]
         begin, end = ranges["t"]
         half, (centre, way), given = (end - begin) / 2, _around(ranges["q"]), self._given(ranges["qd"])
         closed = motion.positioned(centre)
-        rates = _times(closed.inverse @ closed.jacobian[:, :, free], given[0])
+        inverse, jacobian = self._inverse(closed)
+        rates = _times(inverse @ jacobian[:, :, free], given[0])
         size = _WIDER * half * np.abs(rates) + _ROUNDING
         found = np.zeros(len(way), dtype=bool)
         for _ in range(_TRIES):
             q = self._box(closed, way / motion.independent_units, size)
-            product = self._product(closed, q)
+            product = self._product(inverse, q)
             (rates, wide), regular = self._rates(product, given)
             needed = half * (np.abs(rates) + wide) + _ROUNDING
             found = closed.done & regular & np.all(needed <= size, axis=1)
             if np.all(found | ~closed.done):
                 break
             size = np.where(found[:, None], size, np.minimum(_WIDER * np.maximum(needed, size), 1.0))
-        return Located(closed, found, q, product)
+        return Located(closed, found, q, inverse, product)
 
     def states(self, located: Located, ranges: Mapping[str, Interval]) -> dict[str, Interval]:
         """Positions, velocities and accelerations of all coordinates.
@@ -100,8 +104,8 @@ class LoopEnclosures:
         ranges : mapping of str to (array, array)
             Least and largest independent ``q``, ``qd`` and ``qdd``.
         """
-        speeds, inverse = _ends(self._completed(located, ranges["qd"], None)), located.closed.inverse
-        middle, radius = _around(self._motion.kernels.bias_enclosures(located.q, speeds))
+        speeds, inverse = _ends(self._completed(located, ranges["qd"], None)), located.inverse
+        middle, radius = _around(self.motion.bounds.bias_enclosures(located.q, speeds))
         opening = _times(inverse, middle), _times(np.abs(inverse), radius)
         return {"q": located.q, "qd": speeds, "qdd": _ends(self._completed(located, ranges["qdd"], opening))}
 
@@ -111,13 +115,13 @@ class LoopEnclosures:
         Parameters
         ----------
         located : Located
-        given : array of shape (freedoms, outputs)
-            See :meth:`LoopMotion.given_speeds`.
+        given : array of shape (velocities, outputs)
+            Those that outputs determine, in units of speeds; zero for the others.
         """
-        units, (_, dependent) = self._motion.speed_units, self._motion.columns
+        units, (_, dependent) = self.motion.speed_units, self.motion.columns
         opened = located.product[0] @ given, located.product[1] @ np.abs(given)
         (middle, radius), _ = _solved(located.product, dependent, opened)
-        found = np.repeat(given[None, : len(units)], len(middle), axis=0)
+        found = np.repeat(given[None], len(middle), axis=0)
         wide = np.zeros_like(found)
         found[:, dependent] -= middle
         wide[:, dependent] += radius
@@ -128,7 +132,7 @@ class LoopEnclosures:
 
         Of all left inverses of J_D the one that openness is made of is the least, and (P J_D)⁻¹ P is another one.
         """
-        inverse, (_, dependent) = located.closed.inverse, self._motion.columns
+        inverse, (_, dependent) = located.inverse, self.motion.columns
         away = _deviation(located.product, dependent)
         bound = np.linalg.solve(_nearby(away), np.abs(inverse))
         with np.errstate(divide="ignore"):
@@ -140,25 +144,32 @@ class LoopEnclosures:
 
     def _box(self, closed: Closed, way: Floats, size: Floats) -> Interval:
         """Positions that are that far away, in units of speeds."""
-        motion, (free, dependent) = self._motion, self._motion.columns
+        motion, (free, dependent) = self.motion, self.motion.columns
         moved = np.zeros((len(way), len(motion.speed_units)))
         moved[:, free], moved[:, dependent] = way, size
         radius = motion.position_reach(moved * motion.speed_units)
         return closed.q - radius, closed.q + radius
 
-    def _product(self, closed: Closed, q: Interval) -> Around:
-        middle, radius = _around(self._motion.kernels.jacobian_enclosures(q))
-        found = closed.inverse @ middle
-        return found, np.abs(closed.inverse) @ radius + _ROUNDING * np.abs(found)
+    def _inverse(self, closed: Closed) -> tuple[Floats, Floats]:
+        """P, the left inverse of J_D, and J."""
+        jacobian = self.motion.bounds.jacobian(closed.q)
+        found = np.zeros((len(jacobian), len(self.motion.columns[1]), jacobian.shape[1]))
+        found[closed.done] = np.linalg.pinv(jacobian[closed.done][:, :, self.motion.columns[1]])
+        return found, jacobian
+
+    def _product(self, inverse: Floats, q: Interval) -> Around:
+        middle, radius = _around(self.motion.bounds.jacobian_enclosures(q))
+        found = inverse @ middle
+        return found, np.abs(inverse) @ radius + _ROUNDING * np.abs(found)
 
     def _given(self, independent: Interval) -> Around:
         middle, radius = _around(independent)
-        units = self._motion.speed_units[self._motion.columns[0]]
+        units = self.motion.speed_units[self.motion.columns[0]]
         return middle / units, radius / units
 
     def _rates(self, product: Around, given: Around, opening: Around | None = None) -> tuple[Around, Bools]:
         """Rates of the dependent coordinates, from those of the independent ones and P times what opens the loops."""
-        free, dependent = self._motion.columns
+        free, dependent = self.motion.columns
         middle = _times(product[0][:, :, free], given[0])
         radius = _times(np.abs(product[0][:, :, free]), given[1])
         radius += _times(product[1][:, :, free], np.abs(given[0]) + given[1])
@@ -169,7 +180,7 @@ class LoopEnclosures:
 
     def _completed(self, located: Located, independent: Interval, opening: Around | None) -> Around:
         """Rates of all coordinates, SI units."""
-        units, (free, dependent) = self._motion.speed_units, self._motion.columns
+        units, (free, dependent) = self.motion.speed_units, self.motion.columns
         given = self._given(independent)
         solved, _ = self._rates(located.product, given, opening)
         found = np.zeros((len(given[0]), len(units))), np.zeros((len(given[0]), len(units)))

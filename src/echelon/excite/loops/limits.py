@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.excite.constraints.state import Slopes as StateSlopes
-from echelon.excite.loops.motion import LoopMotion, Slopes
+from echelon.excite.loops.motion import LoopMotion
 from echelon.excite.loops.parts import LoopEfforts, LoopPart
 from echelon.excite.loops.positions import Closed
 
@@ -76,11 +76,11 @@ class LoopLimits:
     def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> StateSlopes:
         """Their derivatives, each of shape (N, m, k)."""
         closed = self.motion.at(q, qd, qdd)
-        scale = np.full(len(q), 1 / self.motion.reference)
-        first = self.motion.pulled(closed, Slopes(openness=scale))
+        opening = self.motion.openness_slopes(closed, np.full(len(q), 1 / self.motion.reference))
         away = np.linalg.norm(closed.missing, axis=1, keepdims=True)
         back = -closed.missing / np.maximum(away, 1e-300) / self.motion.independent_units
-        first = (np.where(closed.done[:, None], first[0], back), first[1], first[2])
+        by_q, nothing = self.motion.along(closed, opening), np.zeros_like(qd)
+        first = (np.where(closed.done[:, None], by_q, back), nothing, nothing)
         rows = [first, *(row for part in self.parts for row in part.slopes(self.motion, closed))]
         by_q, by_qd, by_qdd = (np.stack([row[order] for row in rows], axis=1) for order in range(3))
         return by_q, by_qd, by_qdd

@@ -1,43 +1,31 @@
-"""Motions of mechanisms with loops, and what functions of the whole state are as functions of the independent one.
+"""Motions of mechanisms with loops, and what derivatives by the whole state are as derivatives by the independent one.
 
-With x̂ the velocities in units of :attr:`ClosureValues.units`, D the dependent ones and P a left inverse of the columns
-J_D, all dependent quantities are −P times what the independent ones leave open, and all multipliers Pᵀ times the slope
-by the dependent ones.  Redundant equations are compatible, so any left inverse gives the same.
+Velocities and accelerations of all coordinates are recorded functions of all positions and of the independent rates,
+and so their derivatives are pullbacks in machine code.  What is left are derivatives by all positions: they count along
+the motions of the independent coordinates.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from echelon.excite.loops.positions import Closed, LoopPositions, quaternion_parts
+from echelon.dynamics.arguments import geometry_values
+from echelon.dynamics.loop_functions import closed_accelerations, closed_velocities, motion_function
+from echelon.excite.loops.positions import Closed, LoopPositions, openness
+from echelon.excite.pullback import ADJOINT, pullback
+from echelon.machine.kernel import Kernel
+from echelon.mechanism.mechanism import Mechanism
+from echelon.program.function import Function
+from echelon.program.tape import Program
+from echelon.regressor.loops.dependent_motion import DependentMotion
 
 Floats = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Slopes:
-    """Derivatives of one function by the state of all coordinates, one for each sample; None where there are none.
-
-    Attributes
-    ----------
-    q : array of shape (N, positions)
-    qd, qdd : array of shape (N, velocities)
-    v : array of shape (N, velocities, outputs)
-        By virtual velocities, rad/s or m/s.
-    virtual : array of shape (N, freedoms, outputs)
-        These, as :meth:`LoopMotion.virtual` found them.
-    openness : array of shape (N,)
-    """
-
-    q: Floats | None = None
-    qd: Floats | None = None
-    qdd: Floats | None = None
-    v: Floats | None = None
-    virtual: Floats | None = None
-    openness: Floats | None = None
+Triple = tuple[Floats, Floats, Floats]
 
 
 class LoopMotion(LoopPositions):
@@ -52,7 +40,7 @@ class LoopMotion(LoopPositions):
     """
 
     def at(self, q: Floats, qd: Floats, qdd: Floats) -> Closed:
-        """States of all coordinates.
+        """States of all coordinates; at rest where the loops are not closed.
 
         Parameters
         ----------
@@ -60,46 +48,20 @@ class LoopMotion(LoopPositions):
             Of the independent coordinates.
         """
         closed = self.positioned(q)
-        rates = self._completed_rates(closed, qd, np.zeros(closed.jacobian.shape[:2]))
-        bias = self.kernels.bias(closed.q, rates)
-        return replace(closed, qd=rates, qdd=self._completed_rates(closed, qdd, bias))
+        state = {"q": closed.q, "qd": qd, "qdd": qdd}
+        rates = [self.run(name, **state) for name in ("closed_velocities", "closed_accelerations")]
+        return replace(closed, qd=closed.counted(rates[0]), qdd=closed.counted(rates[1]))
 
-    def virtual(self, closed: Closed, given: Floats) -> Floats:
-        """Virtual velocities of all freedoms that belong to outputs, shape (N, freedoms, outputs), in units of speeds.
-
-        Parameters
-        ----------
-        closed : Closed
-        given : array of shape (freedoms, outputs)
-            Those that outputs determine, see :meth:`given_speeds`.
-        """
-        moved = np.repeat(given[None], len(closed.q), axis=0)
-        moved[:, self._dependent] -= closed.inverse @ (closed.jacobian @ given)
-        return moved
-
-    def given_speeds(self) -> Floats:
-        """Virtual velocities that the outputs determine, shape (freedoms, outputs), in units of speeds."""
-        found = np.zeros((len(self.closures.freedoms), len(self._virtual)))
-        for column, motion in enumerate(self._virtual):
-            for name, speed in motion.items():
-                place = self.closures.freedoms.index(name)
-                found[place, column] = speed / self.closures.units[place]
-        return found
-
-    def _completed_rates(self, closed: Closed, independent: Floats, bias: Floats) -> Floats:
-        units = self._speed_units
-        given = independent / units[self._independent]
-        opening = (closed.jacobian[:, :, self._independent] @ given[:, :, None])[:, :, 0] + bias
-        found = np.zeros((len(given), len(units)))
-        found[:, self._independent] = given
-        found[:, self._dependent] = -(closed.inverse @ opening[:, :, None])[:, :, 0]
-        found[~closed.done] = 0.0
-        rates: Floats = found * units
-        return rates
+    def independent(self, closed: Closed) -> dict[str, Floats]:
+        """The arguments q, q̇ and q̈ of recorded functions: all positions, and independent rates."""
+        free = self.columns[0]
+        return {"q": closed.q, "qd": closed.qd[:, free], "qdd": closed.qdd[:, free]}
 
     # -- derivatives -----------------------------------------------------------------------------------------------
 
-    def pulled(self, closed: Closed, slopes: Slopes) -> tuple[Floats, Floats, Floats]:
+    def pulled(
+        self, closed: Closed, by_q: Floats | None, by_qd: Floats | None = None, by_qdd: Floats | None = None
+    ) -> Triple:
         """Derivatives by the independent q, q̇ and q̈, each of shape (N, k), from those by the whole state.
 
         Zero for samples whose loops are not closed.
@@ -108,55 +70,46 @@ class LoopMotion(LoopPositions):
         ----------
         closed : Closed
             As :meth:`at` found it.
-        slopes : Slopes
+        by_q : array of shape (N, positions), optional
+        by_qd, by_qdd : array of shape (N, velocities), optional
         """
-        free, units = self._independent, self._speed_units
-        by_q = np.zeros_like(closed.q) if slopes.q is None else slopes.q.copy()
-        by_qd = np.zeros_like(closed.qd) if slopes.qd is None else slopes.qd * units
-        by_qdd = np.zeros_like(closed.qdd) if slopes.qdd is None else slopes.qdd * units
-        A = self._by_jacobian(closed, slopes)
-        # J q̈ + b = 0, then J q̇ = 0, then c = 0
-        multiplier = self._multiplier(closed, by_qdd)
-        A[:, :, : len(units)] -= multiplier[:, :, None] * (closed.qdd / units)[:, None, :]
-        from_bias = self.kernels.pulled_bias(closed.q, closed.qd, multiplier)
-        by_q, by_qd = by_q - from_bias[0], by_qd - from_bias[1] * units
-        third = by_qdd[:, free] - self._left(closed, multiplier)
-        multiplier = self._multiplier(closed, by_qd)
-        A[:, :, : len(units)] -= multiplier[:, :, None] * (closed.qd / units)[:, None, :]
-        second = by_qd[:, free] - self._left(closed, multiplier)
-        by_q += self.kernels.pulled_jacobian(closed.q, A)
-        turned = self._by_motion(closed.q, by_q) * units
-        first = turned[:, free] - self._left(closed, self._multiplier(closed, turned))
-        found = [np.where(closed.done[:, None], part / units[free], 0.0) for part in (first, second, third)]
-        return found[0], found[1], found[2]
+        places, count = closed.q.shape[1], len(self.columns[0])
+        total = np.zeros((len(closed.q), places + 2 * count))
+        if by_q is not None:
+            total[:, :places] += by_q
+        for name, adjoint in (("closed_velocities", by_qd), ("closed_accelerations", by_qdd)):
+            if adjoint is not None:
+                found = self._pulled(name, closed, adjoint)
+                total[:, : found.shape[1]] += found
+        first, rest = self.along(closed, total[:, :places]), closed.counted(total[:, places:])
+        return first, rest[:, :count], rest[:, count:]
 
-    def _by_jacobian(self, closed: Closed, slopes: Slopes) -> Floats:
-        """Derivatives by J, of what depends on it directly and through virtual velocities: J v = 0."""
-        A = np.zeros_like(closed.jacobian)
-        if slopes.openness is not None:
-            # d(tr PPᵀ) = −2 tr(PPᵀ P dJ)
-            weight = (slopes.openness * closed.openness**3)[:, None, None]
-            inner = closed.inverse @ closed.inverse.swapaxes(1, 2) @ closed.inverse
-            A[:, :, self._dependent] += weight * inner.swapaxes(1, 2)
-        if slopes.v is not None and slopes.virtual is not None:
-            by_v = (slopes.v * self._speed_units[:, None])[:, self._dependent]
-            A -= closed.inverse.swapaxes(1, 2) @ by_v @ slopes.virtual.swapaxes(1, 2)
-        return A
+    def along(self, closed: Closed, by_q: Floats) -> Floats:
+        """Derivatives along the motions of the independent coordinates, (N, k), from those by all positions."""
+        return self._pulled("position_rates", closed, by_q)[:, closed.q.shape[1] :]
 
-    def _multiplier(self, closed: Closed, slope: Floats) -> Floats:
-        found: Floats = (closed.inverse.swapaxes(1, 2) @ slope[:, self._dependent, None])[:, :, 0]
-        return found
+    def openness_slopes(self, closed: Closed, weights: Floats) -> Floats:
+        """Derivatives of openness by all positions, times weights of shape (N,); shape (N, positions)."""
+        return self._pulled("openness", closed, weights[:, None])
 
-    def _left(self, closed: Closed, multiplier: Floats) -> Floats:
-        independent = closed.jacobian[:, :, self._independent]
-        found: Floats = (independent.swapaxes(1, 2) @ multiplier[:, :, None])[:, :, 0]
-        return found
+    def _pulled(self, name: str, closed: Closed, adjoint: Floats) -> Floats:
+        kernel, geometry = self._pullbacks[name]
+        names = {argument.name for argument in kernel.function.arguments}
+        state = {k: v for k, v in self.independent(closed).items() if k in names}
+        return closed.counted(kernel({**state, **geometry, ADJOINT: np.ascontiguousarray(adjoint)}))
 
-    def _by_motion(self, q: Floats, by_q: Floats) -> Floats:
-        """Derivatives along the motions of all velocity coordinates, from those by the positions."""
-        found = np.zeros((len(q), len(self._speed_units)))
-        found[:, self._single[1]] = by_q[:, self._single[0]]
-        for place, speed in self._balls:  # the transpose of half a product with the velocity
-            (w, vector), (by_w, by_vector) = quaternion_parts(q, place), quaternion_parts(by_q, place)
-            found[:, speed : speed + 3] = (w * by_vector - vector * by_w - np.cross(vector, by_vector)) / 2
-        return found
+    @cached_property
+    def _pullbacks(self) -> dict[str, tuple[Kernel, Mapping[str, Floats]]]:
+        """Machine code of the pullbacks, with the geometry that it takes."""
+        builders = (closed_velocities, closed_accelerations, openness, _position_rates)
+        made = {function.name: pullback(function) for function in (build(self.mechanism, ()) for build in builders)}
+        return {n: (Kernel(f), geometry_values(self.mechanism, f.arguments, self.symbols)) for n, f in made.items()}
+
+
+def _position_rates(mechanism: Mechanism, _pivots: object) -> Function:
+    """Rates of all positions; linear in the independent velocities."""
+    motion = DependentMotion(mechanism, Program())
+    found = motion.position_rates({name: motion.given()[f"qd[{name}]"] for name in mechanism.velocities})
+    nodes = [motion.program.input(f"q[{name}]").node for name in mechanism.positions]
+    values = [found.get(node, motion.program.zero) for node in nodes]
+    return motion_function("position_rates", motion, values, mechanism.positions, "q qd", "rates of all positions")

@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from echelon.dynamics.arguments import geometry_values
-from echelon.dynamics.functions import robot_function
-from echelon.excite.constraints.effort import check_model, effort_output
-from echelon.excite.constraints.effort_bounds import EffortBounds, EffortLimit
+from echelon.excite.constraints.effort import effort_limits, effort_output
+from echelon.excite.constraints.effort_bounds import EffortLimit
 from echelon.excite.constraints.effort_model import EffortModel
-from echelon.excite.constraints.state import Enclosed, StateConstraint, enclosures_of
+from echelon.excite.constraints.state import Enclosed, StateConstraint
 from echelon.excite.loops.enclosures import Located, LoopEnclosures
-from echelon.excite.loops.motion import LoopMotion, Slopes
+from echelon.excite.loops.motion import LoopMotion, Triple
 from echelon.excite.loops.positions import Closed
-from echelon.excite.loops.regressor import outputs_of
-from echelon.excite.pullback import ADJOINT, pullback
-from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import Mechanism
+from echelon.program.function import Argument
 from echelon.program.intervals import Interval
-from echelon.program.rewriting import smooth_function
+from echelon.program.tape import Program
+from echelon.regressor.loops.closed_motion import ClosedMotion
+from echelon.regressor.loops.dependent_motion import DependentMotion
+from echelon.regressor.probes import Probes, virtual_motion
+from echelon.regressor.steps import Recorder
 
 Floats = npt.NDArray[np.float64]
-Triple = tuple[Floats, Floats, Floats]
 
 
 class LoopPart:
@@ -54,11 +53,8 @@ class LoopPart:
     def slopes(self, motion: LoopMotion, closed: Closed) -> list[Triple]:
         """Of each function, the derivatives by the independent q, q̇ and q̈."""
         parts = self.constraint.slopes(closed.q, closed.qd, closed.qdd)
-        found = []
-        for row in range(len(self.labels)):
-            by_state = [None if part is None else np.ascontiguousarray(part[:, row]) for part in parts]
-            found.append(motion.pulled(closed, Slopes(*by_state)))
-        return found
+        rows = range(len(self.labels))
+        return [motion.pulled(closed, *(None if part is None else part[:, row] for part in parts)) for row in rows]
 
 
 class LoopEfforts:
@@ -83,58 +79,64 @@ class LoopEfforts:
         smooth: float | None,
         symbols: Mapping[str, float] | None = None,
     ) -> None:
-        check_model(mechanism, model)
-        bounds = EffortBounds.of(limits, model, margin)
-        self.labels, self.units, self.low, self.high = bounds.labels, bounds.units, bounds.low, bounds.high
+        self.constraint = effort_limits(mechanism, limits, model, margin, smooth, symbols)
+        self.labels, self.units = self.constraint.labels, self.constraint.units
+        self.low, self.high = self.constraint.low, self.constraint.high
         outputs = tuple(effort_output(mechanism, limit) for limit in limits)
-        measured, self._model = replace(mechanism, measured=outputs, reading=None), model
-        kind, parameters = ("inverse_dynamics", {"parameters": model.values}) if model.certain else ("regressor", {})
-        self._recorded = robot_function(kind, measured, model.places(mechanism))
-        function = self._recorded if smooth is None else smooth_function(self._recorded, smooth)
-        self._uniform = {**parameters, **geometry_values(mechanism, function.arguments, symbols)}
-        self._columns = np.array([index[-1] for index in function.entries], dtype=np.intp)
-        self._kernel, self._pullback = Kernel(function), Kernel(pullback(function))
-        self._given = LoopMotion(measured, symbols).given_speeds()
+        measured = replace(mechanism, measured=outputs, reading=None)
+        self._known = _known(measured, self.constraint.recorded.program)
+        self._chosen = ClosedMotion(measured, symbols).chosen_speeds
 
     def values(self, motion: LoopMotion, closed: Closed) -> Floats:
         """The efforts, shape (N, m)."""
-        given = outputs_of(motion, closed, self._virtual(motion, closed), self._uniform)
-        found = [self._kernel(values) for values in given]
-        return np.hstack(found if self._model.certain else [self._model.extremes(x[:, 0]) for x in found])
+        return self.constraint.values(*motion.independent(closed).values())
 
     def slopes(self, motion: LoopMotion, closed: Closed) -> list[Triple]:
         """Of each effort, the derivatives by the independent q, q̇ and q̈."""
-        virtual, found = self._virtual(motion, closed), []
-        p, n = closed.q.shape[1], closed.qd.shape[1]
-        for k, values in enumerate(outputs_of(motion, closed, virtual, self._uniform)):
-            for adjoint in self._adjoints(values):
-                pulled = self._pullback({**values, ADJOINT: adjoint})
-                by_state = pulled[:, :p], pulled[:, p : p + n], pulled[:, p + n : p + 2 * n]
-                by_v = pulled[:, p + 2 * n :, None]
-                found.append(motion.pulled(closed, Slopes(*by_state, by_v, virtual[:, :, k : k + 1])))
+        by_q, *by_rates = self.constraint.slopes(*motion.independent(closed).values())
+        assert by_q is not None
+        found: list[Triple] = []
+        for row in range(len(self.labels)):
+            by_qd, by_qdd = (closed.counted(part[:, row]) for part in by_rates if part is not None)
+            found.append((motion.along(closed, by_q[:, row]), by_qd, by_qdd))
         return found
 
     def enclosures(self, enclosures: LoopEnclosures, located: Located, states: Mapping[str, Interval]) -> Interval:
         """Bounds of the efforts while the whole state stays in intervals, without smoothing, (cells, m)."""
-        low, high = enclosures.virtual(located, self._all_given(located.closed))
-        count, found = low.shape[2], []
-        for k, chosen in enumerate(np.eye(count)):
-            weights = np.tile(chosen, (len(low), 1))
-            ranges = {**states, "u": (weights, weights), "v": (low[:, :, k], high[:, :, k])}
-            ends = enclosures_of(self._recorded, self._uniform, ranges)
-            found.append(ends if self._model.certain else self._model.part(self._columns).enclosed(ends))
-        return np.hstack([least for least, _ in found]), np.hstack([most for _, most in found])
+        names, units = enclosures.motion.mechanism.velocities, enclosures.motion.speed_units
+        given = np.array([[chosen.get(name, 0.0) for chosen in self._chosen] for name in names]) / units[:, None]
+        free = enclosures.motion.columns[0]
+        low, high = enclosures.virtual(located, given)
+        whole = {**states, **{f"v{k}": (low[:, :, k], high[:, :, k]) for k in range(low.shape[2])}}
+        ranges = {"q": states["q"], **{kind: _columns(states[kind], free) for kind in ("qd", "qdd")}}
+        for kind, places, argument in self._known:
+            low, high = _columns(whole[kind], places)
+            ranges[argument.name] = np.hstack([low, -high]), np.hstack([high, -low])
+        return self.constraint.enclosures(ranges, [argument for _, _, argument in self._known])
 
-    def _adjoints(self, values: dict[str, Floats]) -> Iterable[Floats]:
-        """Derivatives of an effort, or of both that stand for it, by the entries of what is recorded."""
-        if self._model.certain:
-            return [np.ones((len(values["q"]), 1))]
-        return self._model.adjoints(self._kernel(values)[:, 0])[:, :, self._columns]
 
-    def _virtual(self, motion: LoopMotion, closed: Closed) -> Floats:
-        return motion.virtual(closed, self._all_given(closed))
+def _known(mechanism: Mechanism, program: Program) -> list[tuple[str, list[int], Argument]]:
+    """Nodes of a recorded function that are bounded before: kind, places of the velocity coordinates, and nodes.
 
-    def _all_given(self, closed: Closed) -> Floats:
-        given = np.zeros((closed.jacobian.shape[2], self._given.shape[1]))
-        given[: len(self._given)] = self._given  # sensors stay at rest
-        return given
+    Kinds are rates of all coordinates, ``qd`` and ``qdd``, and virtual velocities for the outputs, ``v0``, ``v1``, …:
+    recording them once more finds the same nodes.  Behind them are those of their opposites, by which programs go on
+    where that saves a sign.
+    """
+    motion = DependentMotion(mechanism, program)
+    given, probes = motion.given(), Probes(mechanism, Recorder(mechanism, program))
+    values = {kind: {n: given[f"{kind}[{n}]"] for n in mechanism.velocities} for kind in ("qd", "qdd")}
+    for k, output in enumerate(mechanism.outputs):
+        chosen = virtual_motion(mechanism, probes, {output.name: program.one}).chosen
+        values[f"v{k}"] = motion.speeds(chosen)
+    known: list[tuple[str, list[int], Argument]] = []
+    for kind, found in values.items():
+        varying = {n: value for n, value in found.items() if value.number is None}
+        nodes = (*(v.node for v in varying.values()), *((-v).node for v in varying.values()))
+        labels = (*varying, *(f"-{name}" for name in varying))
+        places = [mechanism.velocities.index(name) for name in varying]
+        known.append((kind, places, Argument(f"known {kind}", nodes, labels, ("SI",) * len(nodes))))
+    return known
+
+
+def _columns(ends: Interval, places: Sequence[int]) -> Interval:
+    return ends[0][:, places], ends[1][:, places]

@@ -1,8 +1,7 @@
 """The regressor of a mechanism with loops as a function of what moves: the independent coordinates.
 
-With loops the recorded regressor has one row, the power in a virtual motion, which is evaluated for each output with
-the virtual velocities of that output.  All dependent quantities follow from the closures, and so do derivatives
-(:mod:`echelon.excite.loops.motion`).
+The recorded regressor takes all positions, which follow from the closures, and independent rates; derivatives by all
+positions count along the motions of the independent coordinates (:mod:`echelon.excite.loops.motion`).
 
 Next to singular configurations dependent velocities grow beyond all bounds, and with them what a motion seems to show.
 So samples there count less and less, and not at all where the loops cannot be closed: a solver is not drawn to where a
@@ -17,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
-from echelon.excite.loops.motion import LoopMotion, Slopes
+from echelon.excite.loops.motion import LoopMotion
 from echelon.excite.loops.positions import Closed
-from echelon.excite.pullback import ADJOINT, Rows, StateRegressor
+from echelon.excite.pullback import ADJOINT, StateRegressor
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 
@@ -124,81 +123,30 @@ class LoopRegressor(StateRegressor):
         super().__init__(mechanism, pivots, smooth, symbols)
         self.motion = LoopMotion(mechanism, symbols)
         self.motion.virtual_velocities(self.motion.pose[None])  # refuses outputs that the motion does not determine
-        self._given = self.motion.given_speeds()
-        self._outputs = len(mechanism.outputs)
-
-    @property
-    def size(self) -> int:
-        """Number of entries."""
-        return self._outputs * len(self.function.entries)
-
-    @property
-    def rows(self) -> list[Rows]:
-        """The entries of each output."""
-        columns = np.array([column for _, column in self.function.entries], dtype=np.intp)
-        count = len(columns)
-        return [Rows(slice(k * count, (k + 1) * count), columns) for k in range(self._outputs)]
 
     def entries(self, state: Mapping[str, Floats]) -> Floats:
         """Values of all entries, shape (N, size); zero for samples whose loops cannot be closed."""
-        closed = self.motion.at(state["q"], state["qd"], state["qdd"])
-        found = self._powers(closed, self.motion.virtual(closed, self._given))
-        return (found * self._counted(closed)[0][:, None, None]).reshape(len(found), -1)
+        closed = self.motion.positioned(state["q"])
+        return self._seen(closed, {**state, "q": closed.q}) * self._counted(closed)[0][:, None]
 
     def pulled(self, state: Mapping[str, Floats], adjoint: Floats) -> tuple[Floats, Floats, Floats]:
         """Derivatives by q, q̇ and q̈, each of shape (N, k), from those by the entries, of shape (N, size)."""
-        closed = self.motion.at(state["q"], state["qd"], state["qdd"])
-        virtual = self.motion.virtual(closed, self._given)
-        counted, slope = self._counted(closed)
-        split = adjoint.reshape(len(adjoint), self._outputs, -1)
-        by_openness = None
+        closed = self.motion.positioned(state["q"])
+        whole, (counted, slope) = {**state, "q": closed.q}, self._counted(closed)
+        given = {**whole, **self._symbols, ADJOINT: adjoint * counted[:, None]}
+        found = closed.counted(self._pullback(given))
+        places, count = closed.q.shape[1], state["qd"].shape[1]
+        by_q, by_qd, by_qdd = np.split(found, [places, places + count], axis=1)
         if slope.any():
-            by_openness = slope * np.sum(split * self._powers(closed, virtual), axis=(1, 2))
-        n, p = closed.qd.shape[1], closed.q.shape[1]
-        total = np.zeros((len(adjoint), p + 2 * n))
-        by_v = np.zeros((len(adjoint), n, self._outputs))
-        for k, values in enumerate(self._values(closed, virtual)):
-            weighted = np.ascontiguousarray(split[:, k] * counted[:, None])
-            found = self._pullback({**values, ADJOINT: weighted})
-            total += found[:, : p + 2 * n]
-            by_v[:, :, k] = found[:, p + 2 * n :]
-        by_state = total[:, :p], total[:, p : p + n], total[:, p + n :]
-        return self.motion.pulled(closed, Slopes(*by_state, by_v, virtual, by_openness))
+            weights = slope * np.sum(adjoint * self._seen(closed, whole), axis=1)
+            by_q = by_q + self.motion.openness_slopes(closed, weights)
+        return self.motion.along(closed, by_q), by_qd, by_qdd
 
-    def _powers(self, closed: Closed, virtual: Floats) -> Floats:
-        """Entries of every output, shape (N, outputs, entries)."""
-        return np.stack([self._entries(values) for values in self._values(closed, virtual)], axis=1)
-
-    def _values(self, closed: Closed, virtual: Floats) -> list[dict[str, Floats]]:
-        """Arguments of the recorded regressor, for each output."""
-        return outputs_of(self.motion, closed, virtual, self._symbols)
+    def _seen(self, closed: Closed, whole: Mapping[str, Floats]) -> Floats:
+        return closed.counted(super().entries(whole))
 
     def _counted(self, closed: Closed) -> tuple[Floats, Floats]:
         """Weights of the samples, and their derivatives by openness."""
         scale = 1 / (self.motion.reference * (SEEN - LOST))
         share = np.clip(closed.openness * scale - LOST / (SEEN - LOST), 0.0, 1.0)
         return share**2 * (3 - 2 * share), 6 * share * (1 - share) * scale
-
-
-def outputs_of(
-    motion: LoopMotion, closed: Closed, virtual: Floats, uniform: Mapping[str, Floats]
-) -> list[dict[str, Floats]]:
-    """Arguments of a function of a mechanism with loops, for each of some outputs.
-
-    Parameters
-    ----------
-    motion : LoopMotion
-    closed : Closed
-    virtual : array of shape (N, freedoms, outputs)
-        See :meth:`LoopMotion.virtual`.
-    uniform : mapping of str to array
-        Values of uniform arguments.
-    """
-    n, count = closed.qd.shape[1], virtual.shape[2]
-    state = {"q": closed.q, "qd": closed.qd, "qdd": closed.qdd, **uniform}
-    speeds = virtual[:, :n] * motion.speed_units[:, None]
-    found: list[dict[str, Floats]] = []
-    for k in range(count):
-        chosen = np.ascontiguousarray(np.broadcast_to(np.eye(count)[k], (len(closed.q), count)))
-        found.append({**state, "u": chosen, "v": np.ascontiguousarray(speeds[:, :, k])})
-    return found

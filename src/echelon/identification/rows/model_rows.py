@@ -68,11 +68,7 @@ class ModelRows:
     @cached_property
     def layout(self) -> Layout:
         """Outputs, base parameters, and which of them each output can depend on."""
-        if self._dense:
-            outputs = tuple(output.name for output in self.base.mechanism.outputs)
-            parameters = tuple(expression.name for expression in self.base.expressions)
-            return Layout(outputs, parameters, (tuple(range(len(parameters))),) * len(outputs))
-        return layout_of(measured(self.base.evaluated_function("regressor")))[0]
+        return layout_of(measured(self.base.function("regressor")))[0]
 
     def blocks(self) -> Iterator[RowBlock]:
         """All rows, in the order of time, log after log."""
@@ -133,11 +129,6 @@ class ModelRows:
 
     # -- windows -----------------------------------------------------------------------------------------------------
 
-    @property
-    def _dense(self) -> bool:
-        """With loops no entry of the regressor is structurally zero."""
-        return bool(self.base.mechanism.closures)
-
     def _windows(self, samples: Samples) -> Iterator[tuple[int, int]]:
         """Stretches of samples that rows are made of, before the overlap; they start where a row may stand."""
         stop = len(samples) if samples.stop is None else samples.stop
@@ -172,17 +163,12 @@ class ModelRows:
         """Entries of the regressor, shape (high − low, entries)."""
         q, qd, qdd = (values[low:high] for values in (samples.q, samples.qd, samples.qdd))
         inputs = {name: values[low:high] for name, values in samples.inputs.items()}
-        if self._dense:
-            dense = self.base.regressor(q, qd, qdd, self.symbols, inputs, threads=self.threads)
-            return dense.reshape(len(q), -1)
         return self.base.regressor_entries(q, qd, qdd, self.symbols, inputs, threads=self.threads)
 
     @cached_property
     def _columns(self) -> tuple[npt.NDArray[np.intp], ...]:
         """For each output, the entries that are its columns."""
-        count, n = len(self.layout.outputs), len(self.layout.parameters)
-        if self._dense:
-            return tuple(np.arange(output * n, (output + 1) * n) for output in range(count))
+        count = len(self.layout.outputs)
         rows, parameters = self.base.sparsity
         mine = (np.flatnonzero(rows == output) for output in range(count))
         return tuple(some[np.argsort(parameters[some])] for some in mine)

@@ -25,9 +25,9 @@ _RESIDUAL = 1e-12  # of the characteristic length
 _ITERATIONS = 100
 _LONGEST = 0.5  # of one Gauss–Newton step, rad or characteristic lengths
 _FLOOR = 1e-12  # of the damping: the steps stay finite where constraints are redundant
-_STRIDE, _SHORTEST = 0.1, 1e-4  # of a step on the way to given coordinates, rad or characteristic lengths
+STRIDE, _SHORTEST = 0.1, 1e-4  # of a step on the way to given coordinates, rad or characteristic lengths
 _FEW = 8  # iterations for one such step; if these do not do, it is shortened
-_LARGEST_CORRECTION = 0.05  # of what its trend predicts; more may be a jump to another way of assembly
+LARGEST_CORRECTION = 0.05  # of what its trend predicts; more may be a jump to another way of assembly
 _TRIES, _NEAR = 64, 1.0  # disturbances of a pose that does not close, rad or characteristic lengths
 _WALK = 20  # random strides from the assembly pose
 _KEPT_AWAY = 0.25  # of the assembly pose's distance from singular configurations; more than a stride
@@ -126,26 +126,60 @@ class Assembly(ClosedMotion):
         InputError
             If the loops cannot be kept closed on the way; names the sample and the closure.
         """
-        places = [self.mechanism.positions.index(name) for name in self.independent_positions]
-        q = np.repeat((self.pose if start is None else start)[None], len(q_independent), axis=0)
-        begin, end = q[:, places], self._turned_towards(q[:, places], q_independent)
-        extent = np.maximum(largest((end - begin) / self._position_units[places]), _STRIDE)
-        gone, stride, trend = np.zeros(len(q)), _STRIDE / extent, np.zeros_like(q)
-        while (gone < 1).any():
-            on = np.flatnonzero(gone < 1)
+        starts = np.repeat((self.pose if start is None else start)[None], len(q_independent), axis=0)
+        q, gone = self.followed(starts, q_independent, _SHORTEST)
+        if (gone < 1).any():
+            stuck = int(np.argmax(gone < 1))
+            self._refuse(stuck, q[stuck], q_independent[stuck])
+        return q
+
+    def followed(self, start: Floats, wanted: Floats, shortest: float) -> tuple[Floats, Floats]:
+        """Configurations on the straight ways from closed ones to independent positions.
+
+        Parameters
+        ----------
+        start : array of shape (N, positions)
+        wanted : array of shape (N, independent positions)
+        shortest : float
+            Of a step before the way is given up, rad or characteristic lengths.
+
+        Returns
+        -------
+        configurations : array of shape (N, positions)
+        gone : array of shape (N,)
+            Which shares of the ways were gone; 1 where the independent positions are reached.
+        """
+        q, places = start.copy(), self.independent_places
+        begin, end = q[:, places], self._turned_towards(q[:, places], wanted)
+        extent = np.maximum(largest((end - begin) / self.position_units[places]), STRIDE)
+        gone, stride, trend = np.zeros(len(q)), STRIDE / extent, np.zeros_like(q)
+        on = np.arange(len(q))
+        while len(on):
             reached = np.minimum(gone[on] + stride[on], 1.0)[:, None]
             guess = q[on] + trend[on] * (reached - gone[on, None])
             guess[:, places] = (1 - reached) * begin[on] + reached * end[on]
             guess = normalised(self.mechanism, guess)
-            found, done = self.closed(guess, self.mechanism.independent_velocities, _FEW)
-            done &= largest((found - guess) / self._position_units) < _LARGEST_CORRECTION
+            found, done = self.near(guess)
+            done &= largest((found - guess) / self.position_units) < LARGEST_CORRECTION
             trend[on[done]] = (found - q[on])[done] / (reached[:, 0] - gone[on])[done, None]
             q[on[done]], gone[on[done]] = found[done], reached[done, 0]
-            stride[on] = np.where(done, np.minimum(1.5 * stride[on], _STRIDE / extent[on]), stride[on] / 2)
-            stuck = on[stride[on] * extent[on] < _SHORTEST]
-            if len(stuck):
-                self._refuse(int(stuck[0]), q[stuck[0]], q_independent[stuck[0]], places)
-        return q
+            stride[on] = np.where(done, np.minimum(1.5 * stride[on], STRIDE / extent[on]), stride[on] / 2)
+            on = on[(gone[on] < 1) & (stride[on] * extent[on] >= shortest)]
+        return q, gone
+
+    def near(self, guess: Floats) -> tuple[Floats, Bools]:
+        """Closed configurations near guesses, with the same independent positions; and which of them were found.
+
+        Parameters
+        ----------
+        guess : array of shape (N, positions)
+        """
+        return self.closed(guess, self.mechanism.independent_velocities, _FEW)
+
+    @cached_property
+    def independent_places(self) -> list[int]:
+        """Places of :attr:`independent_positions` among all positions."""
+        return [self.mechanism.positions.index(name) for name in self.independent_positions]
 
     @cached_property
     def independent_positions(self) -> tuple[str, ...]:
@@ -185,13 +219,13 @@ class Assembly(ClosedMotion):
         """
         velocities, independent = self.mechanism.velocities, self.mechanism.independent_velocities
         if q.shape[-1] != len(self.mechanism.positions):
-            _check_shape(q, "q", self.mechanism.positions, self.independent_positions)
+            check_shape(q, "q", self.mechanism.positions, self.independent_positions)
             q = self.from_independent(q)
         if qd.shape[-1] != len(velocities):
-            _check_shape(qd, "qd", velocities, independent)
+            check_shape(qd, "qd", velocities, independent)
             qd = self.velocities(q, qd)
         if qdd.shape[-1] != len(velocities):
-            _check_shape(qdd, "qdd", velocities, independent)
+            check_shape(qdd, "qdd", velocities, independent)
             qdd = self.accelerations(q, qd, qdd)
         self.check_closed(q, qd, qdd)
         return q, qd, qdd
@@ -214,7 +248,7 @@ class Assembly(ClosedMotion):
         q = np.repeat(self.pose[None], count, axis=0)
         closeness = self._distance_to_singular(q[:1])
         for _ in range(_WALK):
-            found, done = self.closed(self._moved(q, self._random_motion(rng, q, 2 * reach * _STRIDE)), iterations=_FEW)
+            found, done = self.closed(self._moved(q, self._random_motion(rng, q, 2 * reach * STRIDE)), iterations=_FEW)
             done &= self._distance_to_singular(found) > _KEPT_AWAY * closeness
             q[done] = found[done]
         units = self.closures.units[: len(self.mechanism.velocities)]
@@ -242,7 +276,8 @@ class Assembly(ClosedMotion):
         return normalised(self.mechanism, q + position_rates(self.mechanism, q, change * units))
 
     @cached_property
-    def _position_units(self) -> Floats:
+    def position_units(self) -> Floats:
+        """Units of the positions, shape (positions,): the characteristic length where they slide."""
         units = dict(zip(self.closures.freedoms, self.closures.units, strict=True))
         return np.array([units.get(name, 1.0) for name in self.mechanism.positions])
 
@@ -257,8 +292,8 @@ class Assembly(ClosedMotion):
                 result[away, ball] *= -1
         return result
 
-    def _refuse(self, sample: int, q: Floats, wanted: Floats, places: list[int]) -> None:
-        q[places] = wanted
+    def _refuse(self, sample: int, q: Floats, wanted: Floats) -> None:
+        q[self.independent_places] = wanted
         nearest, done = self.closed(q[None], self.mechanism.independent_velocities)
         problem = "the way there from the assembly pose passes a singular configuration"
         if not done[0]:
@@ -276,7 +311,8 @@ def _damped_steps(values: Floats, jacobian: Floats) -> Floats:
     return steps * np.minimum(1.0, _LONGEST / np.maximum(largest(steps), 1e-300))[:, None]
 
 
-def _check_shape(values: Floats, kind: str, names: tuple[str, ...], independent: tuple[str, ...]) -> None:
+def check_shape(values: Floats, kind: str, names: tuple[str, ...], independent: tuple[str, ...]) -> None:
+    """Refuse values that are neither those of all coordinates nor those of the independent ones."""
     if values.ndim != 2 or values.shape[1] != len(independent):
         raise InputError(
             f"{kind} has shape {values.shape}; expected (samples, {len(names)}) for all coordinates "

@@ -50,7 +50,7 @@ class ClosedMotion:
 
     def __init__(self, mechanism: Mechanism, symbols: Mapping[str, float] | None = None) -> None:
         self.mechanism, self.closures = mechanism, ClosureValues(mechanism, symbols)
-        self._symbols = symbols
+        self.symbols = symbols
         names = mechanism.velocities
         self._independent = [names.index(name) for name in mechanism.independent_velocities]
         self._dependent = [k for k in range(len(names)) if k not in self._independent]
@@ -98,15 +98,15 @@ class ClosedMotion:
         InputError
             If an output is not determined by the motion because constraints are redundant; names the output.
         """
-        freedoms = list(dict.fromkeys(name for motion in self._virtual for name in motion))
+        freedoms = list(dict.fromkeys(name for motion in self.chosen_speeds for name in motion))
         given = [self.closures.freedoms.index(name) for name in freedoms]
-        speeds = np.array([[motion.get(name, 0.0) for motion in self._virtual] for name in freedoms])
-        speeds = speeds.reshape(len(freedoms), len(self._virtual)) / self.closures.units[given, None]
+        speeds = np.array([[motion.get(name, 0.0) for motion in self.chosen_speeds] for name in freedoms])
+        speeds = speeds.reshape(len(freedoms), len(self.chosen_speeds)) / self.closures.units[given, None]
         _, jacobian = self.closures.at(q)
         driven = jacobian[:, :, given] @ speeds
         solved = -self._solved(jacobian, driven)
         self._check_determined(driven + jacobian[:, :, self._dependent] @ solved, driven)
-        result = np.zeros((len(q), len(self.closures.freedoms), len(self._virtual)))
+        result = np.zeros((len(q), len(self.closures.freedoms), len(self.chosen_speeds)))
         result[:, given], result[:, self._dependent] = speeds, solved
         result *= self.closures.units[:, None]
         return result[:, : len(self.mechanism.velocities)]
@@ -160,7 +160,7 @@ class ClosedMotion:
         return solved
 
     @cached_property
-    def _virtual(self) -> Sequence[Mapping[str, float]]:
+    def chosen_speeds(self) -> Sequence[Mapping[str, float]]:
         """For every output, the virtual velocities of the freedoms that the outputs determine."""
         program = Program()
         probes = Probes(self.mechanism, Recorder(self.mechanism, program))
@@ -169,7 +169,7 @@ class ClosedMotion:
             chosen = virtual_motion(self.mechanism, probes, {output.name: program.one}).chosen
             schedule = Schedule(program, [speed.node for speed in chosen.values()])
             names = {n: program.inputs[n].name for n in schedule.leaves}
-            values = symbol_values(self.mechanism, names.values(), self._symbols)
+            values = symbol_values(self.mechanism, names.values(), self.symbols)
             leaves = {n: np.full(1, values[name]) for n, name in names.items()}
             speeds = schedule.run(FloatArithmetic(), leaves, 1)[:, 0]
             found.append(dict(zip(chosen, map(float, speeds), strict=True)))

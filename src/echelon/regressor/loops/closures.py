@@ -25,6 +25,9 @@ from echelon.regressor.probes import Probes
 from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, transposed
 from echelon.regressor.steps import Recorder, Step, into_frame
 
+Wrench = tuple[Vec, Vec]
+"""Moment and force."""
+
 
 @dataclass(frozen=True)
 class ClosureEquations:
@@ -38,11 +41,14 @@ class ClosureEquations:
         For an equation and a freedom (a velocity coordinate of the tree, or a sensor), the node of its derivative.
     owners : tuple of str
         Name of the closure of every equation.
+    wrenches : tuple of Wrench
+        On the second body, what each equation stands for, about the first frame's origin, in its axes.
     """
 
     equations: tuple[int, ...]
     jacobian: Mapping[tuple[int, str], int]
     owners: tuple[str, ...]
+    wrenches: tuple[Wrench, ...]
 
 
 RealInputs = Callable[[np.random.Generator, int], Mapping[str, npt.NDArray[np.float64]]]
@@ -108,17 +114,20 @@ def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | N
     """
     equations: list[int] = []
     owners: list[str] = []
+    wrenches: list[Wrench] = []
     sums: dict[tuple[int, str], Scalar] = {}
     for closure in mechanism.closures:
         loop = _Loop(mechanism, recorder, probes, closure)
-        for value, efforts in loop.conditions():
+        for value, (on_first, on_second) in loop.conditions():
+            efforts = loop.efforts(on_first, on_second)
             for name, effort in _independent(recorder, efforts):
                 key = (len(equations), name)
                 sums[key] = sums[key] + effort if key in sums else effort
             equations.append(value.node)
             owners.append(closure.name)
+            wrenches.append((_negative(on_first[0]), _negative(on_first[1])))
     jacobian = {key: value.node for key, value in sums.items() if not value.is_zero}
-    return ClosureEquations(tuple(equations), jacobian, tuple(owners))
+    return ClosureEquations(tuple(equations), jacobian, tuple(owners), tuple(wrenches))
 
 
 def _independent(recorder: Recorder, efforts: list[tuple[str, Scalar]]) -> Iterator[tuple[str, Scalar]]:
@@ -143,8 +152,8 @@ class _Loop:
             recorder, probes, [b for b in second if b not in shared], *closure.second_mount, closure.second_frame
         )
 
-    def conditions(self) -> Iterator[tuple[Scalar, list[tuple[str, Scalar]]]]:
-        """Every equation with the effort that its unit wrench needs at each freedom."""
+    def conditions(self) -> Iterator[tuple[Scalar, tuple[Wrench, Wrench]]]:
+        """Every equation with its unit wrench: on the first body, and on the second, each in the axes of its frame."""
         zeros, units = self.recorder.zeros, self._units()
         (axes, origin), (other_axes, other_origin) = self._frame(self.first), self._frame(self.second)
         difference = add(other_origin, _negative(origin))
@@ -157,15 +166,16 @@ class _Loop:
                 lever = apply(transposed(axes), cross(difference, direction))
             on_first = (_negative(lever), _negative(apply(transposed(axes), direction)))
             on_second = (zeros, apply(transposed(other_axes), direction))
-            yield value, self._efforts(on_first, on_second)
+            yield value, (on_first, on_second)
         for i, j, target in self.closure.kind.directions:
             a, b = apply(axes, units[i]), apply(other_axes, units[j])
             moment = cross(b, a)
             on_first = (_negative(apply(transposed(axes), moment)), zeros)
             on_second = (apply(transposed(other_axes), moment), zeros)
-            yield dot(a, b) - self.recorder.program.constant(target), self._efforts(on_first, on_second)
+            yield dot(a, b) - self.recorder.program.constant(target), (on_first, on_second)
 
-    def _efforts(self, on_first: tuple[Vec, Vec], on_second: tuple[Vec, Vec]) -> list[tuple[str, Scalar]]:
+    def efforts(self, on_first: Wrench, on_second: Wrench) -> list[tuple[str, Scalar]]:
+        """The effort that wrenches need at each freedom."""
         return [*_carried_back(self.first, on_first), *_carried_back(self.second, on_second)]
 
     def _frame(self, chain: list[Step]) -> tuple[Mat, Vec]:
@@ -210,7 +220,7 @@ def _back(chain: list[Step], point: Vec) -> Vec:
     return point
 
 
-def _carried_back(chain: list[Step], wrench: tuple[Vec, Vec]) -> Iterator[tuple[str, Scalar]]:
+def _carried_back(chain: list[Step], wrench: Wrench) -> Iterator[tuple[str, Scalar]]:
     """Generalised force at every freedom of a chain whose end carries a wrench."""
     moment, force = wrench
     for step in reversed(chain):

@@ -1,0 +1,240 @@
+"""What moves dependently in a mechanism with loops, recorded: velocities, accelerations, positions, closing forces.
+
+With J the Jacobian of the closure equations, J_D its columns of dependent coordinates and J_I those of independent
+ones,
+
+    q̇_D = −J_D⁺ J_I q̇_I,        q̈_D = −J_D⁺ (J_I q̈_I + J̇ q̇),        λ = J_Dᵀ⁺ Γ_D,
+
+and a step q_D − J_D⁺ c(q) of Newton's iteration closes positions that are nearly closed.  All of it is recorded on the
+program that needs it, elimination included, so that machine code, source code and derivatives are those of any program.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from fractions import Fraction
+from functools import cached_property
+from math import log2
+
+from echelon.errors import InputError
+from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.values import characteristic_length
+from echelon.program.derivatives import rates
+from echelon.program.least_squares import LeastSquares
+from echelon.program.tape import Program, Scalar
+from echelon.regressor.loops.closures import record_closures
+from echelon.regressor.probes import Probes
+from echelon.regressor.steps import Recorder
+
+
+class DependentMotion:
+    """The dependent coordinates of a mechanism on a program, as functions of all positions and of independent rates.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With loops.
+    program : Program
+        Is extended.  Inputs are ``q[...]`` of all positions, which are to be closed, and ``qd[...]`` and ``qdd[...]``
+        of the independent velocity coordinates.
+
+    Raises
+    ------
+    InputError
+        If a coordinate is in no loop and does not follow from the independent ones.
+    """
+
+    def __init__(self, mechanism: Mechanism, program: Program) -> None:
+        self.mechanism, self.program = mechanism, program
+        self._recorder = Recorder(mechanism, program)
+        found = record_closures(mechanism, self._recorder, Probes(mechanism, self._recorder))
+        rows = [row for row, kept in enumerate(_kept(mechanism)) if kept]
+        self._owners, self._wrenches = found.owners, found.wrenches
+        self._openings = {row: Scalar(program, found.equations[row]) for row in rows}
+        self._columns: dict[str, dict[int, Scalar]] = {}
+        for (row, name), node in found.jacobian.items():
+            if row in self._openings:
+                self._columns.setdefault(name, {})[row] = Scalar(program, node)
+        independent = mechanism.independent_velocities
+        self.dependent = tuple(name for name in mechanism.velocities if name not in independent)
+        loose = next((name for name in self.dependent if name not in self._columns), None)
+        if loose is not None:
+            raise InputError(f"'{loose}' is in no loop and not independent", element="independent")
+        columns = {name: self._columns[name] for name in self.dependent}
+        weights = {row: 1 / unit**2 for row, unit in self.row_units.items()}
+        self._system = LeastSquares(program, columns, weights)
+
+    @cached_property
+    def length(self) -> Fraction:
+        """The characteristic length, rounded to a power of two, m."""
+        return Fraction(2) ** round(log2(characteristic_length(self.mechanism)))
+
+    @cached_property
+    def units(self) -> dict[str, Fraction]:
+        """Units of velocity coordinates: the characteristic length where they slide."""
+        sliding = {m.name for m in self.mechanism.motions if m.kind is MotionKind.TRANSLATION}
+        return {name: self.length if name in sliding else Fraction(1) for name in self.mechanism.velocities}
+
+    @cached_property
+    def jacobian(self) -> dict[tuple[int, str], Scalar]:
+        """Derivatives of the closure equations that count, by equation and velocity coordinate."""
+        names = self.mechanism.velocities
+        return {(row, name): entry for name in names for row, entry in self._columns.get(name, {}).items()}
+
+    @cached_property
+    def row_units(self) -> dict[int, Fraction]:
+        """Units of the closure equations that count, by their numbers: lengths are in characteristic lengths."""
+        parts = [part for c in self.mechanism.closures for part in (c.kind.positions, c.kind.directions)]
+        is_length = [number % 2 == 0 for number, part in enumerate(parts) for _ in part]
+        return {row: self.length if is_length[row] else Fraction(1) for row in self._openings}
+
+    @property
+    def openness(self) -> Scalar:
+        """(Σ 1/σ²)^(−1/2) over the singular values of J_D in these units: how far the pose is from a singular one."""
+        return 1 / self._system.inverse_square({name: self.units[name] for name in self.dependent}).sqrt()
+
+    @property
+    def pivots(self) -> dict[str, Scalar]:
+        """How far each dependent coordinate is from being undetermined, see :class:`LeastSquares`."""
+        return self._system.pivots
+
+    def speeds(self, chosen: Mapping[str, Scalar]) -> dict[str, Scalar]:
+        """Velocities of the dependent coordinates while other freedoms have some and the rest none.
+
+        Parameters
+        ----------
+        chosen : mapping of str to Scalar
+            By independent velocity coordinate or sensor.
+        """
+        return self._solved(self._opened(chosen))
+
+    def given(self, *still: str) -> dict[str, Scalar]:
+        """Rates of all velocity coordinates by the names of inputs, where those of the independent ones are inputs.
+
+        Parameters
+        ----------
+        *still : str
+            ``"qd"`` or ``"qdd"`` where those of the independent ones are zero.
+        """
+        free = self.mechanism.independent_velocities
+        zero = self.program.zero
+        qd, qdd = (
+            {n: zero if kind in still else self.program.input(f"{kind}[{n}]") for n in free} for kind in ("qd", "qdd")
+        )
+        qd |= self._solved(self._opened(qd))
+        opening = self._opened({name: qdd[name] for name in free})
+        for row, value in self.bias(qd).items():
+            opening[row] = opening.get(row, zero) + value
+        qdd |= self._solved(opening)
+        return {f"{kind}[{n}]": value for kind, found in (("qd", qd), ("qdd", qdd)) for n, value in found.items()}
+
+    def closed_positions(self) -> list[Scalar]:
+        """Positions after one step of Newton's iteration; those of independent coordinates stay."""
+        moved = self._moved(self._solved(self._openings))
+        found: list[Scalar] = []
+        for motion, change in zip(self._motions, moved, strict=True):
+            position = [p + d for p, d in zip(self._recorder.coordinates[motion].position, change, strict=True)]
+            if len(position) > 1 and not all(d.is_zero for d in change):
+                size = sum((p * p for p in position), self.program.zero).sqrt()
+                position = [p / size for p in position]
+            found += position
+        return found
+
+    def position_rates(self, speeds: Mapping[str, Scalar]) -> dict[int, Scalar]:
+        """Rates of the positions' inputs, by node, from those of velocity coordinates; zero where absent."""
+        moved = self._moved(speeds)
+        found = {
+            position.node: rate
+            for motion, change in zip(self._motions, moved, strict=True)
+            for position, rate in zip(self._recorder.coordinates[motion].position, change, strict=True)
+        }
+        return {node: rate for node, rate in found.items() if not rate.is_zero}
+
+    def closing_wrenches(self, efforts: Mapping[str, Scalar]) -> list[tuple[Scalar, ...]]:
+        """Wrenches of the closures that make the efforts of the dependent coordinates.
+
+        Parameters
+        ----------
+        efforts : mapping of str to Scalar
+            By dependent velocity coordinate.
+
+        Returns
+        -------
+        list of 6 of Scalar
+            Moment and force on the second body of every closure, about the first frame's origin, in its axes.  Where
+            constraints are redundant, the smallest multipliers, of lengths in units of the characteristic length.
+        """
+        multipliers = self._system.solve_transposed(efforts)
+        return [
+            tuple(
+                sum((component * multipliers[row] for row, component in parts if row in multipliers), self.program.zero)
+                for parts in components
+            )
+            for components in self._components
+        ]
+
+    def determined(self) -> list[tuple[Scalar, ...]]:
+        """For every component of these wrenches, how much of it the efforts determine: 1, or less if redundant."""
+        return [tuple(self._system.share(dict(parts)) for parts in components) for components in self._components]
+
+    @cached_property
+    def _components(self) -> list[list[list[tuple[int, Scalar]]]]:
+        """Rows of every component of every closure's wrench, and the component that their unit stands for."""
+        found: list[list[list[tuple[int, Scalar]]]] = []
+        for closure in self.mechanism.closures:
+            rows = [row for row in self._openings if self._owners[row] == closure.name]
+            wrenches = {row: (*self._wrenches[row][0], *self._wrenches[row][1]) for row in rows}
+            found.append([[(r, w[k]) for r, w in wrenches.items() if not w[k].is_zero] for k in range(6)])
+        return found
+
+    def bias(self, speeds: Mapping[str, Scalar]) -> dict[int, Scalar]:
+        """J̇ q̇: accelerations of the closure equations that velocities alone cause, by equation.
+
+        Parameters
+        ----------
+        speeds : mapping of str to Scalar
+            Of all velocity coordinates.
+        """
+        total: dict[int, Scalar] = {}
+        if seeds := self.position_rates(speeds):
+            changes = rates(self.program, [entry.node for entry in self.jacobian.values()], seeds)
+            for (row, name), change in zip(self.jacobian, changes, strict=True):
+                total[row] = total.get(row, self.program.zero) + change * speeds[name]
+        return total
+
+    # -- equations ---------------------------------------------------------------------------------------------------
+
+    def _opened(self, speeds: Mapping[str, Scalar]) -> dict[int, Scalar]:
+        found: dict[int, Scalar] = {}
+        for name, speed in speeds.items():
+            for row, entry in self._columns.get(name, {}).items():
+                term = entry * speed
+                found[row] = found[row] + term if row in found else term
+        return {row: value for row, value in found.items() if not value.is_zero}
+
+    def _solved(self, opening: Mapping[int, Scalar]) -> dict[str, Scalar]:
+        return self._system.solve({row: -value for row, value in opening.items()})
+
+    @cached_property
+    def _motions(self) -> tuple[str, ...]:
+        return tuple(m.name for m in self.mechanism.motions if m.name not in self.mechanism.dependent)
+
+    def _moved(self, speeds: Mapping[str, Scalar]) -> Iterator[list[Scalar]]:
+        """Rates of the positions of every motion; a quaternion's is half its product with the velocity."""
+        zero = self.program.zero
+        for motion in (m for m in self.mechanism.motions if m.name in self._motions):
+            rate = [speeds.get(name, zero) for name in motion.velocities]
+            if motion.kind is not MotionKind.BALL:
+                yield rate
+                continue
+            (w, x, y, z), (a, b, c) = self._recorder.coordinates[motion.name].position, rate
+            twice = (-x * a - y * b - z * c, w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a)
+            yield [value / 2 for value in twice]
+
+
+def _kept(mechanism: Mechanism) -> Iterator[bool]:
+    """Which closure equations count: of a fixed orientation, three say it all near where it is fixed."""
+    for closure in mechanism.closures:
+        yield from (True for _ in closure.kind.positions)
+        yield from (i < j for i, j, _ in closure.kind.directions)
