@@ -46,6 +46,10 @@ class MissingExtraError(EchelonError):
         super().__init__(f"this needs the package '{package}': install it with  pip install 'echelon[{extra}]'")
 
 
+class AssemblyWarning(UserWarning):
+    """A mechanism with loops is taken in a pose that is not near the stated one."""
+
+
 class DegenerateSampleError(EchelonError):
     """A random point or prime fell on a zero of some denominator; the caller draws another."""
 

@@ -93,6 +93,8 @@ def facts(model: BaseModel) -> list[tuple[str, str]]:
         found.append(("read as exact", snap_summary(model)))
     if model.reading.mimics is not None:
         found.append(("mimic joints", str(model.reading.mimics)))
+    if model.reading.assembled is not None:
+        found.append(("assembly pose", str(model.reading.assembled)))
     found += [("note", note) for note in model.reading.notes]
     if model.reading.doubt:
         found.append(("doubt", model.reading.doubt))

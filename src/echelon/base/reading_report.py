@@ -21,6 +21,8 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.reading import Reading, Snap
 from echelon.mechanism.stated import StatedValues, stated_values
 from echelon.regressor.linear import LinearForms
+from echelon.regressor.loops.assembled import Assembled
+from echelon.regressor.loops.closing import assembled
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 ROUNDING = 1e-9
@@ -66,6 +68,8 @@ class ReadingReport:
         Where the float ranks of the literal numbers do not confirm the exact one, what they are; otherwise empty.
     mimics : MimicRanks, optional
         Of files that couple joints.
+    assembled : Assembled, optional
+        Of mechanisms whose loops were not closed at the stated assembly pose: what was moved.
     """
 
     snaps: tuple[Snap, ...] = ()
@@ -74,6 +78,7 @@ class ReadingReport:
     decisive: tuple[Snap, ...] = ()
     doubt: str = ""
     mimics: MimicRanks | None = None
+    assembled: Assembled | None = None
 
 
 def report_reading(
@@ -98,12 +103,12 @@ def report_reading(
     """
     reading = mechanism.reading
     if reading is None:
-        return ReadingReport(doubt=_doubt(mechanism, recorded, rank, rank, matrix))
+        return ReadingReport(doubt=_doubt(mechanism, recorded, rank, rank, matrix), assembled=assembled(mechanism))
     mimics = mimic_ranks(mechanism, rank, rng)
     coarse = [snap for snap in reading.snaps if snap.difference > ROUNDING]
     if not coarse:
         doubt = _doubt(mechanism, recorded, rank, rank, matrix)
-        return ReadingReport(reading.snaps, reading.notes, doubt=doubt, mimics=mimics)
+        return ReadingReport(reading.snaps, reading.notes, doubt=doubt, mimics=mimics, assembled=assembled(mechanism))
     literal_rank = stated_structure(reading.literal(), rng).rank
     decisive: list[Snap] = []
     if literal_rank != rank:
@@ -111,7 +116,9 @@ def report_reading(
         chosen = set(_decisive(reading, elements, rank, len(mechanism.bodies), rng))
         decisive = [snap for snap in coarse if snap.element in chosen]
     doubt = _doubt(mechanism, recorded, literal_rank, rank, matrix if literal_rank == rank else None)
-    return ReadingReport(reading.snaps, reading.notes, literal_rank, tuple(decisive), doubt, mimics)
+    return ReadingReport(
+        reading.snaps, reading.notes, literal_rank, tuple(decisive), doubt, mimics, assembled(mechanism)
+    )
 
 
 def _doubt(

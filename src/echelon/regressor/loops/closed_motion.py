@@ -201,10 +201,15 @@ class ClosedMotion:
 
     def opening(self, values: Floats) -> str:
         """What closure equations miss most, in words."""
+        closure, size, unit = self.widest(values)
+        return f"closure '{closure}' is off by {size:.3g} {unit}"
+
+    def widest(self, values: Floats) -> tuple[str, float, str]:
+        """The closure that equations miss most, by how much, and in which unit."""
         worst = int(np.abs(values).argmax())
-        size = abs(values[worst]) * (self.closures.length if self.closures.is_length[worst] else 1.0)
-        unit = "m" if self.closures.is_length[worst] else "rad"
-        return f"closure '{self.closures.owners[worst]}' is off by {size:.3g} {unit}"
+        if self.closures.is_length[worst]:
+            return self.closures.owners[worst], float(abs(values[worst]) * self.closures.length), "m"
+        return self.closures.owners[worst], float(abs(values[worst])), "rad"
 
 
 def largest(values: Floats) -> Floats:

@@ -12,6 +12,7 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.tape import Program
+from echelon.regressor.loops.assembled import Assembled
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.curves import CurveSampler
 from echelon.regressor.loops.lifting import choose
@@ -59,6 +60,8 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
         if name not in names:
             raise InputError(f"there is no coordinate '{name}' (valid: {', '.join(names)})", element="independent")
     assembly = _assembly(mechanism)
+    if assembly is not None and assembly.assembled is not None:
+        assembly.assembled.check()
     if assembly is not None and assembly.mobility(assembly.pose[None])[0] == 0:
         raise InputError(f"the loops closed by {_closures(mechanism)} leave no motion")
     field, jacobian = _jacobian(mechanism)
@@ -71,6 +74,17 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
         _check_wanted(wanted, chosen)
         chosen = tuple(wanted)
     return replace(mechanism, independent=chosen)
+
+
+def assembled(mechanism: Mechanism) -> Assembled | None:
+    """What had to be moved to close the loops of a mechanism; None without loops, or if symbols have no values.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    """
+    assembly = _assembly(mechanism) if mechanism.closures else None
+    return None if assembly is None else assembly.assembled
 
 
 def _assembly(mechanism: Mechanism) -> Assembly | None:
