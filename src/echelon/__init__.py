@@ -98,7 +98,10 @@ _NAMES = {
     "claims.findings": "Verdict",
     "claims.result": "Audit",
     "codegen.generate": "generate",
-    "errors": "AssemblyWarning CertificateError ClosedFormError EchelonError InputError MissingExtraError UnknownRelationsError",
+    "errors": (
+        "AssemblyWarning CertificateError ClosedFormError EchelonError InputError MissingExtraError "
+        "UnknownRelationsError"
+    ),
     "excite.excite": "exciting_trajectory judged_trajectory",
     "excite.files.reading": "read_trajectory",
     "excite.files.writing": "write_trajectory",

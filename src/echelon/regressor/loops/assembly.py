@@ -85,7 +85,9 @@ class Assembly(ClosedMotion):
         for motion, relative in zip(motions, self._distances(self.pose[None])[0].tolist(), strict=True):
             slides = motion.kind is MotionKind.TRANSLATION
             size, unit = (relative * self.closures.length, "m") if slides else (relative, "rad")
-            moved.append(Moved(motion.name, size, unit, relative, not mechanism.assembly.keys().isdisjoint(motion.positions)))
+            moved.append(
+                Moved(motion.name, size, unit, relative, not mechanism.assembly.keys().isdisjoint(motion.positions))
+            )
         moved = sorted((m for m in moved if m.relative > ROUNDING), key=lambda m: -m.relative)
         if not moved:
             return None
@@ -98,7 +100,8 @@ class Assembly(ClosedMotion):
         mechanism = self.mechanism
         upright = {m.positions[0]: 1.0 for m in mechanism.motions if m.kind is MotionKind.BALL}
         stated = np.array([mechanism.assembly.get(n, upright.get(n, 0.0)) for n in mechanism.positions])
-        return normalised(mechanism, stated[None])[0]
+        upright_pose: Floats = normalised(mechanism, stated[None])[0]
+        return upright_pose
 
     def _distances(self, q: Floats) -> Floats:
         """How far each motion is from the stated pose, rad or characteristic lengths, shape (N, motions)."""
