@@ -11,6 +11,7 @@ from echelon.errors import DegenerateSampleError, InputError, ShakyPoseError, Si
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.ratios import with_numeric_ratios
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembled import Assembled
 from echelon.regressor.loops.assembly import Assembly
@@ -55,6 +56,7 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
         if wanted:
             raise InputError("without loops all coordinates are independent; leave it out", element="independent")
         return mechanism
+    mechanism = with_numeric_ratios(mechanism)
     names = list(mechanism.velocities)
     for name in wanted or ():
         if name not in names:
