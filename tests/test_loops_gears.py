@@ -19,7 +19,11 @@ modified_dh:
   - {{name: wheel, joint: revolute, parent: {carrier}, a: {offset}}}
 couplings: [{{wheel: {ratio}}}]
 loops:
-  - {{name: pin, joint: revolute, connects: [{carried}, rocker], at: {{xyz: [l3, 0, 0]}}, on_second: {{xyz: [l4, 0, 0]}}}}
+  - name: pin
+    joint: revolute
+    connects: [{carried}, rocker]
+    at: {{xyz: [l3, 0, 0]}}
+    on_second: {{xyz: [l4, 0, 0]}}
 assembly: {{crank: 1.0, coupler: -0.4816, rocker: 1.6206}}
 """
 OUTSIDE = {"carrier": "rocker", "offset": "0.1", "carried": "coupler"}

@@ -23,6 +23,7 @@ from echelon.mechanism.stated import StatedValues, stated_values
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.assembled import Assembled
 from echelon.regressor.loops.closing import assembled
+from echelon.regressor.loops.coordinates import split_balls
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 ROUNDING = 1e-9
@@ -101,14 +102,16 @@ def report_reading(
     matrix : BaseMatrix, optional
         B at the stated values, which lets few columns of a large robot be compared instead of all.
     """
-    reading = mechanism.reading
+    reading, moved = mechanism.reading, assembled(mechanism)
+    notes = (*(() if reading is None else reading.notes), *_notes_on_balls(mechanism))
     if reading is None:
-        return ReadingReport(doubt=_doubt(mechanism, recorded, rank, rank, matrix), assembled=assembled(mechanism))
+        doubt = _doubt(mechanism, recorded, rank, rank, matrix)
+        return ReadingReport((), notes, doubt=doubt, assembled=moved)
     mimics = mimic_ranks(mechanism, rank, rng)
     coarse = [snap for snap in reading.snaps if snap.difference > ROUNDING]
     if not coarse:
         doubt = _doubt(mechanism, recorded, rank, rank, matrix)
-        return ReadingReport(reading.snaps, reading.notes, doubt=doubt, mimics=mimics, assembled=assembled(mechanism))
+        return ReadingReport(reading.snaps, notes, doubt=doubt, mimics=mimics, assembled=moved)
     literal_rank = stated_structure(reading.literal(), rng).rank
     decisive: list[Snap] = []
     if literal_rank != rank:
@@ -116,9 +119,14 @@ def report_reading(
         chosen = set(_decisive(reading, elements, rank, len(mechanism.bodies), rng))
         decisive = [snap for snap in coarse if snap.element in chosen]
     doubt = _doubt(mechanism, recorded, literal_rank, rank, matrix if literal_rank == rank else None)
-    return ReadingReport(
-        reading.snaps, reading.notes, literal_rank, tuple(decisive), doubt, mimics, assembled(mechanism)
-    )
+    return ReadingReport(reading.snaps, notes, literal_rank, tuple(decisive), doubt, mimics, moved)
+
+
+def _notes_on_balls(mechanism: Mechanism) -> list[str]:
+    """A note on independent coordinates that are parts of balls, which have no positions of their own."""
+    names = ", ".join(f"'{name}'" for name in split_balls(mechanism))
+    what = "the loops leave a part of a free rotation open, such as the spin of a rod between two balls"
+    return [f"{what}: independent is {names}"] if names else []
 
 
 def _doubt(

@@ -70,6 +70,13 @@ class ClosedMotion:
         freedoms: npt.NDArray[np.intp] = velocities - (singular > tolerance * singular[:, :1]).sum(axis=1)
         return freedoms
 
+    def free_velocities(self, q: Floats) -> Floats:
+        """Orthonormal velocities that keep the loops closed in one configuration, shape (velocities, freedoms)."""
+        jacobian = self.closures.at(q[None])[1][0, :, : len(self.mechanism.velocities)]
+        _, singular, turned = np.linalg.svd(jacobian)
+        free: Floats = turned[(singular > RANK_TOLERANCE * singular.max(initial=0.0)).sum() :].T
+        return free
+
     def velocities(self, q: Floats, qd_independent: Floats) -> Floats:
         """Velocities of all coordinates, shape (N, velocities), from those of the independent ones, (N, independent).
 

@@ -15,8 +15,8 @@ from echelon.mechanism.ratios import with_numeric_ratios
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembled import Assembled
 from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.loops.coordinates import independent_coordinates
 from echelon.regressor.loops.curves import CurveSampler
-from echelon.regressor.loops.lifting import choose
 from echelon.regressor.loops.recorded_loops import loops_of
 from echelon.regressor.steps import Recorder
 from echelon.seeds import DEFAULT_SEED, random_generator
@@ -40,7 +40,8 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
     wanted : sequence of str, optional
         The coordinates that are to be independent, as many as there are degrees of freedom.
     prefer : sequence of str
-        Otherwise, coordinates that should be, such as those with drives; then those nearer to the base.
+        Otherwise, coordinates that should be, such as those with drives; the others are chosen as
+        :func:`~echelon.regressor.loops.coordinates.independent_coordinates` says.
 
     Returns
     -------
@@ -68,8 +69,9 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
         raise InputError(f"the loops closed by {_closures(mechanism)} leave no motion")
     field, jacobian = _jacobian(mechanism)
     first = list(wanted) if wanted is not None else [name for name in prefer if name in names]
-    choice = choose(jacobian, field, [names.index(name) for name in first])
-    chosen = tuple(names[k] for k in choice.independent)
+    chosen = independent_coordinates(
+        mechanism, jacobian, field, first, None if assembly is None else assembly.free_velocities(assembly.pose)
+    )
     if assembly is not None:
         _check_mobility(mechanism, chosen, assembly)
     if wanted is not None:
