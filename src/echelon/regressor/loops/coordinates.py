@@ -6,14 +6,14 @@ basis of these velocities are.  So they are taken one joint after the other, as 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.exact.elimination import null_vectors, rank
 from echelon.exact.field import PrimeField, Residues
-from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.joint import Joint, MotionKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
 
 Floats = npt.NDArray[np.float64]
@@ -30,9 +30,9 @@ def independent_coordinates(
 ) -> tuple[str, ...]:
     """Velocity coordinates that determine all others, in the order of the mechanism.
 
-    Those that should be come first, then joints that float, whole joints near the base, other motions near the base,
-    and whole balls; parts of a ball only if nothing else is left, such as the spin of a rod between two balls, and then
-    those along which the ball can really turn most.
+    Those that should be come first, then joints that float, balls without which not all would be determined, whole
+    joints near the base, and other motions near the base.  Parts of a ball come only if nothing else is left, such as
+    the spin of a rod between two balls, and then those by which it can really turn most.
 
     Parameters
     ----------
@@ -46,24 +46,57 @@ def independent_coordinates(
         Orthonormal velocities that keep the loops closed at the assembly pose.
     """
     place = {name: k for k, name in enumerate(mechanism.velocities)}
-    freedom = np.array(null_vectors(jacobian, field), dtype=np.int64).reshape(-1, len(place))
-    taken: list[int] = []
+    chosen = _Chosen(np.array(null_vectors(jacobian, field), dtype=np.int64).reshape(-1, len(place)), field)
+    joints = _near_the_base(mechanism)
+    motions = [m for joint in joints for m in joint.motions if m.name not in mechanism.dependent]
+    balls = [[place[name] for name in m.velocities] for m in motions if m.kind is MotionKind.BALL]
+    single = [place[m.name] for m in motions if m.kind is not MotionKind.BALL]
 
-    def take(group: Sequence[str]) -> None:
-        more = [place[name] for name in group if name in place and place[name] not in taken]
-        if more and rank(freedom[:, taken + more], field) == len(taken) + len(more):
-            taken.extend(more)
+    def take(joint: Joint) -> None:
+        chosen.take([place[name] for motion in joint.motions for name in motion.velocities if name in place])
 
-    for group in _groups(mechanism, first):
-        take(group)
-    for ball in _balls(mechanism):
-        parts = list(ball.velocities)
-        if real is not None:
-            turning = dict(zip(parts, _left([place[name] for name in parts], taken, real), strict=True))
-            parts.sort(key=turning.__getitem__, reverse=True)
-        for name in parts:
-            take([name])
-    return tuple(name for name, k in place.items() if k in taken)
+    for name in first:
+        chosen.take([place[name]])
+    for joint in joints:
+        if joint.kind == "floating":
+            take(joint)
+    for ball in balls:
+        if chosen.rank([*chosen.columns, *ball, *single]) > chosen.rank([*chosen.columns, *single]):
+            chosen.take(ball)
+    for joint in joints:
+        if all(motion.kind is not MotionKind.BALL for motion in joint.motions):
+            take(joint)
+    for column in single:
+        chosen.take([column])
+    for ball in balls:
+        turning = [0.0] * len(ball) if real is None else _left(ball, chosen.columns, real)
+        for _, column in sorted(zip(turning, ball, strict=True), key=lambda part: -part[0]):
+            chosen.take([column])
+    return tuple(name for name, k in place.items() if k in chosen.columns)
+
+
+def split_balls(mechanism: Mechanism) -> list[str]:
+    """Independent coordinates of balls of which other components depend on them."""
+    chosen = set(mechanism.independent)
+    balls = [motion for motion in mechanism.motions if motion.kind is MotionKind.BALL]
+    return [name for m in balls for name in m.velocities if name in chosen and not chosen.issuperset(m.velocities)]
+
+
+class _Chosen:
+    """Columns that are independent of one another."""
+
+    def __init__(self, freedom: Residues, field: PrimeField) -> None:
+        self._freedom, self._field = freedom, field
+        self.columns: list[int] = []
+
+    def rank(self, columns: Sequence[int]) -> int:
+        return rank(self._freedom[:, list(columns)], self._field)
+
+    def take(self, group: Sequence[int]) -> None:
+        """Add a group of columns as a whole, if all stay independent."""
+        more = [column for column in group if column not in self.columns]
+        if more and self.rank(self.columns + more) == len(self.columns) + len(more):
+            self.columns += more
 
 
 def _left(columns: Sequence[int], taken: Sequence[int], real: Floats) -> list[float]:
@@ -73,36 +106,9 @@ def _left(columns: Sequence[int], taken: Sequence[int], real: Floats) -> list[fl
     return [round(float(size), _DIGITS) for size in np.linalg.norm(resting, axis=1)]
 
 
-def split_balls(mechanism: Mechanism) -> list[str]:
-    """Independent coordinates of balls of which other components depend on them."""
-    chosen = set(mechanism.independent)
-    return [
-        name
-        for m in _balls(mechanism)
-        for name in m.velocities
-        if name in chosen and not chosen.issuperset(m.velocities)
-    ]
-
-
-def _balls(mechanism: Mechanism) -> list[Motion]:
-    return [motion for motion in mechanism.motions if motion.kind is MotionKind.BALL]
-
-
-def _groups(mechanism: Mechanism, first: Sequence[str]) -> Iterator[tuple[str, ...]]:
-    """Coordinates that are best taken together, the most wanted first."""
+def _near_the_base(mechanism: Mechanism) -> list[Joint]:
+    """All joints, those with the fewest bodies between them and the base first."""
     depth: dict[int, int] = {GROUND: 0}
     for index, body in enumerate(mechanism.bodies):
         depth[index] = depth[body.parent] + 1
-    near = sorted(range(len(mechanism.bodies)), key=depth.__getitem__)
-    joints = [mechanism.bodies[index].joint for index in near]
-    scalar = [joint for joint in joints if all(m.kind is not MotionKind.BALL for m in joint.motions)]
-    motions = [motion for joint in joints for motion in joint.motions]
-    yield from ((name,) for name in first)
-    yield from (_velocities(joint.motions) for joint in joints if joint.kind == "floating")
-    yield from (_velocities(joint.motions) for joint in scalar)
-    yield from (motion.velocities for motion in motions if motion.kind is not MotionKind.BALL)
-    yield from (motion.velocities for motion in motions if motion.kind is MotionKind.BALL)
-
-
-def _velocities(motions: Sequence[Motion]) -> tuple[str, ...]:
-    return tuple(name for motion in motions for name in motion.velocities)
+    return [mechanism.bodies[k].joint for k in sorted(range(len(mechanism.bodies)), key=depth.__getitem__)]
