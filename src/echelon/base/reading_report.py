@@ -103,7 +103,7 @@ def report_reading(
         B at the stated values, which lets few columns of a large robot be compared instead of all.
     """
     reading, moved = mechanism.reading, assembled(mechanism)
-    notes = (*(() if reading is None else reading.notes), *_notes_on_balls(mechanism))
+    notes = (*(() if reading is None else reading.notes), *mechanism_notes(mechanism))
     if reading is None:
         doubt = _doubt(mechanism, recorded, rank, rank, matrix)
         return ReadingReport((), notes, doubt=doubt, assembled=moved)
@@ -122,11 +122,21 @@ def report_reading(
     return ReadingReport(reading.snaps, notes, literal_rank, tuple(decisive), doubt, mimics, moved)
 
 
-def _notes_on_balls(mechanism: Mechanism) -> list[str]:
-    """A note on independent coordinates that are parts of balls, which have no positions of their own."""
-    names = ", ".join(f"'{name}'" for name in split_balls(mechanism))
+def mechanism_notes(mechanism: Mechanism) -> list[str]:
+    """What a user should know of a mechanism, whatever it was read from.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    """
+    notes = [
+        f"bodies {mechanism.carrier_name(k)} share the parameters of label '{mechanism.bodies[k].label}'"
+        for k in mechanism.carriers
+        if len(mechanism.sharing[k]) > 1
+    ]
+    split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
     what = "the loops leave a part of a free rotation open, such as the spin of a rod between two balls"
-    return [f"{what}: independent is {names}"] if names else []
+    return [*notes, f"{what}: independent is {split}"] if split else notes
 
 
 def _doubt(

@@ -14,7 +14,7 @@ from echelon.base.derive import base_parameters
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.model import BaseModel
 from echelon.base.own import OwnAnswer, own_answer
-from echelon.base.reading_report import MimicRanks, mimic_ranks
+from echelon.base.reading_report import MimicRanks, mechanism_notes, mimic_ranks
 from echelon.cli.destination import Destination, deliver
 from echelon.cli.progress import say_time, steps
 from echelon.cli.show import show
@@ -149,6 +149,7 @@ def _structure_text(
         lines.append(f"mimic joints: {mimics}")
     if moved is not None:
         lines.append(f"assembly pose: {one_line(str(moved))}")
+    lines += [f"note: {one_line(note)}" for note in mechanism_notes(robot)]
     if answer.undecided:
         lines.append(f"doubt: {one_line(answer.undecided)}")
     if len(structure.modes) > 1:

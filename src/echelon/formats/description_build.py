@@ -24,6 +24,7 @@ from echelon.formats.options import ReadingOptions, gravity_vector
 from echelon.formats.relations import with_relations
 from echelon.formats.stated_couplings import StatedCoupling
 from echelon.hints import nearest_of
+from echelon.inputs.yaml_text import step_into
 from echelon.mechanism.joint import Joint, Motion, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
 from echelon.mechanism.placement import ORIGIN, Placement
@@ -68,6 +69,8 @@ def build_description(
     """
     if robot.robot is not None:
         return _added_to_file(document, robot, options, read_file)
+    if robot.labels:
+        raise document.error("labels", "is for bodies of a robot file; here a label is stated with each body")
     symbols, bare = declared_symbols(robot, document)
     expressions = Expressions(document, options, literal, symbols)
     floating = robot.floating_base or options.floating
@@ -119,13 +122,22 @@ def _with_additions(
     symbols, bare = declared_symbols(robot, document)
     known = {n: s for n, s in symbols.items() if n not in bare}
     expressions = Expressions(document, options, (), {**mechanism.symbols, **symbols})
-    mechanism = replace(mechanism, symbols={**mechanism.symbols, **known})
+    mechanism = replace(mechanism, symbols={**mechanism.symbols, **known}, bodies=_labelled(mechanism, robot, document))
     find = _FileParts(mechanism, expressions)
     mechanism = add_setup(add_loops(mechanism, robot, expressions, find), robot, expressions, find)
     if mechanism.reading is None:
         return mechanism
     snaps = (*mechanism.reading.snaps, *find.snaps)
     return replace(mechanism, reading=replace(mechanism.reading, snaps=tuple(dict.fromkeys(snaps))))
+
+
+def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document) -> tuple[Body, ...]:
+    """The bodies of a robot file with the labels that a description gives them."""
+    names = [body.name for body in mechanism.bodies]
+    for name in robot.labels:
+        if name not in names:
+            raise document.error(step_into("labels", name), f"there is no body '{name}'{nearest_of(name, names)}")
+    return tuple(replace(body, label=robot.labels.get(body.name, body.label)) for body in mechanism.bodies)
 
 
 class _FileParts:
@@ -178,7 +190,6 @@ class _Tree:
         self.sources: dict[str, list[str]] = {}  # of every body, by label: elements that its joint's frames come from
         self._paths: dict[str | None, list[str]] = {None: []}
         self._riders: dict[int, list[Part]] = {}
-        self._labels: dict[str, str] = {}
         self._coordinates: dict[str, str] = {}
         if floating and (not parts or (parts[0].moves and parts[0].kind != "floating")):
             self._float_base()
@@ -231,10 +242,6 @@ class _Tree:
                 problem = f"the coordinate '{motion.name}' occurs already in {self._coordinates[motion.name]}"
                 raise self.expressions.error(path, problem)
             self._coordinates[motion.name] = path
-        if body.label in self._labels:
-            problem = f"the label '{body.label}' is taken by {self._labels[body.label]}"
-            raise self.expressions.error(f"{path}.label", problem)
-        self._labels[body.label] = path
         self.bodies.append(body)
 
     def _label(self, part: Part, floats: bool) -> str:
