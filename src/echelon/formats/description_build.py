@@ -122,7 +122,7 @@ def _with_additions(
     symbols, bare = declared_symbols(robot, document)
     known = {n: s for n, s in symbols.items() if n not in bare}
     expressions = Expressions(document, options, (), {**mechanism.symbols, **symbols})
-    mechanism = replace(mechanism, symbols={**mechanism.symbols, **known}, bodies=_labelled(mechanism, robot, document))
+    mechanism = _labelled(replace(mechanism, symbols={**mechanism.symbols, **known}), robot, document)
     find = _FileParts(mechanism, expressions)
     mechanism = add_setup(add_loops(mechanism, robot, expressions, find), robot, expressions, find)
     if mechanism.reading is None:
@@ -131,13 +131,25 @@ def _with_additions(
     return replace(mechanism, reading=replace(mechanism.reading, snaps=tuple(dict.fromkeys(snaps))))
 
 
-def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document) -> tuple[Body, ...]:
-    """The bodies of a robot file with the labels that a description gives them."""
+def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document) -> Mechanism:
+    """A robot file's mechanism with the labels that a description gives to its bodies."""
     names = [body.name for body in mechanism.bodies]
     for name in robot.labels:
         if name not in names:
             raise document.error(step_into("labels", name), f"there is no body '{name}'{nearest_of(name, names)}")
-    return tuple(replace(body, label=robot.labels.get(body.name, body.label)) for body in mechanism.bodies)
+    bodies = [replace(body, label=robot.labels.get(body.name, body.label)) for body in mechanism.bodies]
+    notes = []
+    for label in dict.fromkeys(robot.labels.values()):
+        sharing = [k for k, body in enumerate(bodies) if body.label == label]
+        stated = [values for k in sharing if (values := bodies[k].inertial) is not None]
+        if len(set(stated)) > 1:  # files round; the mean of bodies is one that can exist
+            mean = tuple(float(value) for value in np.mean(stated, axis=0))
+            for k in sharing:
+                bodies[k] = replace(bodies[k], inertial=mean)
+            notes.append(f"bodies of label '{label}' get the mean of their stated inertial values")
+    reading = mechanism.reading
+    reading = None if reading is None else replace(reading, notes=(*reading.notes, *notes))
+    return replace(mechanism, bodies=tuple(bodies), reading=reading)
 
 
 class _FileParts:
