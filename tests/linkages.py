@@ -85,7 +85,7 @@ def slider_crank() -> Mechanism:
     )
     pin = Closure("pin", ClosureKind.REVOLUTE, 1, 2, shift(parse("l"), 0, 0), Placement())
     tree = arms.tree("slider-crank", *bodies, gravity=None, values={"r": "0.2", "l": "0.5"})
-    return replace(tree, closures=(pin,), independent=("crank",), assembly={"piston": 0.6})
+    return replace(tree, closures=(pin,), independent=("crank",), assembly={"piston": 0.7})
 
 
 def rssr() -> Mechanism:

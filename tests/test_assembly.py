@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import echelon as ec
 import linkages
 import oracles
 from constrained import Constrained
+from echelon.base.display import to_text
 from echelon.dynamics.closed_states import ClosedStates
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import floating_motions
@@ -21,8 +23,10 @@ from echelon.mechanism.output import Cut, plain
 from echelon.mechanism.placement import Placement
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.loops.closing import assembled, close
 from echelon.regressor.loops.closure_values import ClosureValues, normalised, position_rates
 from echelon.regressor.virtual_power import virtual_power_form
+from echelon.results.saved import from_json, to_json
 from oracles import FloatArray
 
 EXAMPLES = Path(__file__).parent.parent / "examples" / "loops"
@@ -211,3 +215,69 @@ def test_singular_configurations_are_named() -> None:
     assert done.all()
     with pytest.raises(ec.InputError, match="sample 0 is a singular configuration: the independent coordinates"):
         straight.velocities(q, np.ones((1, 1)))
+
+
+# -- how far the pose is from the stated one ---------------------------------------------------------------------------
+
+
+def all_poses_of_the_four_bar(count: int = 20001) -> FloatArray:
+    """Closed poses by the law of cosines, for all angles of the crank and both ways of assembly."""
+    l1, l2, l3, l4 = (float(linkages.FOUR_BAR[name]) for name in ("l1", "l2", "l3", "l4"))
+    crank = np.linspace(-np.pi, np.pi, count)
+    pin = l2 * np.exp(1j * crank)
+    reach, direction = np.abs(pin - l1), np.angle(pin - l1)
+    bend = np.arccos((l4**2 + reach**2 - l3**2) / (2 * l4 * reach))
+    poses = []
+    for rocker in (direction + bend, direction - bend):
+        coupler = np.angle(l1 + l4 * np.exp(1j * rocker) - pin) - crank
+        poses.append(np.stack([crank, coupler, rocker], axis=1))
+    return np.concatenate(poses)
+
+
+@pytest.mark.parametrize("size", [0.05, 0.3, 1.0])
+def test_the_nearest_closed_pose_is_taken(size: float) -> None:
+    closed, rng = all_poses_of_the_four_bar(), np.random.default_rng(1)
+    bar = linkages.four_bar()
+    for start in closed[rng.integers(len(closed), size=5)]:
+        stated = start + rng.uniform(-size, size, 3)
+        away = (closed - stated + np.pi) % (2 * np.pi) - np.pi
+        found = Assembly(replace(bar, assembly=dict(zip(bar.positions, stated, strict=True)))).pose
+        assert np.linalg.norm(found - stated) < 1.01 * np.linalg.norm(away, axis=1).min() + 1e-3
+
+
+def assembled_at(**pose: float) -> Mechanism:
+    return close(replace(linkages.four_bar(), independent=(), assembly=pose))
+
+
+def test_what_moved_is_known_and_said() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        base = ec.base_parameters(assembled_at(crank=1.0, coupler=-0.43, rocker=1.62))
+    found = base.reading.assembled
+    assert found is not None
+    assert not found.large
+    assert (found.closure, found.unit, {m.unit for m in found.moved}) == ("pin", "m", {"rad"})
+    stated = {"crank": 1.0, "coupler": -0.43, "rocker": 1.62}
+    away = {name: abs(found.pose[name] - value) for name, value in stated.items()}
+    assert {m.coordinate: m.distance for m in found.moved} == pytest.approx(away)
+    assert found.moved[0].distance == max(away.values()) == pytest.approx(0.03, abs=0.02)
+    assert found.opening == pytest.approx(0.35 * 0.0516, rel=0.2)  # the coupler's end; one of its two components
+    assert str(found) in to_text(base)
+    assert from_json(to_json(base)).reading.assembled == found
+    exact = dict(zip(("crank", "coupler", "rocker"), Assembly(assembled_at(crank=1.0)).pose.tolist(), strict=True))
+    assert assembled(assembled_at(**exact)) is None
+
+
+def test_large_moves_are_warned_of() -> None:
+    with pytest.warns(ec.AssemblyWarning, match=r"at zero closure 'pin' is open by 0\.2 m.*write  assembly: \{crank:"):
+        assembled_at()
+    with pytest.warns(ec.AssemblyWarning, match="'rocker' by 1.57 rad"):
+        assembled_at(crank=1.0)
+
+
+def test_poses_that_are_far_from_closing_are_refused() -> None:
+    far = replace(linkages.slider_crank(), independent=(), assembly={"piston": 2.0})
+    with pytest.raises(
+        ec.InputError, match=r"assembly: at the stated .*'piston' by 1\.3 m.*write  assembly: \{crank: "
+    ):
+        close(far)

@@ -75,7 +75,7 @@ def test_the_rank_does_not_depend_on_the_independent_coordinates(name: str, choi
 
 MISTAKES = {
     "crank too long": ("watt II", "l1: 0.4", "l1: 2", "do not close near the assembly pose: closure 'pin' is off by"),
-    "too few": ("five bar", "[left, right]", "[left]", "2 coordinates are independent, not 1; add for example left2"),
+    "too few": ("five bar", "[left, right]", "[left]", "2 coordinates are independent, not 1; add for example right"),
     "too many": ("watt II", "[crank]", "[crank, link6]", "1 coordinate is independent, not 2; 'link6' follows"),
     "misspelt": ("five bar", "[left, right]", "[left, rigt]", "did you mean 'right'"),
     "by coupling": ("geared five bar", "[left]", "[right]", "there is no coordinate 'right'"),

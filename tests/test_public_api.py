@@ -16,7 +16,7 @@ import pytest
 import echelon as ec
 
 PUBLIC = [
-    "Audit", "BaseModel", "CertificateError", "ClosedFormError", "EchelonError", "Estimate",
+    "AssemblyWarning", "Audit", "BaseModel", "CertificateError", "ClosedFormError", "EchelonError", "Estimate",
     "ExcitingTrajectory", "Expression", "Identifiability", "Identification", "InputError", "LinearBase",
     "LinearModel", "Match", "Mechanism", "MissingExtraError", "NormalEquations", "NumericComparison",
     "Observation", "Payload", "RecordedRows", "RowSpaces", "SensorReport", "Setup", "SpecialGeometry",

@@ -38,6 +38,7 @@ if TYPE_CHECKING:  # a name is imported when it is first asked for, so that no c
     from echelon.claims.findings import Verdict as Verdict
     from echelon.claims.result import Audit as Audit
     from echelon.codegen.generate import generate as generate
+    from echelon.errors import AssemblyWarning as AssemblyWarning
     from echelon.errors import CertificateError as CertificateError
     from echelon.errors import ClosedFormError as ClosedFormError
     from echelon.errors import EchelonError as EchelonError
@@ -97,7 +98,10 @@ _NAMES = {
     "claims.findings": "Verdict",
     "claims.result": "Audit",
     "codegen.generate": "generate",
-    "errors": "CertificateError ClosedFormError EchelonError InputError MissingExtraError UnknownRelationsError",
+    "errors": (
+        "AssemblyWarning CertificateError ClosedFormError EchelonError InputError MissingExtraError "
+        "UnknownRelationsError"
+    ),
     "excite.excite": "exciting_trajectory judged_trajectory",
     "excite.files.reading": "read_trajectory",
     "excite.files.writing": "write_trajectory",

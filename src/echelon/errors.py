@@ -47,6 +47,10 @@ class MissingExtraError(EchelonError):
         super().__init__(f"this needs the package '{package}': install it with  pip install 'echelon[{extra}]'")
 
 
+class AssemblyWarning(UserWarning):
+    """A mechanism with loops is taken in a pose that is not near the stated one."""
+
+
 class DegenerateSampleError(EchelonError):
     """A random point or prime fell on a zero of some denominator; the caller draws another."""
 
@@ -74,8 +78,8 @@ class OtherModeError(EchelonError):
         shown = ", ".join(map(str, found))
         there = "its rank cannot be told in ball arithmetic" if rank is None else f"there it is {rank}"
         super().__init__(
-            f"the loops can be assembled in several ways, of rank {shown} as far as random poses show, and none of them "
-            f"is that of the assembly pose: {there}.  State another assembly pose, farther from where ways meet"
+            f"the loops can be assembled in several ways, of rank {shown} as far as random poses show, and none of "
+            f"them is that of the assembly pose: {there}.  State another assembly pose, farther from where ways meet"
         )
 
 

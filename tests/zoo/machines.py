@@ -144,6 +144,7 @@ bodies:
   - {name: r3, parent: r2, joint: {type: revolute, axis: y, origin: {xyz: [-a, 0, 0]}}}
 loops:
   - {name: grip, joint: spherical, connects: [r3, box], at: {xyz: [-b, 0, 0]}, on_second: {xyz: [w, 0, 0]}}
+independent: [l1, l2, l3, box.x, box.y, box.z]
 assembly: {l2: -0.9, l3: 1.9, r2: 0.9, r3: -1.7}
 """,
     ),

@@ -56,13 +56,13 @@ def classification_rows(model: BaseModel) -> list[tuple[str, list[tuple[str, Ide
     """One row per body: its label and name, and a mark and class for each of XX … M; blank where it is not carried."""
     classes = list(model.classification.values())
     rows: list[tuple[str, list[tuple[str, Identifiability | None]]]] = []
-    for index, first in model.mechanism.first_column.items():
-        body = model.mechanism.bodies[index]
+    for index in model.mechanism.carriers:
+        body, first = model.mechanism.bodies[index], model.mechanism.first_column[index]
         kinds = {kind: classes[first + k] for k, kind in enumerate(body.carried)}
         cells: list[tuple[str, Identifiability | None]] = [
             (_MARKS[kinds[k]], kinds[k]) if k in kinds else (" ", None) for k in range(PER_BODY)
         ]
-        rows.append((one_line(f"{body.label}  {body.name}"), cells))
+        rows.append((one_line(f"{body.label}  {model.mechanism.carrier_name(index)}"), cells))
     return rows
 
 
@@ -93,6 +93,8 @@ def facts(model: BaseModel) -> list[tuple[str, str]]:
         found.append(("read as exact", snap_summary(model)))
     if model.reading.mimics is not None:
         found.append(("mimic joints", str(model.reading.mimics)))
+    if model.reading.assembled is not None:
+        found.append(("assembly pose", str(model.reading.assembled)))
     found += [("note", note) for note in model.reading.notes]
     if model.reading.doubt:
         found.append(("doubt", model.reading.doubt))

@@ -143,6 +143,10 @@ def _check_columns(mechanism: Mechanism) -> None:
     strange = next((p.name for p in mechanism.columns if p.body is None), None)
     if strange is not None:
         raise InputError(f"'{strange}' belongs to no body; only inertial parameters can be matched")
+    shared = next((k for k in mechanism.carriers if len(mechanism.sharing[k]) > 1), None)
+    if shared is not None:
+        problem = "share their parameters, which cannot be matched: give each a label of its own"
+        raise InputError(problem, element=f"bodies {mechanism.carrier_name(shared)}")
     partial = next((b.name for b in mechanism.bodies if len(b.carried) not in (0, PER_BODY)), None)
     if partial is not None:
         raise InputError("it carries some inertial parameters only and cannot be matched", element=f"body '{partial}'")

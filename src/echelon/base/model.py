@@ -178,7 +178,9 @@ class BaseModel(BaseSet, Evaluation, Logs):
             If the file does not state those of every body.
         """
         stated = self.mechanism.standard_values()
-        owner = [b.name for b in self.mechanism.bodies for _ in b.carried]
+        owner = [
+            self.mechanism.bodies[k].name for k in self.mechanism.carriers for _ in self.mechanism.bodies[k].carried
+        ]
         owner += [effect.parameter for effect in self.mechanism.effects]
         silent = list(dict.fromkeys(name for name, value in zip(owner, stated, strict=True) if value is None))
         if silent:

@@ -21,6 +21,9 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.reading import Reading, Snap
 from echelon.mechanism.stated import StatedValues, stated_values
 from echelon.regressor.linear import LinearForms
+from echelon.regressor.loops.assembled import Assembled
+from echelon.regressor.loops.closing import assembled
+from echelon.regressor.loops.coordinates import split_balls
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 ROUNDING = 1e-9
@@ -66,6 +69,8 @@ class ReadingReport:
         Where the float ranks of the literal numbers do not confirm the exact one, what they are; otherwise empty.
     mimics : MimicRanks, optional
         Of files that couple joints.
+    assembled : Assembled, optional
+        Of mechanisms whose loops were not closed at the stated assembly pose: what was moved.
     """
 
     snaps: tuple[Snap, ...] = ()
@@ -74,6 +79,7 @@ class ReadingReport:
     decisive: tuple[Snap, ...] = ()
     doubt: str = ""
     mimics: MimicRanks | None = None
+    assembled: Assembled | None = None
 
 
 def report_reading(
@@ -96,14 +102,16 @@ def report_reading(
     matrix : BaseMatrix, optional
         B at the stated values, which lets few columns of a large robot be compared instead of all.
     """
-    reading = mechanism.reading
+    reading, moved = mechanism.reading, assembled(mechanism)
+    notes = (*(() if reading is None else reading.notes), *mechanism_notes(mechanism))
     if reading is None:
-        return ReadingReport(doubt=_doubt(mechanism, recorded, rank, rank, matrix))
+        doubt = _doubt(mechanism, recorded, rank, rank, matrix)
+        return ReadingReport((), notes, doubt=doubt, assembled=moved)
     mimics = mimic_ranks(mechanism, rank, rng)
     coarse = [snap for snap in reading.snaps if snap.difference > ROUNDING]
     if not coarse:
         doubt = _doubt(mechanism, recorded, rank, rank, matrix)
-        return ReadingReport(reading.snaps, reading.notes, doubt=doubt, mimics=mimics)
+        return ReadingReport(reading.snaps, notes, doubt=doubt, mimics=mimics, assembled=moved)
     literal_rank = stated_structure(reading.literal(), rng).rank
     decisive: list[Snap] = []
     if literal_rank != rank:
@@ -111,7 +119,24 @@ def report_reading(
         chosen = set(_decisive(reading, elements, rank, len(mechanism.bodies), rng))
         decisive = [snap for snap in coarse if snap.element in chosen]
     doubt = _doubt(mechanism, recorded, literal_rank, rank, matrix if literal_rank == rank else None)
-    return ReadingReport(reading.snaps, reading.notes, literal_rank, tuple(decisive), doubt, mimics)
+    return ReadingReport(reading.snaps, notes, literal_rank, tuple(decisive), doubt, mimics, moved)
+
+
+def mechanism_notes(mechanism: Mechanism) -> list[str]:
+    """What a user should know of a mechanism, whatever it was read from.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    """
+    notes = [
+        f"bodies {mechanism.carrier_name(k)} share the parameters of label '{mechanism.bodies[k].label}'"
+        for k in mechanism.carriers
+        if len(mechanism.sharing[k]) > 1
+    ]
+    split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
+    what = "the loops leave a part of a free rotation open, such as the spin of a rod between two balls"
+    return [*notes, f"{what}: independent is {split}"] if split else notes
 
 
 def _doubt(

@@ -209,6 +209,9 @@ def _dependent_by_joint(mechanism: Mechanism, rng: np.random.Generator) -> dict[
     for index, body in enumerate(mechanism.bodies):
         if body.parent == GROUND or body.massless or index in watched:
             continue
+        # columns of bodies that share parameters are sums, which the relations of one joint do not hold for
+        if len(mechanism.sharing[index]) > 1 or len(mechanism.sharing[body.parent]) > 1:
+            continue
         signature = pair_signature(mechanism, index)
         if signature not in cache:
             supports = _agreed(Rows(energy_form(floating_pair(mechanism, index)), 1), rng)

@@ -85,11 +85,13 @@ def vocabulary(naming: Naming, model: BaseModel) -> dict[str, str]:
     model : BaseModel
     """
     words: dict[str, str] = {}
-    identifiers = _identifiers(model)
+    identifiers, sharing = _identifiers(model), model.mechanism.sharing
     for column in model.mechanism.columns:
         if column.body is not None and column.kind is not None:
             patterns = naming.inertial[column.kind]
-            words.update((p.format(i), column.name) for i in identifiers[column.body] for p in patterns)
+            words.update(
+                (p.format(i), column.name) for k in sharing[column.body] for i in identifiers[k] for p in patterns
+            )
         else:
             words[column.name] = column.name
             found = re.fullmatch(r"(Ia|Fv|Fc|Fo)(.+)", column.name)

@@ -14,7 +14,7 @@ from echelon.base.derive import base_parameters
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.model import BaseModel
 from echelon.base.own import OwnAnswer, own_answer
-from echelon.base.reading_report import MimicRanks, mimic_ranks
+from echelon.base.reading_report import MimicRanks, mechanism_notes, mimic_ranks
 from echelon.cli.destination import Destination, deliver
 from echelon.cli.progress import say_time, steps
 from echelon.cli.show import show
@@ -23,6 +23,8 @@ from echelon.formats.linear import holds_linear_model
 from echelon.formats.load import load
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import all_symbols
+from echelon.regressor.loops.assembled import Assembled
+from echelon.regressor.loops.closing import assembled
 from echelon.results.saved import to_json
 from echelon.seeds import DEFAULT_SEED, random_generator
 
@@ -58,8 +60,8 @@ def run_derive(request: DeriveRequest) -> None:
             rng = random_generator(seed)
             answer = own_answer(robot, rng, generic=request.generic)
             rank = answer.structure.rank if answer.special is None else answer.special.rank
-            mimics = mimic_ranks(robot, rank, rng)
-            text = _structure_text(answer, mimics, seed, as_json=request.output_format == "json")
+            mimics, moved = mimic_ranks(robot, rank, rng), assembled(robot)
+            text = _structure_text(answer, mimics, moved, seed, as_json=request.output_format == "json")
             model = None
         else:
             model = base_parameters(
@@ -116,7 +118,9 @@ def _render(model: BaseModel, output_format: str) -> str:
     return {"json": to_json, "latex": to_latex, "markdown": to_markdown}[output_format](model)
 
 
-def _structure_text(answer: OwnAnswer, mimics: MimicRanks | None, seed: int, *, as_json: bool) -> str:
+def _structure_text(
+    answer: OwnAnswer, mimics: MimicRanks | None, moved: Assembled | None, seed: int, *, as_json: bool
+) -> str:
     robot, structure = answer.mechanism, answer.structure
     names = [robot.parameters[p] for p in structure.pivots]
     if as_json:
@@ -134,6 +138,8 @@ def _structure_text(answer: OwnAnswer, mimics: MimicRanks | None, seed: int, *, 
             record["modes"] = list(structure.modes)
         if mimics is not None:
             record["mimics"] = asdict(mimics)
+        if moved is not None:
+            record["assembled"] = asdict(moved)
         return json.dumps(record, indent=1, ensure_ascii=False) + "\n"
     count = f"{robot.name}: {structure.rank} base parameters of {structure.parameters} standard parameters"
     lines = [one_line(count), f"representatives: {one_line(' '.join(names))}"]
@@ -141,6 +147,9 @@ def _structure_text(answer: OwnAnswer, mimics: MimicRanks | None, seed: int, *, 
         lines.append(f"stated values: {one_line(answer.special.text('robot'))}")
     if mimics is not None:
         lines.append(f"mimic joints: {mimics}")
+    if moved is not None:
+        lines.append(f"assembly pose: {one_line(str(moved))}")
+    lines += [f"note: {one_line(note)}" for note in mechanism_notes(robot)]
     if answer.undecided:
         lines.append(f"doubt: {one_line(answer.undecided)}")
     if len(structure.modes) > 1:

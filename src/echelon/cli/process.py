@@ -10,8 +10,13 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import warnings
+from collections.abc import Callable
 from io import TextIOWrapper
 from types import FrameType
+from typing import Any
+
+from echelon.errors import AssemblyWarning, one_line
 
 _STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
 _SIGNALLED = 128
@@ -31,6 +36,7 @@ def prepare() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # files and pipes get UTF-8 on every system
             stream.reconfigure(errors="replace") if stream.isatty() else stream.reconfigure(encoding="utf-8")
+    warnings.showwarning = _said_plainly(warnings.showwarning)
 
 
 def leave() -> None:
@@ -38,6 +44,18 @@ def leave() -> None:
     for number in _signals():
         if signal.getsignal(number) is _stop:
             signal.signal(number, _end)
+
+
+def _said_plainly(show: Callable[..., None]) -> Callable[..., None]:
+    """Warnings about the input are one line, without where in the program they were found."""
+
+    def warn(message: Warning | str, category: type[Warning], *where: Any, **options: Any) -> None:
+        if issubclass(category, AssemblyWarning):
+            sys.stderr.write(f"warning: {one_line(str(message))}\n")
+        else:
+            show(message, category, *where, **options)
+
+    return warn
 
 
 def _signals() -> list[int]:

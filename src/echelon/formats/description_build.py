@@ -25,6 +25,7 @@ from echelon.formats.options import ReadingOptions, StatedJoint, gravity_vector
 from echelon.formats.relations import with_relations
 from echelon.formats.stated_couplings import StatedCoupling
 from echelon.hints import nearest_of
+from echelon.inputs.yaml_text import step_into
 from echelon.mechanism.joint import Joint, Motion, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
 from echelon.mechanism.placement import ORIGIN, Placement
@@ -70,6 +71,8 @@ def build_description(
     """
     if robot.robot is not None:
         return _added_to_file(document, robot, options, read_file)
+    if robot.labels:
+        raise document.error("labels", "is for bodies of a robot file; here a label is stated with each body")
     symbols, bare = declared_symbols(robot, document)
     expressions = Expressions(document, options, literal, symbols)
     floating = robot.floating_base or options.floating
@@ -129,13 +132,34 @@ def _with_additions(
     symbols, bare = declared_symbols(robot, document)
     known = {n: s for n, s in symbols.items() if n not in bare}
     expressions = Expressions(document, options, (), {**mechanism.symbols, **symbols})
-    mechanism = replace(mechanism, symbols={**mechanism.symbols, **known})
+    mechanism = _labelled(replace(mechanism, symbols={**mechanism.symbols, **known}), robot, document)
     find = _FileParts(mechanism, expressions)
     mechanism = add_setup(add_loops(mechanism, robot, expressions, find), robot, expressions, find)
     if mechanism.reading is None:
         return mechanism
     snaps = (*mechanism.reading.snaps, *find.snaps)
     return replace(mechanism, reading=replace(mechanism.reading, snaps=tuple(dict.fromkeys(snaps))))
+
+
+def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document) -> Mechanism:
+    """A robot file's mechanism with the labels that a description gives to its bodies."""
+    names = [body.name for body in mechanism.bodies]
+    for name in robot.labels:
+        if name not in names:
+            raise document.error(step_into("labels", name), f"there is no body '{name}'{nearest_of(name, names)}")
+    bodies = [replace(body, label=robot.labels.get(body.name, body.label)) for body in mechanism.bodies]
+    notes = []
+    for label in dict.fromkeys(robot.labels.values()):
+        sharing = [k for k, body in enumerate(bodies) if body.label == label]
+        stated = [values for k in sharing if (values := bodies[k].inertial) is not None]
+        if len(set(stated)) > 1:  # files round; the mean of bodies is one that can exist
+            mean = tuple(float(value) for value in np.mean(stated, axis=0))
+            for k in sharing:
+                bodies[k] = replace(bodies[k], inertial=mean)
+            notes.append(f"bodies of label '{label}' get the mean of their stated inertial values")
+    reading = mechanism.reading
+    reading = None if reading is None else replace(reading, notes=(*reading.notes, *notes))
+    return replace(mechanism, bodies=tuple(bodies), reading=reading)
 
 
 class _FileParts:
@@ -191,7 +215,6 @@ class _Tree:
         self.sources: dict[str, list[str]] = {}  # of every body, by label: elements that its joint's frames come from
         self._paths: dict[str | None, list[str]] = {None: []}
         self._riders: dict[int, list[Part]] = {}
-        self._labels: dict[str, str] = {}
         self._coordinates: dict[str, str] = {}
         if floating and (not parts or (parts[0].moves and parts[0].kind != "floating")):
             self._float_base()
@@ -244,10 +267,6 @@ class _Tree:
                 problem = f"the coordinate '{motion.name}' occurs already in {self._coordinates[motion.name]}"
                 raise self.expressions.error(path, problem)
             self._coordinates[motion.name] = path
-        if body.label in self._labels:
-            problem = f"the label '{body.label}' is taken by {self._labels[body.label]}"
-            raise self.expressions.error(f"{path}.label", problem)
-        self._labels[body.label] = path
         self.bodies.append(body)
 
     def _label(self, part: Part, floats: bool) -> str:

@@ -138,16 +138,32 @@ class _Setup:
         if names == (EVERY,):
             joints, drives = self.mechanism.velocities, [a.name for a in self.mechanism.transmission.actuators]
             names = tuple(joints if entry.side == "joint" else drives)
-        if entry.label is not None and len(names) > 1:
-            raise self.expressions.error(f"{path}.label", "one label cannot name the parameters of several places")
         constants = {} if entry.velocity is None else {"velocity": entry.velocity, "exponent": entry.exponent}
-        found: list[Effect] = []
+        found: list[tuple[Effect, ...]] = []
         for name in names:
             side = self._side(name, entry.side, f"{path}.at")
             label = entry.label or self._label(name)
             sliding = self._slides(name)
-            found += ready_made(entry.type, name, side, label, sliding=sliding, constants=constants)
-        return found
+            found.append(ready_made(entry.type, name, side, label, sliding=sliding, constants=constants))
+        if entry.label is None or len(found) < 2:
+            return [effect for effects in found for effect in effects]
+        return [self._shared(effects, f"{path}.label") for effects in zip(*found, strict=True)]
+
+    def _shared(self, effects: Sequence[Effect], path: str) -> Effect:
+        """Effects of one label at several places as one, whose parameter all places share."""
+        if len({effect.unit for effect in effects}) > 1:
+            raise self.expressions.error(path, "one label is for places that all turn or all slide")
+        return replace(effects[0], actions=tuple(action for effect in effects for action in effect.actions))
+
+    def _label(self, at: str) -> str:
+        """The number of the body that a coordinate moves, or the number at the end of an actuator's name."""
+        for index, body in enumerate(self.mechanism.bodies):
+            moved = [name for motion in body.joint.motions for name in motion.velocities]
+            if at in moved:
+                stem = self.mechanism.joint_label(index)
+                return stem if len(moved) == 1 else f"{stem}_{moved.index(at) + 1}"
+        number = re.search(r"\d+$", at)
+        return number.group() if number else f"_{at}"
 
     def _side(self, at: str, stated: str | None, path: str) -> Side:
         drives = [actuator.name for actuator in self.mechanism.transmission.actuators]
@@ -156,15 +172,6 @@ class _Setup:
         if at not in valid:
             raise self.expressions.error(path, f"there is no {stated or 'coordinate'} '{at}'{nearest_of(at, valid)}")
         return Side(stated) if stated else Side.ACTUATOR if at in drives else Side.JOINT
-
-    def _label(self, at: str) -> str:
-        """The number of the body that a coordinate moves, or the number at the end of an actuator's name."""
-        for body in self.mechanism.bodies:
-            moved = [name for motion in body.joint.motions for name in motion.velocities]
-            if at in moved:
-                return body.label if len(moved) == 1 else f"{body.label}_{moved.index(at) + 1}"
-        number = re.search(r"\d+$", at)
-        return number.group() if number else f"_{at}"
 
     def _slides(self, at: str) -> bool:
         drives = {a.name: a.terms[0][0] for a in self.mechanism.transmission.actuators}

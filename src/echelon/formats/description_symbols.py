@@ -137,7 +137,14 @@ def check_use(mechanism: Mechanism, robot: RobotDescription, document: Document)
             )
     terms = " ".join(action.term for effect in mechanism.effects for action in effect.actions)
     used = {symbol_of(g) for g in geometry | gravity} | set(re.findall(r"\w+", terms))
-    return [f"the symbol '{name}' is not used" for name in robot.symbols if name not in used]
+    unused = [name for name in robot.symbols if name not in used]
+    put_in = [name for name in unused if name not in mechanism.symbols and robot.symbols[name] is not None]
+    return [
+        f"the symbol '{name}' is taken at its value everywhere, as loops need ratios that are numbers"
+        if name in put_in
+        else f"the symbol '{name}' is not used"
+        for name in unused
+    ]
 
 
 def _geometry(mechanism: Mechanism) -> Iterator[Polynomial]:

@@ -100,7 +100,10 @@ class _Carrier(Model):
     """What a row of a table and a body have in common."""
 
     label: Name | None = Field(
-        None, description="Short label of its parameters: 3 gives XX3 … M3. Default: its number.", examples=["3"]
+        None,
+        description="Short label of its parameters: 3 gives XX3 … M3. Default: its number. Bodies with one label share "
+        "one set of parameters.",
+        examples=["3"],
     )
     massless: Flag = Field(False, description="Carries no parameters.", examples=[True])
     parameters: Annotated[tuple[Kind, ...], AS_LIST] | None = Field(
@@ -183,6 +186,11 @@ class RobotDescription(Model):
         description="Every symbol that expressions use, with its value or null: an exact number or an expression of "
         "numbers and pi. SI units, radians. pi, sin, cos and sqrt have a fixed meaning.",
         examples=[{"D3": "0.45", "RL4": None, "beta": "pi/7"}],
+    )
+    labels: dict[Name, Name] = Field(
+        {},
+        description="With a robot file, labels of bodies by name; bodies with one label share one set of parameters.",
+        examples=[{"front_wheel": "wheel", "rear_wheel": "wheel"}],
     )
     gravity: Annotated[
         Annotated[Literal["generic", "none"], Tag("text")] | Annotated[Triple, Tag("list")],

@@ -73,7 +73,9 @@ class ReadyEffect(Model):
         description="In the drive, where only the actuator's torque sees it (default), or at the joint itself.",
         examples=["joint"],
     )
-    label: Name | None = Field(None, description="Ends the names of its parameters.", examples=["5"])
+    label: Name | None = Field(
+        None, description="Ends the names of its parameters, which all places share.", examples=["5"]
+    )
     velocity: Expression | None = Field(None, description="Stribeck velocity, rad/s or m/s.", examples=["0.05"])
     exponent: Expression = Field("2", description="Exponent of a Stribeck term.", examples=["2"])
 

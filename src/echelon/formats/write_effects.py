@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from echelon.exact.polynomial import float_generators
 from echelon.formats.write_notes import listed
-from echelon.mechanism.effect import Effect, Side
+from echelon.mechanism.effect import Action, Side
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import known_values
 
@@ -69,14 +69,16 @@ def joint_effects(
     lost: dict[str, list[str]] = {}
     for effect in mechanism.effects:
         value = values[effect.parameter]
-        simple = _simple(mechanism, effect, value)
-        reason = _obstacle(simple, supported, coordinates, file_format)
-        if simple is None or reason:
+        # one parameter may be that of several joints
+        simple = [_simple(mechanism, action, value) for action in effect.actions]
+        reason = next(filter(None, (_obstacle(s, supported, coordinates, file_format) for s in simple)), "")
+        if reason:
             lost.setdefault(reason, []).append(f"{effect.parameter} = {value!r} {effect.unit}")
             continue
-        found = attributes.setdefault(simple.coordinate, {})
-        name = supported[simple.kind]
-        found[name] = found.get(name, 0.0) + simple.value
+        for at in filter(None, simple):
+            found = attributes.setdefault(at.coordinate, {})
+            name = supported[at.kind]
+            found[name] = found.get(name, 0.0) + at.value
     return JointEffects(attributes, tuple(f"{reason}: {', '.join(entries)}" for reason, entries in lost.items()))
 
 
@@ -99,11 +101,8 @@ def kept_notes(stated: Mapping[str, Mapping[str, float]], written: Mapping[str, 
         yield f"{name} stays as in the input where the identified model has no such effect: {listed(joints)}"
 
 
-def _simple(mechanism: Mechanism, effect: Effect, value: float) -> _Simple | None:
-    """The effect at the joint, if it is of a known kind and acts on one joint only."""
-    if len(effect.actions) != 1:
-        return None
-    (action,) = effect.actions
+def _simple(mechanism: Mechanism, action: Action, value: float) -> _Simple | None:
+    """What an effect does at a joint, if it is of a known kind and acts on one joint only."""
     term = "".join(action.term.split()).replace(f"[{action.at}]", "")
     kind = _TERMS.get(term)
     if kind is None:

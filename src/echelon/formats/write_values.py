@@ -90,9 +90,10 @@ def sorted_values(mechanism: Mechanism, standard: npt.ArrayLike) -> IdentifiedVa
         if parameter.body is None or parameter.kind is None:
             effects[parameter.name] = float(value)
         else:
-            bodies[parameter.body][parameter.kind] = value
-    for body, ten in zip(mechanism.bodies, bodies, strict=True):
-        _check_consistency(body, ten)
+            for body in mechanism.sharing[parameter.body]:
+                bodies[body][parameter.kind] = value
+    for carrier in mechanism.carriers:
+        _check_consistency(mechanism.bodies[carrier], bodies[carrier])
     return IdentifiedValues(tuple(bodies), effects)
 
 

@@ -98,11 +98,12 @@ def with_friction(mechanism: Mechanism) -> Mechanism:
 
 
 def _at_every_joint(mechanism: Mechanism, kind: str) -> Iterator[Effect]:
-    for body in mechanism.bodies:
+    for index, body in enumerate(mechanism.bodies):
         joint = body.joint
         motions = [m for m in joint.motions if m.name in mechanism.independent_velocities]
+        body_label = mechanism.joint_label(index)
         for k, motion in enumerate(() if joint.kind == "floating" else motions):
-            label = body.label if len(motions) == 1 else f"{body.label}_{k + 1}"
+            label = body_label if len(motions) == 1 else f"{body_label}_{k + 1}"
             slides = motion.kind is MotionKind.TRANSLATION
             yield from ready_made(kind, motion.name, Side.ACTUATOR, label, sliding=slides)
 

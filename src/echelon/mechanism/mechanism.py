@@ -28,7 +28,7 @@ ALL = tuple(range(PER_BODY))
 """All ten standard parameters of a body."""
 
 ClosedAt = Mapping[str, tuple[Polynomial, ...]]
-"""Exact positions by motion: cosine and sine, a displacement, or a quaternion (:mod:`echelon.mechanism.closed_pose`)."""
+"""Exact positions by motion: cosine and sine, a displacement or quaternion (:mod:`echelon.mechanism.closed_pose`)."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,8 @@ class Body:
     name : str
         Name in the file.
     label : str
-        Short label that names its parameters: ``"3"`` gives XX3 … M3.
+        Short label that names its parameters: ``"3"`` gives XX3 … M3.  Bodies with one label, such as those of
+        identical legs, share one set of parameters, each about its own frame.
     parent : int
         Index of the parent body, or :data:`GROUND`.
     joint : Joint
@@ -206,9 +207,32 @@ class Mechanism:
         return len(self.independent_velocities)
 
     @cached_property
+    def sharing(self) -> tuple[tuple[int, ...], ...]:
+        """For every body, all bodies with its label, which share its parameters; itself among them."""
+        by_label: dict[str, list[int]] = {}
+        for index, body in enumerate(self.bodies):
+            by_label.setdefault(body.label, []).append(index)
+        return tuple(tuple(by_label[body.label]) for body in self.bodies)
+
+    @property
+    def carriers(self) -> tuple[int, ...]:
+        """The bodies with parameters, of those that share them the first."""
+        return tuple(k for k, body in enumerate(self.bodies) if body.carried and self.sharing[k][0] == k)
+
+    def carrier_name(self, body: int) -> str:
+        """Names of a body and of those that share its parameters."""
+        return ", ".join(self.bodies[k].name for k in self.sharing[body])
+
+    def joint_label(self, body: int) -> str:
+        """What names the effects at a body's joint: its label, or the joint's name where other bodies share that."""
+        shared = len(self.sharing[body]) > 1
+        return f"_{self.bodies[body].joint.name}" if shared else self.bodies[body].label
+
+    @cached_property
     def columns(self) -> tuple[Parameter, ...]:
         """The standard parameters: those of the bodies, then those of the effects."""
-        inertial = (inertial_parameter(i, b.label, k) for i, b in enumerate(self.bodies) for k in b.carried)
+        bodies = self.bodies
+        inertial = (inertial_parameter(i, bodies[i].label, k) for i in self.carriers for k in bodies[i].carried)
         return (*inertial, *(Parameter(effect.parameter, effect.unit) for effect in self.effects))
 
     @cached_property
@@ -218,12 +242,12 @@ class Mechanism:
 
     @cached_property
     def first_column(self) -> dict[int, int]:
-        """For every body that carries parameters, the column of the first."""
+        """For every body that carries parameters, its own or those that it shares, the column of the first."""
         first: dict[int, int] = {}
         for column, parameter in enumerate(self.columns):
-            if parameter.body is not None:
-                first.setdefault(parameter.body, column)
-        return first
+            for body in () if parameter.body is None else self.sharing[parameter.body]:
+                first.setdefault(body, column)
+        return dict(sorted(first.items()))
 
     @cached_property
     def transmission(self) -> Transmission:
@@ -251,8 +275,10 @@ class Mechanism:
     def standard_values(self) -> tuple[float | None, ...]:
         """Standard parameters stated by the file, None where it is silent."""
         values: list[float | None] = []
-        for body in self.bodies:
-            values += [None if body.inertial is None else body.inertial[k] for k in body.carried]
+        for index in self.carriers:
+            stated = (self.bodies[k].inertial for k in self.sharing[index])
+            inertial = next((values for values in stated if values is not None), None)
+            values += [None if inertial is None else inertial[k] for k in self.bodies[index].carried]
         return (*values, *(effect.value for effect in self.effects))
 
     def __str__(self) -> str:
@@ -279,17 +305,14 @@ def setup_expressions(mechanism: Mechanism) -> list[Polynomial]:
 
 
 def _check_tree(mechanism: Mechanism) -> None:
-    labels: set[str] = set()
     coordinates: set[str] = set()
     for index, body in enumerate(mechanism.bodies):
         where = f"body '{body.name}'"
         if not GROUND <= body.parent < index:
             raise InputError("its parent must come before it", element=where)
-        if body.label in labels:
-            raise InputError(f"label '{body.label}' is already taken; labels must be unique", element=where)
         if body.inertial is not None and len(body.inertial) != PER_BODY:
             raise InputError(f"expected {PER_BODY} inertial values, got {len(body.inertial)}", element=where)
-        labels.add(body.label)
+        _check_shared(body, mechanism.bodies[mechanism.sharing[index][0]])
         for motion in body.joint.motions:
             if motion.name in coordinates:
                 raise InputError(f"coordinate '{motion.name}' occurs twice", element=f"joint '{body.joint.name}'")
@@ -298,6 +321,15 @@ def _check_tree(mechanism: Mechanism) -> None:
     twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
     if twice:
         raise InputError(f"labels such as 1 and X1 give two parameters the name '{twice[0]}'; choose other labels")
+
+
+def _check_shared(body: Body, first: Body) -> None:
+    where = f"body '{body.name}'"
+    shared = f"it shares the label '{body.label}', and so its parameters, with '{first.name}'"
+    if body.carried != first.carried:
+        raise InputError(f"{shared}, which carries others of the ten", element=where)
+    if None not in (body.inertial, first.inertial) and body.inertial != first.inertial:
+        raise InputError(f"{shared}, for which other inertial values are stated", element=where)
 
 
 def _check_couplings(mechanism: Mechanism) -> None:

@@ -88,15 +88,13 @@ def placement_matrix(placement: Placement, symbols: Mapping[str, float]) -> npt.
 
 
 def characteristic_length(mechanism: Mechanism) -> float:
-    """The largest joint offset whose value is known, m; 1 if there is none."""
+    """The largest offset of a joint, loops' joints included, whose value is known, m; 1 if there is none."""
     known = known_values(mechanism)
-    sizes = [1e-300]
-    for body in mechanism.bodies:
-        for step in body.joint.steps:
-            if isinstance(step, Placement):
-                for entry in step.translation:
-                    if entry and all(s in known for s in entry.symbols()):
-                        values = float_generators(entry.generators(), known)
-                        sizes.append(abs(entry.evaluate(values, float)))
-    largest = max(sizes)
+    placements = [step for body in mechanism.bodies for step in body.joint.steps if isinstance(step, Placement)]
+    placements += [frame for closure in mechanism.closures for frame in (closure.first_frame, closure.second_frame)]
+    entries = [entry for placement in placements for entry in placement.translation]
+    values = [
+        e.evaluate(float_generators(e.generators(), known), float) for e in entries if known.keys() >= set(e.symbols())
+    ]
+    largest = max(map(abs, values), default=0.0)
     return largest if largest > 1e-300 else 1.0

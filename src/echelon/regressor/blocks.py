@@ -54,7 +54,8 @@ class Block:
 def blocks_of(mechanism: Mechanism) -> tuple[Block, ...]:
     """The smallest blocks that can be moved alone and may show what their bodies carry.
 
-    Coordinates that a coupling or an effect ties are moved together, with all joints between them.  A body whose parent
+    Coordinates that a coupling, an effect or shared parameters tie are moved together, with all joints between them.  A
+    body whose parent
     does not carry all ten parameters keeps some that would else move to the parent; to be seen they need the parent's
     joint, too.
 
@@ -69,6 +70,8 @@ def blocks_of(mechanism: Mechanism) -> tuple[Block, ...]:
     for index, body in enumerate(bodies):
         if body.parent != GROUND and bodies[body.parent].carried != ALL:
             groups.join((index, body.parent))
+    for sharing in mechanism.sharing:
+        groups.join(sharing)
     for coupling in mechanism.couplings:
         groups.join(owner[name] for name in (coupling.coordinate, *(name for name, _ in coupling.terms)))
     places = _places_of_effects(mechanism, owner)

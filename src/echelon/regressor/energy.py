@@ -9,15 +9,15 @@ find the structure; the certificate then checks the result on X itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import reduce
+from functools import partial, reduce
 
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.blocks import BlockRows, blocks_of
-from echelon.regressor.linear import LinearForms
+from echelon.regressor.linear import LinearForms, column_sums
 from echelon.regressor.loops.recorded_loops import loops_of
 from echelon.regressor.spatial import Vec, add, cross, dot, scale
 from echelon.regressor.steps import Recorder, Step, into_frame
@@ -48,12 +48,11 @@ def energy_form(mechanism: Mechanism) -> LinearForms:
     program = Program()
     recorder = Recorder(mechanism, program)
     rates = _all_rates(recorder)
+    energies = {index: _energy_of_body(rates[index]) for index in mechanism.first_column}
     entries = {(0, 0): program.one.node}
-    for index, first in mechanism.first_column.items():
-        energies = _energy_of_body(rates[index])
-        for offset, kind in enumerate(mechanism.bodies[index].carried):
-            if not energies[kind].is_zero:
-                entries[0, 1 + first + offset] = energies[kind].node
+    for column, energy in column_sums(mechanism, energies, partial(_entry, energies)).items():
+        if not energy.is_zero:
+            entries[0, 1 + column] = energy.node
     return LinearForms(program, entries, (1, 1 + len(mechanism.parameters)), loops_of(mechanism, recorder))
 
 
@@ -82,20 +81,21 @@ def energy_changes(mechanism: Mechanism) -> BlockRows:
     columns, changes = [], []
     for block in blocks:
         after: dict[int, _Rates] = {}
-        entries: dict[tuple[int, int], int] = {}
+        differences: dict[int, list[Scalar]] = {}
         for index in block.bodies:
             parent = mechanism.bodies[index].parent
             after[index] = _advanced(after.get(parent, rates[parent]), moved.steps(index))
             if index in first:
                 pairs = zip(_energy_of_body(after[index]), _energy_of_body(rates[index]), strict=True)
-                differences = [new - old for new, old in pairs]
-                for column, kind in enumerate(mechanism.bodies[index].carried, first[index]):
-                    if not differences[kind].is_zero:
-                        entries[0, column] = differences[kind].node
-        own = (first[i] + k for i in block.bodies for k in range(len(mechanism.bodies[i].carried)))
-        columns.append(tuple(own))
-        changes.append(entries)
+                differences[index] = [new - old for new, old in pairs]
+        sums = column_sums(mechanism, differences, partial(_entry, differences))
+        columns.append(tuple(sums))
+        changes.append({(0, column): change.node for column, change in sums.items() if not change.is_zero})
     return BlockRows(program, tuple(columns), tuple(changes), tuple(block.carried for block in blocks))
+
+
+def _entry(values: Mapping[int, Sequence[Scalar]], body: int, kind: int) -> Scalar:
+    return values[body][kind]
 
 
 def _all_rates(recorder: Recorder) -> dict[int, _Rates]:

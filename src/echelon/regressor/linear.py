@@ -2,18 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from echelon.exact.field import Residues
 from echelon.exact.numbers import Rational
+from echelon.mechanism.mechanism import Mechanism
 from echelon.program.sampling import FieldSampler
-from echelon.program.tape import Program
+from echelon.program.tape import Program, Scalar
 from echelon.regressor.blocks import BlockRows
 from echelon.regressor.loops.closures import Loops
 from echelon.regressor.loops.curves import CurveSampler
+
+
+def column_sums(
+    mechanism: Mechanism,
+    bodies: Iterable[int],
+    unit: Callable[[int, int], Scalar],
+    wanted: Collection[int] | None = None,
+) -> dict[int, Scalar]:
+    """What a unit of each standard parameter gives, from what it gives on one body: bodies that share it are added up.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    bodies : iterable of int
+        Those that are counted; some carry no parameters.
+    unit : callable
+        What a unit of a parameter gives, by the body and the place in XX … M.
+    wanted : collection of int, optional
+        Columns; all of these bodies if omitted.
+
+    Returns
+    -------
+    dict of int to Scalar
+        By column.
+    """
+    total: dict[int, Scalar] = {}
+    for index in bodies:
+        for column, kind in enumerate(mechanism.bodies[index].carried, mechanism.first_column.get(index, 0)):
+            if wanted is None or column in wanted:
+                value = unit(index, kind)
+                total[column] = total[column] + value if column in total else value
+    return total
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from echelon.program.tape import Program, Scalar
 from echelon.regressor.accelerations import Wrench, forward_accelerations, unit_wrenches
 from echelon.regressor.blocks import FEW_COLUMNS, BlockRows, blocks_of
 from echelon.regressor.effects import EffectRecorder
-from echelon.regressor.linear import LinearForms
+from echelon.regressor.linear import LinearForms, column_sums
 from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.regressor.loops.recorded_loops import loops_of
 from echelon.regressor.probes import Probes, VirtualMotion, any_motion, motion_of_joints, virtual_motion
@@ -161,14 +161,9 @@ class _RecordedPowers:
     ) -> dict[int, Scalar]:
         """The same of some bodies and effects; the motion is to leave at rest what these bodies hang on."""
         twists = _twists(self.mechanism, self.recorder, self._steps, self.probes, motion, bodies)
-        found: dict[int, Scalar] = {}
-        for index in bodies:
-            if index not in self._wrenches:
-                continue
-            first = self.mechanism.first_column[index]
-            for column, kind in enumerate(self.mechanism.bodies[index].carried, first):
-                if wanted is None or column in wanted:
-                    found[column] = _power(twists[index], self._wrenches[index][kind])
+        found = column_sums(
+            self.mechanism, bodies, lambda body, kind: _power(twists[body], self._wrenches[body][kind]), wanted
+        )
         for k in effects:
             column = self._first_effect + k
             if wanted is None or column in wanted:
@@ -179,7 +174,7 @@ class _RecordedPowers:
         """Columns of some bodies and effects."""
         first, carried = self.mechanism.first_column, (len(self.mechanism.bodies[i].carried) for i in bodies)
         inertial = [first[i] + k for i, count in zip(bodies, carried, strict=True) for k in range(count)]
-        return [*inertial, *(self._first_effect + k for k in effects)]
+        return [*dict.fromkeys(inertial), *(self._first_effect + k for k in effects)]
 
     def _effect_power(self, forces: Sequence[tuple[Side, str, Scalar]], motion: VirtualMotion) -> Scalar:
         total = self.program.zero

@@ -157,7 +157,7 @@ def _bands(mechanism: Mechanism, places: range | tuple[int, ...], size: float) -
 def _owner(mechanism: Mechanism, body: int | None) -> tuple[str, str]:
     if body is None:
         return "effects: friction, drives, springs", "effects"
-    return one_line(mechanism.bodies[body].name), one_line(mechanism.bodies[body].label)
+    return one_line(mechanism.carrier_name(body)), one_line(mechanism.bodies[body].label)
 
 
 @dataclass(frozen=True)
@@ -194,8 +194,8 @@ def mergings(base: BaseModel) -> list[Merging]:
     """
     matrix, columns, bodies = base.matrix, base.mechanism.columns, base.mechanism.bodies
     owner = [parameter.body for parameter in columns]
-    parts: dict[int, set[int]] = {body: set() for body in base.mechanism.first_column}
-    wholes: dict[int, set[int]] = {body: set() for body in base.mechanism.first_column}
+    parts: dict[int, set[int]] = {body: set() for body in base.mechanism.carriers}
+    wholes: dict[int, set[int]] = {body: set() for body in base.mechanism.carriers}
     alone: set[int] = set()
     for pivot, row in zip(matrix.pivots, matrix.rows, strict=True):
         if len(row) == 1:
@@ -208,12 +208,12 @@ def mergings(base: BaseModel) -> list[Merging]:
                 wholes[part].add(head)
     seen = {column for row in matrix.rows for column in row}
     found = []
-    for body in base.mechanism.first_column:
+    for body in base.mechanism.carriers:
         own = [c for c in range(len(columns)) if owner[c] == body]
         names = {c: PARAMETERS[columns[c].kind or 0] for c in own}
         found.append(
             Merging(
-                one_line(bodies[body].name),
+                one_line(base.mechanism.carrier_name(body)),
                 one_line(bodies[body].label),
                 tuple(names[c] for c in own if c in alone),
                 tuple(one_line(bodies[k].label) for k in sorted(parts[body])),

@@ -69,10 +69,12 @@ def seen_bodies(base: BaseModel) -> list[SeenBody]:
     """
     classes = [CLASSES[kind] for kind in base.classification.values()]
     found = []
-    for index, first in base.mechanism.first_column.items():
-        body = base.mechanism.bodies[index]
+    for index in base.mechanism.carriers:
+        body, first = base.mechanism.bodies[index], base.mechanism.first_column[index]
         own = {kind: classes[first + k] for k, kind in enumerate(body.carried)}
         names = {kind: tuple(f"{PARAMETERS[k]}" for k in own if own[k] == kind) for kind in CLASSES.values()}
         cells = tuple(own.get(k, "") for k in range(PER_BODY))
-        found.append(SeenBody(index, body.label, one_line(body.name), cells, tuple(names.items())))
+        found.append(
+            SeenBody(index, body.label, one_line(base.mechanism.carrier_name(index)), cells, tuple(names.items()))
+        )
     return found

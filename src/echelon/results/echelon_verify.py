@@ -23,7 +23,6 @@ def need(condition, problem):
     if not condition: raise AssertionError(problem)  # the set is not valid
 def cover(condition, what):
     if not condition: raise NotImplementedError(what)  # the set may be valid
-
 def only(data, keys):  # one that is not known here may change what the others mean
     cover(data.keys() <= {*keys.split()}, "closed loops" if "loops" in data else f"one of {[*data]}")
     return data
@@ -174,7 +173,7 @@ class Robot:
         return [[*row[:3], x * at] for row, x in zip(S, slide, strict=False)] + [ONE[3]], *twists
     def row(self):  # the entries of uᵀX at a new state, by parameter
         self.draw()
-        row, placed, times = [], {}, self.products
+        row, placed, times = defaultdict(int), {}, self.products  # bodies with one label share their parameters
         for body in [{"name": False, "joint": {"steps": []}, "massless": True}, *self.model["bodies"]]:
             only(body, "name label parent joint massless parameters separate inertial")
             H, V, A, D = placed[body.get("parent", False)] if placed else (ONE, ZERO, ZERO, ZERO)  # H, Ḣ, Ḧ, δH
@@ -187,9 +186,10 @@ class Robot:
             cover(body["name"] not in placed, "bodies of one name")
             placed[body["name"]] = H, V, A, D
             Q = times(list(zip(*D, strict=True)), [list(map(sub, a, g)) for a, g in zip(A, self.gravity, strict=True)])
-            for kind in [] if body.get("massless") else body.get("parameters", MOMENTS):
-                row.append((kind + body["label"], self.residue(sum(x * Q[i][j] for (i, j), x in MOMENTS[kind].items()))))
-        return unique([*row, *((effect["parameter"], self.effect(effect)) for effect in self.model.get("effects", []))])
+            kinds = unique([(k, MOMENTS[k].items()) for k in ([] if body.get("massless") else body.get("parameters", MOMENTS))])
+            for kind, J in kinds.items(): row[kind, body["label"]] += self.residue(sum(x * Q[i][j] for (i, j), x in J))
+        effects = [(effect["parameter"], self.effect(effect)) for effect in self.model.get("effects", [])]
+        return unique([*((kind + label, x) for (kind, label), x in row.items()), *effects])
     def effect(self, entry):  # the virtual work of an effect
         total = Fraction(0)
         for act in only(entry, "parameter unit acts value")["acts"]:

@@ -48,6 +48,26 @@ class MimicRecord(_Strict):
     independent: int
 
 
+class MovedRecord(_Strict):
+    """How far a coordinate was moved to close the loops."""
+
+    coordinate: str
+    distance: float
+    unit: str
+    relative: float = Field(description="In rad or characteristic lengths.")
+    stated: bool = Field(description="Whether the assembly pose says where the coordinate is.")
+
+
+class AssembledRecord(_Strict):
+    """What was moved because the stated assembly pose does not close the loops."""
+
+    moved: list[MovedRecord] = Field(description="The largest move first.")
+    closure: str = Field(description="The closure that was open most.")
+    opening: float
+    unit: str
+    pose: dict[str, float] = Field(description="The closed pose that was taken.")
+
+
 class ReadingRecord(_Strict):
     """How the file was read."""
 
@@ -57,6 +77,7 @@ class ReadingRecord(_Strict):
     decisive: list[SnapRecord] = Field([], description="Snaps that changed the rank.")
     doubt: str = Field("", description="Float ranks of the literal numbers, where none confirms the exact one.")
     mimics: MimicRecord | None = Field(None, description="Ranks with and without the couplings of the file's joints.")
+    assembled: AssembledRecord | None = Field(None, description="What was moved to close the loops, beyond rounding.")
 
 
 class CertificateRecord(_Strict):

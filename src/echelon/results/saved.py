@@ -24,10 +24,12 @@ from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json
 from echelon.mechanism.reading import Snap
 from echelon.mechanism.values import value_texts
+from echelon.regressor.loops.assembled import Assembled, Moved
 from echelon.version import __version__
 
 if TYPE_CHECKING:
     from echelon.results.record import (
+        AssembledRecord,
         BaseModelRecord,
         BaseParameterRecord,
         NumbersRecord,
@@ -173,6 +175,7 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
             tuple(_snap(s) for s in record.reading.decisive),
             record.reading.doubt,
             None if (ranks := record.reading.mimics) is None else MimicRanks(ranks.coupled, ranks.independent),
+            _assembled(record.reading.assembled),
         ),
         record.seed,
         _special(record.special),
@@ -224,6 +227,13 @@ def _same_values(stated: Mapping[str, float | None], derived: Mapping[str, float
 
 def _special(record: SpecialRecord | None) -> SpecialValues | None:
     return None if record is None else SpecialValues(record.generic_rank, record.rank, tuple(record.relations))
+
+
+def _assembled(record: AssembledRecord | None) -> Assembled | None:
+    if record is None:
+        return None
+    moved = tuple(Moved(**entry.model_dump()) for entry in record.moved)
+    return Assembled(moved, record.closure, record.opening, record.unit, record.pose)
 
 
 def _snap(record: SnapRecord) -> Snap:

@@ -92,8 +92,8 @@ def roles(mechanism: Mechanism) -> Roles:
     (('j1', 0), ('j2', 10))
     """
     bodies = tuple(
-        (mechanism.bodies[body].name, column)
-        for body, column in mechanism.first_column.items()
+        (mechanism.bodies[body].name, mechanism.first_column[body])
+        for body in mechanism.carriers
         if len(mechanism.bodies[body].carried) == PER_BODY
     )
     full = {column + k for _, column in bodies for k in range(PER_BODY)}
@@ -111,7 +111,7 @@ def roles(mechanism: Mechanism) -> Roles:
 def _is_signed(effect: Effect) -> bool:
     """Whether an effect is friction, inertia or stiffness, none of which is negative."""
     terms = {entry.term for kind in _SIGNED_KINDS for entry in KINDS[kind]} | {KINDS["spring"][0].term}
-    return len(effect.actions) == 1 and effect.actions[0].term in terms
+    return bool(effect.actions) and {action.term for action in effect.actions} <= terms
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,11 @@ def linear_limits(role: Roles, bounds: Bounds) -> LinearLimits:
         carried = next(b.carried for b in role.mechanism.bodies if b.name == name)
         _body_rows(rows, name, body, column_of[name], carried)
     if bounds.total_mass is not None:
-        masses = {c: 1.0 for c, parameter in enumerate(role.mechanism.columns) if parameter.kind == 9}
+        masses = {
+            column: float(len(role.mechanism.sharing[parameter.body]))
+            for column, parameter in enumerate(role.mechanism.columns)
+            if parameter.kind == 9 and parameter.body is not None
+        }
         if not masses:
             raise InputError("no parameter is a mass, so the total mass cannot be bounded")
         rows.between(masses, bounds.total_mass, "total mass")

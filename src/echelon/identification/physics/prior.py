@@ -96,11 +96,13 @@ def prior_from(base: BaseModel, other: Mechanism, *, tolerance: float = TOLERANC
     totals = _lumped(other, theirs, set(pairs.values()))
     values = np.full(len(mechanism.columns), np.nan)
     findings = _locked(other, set(pairs.values()))
-    for body, first in mechanism.first_column.items():
-        carried = mechanism.bodies[body].carried
-        total = totals.get(pairs[body]) if body in pairs else None
-        if total is not None and np.any(total):
-            moved, found = _mended(move(total, np.linalg.inv(ours.frames[body])), mechanism, body)
+    for body in mechanism.carriers:
+        carried, first = mechanism.bodies[body].carried, mechanism.first_column[body]
+        sharing = [k for k in mechanism.sharing[body] if k in pairs and np.any(totals.get(pairs[k], 0.0))]
+        if sharing:
+            # bodies that share their parameters get the mean of what is stated, which is a body, too
+            own = np.mean([move(totals[pairs[k]], np.linalg.inv(ours.frames[k])) for k in sharing], axis=0)
+            moved, found = _mended(own, mechanism, body)
             values[first : first + len(carried)] = moved[list(carried)]
             findings += found
         elif len(carried) == PER_BODY:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
+from echelon.regressor.loops.assembled import ROUNDING, Assembled, Moved
 from echelon.regressor.loops.closed_motion import RANK_TOLERANCE, ClosedMotion, largest
 from echelon.regressor.loops.closure_values import Floats, normalised, position_rates
 from echelon.seeds import DEFAULT_SEED, random_generator
@@ -28,6 +29,7 @@ _FLOOR = 1e-12  # of the damping: the steps stay finite where constraints are re
 STRIDE, _SHORTEST = 0.1, 1e-4  # of a step on the way to given coordinates, rad or characteristic lengths
 _FEW = 8  # iterations for one such step; if these do not do, it is shortened
 LARGEST_CORRECTION = 0.05  # of what its trend predicts; more may be a jump to another way of assembly
+_FAR = 0.1  # where one closed pose is, others may be nearer; rad or characteristic lengths
 _TRIES, _NEAR = 64, 1.0  # disturbances of a pose that does not close, rad or characteristic lengths
 _WALK = 20  # random strides from the assembly pose
 _KEPT_AWAY = 0.25  # of the assembly pose's distance from singular configurations; more than a stride
@@ -49,30 +51,72 @@ class Assembly(ClosedMotion):
 
     @cached_property
     def pose(self) -> Floats:
-        """A closed configuration near the mechanism's assembly pose, shape (positions,).
+        """The closed configuration nearest to the mechanism's assembly pose that is found, shape (positions,).
 
-        Where no assembly pose is stated and none is near zero, any.
+        Gauss–Newton steps from there come first, which are the shortest that close the loops to first order.
 
         Raises
         ------
         InputError
             If the loops do not close there; names the closure that stays open most.
         """
-        mechanism = self.mechanism
-        upright = {m.positions[0]: 1.0 for m in mechanism.motions if m.kind is MotionKind.BALL}
-        stated = np.array([mechanism.assembly.get(n, upright.get(n, 0.0)) for n in mechanism.positions])
-        # a pose in which the links are in line leads nowhere, so growing disturbances of it are tried, too
-        disturbed = random_generator(DEFAULT_SEED).uniform(-1.0, 1.0, (_TRIES, len(mechanism.velocities)))
-        disturbed *= np.linspace(0.0, _NEAR if mechanism.assembly else np.pi, _TRIES)[:, None]
-        q, done = self.closed(self._moved(np.repeat(stated[None], _TRIES, axis=0), disturbed))
+        q, done = self.closed(self._stated[None])
+        if not done[0] or self._distances(q)[0].max(initial=0.0) > _FAR:
+            # a pose in which the links are in line leads nowhere or far, so disturbances of it are tried, too
+            disturbed = random_generator(DEFAULT_SEED).uniform(-1.0, 1.0, (_TRIES, len(self.mechanism.velocities)))
+            disturbed *= np.linspace(0.0, _NEAR if self.mechanism.assembly else np.pi, _TRIES)[:, None]
+            q, done = self.closed(self._moved(np.repeat(self._stated[None], _TRIES, axis=0), disturbed))
         if not done.any():
             problem = self.opening(self.closures.at(q[:1])[0][0])
             raise InputError(
                 f"the loops do not close near the assembly pose: {problem}; check the lengths, or state an assembly "
                 "pose near which the loops close"
             )
-        pose: Floats = q[done.argmax()]
-        return pose
+        away = np.linalg.norm(self._distances(q), axis=1)
+        nearest: Floats = q[np.where(done, away, np.inf).argmin()]
+        return nearest
+
+    @cached_property
+    def assembled(self) -> Assembled | None:
+        """What was moved from the stated assembly pose to :attr:`pose`; None if nothing but rounding."""
+        mechanism = self.mechanism
+        motions = [m for m in mechanism.motions if m.name not in mechanism.dependent]
+        moved = []
+        for motion, relative in zip(motions, self._distances(self.pose[None])[0].tolist(), strict=True):
+            slides = motion.kind is MotionKind.TRANSLATION
+            size, unit = (relative * self.closures.length, "m") if slides else (relative, "rad")
+            moved.append(
+                Moved(motion.name, size, unit, relative, not mechanism.assembly.keys().isdisjoint(motion.positions))
+            )
+        moved = sorted((m for m in moved if m.relative > ROUNDING), key=lambda m: -m.relative)
+        if not moved:
+            return None
+        pose = dict(zip(mechanism.positions, self.pose.tolist(), strict=True))
+        return Assembled(tuple(moved), *self.widest(self.closures.at(self._stated[None])[0][0]), pose)
+
+    @cached_property
+    def _stated(self) -> Floats:
+        """The stated assembly pose, zero where it says nothing."""
+        mechanism = self.mechanism
+        upright = {m.positions[0]: 1.0 for m in mechanism.motions if m.kind is MotionKind.BALL}
+        stated = np.array([mechanism.assembly.get(n, upright.get(n, 0.0)) for n in mechanism.positions])
+        upright_pose: Floats = normalised(mechanism, stated[None])[0]
+        return upright_pose
+
+    def _distances(self, q: Floats) -> Floats:
+        """How far each motion is from the stated pose, rad or characteristic lengths, shape (N, motions)."""
+        found, mechanism = [], self.mechanism
+        for motion in mechanism.motions:
+            if motion.name in mechanism.dependent:
+                continue
+            first = mechanism.positions.index(motion.positions[0])
+            place = slice(first, first + len(motion.positions))
+            if motion.kind is MotionKind.BALL:
+                chord = np.abs(q[:, place] @ self._stated[place])
+                found.append(2 * np.arccos(np.minimum(chord, 1.0)))
+            else:
+                found.append(np.abs(q[:, first] - self._stated[first]) / self.position_units[first])
+        return np.stack(found, axis=1)
 
     def closed(self, q: Floats, held: Sequence[str] = (), iterations: int = _ITERATIONS) -> tuple[Floats, Bools]:
         """Closed configurations near guesses.
@@ -220,6 +264,8 @@ class Assembly(ClosedMotion):
         velocities, independent = self.mechanism.velocities, self.mechanism.independent_velocities
         if q.shape[-1] != len(self.mechanism.positions):
             check_shape(q, "q", self.mechanism.positions, self.independent_positions)
+            if self.assembled is not None:
+                self.assembled.check()
             q = self.from_independent(q)
         if qd.shape[-1] != len(velocities):
             check_shape(qd, "qd", velocities, independent)

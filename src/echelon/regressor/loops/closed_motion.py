@@ -70,6 +70,13 @@ class ClosedMotion:
         freedoms: npt.NDArray[np.intp] = velocities - (singular > tolerance * singular[:, :1]).sum(axis=1)
         return freedoms
 
+    def free_velocities(self, q: Floats) -> Floats:
+        """Orthonormal velocities that keep the loops closed in one configuration, shape (velocities, freedoms)."""
+        jacobian = self.closures.at(q[None])[1][0, :, : len(self.mechanism.velocities)]
+        _, singular, turned = np.linalg.svd(jacobian)
+        free: Floats = turned[(singular > RANK_TOLERANCE * singular.max(initial=0.0)).sum() :].T
+        return free
+
     def velocities(self, q: Floats, qd_independent: Floats) -> Floats:
         """Velocities of all coordinates, shape (N, velocities), from those of the independent ones, (N, independent).
 
@@ -201,10 +208,15 @@ class ClosedMotion:
 
     def opening(self, values: Floats) -> str:
         """What closure equations miss most, in words."""
+        closure, size, unit = self.widest(values)
+        return f"closure '{closure}' is off by {size:.3g} {unit}"
+
+    def widest(self, values: Floats) -> tuple[str, float, str]:
+        """The closure that equations miss most, by how much, and in which unit."""
         worst = int(np.abs(values).argmax())
-        size = abs(values[worst]) * (self.closures.length if self.closures.is_length[worst] else 1.0)
-        unit = "m" if self.closures.is_length[worst] else "rad"
-        return f"closure '{self.closures.owners[worst]}' is off by {size:.3g} {unit}"
+        if self.closures.is_length[worst]:
+            return self.closures.owners[worst], float(abs(values[worst]) * self.closures.length), "m"
+        return self.closures.owners[worst], float(abs(values[worst])), "rad"
 
 
 def largest(values: Floats) -> Floats:

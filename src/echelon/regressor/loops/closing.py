@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from echelon.errors import DegenerateSampleError, InputError, ShakyPoseError, SingularPoseError
-from echelon.exact.elimination import rank
+from echelon.exact.elimination import null_vectors, rank
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.ratios import with_numeric_ratios
 from echelon.mechanism.stated import in_numbers
 from echelon.mechanism.values import has_values
 from echelon.program.tape import Program
+from echelon.regressor.loops.assembled import Assembled
 from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.loops.closure_values import Floats
+from echelon.regressor.loops.coordinates import independent_coordinates
 from echelon.regressor.loops.curves import CurveSampler
-from echelon.regressor.loops.lifting import choose
 from echelon.regressor.loops.recorded_loops import loops_of
 from echelon.regressor.loops.witness import closed_exactly
 from echelon.regressor.steps import Recorder
@@ -44,7 +48,8 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
     wanted : sequence of str, optional
         The coordinates that are to be independent, as many as there are degrees of freedom.
     prefer : sequence of str
-        Otherwise, coordinates that should be, such as those with drives; then those nearer to the base.
+        Otherwise, coordinates that should be, such as those with drives; the others are chosen as
+        :func:`~echelon.regressor.loops.coordinates.independent_coordinates` says.
 
     Returns
     -------
@@ -60,6 +65,7 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
         if wanted:
             raise InputError("without loops all coordinates are independent; leave it out", element="independent")
         return mechanism
+    mechanism = with_numeric_ratios(mechanism)
     names = list(mechanism.velocities)
     for name in wanted or ():
         if name not in names:
@@ -68,8 +74,8 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
     real = _real(mechanism)
     if real is None:
         field, jacobian = _jacobian(mechanism)
-        choice = choose(jacobian, field, [names.index(name) for name in first])
-        chosen = tuple(names[k] for k in choice.independent)
+        freedom = np.array(null_vectors(jacobian, field), dtype=np.int64).reshape(-1, len(names))
+        chosen = independent_coordinates(mechanism, lambda columns: rank(freedom[:, columns], field), first)
     else:
         chosen = real.independent(first)
         mechanism = _closed_exactly(replace(mechanism, independent=chosen), real)
@@ -77,6 +83,16 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
         _check_wanted(wanted, chosen)
         chosen = tuple(wanted)
     return replace(mechanism, independent=chosen)
+
+
+def assembled(mechanism: Mechanism) -> Assembled | None:
+    """What had to be moved to close the loops of a mechanism; None without loops, or if symbols have no values.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    """
+    return Assembly(mechanism).assembled if mechanism.closures and has_values(mechanism) else None
 
 
 class _Real:
@@ -92,6 +108,8 @@ class _Real:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism, self.assembly = mechanism, Assembly(mechanism)
         pose = self.assembly.pose
+        if self.assembly.assembled is not None:
+            self.assembly.assembled.check()
         if self.assembly.mobility(pose[None])[0] == 0:
             raise InputError(f"the loops closed by {_closures(mechanism)} leave no motion")
         self._states, _, _ = self.assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
@@ -100,17 +118,18 @@ class _Real:
         self.mobility = int(self.assembly.mobility(self._states).min())
 
     def independent(self, first: Sequence[str]) -> tuple[str, ...]:
-        """Coordinates that the others depend on: of the wanted ones as many as can be, then those nearer to the base."""
-        names = self.mechanism.velocities
-        jacobian = self.assembly.closures.at(self._states[:1])[1][0][:, : len(names)]
-        motion = np.linalg.svd(jacobian)[2][len(names) - self.mobility :]
-        chosen: list[str] = []
+        """Coordinates that the others depend on; see :func:`independent_coordinates`."""
+        velocities = self.assembly.free_velocities(self._states[0])
+        chosen: tuple[str, ...] = ()
         for threshold in _INDEPENDENT:  # what hardly moves on its own only if nothing else does
-            for name in dict.fromkeys((*first, *names)):
-                columns = motion[:, [names.index(n) for n in (*chosen, name)]]
-                if len(chosen) < self.mobility and np.linalg.svd(columns, compute_uv=False).min() > threshold:
-                    chosen.append(name)
-        return tuple(name for name in names if name in chosen)
+            chosen = independent_coordinates(self.mechanism, partial(_rank, velocities, threshold), first, velocities)
+            if len(chosen) == self.mobility:
+                break
+        return chosen
+
+
+def _rank(velocities: Floats, threshold: float, columns: Sequence[int]) -> int:
+    return int((np.linalg.svd(velocities[list(columns)], compute_uv=False) > threshold).sum()) if columns else 0
 
 
 def _real(mechanism: Mechanism) -> _Real | None:
@@ -119,7 +138,7 @@ def _real(mechanism: Mechanism) -> _Real | None:
 
 
 def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
-    """The mechanism as it is where its loops close exactly and move as they do in doubles, else with frames that follow.
+    """The mechanism as it is if its loops close exactly and move as they do in doubles, else with frames that follow.
 
     Raises
     ------

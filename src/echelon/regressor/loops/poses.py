@@ -140,12 +140,18 @@ class PoseFinder:
     def _block(self, jacobian: Residues, rows: list[int], columns: list[int], positions: Positions) -> ClosureBlock:
         recorded, field = positions.recorded, positions.field
         balls = recorded.layout.ball_places.ravel().tolist()
-        # components of balls, then screws, then what is preferred, should rather be drawn
-        last = [columns.index(c) for c in (*balls, *recorded.threaded, *self._preferred) if c in columns]
+        # what gears multiply, components of balls, then screws, then what is preferred, should rather be drawn
+        wanted = (*recorded.geared, *balls, *recorded.threaded, *self._preferred)
+        last = [columns.index(c) for c in wanted if c in columns]
         choice = choose(jacobian[np.ix_(rows, columns)], field, last)
         unknown = tuple(columns[k] for k in choice.dependent)
         if set(unknown) & set(recorded.threaded):
             raise SingularPoseError("a screw would have to be solved for to close the loops")
+        geared = [recorded.layout.names[c] for c in unknown if c in recorded.geared]
+        if geared:
+            raise SingularPoseError(
+                f"'{geared[0]}', of which gears take multiples or parts, would have to be solved for"
+            )
         return ClosureBlock(recorded, tuple(rows), unknown)
 
     # -- solutions -------------------------------------------------------------------------------------------------

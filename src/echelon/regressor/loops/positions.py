@@ -70,6 +70,15 @@ class Recorded:
         places = zip(self.layout.turning, self.layout.turn_places.tolist(), strict=True)
         return [place for motion, place in places if f"q[{motion.name}]" in names]
 
+    @property
+    def geared(self) -> list[int]:
+        """Turning coordinates of which sines and cosines of multiples occur in the closure equations."""
+        turns = [self.turns[node] for node in self.equations.leaves if node in self.turns]
+        found = {
+            self.turning[g] for turn in turns for g, n in turn.multiples.items() if g in self.turning and abs(n) > 1
+        }
+        return [int(self.layout.turn_places[k]) for k in sorted(found)]
+
     def some_equations(self, rows: Sequence[int]) -> Schedule:
         """Schedule of some of the closure equations."""
         return Schedule(self.program, [self.nodes[row] for row in rows], self.equations.leaves)
@@ -229,6 +238,7 @@ def _added(a: tuple[Residues, Residues], b: tuple[Residues, Residues], field: Pr
 def _multiplied(point: tuple[Residues, Residues], count: int, field: PrimeField) -> tuple[Residues, Residues]:
     turned = (point[0], point[1] if count > 0 else -point[1] % field.p)
     total = turned
-    for _ in range(abs(count) - 1):
-        total = _added(total, turned, field)
+    for bit in bin(abs(count))[3:]:  # doubled for every binary digit, so that large ratios cost little
+        total = _added(total, total, field)
+        total = _added(total, turned, field) if bit == "1" else total
     return total

@@ -89,14 +89,14 @@ def _moved(run: Identification, feasibility: Feasibility) -> list[dict[str, Any]
 def _bodies(mechanism: Mechanism, physical: PhysicalFit) -> list[BodyRow]:
     values = dict(zip(physical.parameters, physical.standard.tolist(), strict=True))
     rows = []
-    for index, first in mechanism.first_column.items():
-        body = mechanism.bodies[index]
+    for index in mechanism.carriers:
+        body, first = mechanism.bodies[index], mechanism.first_column[index]
         names = mechanism.parameters[first : first + len(body.carried)]
         own = {k: values[name] for k, name in zip(body.carried, names, strict=True) if name in values}
         whole = len(own) == PER_BODY
         rows.append(
             BodyRow(
-                body.name,
+                mechanism.carrier_name(index),
                 body.label,
                 physical.margins.get(body.name, physical.margins.get(body.label)),
                 _about_centre([own[k] for k in range(PER_BODY)]) if whole else None,
