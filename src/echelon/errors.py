@@ -72,11 +72,20 @@ class OtherModeError(EchelonError):
         What can be seen there, in ball arithmetic.
     found : sequence of int
         What can be seen in the ways that were found.
+    followed : bool
+        Whether frames were moved by rounding so that the loops close exactly, which may break what is special.
     """
 
-    def __init__(self, rank: int | None, found: Sequence[int]) -> None:
+    def __init__(self, rank: int | None, found: Sequence[int], followed: bool = False) -> None:
         shown = ", ".join(map(str, found))
         there = "its rank cannot be told in ball arithmetic" if rank is None else f"there it is {rank}"
+        if followed:
+            super().__init__(
+                f"no exact closed pose of the stated frames was found; with frames moved by rounding {shown} base "
+                f"parameters show, but that breaks what is special about the stated ones: {there} in ball arithmetic.  "
+                "Give frames with which the loops are closed where all coordinates are zero"
+            )
+            return
         super().__init__(
             f"the loops can be assembled in several ways, of rank {shown} as far as random poses show, and none of "
             f"them is that of the assembly pose: {there}.  State another assembly pose, farther from where ways meet"

@@ -32,6 +32,7 @@ from echelon.mechanism.placement import Placement
 from echelon.mechanism.roles import symbol_roles
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.energy import energy_form
+from echelon.regressor.loops.curves import CurveSampler
 
 _MOST_TIMES = 32
 """So many times as many points where regions of signs need them."""
@@ -93,7 +94,10 @@ class Kernel:
         """Operations of one evaluation modulo a prime."""
         forms = self.rows.forms
         program = len(forms.program.needed(list(forms.entries.values())))
-        return (self.unknowns + 1) * (program + self.unknowns * (self.unknowns + len(self.targets)))
+        elimination = (self.unknowns + 1) * self.unknowns * (self.unknowns + len(self.targets))
+        if isinstance(self.sampler, CurveSampler):
+            return self.sampler.cost(program, self.unknowns + 1) + elimination
+        return (self.unknowns + 1) * program + elimination
 
     def unknown(self, rng: np.random.Generator) -> UnknownFunctions:
         """The coefficients of :attr:`pairs` as functions of the symbols."""

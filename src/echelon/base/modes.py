@@ -93,6 +93,7 @@ def find_modes(
     order, poses, failure = _FIRST_ORDER, _POSES, ""
     confirmed: list[Mode] = []
     wanted: Mode | None = None
+    fixed = bool(rows.forms.loops and rows.forms.loops.closed_at)  # there is one pose, and no other to be drawn
     for attempt in range(_ATTEMPTS if own is None else _MORE_ATTEMPTS):
         try:
             prime = PrimeField.random(rng)
@@ -104,9 +105,10 @@ def find_modes(
         for key in found:
             orders.setdefault(key, []).append(order)
         if not new or attempt >= _ATTEMPTS:
-            confirmed = _confirmed(orders)
-            wanted = own(confirmed) if own is not None else None
-            if own is None or wanted is not None:
+            known, confirmed = confirmed, _confirmed(orders)
+            if own is not None and confirmed != known:
+                wanted = own(confirmed)
+            if own is None or wanted is not None or fixed:
                 break
         # the rank may grow with the number of coefficients, so the next attempt takes more
         order, poses = min(2 * order, _LARGEST_ORDER), _POSES if len(orders) > 1 else _FEW_POSES

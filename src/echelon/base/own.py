@@ -24,6 +24,7 @@ from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, stated_values
 from echelon.mechanism.substitute import substituted
+from echelon.mechanism.values import all_symbols
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.witness import closed_exactly
@@ -111,7 +112,11 @@ def at_stated_values(mechanism: Mechanism) -> Mechanism:
     mechanism : Mechanism
     """
     values = stated_values(mechanism)
-    return substituted(mechanism, values.put_in(values.names)) if values.names else mechanism
+    if not values.names:
+        return mechanism
+    put_in = substituted(mechanism, values.put_in(values.names))
+    units = {name: symbol for name, symbol in values.units.items() if name in all_symbols(put_in)}
+    return replace(put_in, symbols={**put_in.symbols, **units})
 
 
 def stated_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from math import inf, log2
 from typing import Any
 
 import flint
@@ -36,7 +35,7 @@ _SMALLEST = 1e-4  # of columns, about the largest one: rounding keeps those that
 _HOLDS, _FAILS = 1e-8, 1e-4  # what relations miss by in doubles where they surely hold, and where they surely do not
 _INDEPENDENT = 1e-7  # smallest singular value of columns that surely are
 _SAME_MARK = 1e-3  # coefficients that are simple rational numbers lie farther apart
-_BITS, _ZERO = 400, -100  # precision of balls, and the binary logarithm of what counts as nothing there
+_BITS = 640  # precision of balls; rounded geometry leaves true coefficients as small as the square of its rounding
 _SURPLUS = 1.3  # of states that share poses
 
 
@@ -142,7 +141,7 @@ class OwnPose:
             if solution is None:
                 return False
             for k, column in enumerate(others):
-                sources = {pivots[i - auxiliary] for i in range(auxiliary, len(kept)) if _log(solution[i, k]) > _ZERO}
+                sources = {pivots[i - auxiliary] for i in range(auxiliary, len(kept)) if not _vanishes(solution[i, k])}
                 if sources != set(mode.dependence[column]):
                     return False
             return all(
@@ -162,7 +161,7 @@ def _relations(table: npt.NDArray[Any], pivots: Sequence[int], others: Sequence[
         return None
     left = flint.arb_mat(table[np.ix_(rest, pivots)].tolist()) * solution
     missed = [table[i, c] - left[k, j] for k, i in enumerate(rest) for j, c in enumerate(others)]
-    return solution if all(_log(x) <= _ZERO for x in missed) else None
+    return solution if all(map(_vanishes, missed)) else None
 
 
 def _independent_rows(table: npt.NDArray[Any]) -> tuple[list[int], list[int]]:
@@ -181,7 +180,6 @@ def _same(value: float, mark: float) -> bool:
     return abs(value - mark) < _SAME_MARK * max(1.0, abs(mark))
 
 
-def _log(x: Any) -> float:
-    """Binary logarithm of the largest size that a ball allows."""
-    size = float(x.abs_upper())
-    return log2(size) if size > 0 else -inf
+def _vanishes(x: Any) -> bool:
+    """Whether a ball holds zero and little else."""
+    return bool(x.contains(0)) and float(x.abs_upper()) < 2.0 ** (-_BITS / 2)

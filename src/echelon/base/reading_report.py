@@ -24,6 +24,7 @@ from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.assembled import Assembled
 from echelon.regressor.loops.closing import assembled
 from echelon.regressor.loops.coordinates import split_balls
+from echelon.regressor.loops.followed import closing_notes
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 ROUNDING = 1e-9
@@ -130,13 +131,20 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
     mechanism : Mechanism
     """
     notes = [
-        f"bodies {mechanism.carrier_name(k)} share the parameters of label '{mechanism.bodies[k].label}'"
-        for k in mechanism.carriers
-        if len(mechanism.sharing[k]) > 1
+        *closing_notes(mechanism),
+        *_shared(mechanism),
     ]
     split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
     what = "the loops leave a part of a free rotation open, such as the spin of a rod between two balls"
     return [*notes, f"{what}: independent is {split}"] if split else notes
+
+
+def _shared(mechanism: Mechanism) -> list[str]:
+    return [
+        f"bodies {mechanism.carrier_name(k)} share the parameters of label '{mechanism.bodies[k].label}'"
+        for k in mechanism.carriers
+        if len(mechanism.sharing[k]) > 1
+    ]
 
 
 def _doubt(

@@ -25,11 +25,13 @@ from echelon.mechanism.joint import Joint, Motion, Step, floating_motions
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
 from echelon.mechanism.output import Cut
 from echelon.mechanism.placement import Placement
+from echelon.mechanism.stated import UNITS
 from echelon.mechanism.values import has_values
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.blocks import FEW_COLUMNS
 from echelon.regressor.energy import energy_changes, energy_form
 from echelon.regressor.linear import LinearForms
+from echelon.regressor.loops.followed import closable_as_stated
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
@@ -139,14 +141,17 @@ def _modes(
     if not has_values(mechanism):
         modes, own = find_modes(rows, rng)
     else:
-        pose = OwnPose(mechanism, rows, columns)
+        # frames that were made to follow are as good as the stated ones only if they show as much
+        stated = closable_as_stated(mechanism)
+        pose = OwnPose(stated, rows if stated is mechanism else rows_of(stated).columns(columns), columns)
         # what is special about the stated values is in no mode of general ones
-        general = bool(rows.forms.sampler().symbols)
-        singular = pose.is_singular and not mechanism.closed_at  # so that modes may meet there
+        general = not set(rows.forms.sampler().symbols) <= set(UNITS)
+        singular = pose.is_singular  # so that modes may meet there
         wanted = pose.likely if general else pose.mode
         modes, own = find_modes(rows, rng, None if singular else wanted)
         if own is None and not singular:
-            raise OtherModeError(pose.rank, [len(columns) - len(mode.dependence) for mode in modes])
+            ranks = [len(columns) - len(mode.dependence) for mode in modes]
+            raise OtherModeError(pose.rank, ranks, bool(mechanism.closed_at))
     if own is None:  # modes meet there
         own = modes[0] if len(modes) == 1 else replace(modes[0], marks=None if modes[0].marks else modes[0].marks)
     return modes, own

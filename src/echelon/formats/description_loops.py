@@ -18,11 +18,13 @@ from echelon.formats.description_parts import BASE
 from echelon.formats.intent import symbol_stem
 from echelon.formats.second_frame import second_frame
 from echelon.hints import nearest_of
+from echelon.mechanism.closed_pose import follow
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import X, Y, Z
 from echelon.mechanism.mechanism import Body, Mechanism
 from echelon.mechanism.placement import Placement, turn
 from echelon.regressor.loops.closing import close
+from echelon.regressor.loops.witness import check_pose
 
 if TYPE_CHECKING:
     from echelon.formats.schema import RobotDescription
@@ -65,7 +67,7 @@ def add_loops(mechanism: Mechanism, robot: RobotDescription, expressions: Expres
     loops = _Loops(mechanism, robot, expressions, find)
     closures = (*mechanism.closures, *loops.closures())
     if not closures:
-        for key in ("independent", "assembly"):
+        for key in ("independent", "assembly", "closed_at"):
             if key in robot.model_fields_set:
                 raise expressions.error(key, "there are no loops, so no coordinate depends on others through them")
         return mechanism
@@ -74,6 +76,8 @@ def add_loops(mechanism: Mechanism, robot: RobotDescription, expressions: Expres
     assembly = {**mechanism.assembly, **loops.assembly()}
     symbols = {**mechanism.symbols, **expressions.named}
     opened = replace(mechanism, closures=closures, independent=(), assembly=assembly, symbols=symbols)
+    if robot.closed_at:
+        opened = loops.followed(opened)
     return close(opened, loops.independent(), prefer=prefer)
 
 
@@ -160,6 +164,18 @@ class _Loops:
                 raise self.expressions.error(path, f"'{text}' must be a number here, without symbols")
             found[name] = value.evaluate({PI: math.pi}, float)
         return found
+
+    def followed(self, mechanism: Mechanism) -> Mechanism:
+        """The mechanism with second frames that follow at the exact pose."""
+        pose = {
+            name: tuple(self.expressions.polynomial(text, f"closed_at.{name}[{k}]") for k, text in enumerate(position))
+            for name, position in self.robot.closed_at.items()
+        }
+        try:
+            check_pose(mechanism, pose)
+            return follow(mechanism, pose)
+        except ValueError as error:
+            raise self.expressions.error("closed_at", str(error)) from None
 
     def _check(self, name: str, valid: tuple[str, ...], path: str) -> None:
         if name not in valid:

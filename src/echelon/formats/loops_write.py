@@ -5,20 +5,24 @@ from __future__ import annotations
 from typing import Any
 
 from echelon.formats.description_parts import BASE
-from echelon.formats.written import frame_data
+from echelon.formats.written import expression_text, frame_data
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.mechanism import GROUND, Mechanism
 
 
 def write_loops(mechanism: Mechanism) -> dict[str, Any]:
-    """The keys ``loops``, ``independent`` and ``assembly``, where there are loops."""
+    """The keys ``loops``, ``independent``, ``assembly`` and ``closed_at``, where there are loops."""
     if not mechanism.closures:
         return {}
-    written: dict[str, Any] = {"loops": [_loop(closure, mechanism) for closure in mechanism.closures]}
+    closures = mechanism.stated_closures or mechanism.closures
+    written: dict[str, Any] = {"loops": [_loop(closure, mechanism) for closure in closures]}
     if mechanism.independent:
         written["independent"] = list(mechanism.independent)
     if mechanism.assembly:
         written["assembly"] = {name: repr(float(value)) for name, value in mechanism.assembly.items()}
+    if mechanism.closed_at:
+        pose = mechanism.closed_at.items()
+        written["closed_at"] = {name: [expression_text(x) for x in position] for name, position in pose}
     return written
 
 

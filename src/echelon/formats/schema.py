@@ -222,6 +222,12 @@ class RobotDescription(Model):
         description="With loops, positions near which they close, rad or m; zero where not stated.",
         examples=[{"coupler": "1.2", "rocker": "2*pi/3"}],
     )
+    closed_at: dict[str, list[Expression]] = Field(
+        {},
+        description="With loops, exact positions at which the second frames are where the first ones are, whatever is "
+        "stated of them: cosine and sine, a displacement, or a quaternion, by joint coordinate; as Echelon writes it.",
+        examples=[{"crank": ["cos(crank_closed)", "sin(crank_closed)"]}],
+    )
     actuators: dict[str, Expression | LinearTerms] = Field(
         {},
         description="Transmission: actuator coordinates as combinations of joint coordinates. A coordinate that none "

@@ -59,7 +59,18 @@ def follow(mechanism: Mechanism, pose: ClosedAt) -> Mechanism:
     """
     placed = _Placed(mechanism, pose)
     closures = tuple(placed.followed(closure) for closure in mechanism.closures)
-    return replace(mechanism, closures=closures, closed_at=pose)
+    return replace(mechanism, closures=closures, closed_at=pose, stated_closures=mechanism.closures)
+
+
+def as_stated(mechanism: Mechanism) -> Mechanism:
+    """The mechanism with the frames of its loops as they were before some were made to follow.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        As :func:`follow` returns it.
+    """
+    return replace(mechanism, closures=mechanism.stated_closures, closed_at={}, stated_closures=())
 
 
 class _Placed:

@@ -146,6 +146,8 @@ class Mechanism:
         Positions near which the loops close, which picks one of several ways to assemble them; zero where absent.
     closed_at : mapping of str to tuple of Polynomial
         Exact positions at which the loops are closed by construction, by motion; empty where there are none such.
+    stated_closures : tuple of Closure
+        The closures as they were before second frames were made to follow there.
     reading : Reading, optional
         What was taken as exact when a file was read; absent for exact descriptions.
 
@@ -168,6 +170,7 @@ class Mechanism:
     independent: tuple[str, ...] = ()
     assembly: Mapping[str, float] = field(default_factory=dict)
     closed_at: ClosedAt = field(default_factory=dict)
+    stated_closures: tuple[Closure, ...] = ()
 
     def __post_init__(self) -> None:
         _check_tree(self)
@@ -288,7 +291,8 @@ class Mechanism:
 def setup_placements(mechanism: Mechanism) -> list[Placement]:
     """Placements beside those of the joints: of sensors and closures."""
     cuts = [channel for output in mechanism.measured or () for channel, _ in output.terms if isinstance(channel, Cut)]
-    frames = [frame for closure in mechanism.closures for frame in closure.placements]
+    closures = (*mechanism.closures, *mechanism.stated_closures)
+    frames = [frame for closure in closures for frame in closure.placements]
     return [*(cut.frame for cut in cuts), *frames]
 
 

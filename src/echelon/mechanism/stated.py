@@ -14,14 +14,14 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from math import gcd, lcm
+from math import gcd, lcm, pi
 
 import numpy as np
 
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.expressions import parse, parse_angle
 from echelon.exact.field import CERTIFICATE_BITS, PrimeField, Residues
-from echelon.exact.numbers import Number, cosine_of_turn, sine_of_turn
+from echelon.exact.numbers import Number, cosine_of_turn, decimal_text, sine_of_turn
 from echelon.exact.polynomial import (
     Polynomial,
     as_polynomial,
@@ -39,7 +39,7 @@ from echelon.seeds import DEFAULT_SEED, random_generator
 Point = tuple[Residues, Residues]
 """Cosine and sine."""
 
-_RADIANS, _TURNS = "unit_of_decimals", "unit_of_pi"
+UNITS = _RADIANS, _TURNS = "unit_of_decimals", "unit_of_pi"
 """Names of the two units, where they stand for symbols."""
 
 
@@ -82,6 +82,15 @@ class StatedValues:
             name: (split[name][0], int(angle.radians / radians), int(split[name][1] / turns))
             for name, angle in self.angles.items()
         }
+
+    @cached_property
+    def units(self) -> dict[str, Symbol]:
+        """The units as symbols, with their values."""
+        radians = unit_of(angle.radians for angle in self.angles.values())
+        turns = unit_of(_off_grid(angle.half_turns)[1] for angle in self.angles.values())
+        texts = {_RADIANS: decimal_text(radians), _TURNS: f"{turns}*pi"}
+        sizes = {_RADIANS: float(radians), _TURNS: float(turns) * pi}
+        return {name: Symbol(name, sizes[name], texts[name], "unit of angles") for name in UNITS}
 
     def put_in(self, names: Collection[str]) -> dict[str, Polynomial]:
         """What some symbols' generators become: numbers, and sines and cosines of multiples of units."""

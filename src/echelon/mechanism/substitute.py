@@ -17,6 +17,7 @@ from echelon.exact.polynomial import (
     sine,
     symbol_of,
 )
+from echelon.mechanism.closure import Closure
 from echelon.mechanism.effect import Effect
 from echelon.mechanism.joint import Motion, Step, merge
 from echelon.mechanism.mechanism import Body, Mechanism
@@ -51,15 +52,8 @@ def substituted(mechanism: Mechanism, values: Mapping[str, Polynomial]) -> Mecha
             replace(c, terms=tuple((name, function.mapped(put.polynomial)) for name, function in c.terms))
             for c in mechanism.couplings
         ),
-        closures=tuple(
-            replace(
-                c,
-                first_frame=put.placement(c.first_frame),
-                second_frame=put.placement(c.second_frame),
-                second_mount=tuple(put.placement(p) for p in c.second_mount),
-            )
-            for c in mechanism.closures
-        ),
+        closures=tuple(map(put.closure, mechanism.closures)),
+        stated_closures=tuple(map(put.closure, mechanism.stated_closures)),
         actuators=tuple(
             replace(a, terms=tuple((name, put.polynomial(ratio)) for name, ratio in a.terms))
             for a in mechanism.actuators
@@ -89,6 +83,14 @@ class _Substitution:
         count, symbol = multiple_of(generator)
         point = multiple_of_point((self.values[cosine(symbol)], self.values[sine(symbol)]), count)
         return point[0 if generator.startswith("cos") else 1]
+
+    def closure(self, closure: Closure) -> Closure:
+        return replace(
+            closure,
+            first_frame=self.placement(closure.first_frame),
+            second_frame=self.placement(closure.second_frame),
+            second_mount=tuple(self.placement(p) for p in closure.second_mount),
+        )
 
     def output(self, output: Output) -> Output:
         return replace(output, terms=tuple((self.channel(c), self.polynomial(weight)) for c, weight in output.terms))

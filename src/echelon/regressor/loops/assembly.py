@@ -36,6 +36,27 @@ _KEPT_AWAY = 0.25  # of the assembly pose's distance from singular configuration
 _RATE = 2.0  # largest random velocity and acceleration
 
 
+class OpenLoopsError(InputError):
+    """The loops do not close near the assembly pose.
+
+    Parameters
+    ----------
+    opening : str
+        What stays open, and by how much.
+    pose : array of shape (positions,)
+        Where it does least.
+    size : float
+        By how much then, rad or characteristic lengths.
+    """
+
+    def __init__(self, opening: str, pose: Floats, size: float) -> None:
+        super().__init__(
+            f"the loops do not close near the assembly pose: {opening}; check the lengths, or state an assembly pose "
+            "near which the loops close"
+        )
+        self.opening, self.pose, self.size = opening, pose, size
+
+
 class Assembly(ClosedMotion):
     """Closed configurations and motion there.
 
@@ -67,11 +88,9 @@ class Assembly(ClosedMotion):
             disturbed *= np.linspace(0.0, _NEAR if self.mechanism.assembly else np.pi, _TRIES)[:, None]
             q, done = self.closed(self._moved(np.repeat(self._stated[None], _TRIES, axis=0), disturbed))
         if not done.any():
-            problem = self.opening(self.closures.at(q[:1])[0][0])
-            raise InputError(
-                f"the loops do not close near the assembly pose: {problem}; check the lengths, or state an assembly "
-                "pose near which the loops close"
-            )
+            values = self.closures.at(q)[0]
+            best = int(largest(values).argmin())
+            raise OpenLoopsError(self.opening(values[best]), q[best], float(largest(values)[best]))
         away = np.linalg.norm(self._distances(q), axis=1)
         nearest: Floats = q[np.where(done, away, np.inf).argmin()]
         return nearest

@@ -18,7 +18,7 @@ from echelon.mechanism.stated import in_numbers
 from echelon.mechanism.values import has_values
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembled import Assembled
-from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.loops.assembly import Assembly, OpenLoopsError
 from echelon.regressor.loops.closure_values import Floats
 from echelon.regressor.loops.coordinates import independent_coordinates
 from echelon.regressor.loops.curves import CurveSampler
@@ -34,6 +34,7 @@ _EXACTLY = (
     "equal numbers"
 )
 _STATES, _NEAR = 8, 0.5  # random configurations at which the mobility is counted numerically, and how far they stray
+_NEARLY = 1e-2  # what may be open where frames are made to follow, rad or characteristic lengths
 _FEW_UNKNOWNS = 5  # that take no longer than to let frames follow
 _INDEPENDENT = (1e-2, 1e-4, 1e-6)  # singular values of independent motions, the wanted one first
 
@@ -71,7 +72,7 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
         if name not in names:
             raise InputError(f"there is no coordinate '{name}' (valid: {', '.join(names)})", element="independent")
     first = list(wanted) if wanted is not None else [name for name in prefer if name in names]
-    real = _real(mechanism)
+    mechanism, real = _real(mechanism)
     if real is None:
         field, jacobian = _jacobian(mechanism)
         freedom = np.array(null_vectors(jacobian, field), dtype=np.int64).reshape(-1, len(names))
@@ -132,9 +133,17 @@ def _rank(velocities: Floats, threshold: float, columns: Sequence[int]) -> int:
     return int((np.linalg.svd(velocities[list(columns)], compute_uv=False) > threshold).sum()) if columns else 0
 
 
-def _real(mechanism: Mechanism) -> _Real | None:
-    """Configurations in double precision; None if symbols have no values."""
-    return _Real(mechanism) if has_values(mechanism) else None
+def _real(mechanism: Mechanism) -> tuple[Mechanism, _Real | None]:
+    """The mechanism in double precision, None if symbols have no values; frames that nearly meet are made to follow."""
+    if not has_values(mechanism):
+        return mechanism, None
+    try:
+        return mechanism, _Real(mechanism)
+    except OpenLoopsError as error:
+        if error.size > _NEARLY:
+            raise
+        followed = _at(mechanism, error.pose)
+    return followed, _Real(followed)
 
 
 def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
@@ -166,8 +175,12 @@ def _as_it_is(mechanism: Mechanism, _: _Real) -> Mechanism:
 
 
 def _followed(mechanism: Mechanism, real: _Real) -> Mechanism:
+    return _at(mechanism, real.assembly.pose)
+
+
+def _at(mechanism: Mechanism, pose: Floats) -> Mechanism:
     try:
-        return closed_exactly(mechanism, real.assembly.pose)
+        return closed_exactly(mechanism, pose)
     except ValueError as error:
         raise InputError(_unsolved(mechanism, str(error))) from None
 

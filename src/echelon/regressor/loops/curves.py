@@ -34,6 +34,7 @@ from echelon.seeds import DEFAULT_SEED, random_generator
 
 _LOST = 2  # coefficients that are not known of accelerations
 _REGULAR_ORDER = 16  # half of these coefficients show whether a curve is closed
+_PRODUCT, _LIFTS = 0.25, 3  # what a product of series costs, of order², and how often closures are evaluated
 _SURPLUS = 3  # halves: that many more coefficients are taken than states, because some are not independent
 
 
@@ -145,13 +146,27 @@ class CurveSampler(FieldSampler):
     ) -> Residues:
         """Evaluate along random curves from given closed poses; see :meth:`evaluate`."""
         positions = self._positions(field, rng, geometry)
-        geometries, curves = positions.samples, 1 + -(-_SURPLUS * states // (2 * self.order))
-        curves = max(curves, len(self._regions))
+        geometries, curves = positions.samples, self._curves(states)
         positions = positions.at(np.repeat(np.arange(geometries), curves))
         signs = self._signs(field, rng, geometries * curves)
         curve = self._curve(positions, pose.repeated(curves), rng, self.order + _LOST, signs)
         values = self._main.run(curve.arithmetic, curve.leaves(self._main), geometries * curves)[..., : self.order]
         return _mixed(values.reshape(len(values), geometries, curves * self.order), states, field, rng)
+
+    def cost(self, program: int, states: int) -> float:
+        """Operations on residues that the states of one geometry take.
+
+        Parameters
+        ----------
+        program : int
+            Number of operations of the outputs.
+        states : int
+        """
+        closing = len(self.program.needed(self._recorded.nodes)) + len(self._recorded.entries)
+        return _PRODUCT * self._curves(states) * self.order**2 * (program + _LIFTS * closing)
+
+    def _curves(self, states: int) -> int:
+        return max(1 + -(-_SURPLUS * states // (2 * self.order)), len(self._regions))
 
     def jacobian(self, field: PrimeField, rng: np.random.Generator) -> Residues:
         """Jacobian of the closures by all coordinates at a closed pose of a random geometry.

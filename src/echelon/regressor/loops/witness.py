@@ -16,11 +16,14 @@ from itertools import combinations
 from math import pi
 
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
+from echelon.exact.field import CERTIFICATE_BITS, PrimeField
 from echelon.exact.polynomial import Polynomial, as_polynomial
 from echelon.mechanism.closed_pose import angle_parts, follow, loop_motions
 from echelon.mechanism.joint import Motion, MotionKind
-from echelon.mechanism.mechanism import Mechanism, Symbol
+from echelon.mechanism.mechanism import ClosedAt, Mechanism, Symbol
+from echelon.mechanism.stated import stated_values
 from echelon.regressor.loops.closure_values import Floats
+from echelon.seeds import DEFAULT_SEED, random_generator
 
 _SAME = 1e-9  # angles that differ by less are the same, rad
 _STEP = pi / STEPS_PER_HALF_TURN
@@ -52,6 +55,39 @@ def closed_exactly(mechanism: Mechanism, pose: Floats) -> Mechanism:
             exact[motion.name] = _exact(motion, values, parts.get(motion.name, 1), angles)
     named = replace(mechanism, symbols={**mechanism.symbols, **angles.symbols})
     return follow(named, exact)
+
+
+def check_pose(mechanism: Mechanism, pose: ClosedAt) -> None:
+    """Check that exact positions are complete, and points of circles and spheres where they have to be.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With values for all symbols that the positions hold.
+    pose : mapping of str to tuple of Polynomial
+
+    Raises
+    ------
+    ValueError
+        If they are not; says what is missing or wrong.
+    """
+    sizes = {MotionKind.BALL: 4, MotionKind.TRANSLATION: 1}
+    motions = {m.name: m for m in mechanism.motions if m.name in loop_motions(mechanism)}
+    if pose.keys() != motions.keys():
+        wrong = ", ".join(f"'{name}'" for name in sorted(pose.keys() ^ motions.keys()))
+        raise ValueError(f"it needs the positions of all motions in loops and of no others ({wrong})")
+    field = PrimeField.random(rng := random_generator(DEFAULT_SEED), CERTIFICATE_BITS)
+    values = stated_values(mechanism)
+    for name, position in pose.items():
+        size = sizes.get(motions[name].kind, 2)
+        if len(position) != size:
+            raise ValueError(f"'{name}' needs {size} numbers, not {len(position)}")
+        symbols = {symbol for x in position for symbol in x.symbols()}
+        if symbols - set(values.names):
+            raise ValueError(f"'{name}' holds symbols without a value ({', '.join(sorted(symbols))})")
+        square = Polynomial.sum(x * x for x in position)
+        if size > 1 and square.evaluate(values.residues(square.generators(), field, rng), field.embed) % field.p != 1:
+            raise ValueError(f"the position of '{name}' is no point of the unit circle or sphere")
 
 
 def _exact(motion: Motion, values: dict[str, float], parts: int, angles: _Angles) -> tuple[Polynomial, ...]:
