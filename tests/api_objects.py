@@ -236,6 +236,7 @@ OBJECTS: Mapping[str, Example] = {
     "prediction": Example(prediction, lambda found: found.predicted),
     "excitation": Example(lambda: ec.exciting_trajectory(setup(), **MOTION), moved),
     "limits": Example(lambda: ec.load_setup(file("special.yaml")), run),
+    "AssemblyWarning": error(ec.AssemblyWarning, "moved"),
     "EchelonError": error(ec.EchelonError, "wrong"),
     "InputError": error(ec.InputError, "wrong", source="arm.yaml", element="joint"),
     "MissingExtraError": error(ec.MissingExtraError, "casadi", "excite"),
