@@ -62,7 +62,7 @@ def states(mechanism: Mechanism, count: int) -> tuple[np.ndarray, np.ndarray, np
         closed = ClosedBalls(program, forms.loops, at)
         real = forms.loops.real(rng, count)
         found = [
-            closed.leaves(Schedule(program, inputs), {n: float(x[k]) for n, x in real.items()}, rng)
+            closed.leaves(Schedule(program, inputs), {n: float(x[k]) for n, x in real.items()}, rng)[0]
             for k in range(count)
         ]
         assert all(float(x.rad()) < 1e-90 for leaves in found for x in leaves.values())

@@ -236,7 +236,7 @@ def test_rotors_may_sit_on_fixed_links(tmp_path: Path) -> None:
     ("entries", "message"),
     [
         ({"outputs": [{"joint": "ghost"}]}, "no joint coordinate 'ghost'"),
-        ({"outputs": [{"wrench": "ghost"}]}, "there is no body 'ghost'"),
+        ({"outputs": [{"wrench": "ghost"}]}, "there is no body or frame 'ghost'"),
         ({"outputs": [{"torque": "joint1"}]}, "outputs"),
         ({"actuators": {"a": "joint1 + joint2", "b": "2*joint1 + 2*joint2"}}, "singular"),
         ({"actuators": {"a": "joint1 + joint2"}}, "1 actuators drive 2"),

@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -17,7 +16,6 @@ from echelon.identification.rows.model_rows import rows_taken
 from generated import compiled, tool
 from simulated import Motion, System
 from simulated_models import Floats
-from simulated_motions import closure
 from simulated_results import FRESH, Result, assert_predicts, assert_same, params, result_of
 from simulated_systems import motion_of
 from test_cli import run
@@ -104,30 +102,13 @@ def test_compiled_code_is_the_model(result: Result, tmp_path: Path) -> None:
 
 
 def called(code: ctypes.CDLL, system: System, motion: Motion, outputs: int) -> Floats:
-    """Inverse dynamics of C at all states; with loops, the power in each virtual motion of a drive."""
+    """Inverse dynamics of C at all states; with loops, from velocities and accelerations of independent coordinates."""
     found = np.full((len(motion.time), outputs), np.nan)
-    for k, state in enumerate(zip(motion.q, motion.qd, motion.qdd, strict=True)):
-        if not system.independent:
-            code.model_inverse_dynamics(*map(_pointer, state), _pointer(found[k]))
-            continue
-        for output, virtual in enumerate(_virtual(system, state[0])):
-            rest = (np.eye(outputs)[output], virtual, found[k, output : output + 1])
-            code.model_inverse_dynamics(*map(_pointer, (*state, *rest)))
+    moving = list(system.independent) or slice(None)
+    for k, (q, qd, qdd) in enumerate(zip(motion.q, motion.qd, motion.qdd, strict=True)):
+        code.model_inverse_dynamics(*map(_pointer, (q, qd[moving].copy(), qdd[moving].copy(), found[k])))
     return found
 
 
 def _pointer(values: Floats) -> ctypes.c_void_p:
     return values.ctypes.data_as(ctypes.c_void_p)
-
-
-def _virtual(system: System, q: Floats) -> Floats:
-    """Velocities of all joints when one drive turns, shape (drives, joints)."""
-    model = mujoco.MjModel.from_xml_string(system.mjcf())
-    data = mujoco.MjData(model)
-    data.qpos[:] = q
-    J, chosen = closure(model, data)[0], list(system.independent)
-    others = [k for k in range(model.nv) if k not in chosen]
-    found = np.zeros((len(chosen), model.nv))
-    found[:, chosen] = np.eye(len(chosen))
-    found[:, others] = -np.linalg.lstsq(J[:, others], J[:, chosen], rcond=None)[0].T
-    return found

@@ -69,8 +69,8 @@ FAULTS = (
     ),
     Fault(
         "base/own_mode.py",
-        ">= _SAME_MARK * max(",
         "< _SAME_MARK * max(",
+        ">= _SAME_MARK * max(",
         "the other assembly mode is taken",
         "test_loops_modes.py",
     ),

@@ -60,8 +60,8 @@ FAULTS = (
     ),
     Fault(
         SUBSTITUTE,
-        "put.placement(c.second_frame)",
-        "c.second_frame",
+        "self.placement(closure.second_frame)",
+        "closure.second_frame",
         "closures at values of symbols",
         "test_substitute.py",
     ),

@@ -90,7 +90,10 @@ class OwnPose:
     @cached_property
     def _table(self) -> tuple[Floats, Floats]:
         """Rows with columns of size one, and the sizes."""
-        values = evaluate_floats(virtual_power_form(self.mechanism), self.mechanism, *self._real)
+        forms, rng = virtual_power_form(self.mechanism), random_generator(DEFAULT_SEED)
+        names = [given.name for given in forms.program.inputs.values() if given.name.startswith("i[")]
+        inputs = {name[2:-1]: rng.uniform(-1.0, 1.0, len(self._real[0])) for name in names}
+        values = evaluate_floats(forms, self.mechanism, *self._real, inputs=inputs)
         table = values.reshape(-1, values.shape[2])[:, self._columns]
         # columns that vanish but for rounding stay small
         sizes = np.maximum(np.abs(table).max(axis=0), _SMALLEST * np.abs(table).max())

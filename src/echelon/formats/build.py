@@ -115,13 +115,16 @@ class _Builder:
         return self._closed(mechanism) if closures else mechanism
 
     def _rides(self) -> dict[str, Ride]:
-        """What is fixed to bodies, by name: links, and then frames whose names no link has."""
+        """What is fixed to bodies, by name: links, frames, and joints, which mark the link that they fix."""
         links, bodies = self.tree.links, {body.name for body in self.bodies}
         rides = {link.name: self._ride(k) for k, link in enumerate(links) if link.name not in bodies}
         for frame in self.tree.frames:
             if frame.name not in bodies:
                 body, placements = self._ride(frame.link)
                 rides.setdefault(frame.name, (body, (*placements, *frame.placements)))
+        for link in links:
+            if link.joint and link.joint not in bodies and link.name in rides:
+                rides.setdefault(link.joint, rides[link.name])
         return rides
 
     def _measured(self, mechanism: Mechanism) -> tuple[Output, ...] | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from math import inf
 
 import numpy as np
 
@@ -35,8 +36,8 @@ _EXACTLY = (
 )
 _STATES, _NEAR = 8, 0.5  # random configurations at which the mobility is counted numerically, and how far they stray
 _NEARLY = 1e-2  # what may be open where frames are made to follow, rad or characteristic lengths
-_FEW_UNKNOWNS = 5  # that take no longer than to let frames follow
-_INDEPENDENT = (1e-2, 1e-4, 1e-6)  # singular values of independent motions, the wanted one first
+_LITTLE_WORK = 1e5  # operations for a pose that take no longer than to let frames follow
+_INDEPENDENT = (1e-3, 1e-5, 1e-6)  # singular values of independent motions, the wanted one first
 
 
 def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: Sequence[str] = ()) -> Mechanism:
@@ -155,11 +156,11 @@ def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
         If the loops move to six digits, but neither with the numbers as they are nor when frames follow.
     """
     reasons = []
-    attempts = ((_as_it_is, _FEW_UNKNOWNS), (_followed, 0), (_as_it_is, None), (_in_numbers, None))
-    for attempt, unknowns in attempts:
+    attempts = ((_as_it_is, _LITTLE_WORK), (_followed, inf), (_as_it_is, inf), (_in_numbers, inf))
+    for attempt, work in attempts:
         try:
             closed = attempt(mechanism, real)
-            field, jacobian = _jacobian(closed, unknowns)
+            field, jacobian = _jacobian(closed, work)
         except InputError as error:
             reasons.append(str(error))
             continue
@@ -189,13 +190,13 @@ def _in_numbers(mechanism: Mechanism, _: _Real) -> Mechanism:
     return in_numbers(mechanism)
 
 
-def _jacobian(mechanism: Mechanism, unknowns: int | None = None) -> tuple[PrimeField, Residues]:
-    """The Jacobian of the closures at a closed pose of a random geometry, solving for so many coordinates at once."""
+def _jacobian(mechanism: Mechanism, work: float = inf) -> tuple[PrimeField, Residues]:
+    """The Jacobian of the closures at a closed pose of a random geometry, found with a limited amount of work."""
     program = Program()
     recorder = Recorder(mechanism, program)
     loops = loops_of(mechanism, recorder)
     assert loops is not None
-    loops = loops if unknowns is None else replace(loops, unknowns=unknowns)
+    loops = replace(loops, work=work)
     sampler, rng = CurveSampler(program, [], loops, loops.order), random_generator(DEFAULT_SEED)
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from math import inf
 
 import numpy as np
 import numpy.typing as npt
@@ -80,8 +81,8 @@ class Loops:
     order : int
         Number of coefficients that are taken along curves of closed configurations; more than the default where few
         freedoms have to show many parameters.
-    unknowns : int
-        The most coordinates that may have to be solved for at once, where poses are looked for.
+    work : float
+        The most operations that may be needed to write down what has to be solved, where a pose is looked for.
     accepts : callable, optional
         Which of some poses are in the wanted assembly mode, from (field, rng, geometry, poses); None for all.
     real : callable, optional
@@ -97,7 +98,7 @@ class Loops:
     closed_at: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     parts: Mapping[str, int] = field(default_factory=dict)
     order: int = 24
-    unknowns: int = 6
+    work: float = inf
     accepts: Accepts | None = None
     real: RealInputs | None = None
 

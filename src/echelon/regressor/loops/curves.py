@@ -96,7 +96,7 @@ class CurveSampler(FieldSampler):
         self._regular = False  # whether curves go on from the poses that are found
         # zero is a pose of the wanted way to assemble only where no other is stated
         stated = [None, loops.assembly] if loops.stated else []
-        self._poses = PoseFinder(preferred, stated, loops.unknowns, loops.accepts)
+        self._poses = PoseFinder(preferred, stated, loops.work, loops.accepts)
 
     def evaluate(
         self, field: PrimeField, rng: np.random.Generator, states: int, geometry: Mapping[str, Residues]

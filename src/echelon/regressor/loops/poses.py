@@ -24,7 +24,7 @@ from echelon.regressor.loops.positions import Positions
 
 _ROUNDS = 40
 _MOST_TRIES = 1024
-_LEVELS = 3  # of the variables of each unknown: so many points determine the equations
+_MOST_POINTS = 3**6  # at which the equations of a block are evaluated, for each sample
 _MOST_WORK = 2e6  # evaluations of the equations, for each sample, until a first solution is found: half a minute
 _FAILURES = 8  # of the tries that close a loop with one unknown about once in two
 
@@ -40,8 +40,8 @@ class PoseFinder:
         Coordinates that should be drawn rather than solved for.
     stated : sequence of mapping of str to float, or None
         Positions at which the loops may be closed exactly; None for those at which they are by construction.
-    unknowns : int
-        The most turning coordinates that may be solved for at once.
+    work : float
+        The most operations that may be needed to write down the equations.
     accepts : callable, optional
         Which of some poses are in the wanted assembly mode; see :class:`echelon.regressor.loops.closures.Loops`.
     """
@@ -50,10 +50,10 @@ class PoseFinder:
         self,
         preferred: Sequence[int],
         stated: Sequence[Mapping[str, float] | None],
-        unknowns: int,
+        work: float,
         accepts: Accepts | None,
     ) -> None:
-        self._preferred, self._accepts, self._most_points = preferred, accepts, _LEVELS**unknowns
+        self._preferred, self._accepts, self._work = preferred, accepts, work
         self._stated = list(stated)
         self._takes_stated = False
         self._blocks: list[ClosureBlock] | None = None
@@ -84,6 +84,9 @@ class PoseFinder:
         self._stated = []
         if self._blocks is None:
             self._blocks = self._planned(positions, rng)
+            operations = len(recorded.program.needed(list(recorded.nodes)))
+            if sum(block.points for block in self._blocks) * operations > self._work:
+                raise SingularPoseError("too many coordinates would have to be solved for")
         found = self._solved(positions, rng, samples, self._blocks)
         self._spent = 0.0
         return found
@@ -237,7 +240,7 @@ class PoseFinder:
         """A block with fewer unknowns, where its equations leave more freedom than their number says."""
         while True:
             try:
-                if block.points > self._most_points:
+                if block.points > _MOST_POINTS:
                     raise SingularPoseError(f"{len(block.unknown)} coordinates would have to be solved for at once")
                 one = np.zeros(1, dtype=np.intp)
                 block.solve(positions.at(owners[one]), pose.at(one))
