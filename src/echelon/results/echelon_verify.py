@@ -24,7 +24,7 @@ def need(condition, problem):
 def cover(condition, what):
     if not condition: raise NotImplementedError(what)  # the set may be valid
 def only(data, keys):  # one that is not known here may change what the others mean
-    cover(data.keys() <= {*keys.split()}, "closed loops" if "loops" in data else f"one of {[*data]}")
+    cover(data.keys() <= {*keys.split()}, "closed loops" if "loops" in data else ", ".join(sorted({*data} - {*keys.split()})))
     return data
 def unique(pairs):
     need(len(dict(pairs)) == len(pairs), "a name stands twice")
