@@ -48,10 +48,14 @@ def leave() -> None:
 
 def _said_plainly(show: Callable[..., None]) -> Callable[..., None]:
     """Warnings about the input are one line, without where in the program they were found."""
+    said: set[str] = set()
 
     def warn(message: Warning | str, category: type[Warning], *where: Any, **options: Any) -> None:
         if issubclass(category, AssemblyWarning):
-            sys.stderr.write(f"warning: {one_line(str(message))}\n")
+            text = one_line(str(message))
+            if text not in said:  # it may come up in several places
+                said.add(text)
+                sys.stderr.write(f"warning: {text}\n")
         else:
             show(message, category, *where, **options)
 
