@@ -50,10 +50,12 @@ class OwnPose:
         In which modes were found.
     columns : sequence of int
         The mechanism's parameters that these count.
+    moved : bool
+        Modes were found with frames moved by rounding, which gives their relations coefficients of that size.
     """
 
-    def __init__(self, mechanism: Mechanism, rows: Rows, columns: Sequence[int]) -> None:
-        self.mechanism, self._rows, self._columns = mechanism, rows, list(columns)
+    def __init__(self, mechanism: Mechanism, rows: Rows, columns: Sequence[int], moved: bool = False) -> None:
+        self.mechanism, self._rows, self._columns, self._moved = mechanism, rows, list(columns), moved
 
     def mode(self, modes: Sequence[Mode]) -> Mode | None:
         """The one of some modes that the pose is in; None if it is in none of them, as far as can be told."""
@@ -145,7 +147,7 @@ class OwnPose:
                 return False
             for k, column in enumerate(others):
                 sources = {pivots[i - auxiliary] for i in range(auxiliary, len(kept)) if not _vanishes(solution[i, k])}
-                if sources != set(mode.dependence[column]):
+                if not self._moved and sources != set(mode.dependence[column]):
                     return False
             return all(
                 _same(float(solution[auxiliary + pivots.index(source), others.index(column)].mid()), float(mark))

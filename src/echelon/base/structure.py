@@ -143,7 +143,8 @@ def _modes(
     else:
         # frames that were made to follow are as good as the stated ones only if they show as much
         stated = closable_as_stated(mechanism)
-        pose = OwnPose(stated, rows if stated is mechanism else rows_of(stated).columns(columns), columns)
+        moved = stated is not mechanism
+        pose = OwnPose(stated, rows_of(stated).columns(columns) if moved else rows, columns, moved)
         # what is special about the stated values is in no mode of general ones
         general = not set(rows.forms.sampler().symbols) <= set(UNITS)
         singular = pose.is_singular  # so that modes may meet there
