@@ -14,6 +14,7 @@ from echelon.formats.options import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.loops.witness import unit_quaternion
 from echelon.regressor.virtual_power import virtual_power_form
 
 
@@ -147,6 +148,15 @@ def test_the_mode_is_that_of_the_stated_pose(name: str) -> None:
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_the_mode_is_right_at_many_poses(name: str) -> None:
     check(name, 20, 5)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_exact_quaternions_are_those_that_were_found(seed: int) -> None:
+    parts = np.random.default_rng(seed).normal(size=4)
+    parts /= np.linalg.norm(parts)
+    exact = unit_quaternion(parts.tolist())
+    assert sum(x * x for x in exact) == 1
+    np.testing.assert_allclose(np.array(exact, dtype=float), parts, atol=1e-14)
 
 
 def test_a_coordinate_that_stands_still_is_not_drawn() -> None:

@@ -9,7 +9,7 @@ recognised first, and share their symbols: the sides of a parallelogram stay par
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import combinations
@@ -92,7 +92,7 @@ def check_pose(mechanism: Mechanism, pose: ClosedAt) -> None:
 
 def _exact(motion: Motion, values: dict[str, float], parts: int, angles: _Angles) -> tuple[Polynomial, ...]:
     if motion.kind is MotionKind.BALL:
-        return tuple(map(as_polynomial, _unit_quaternion([values[name] for name in motion.positions])))
+        return tuple(map(as_polynomial, unit_quaternion([values[name] for name in motion.positions])))
     value = values[motion.name]
     if motion.kind is MotionKind.TRANSLATION:
         return (as_polynomial(_decimal(value)),)
@@ -156,10 +156,10 @@ def _text(value: Fraction) -> str:
     return f"{float(value):.{_DIGITS}f}"
 
 
-def _unit_quaternion(parts: list[float]) -> list[Fraction]:
-    """A rational point of the unit sphere, by stereographic projection from the far side."""
+def unit_quaternion(parts: Sequence[float]) -> list[Fraction]:
+    """The rational point of the unit sphere next to a quaternion, by stereographic projection from the far side."""
     lead = max(range(4), key=lambda k: abs(parts[k]))
     sign = 1 if parts[lead] >= 0 else -1
     t = [Fraction(x / (parts[lead] + sign)).limit_denominator(10**_DIGITS) for x in parts]
     square = sum((x * x for k, x in enumerate(t) if k != lead), Fraction(0))
-    return [sign * (1 - square) / (1 + square) if k == lead else 2 * x / (1 + square) for k, x in enumerate(t)]
+    return [sign * (1 - square if k == lead else 2 * x) / (1 + square) for k, x in enumerate(t)]
