@@ -19,6 +19,7 @@ from scipy.linalg import qr
 from echelon.base.ball_rows import ball_rows, precision
 from echelon.base.modes import Mode
 from echelon.base.rows import Rows
+from echelon.errors import InputError
 from echelon.exact.ball_elimination import ball_echelon
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import all_symbols, value_texts
@@ -77,6 +78,8 @@ class OwnPose:
     @cached_property
     def rank(self) -> int | None:
         """Rank of the columns there; None if balls do not tell."""
+        if not self._closes:
+            return None
         with precision(_BITS):
             found = ball_echelon([list(row) for row in self._balls], _BITS)
         return None if found is None else len(found.pivots) - self._rows.auxiliary
@@ -136,8 +139,18 @@ class OwnPose:
                 motions,
             )
 
+    @cached_property
+    def _closes(self) -> bool:
+        """Whether the loops are proved to close; redundant constraints that miss by rounding are not."""
+        try:
+            return self._balls is not None
+        except InputError:
+            return False
+
     def _holds(self, mode: Mode) -> bool:
         """Whether the representatives of a mode are independent there, and its relations and no others hold."""
+        if self._moved and not self._closes:
+            return True  # doubles do not say otherwise, and there is no exact pose of the stated frames to ask
         auxiliary = self._rows.auxiliary
         pivots, others = _split(mode, len(self._columns))
         kept = [*range(auxiliary), *(auxiliary + k for k in pivots)]

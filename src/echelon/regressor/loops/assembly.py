@@ -95,6 +95,14 @@ class Assembly(ClosedMotion):
         nearest: Floats = q[np.where(done, away, np.inf).argmin()]
         return nearest
 
+    @property
+    def closes(self) -> bool:
+        """Whether the loops close near the assembly pose."""
+        try:
+            return self.pose is not None
+        except OpenLoopsError:
+            return False
+
     @cached_property
     def assembled(self) -> Assembled | None:
         """What was moved from the stated assembly pose to :attr:`pose`; None if nothing but rounding."""

@@ -155,9 +155,9 @@ def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
     InputError
         If the loops move to six digits, but neither with the numbers as they are nor when frames follow.
     """
-    reasons = []
-    attempts = ((_as_it_is, _LITTLE_WORK), (_followed, inf), (_as_it_is, inf), (_in_numbers, inf))
-    for attempt, work in attempts:
+    reasons, locked = [], ""
+    attempts = [(_as_it_is, _LITTLE_WORK), (_followed, inf), (_as_it_is, inf), (_in_numbers, inf)]
+    for attempt, work in attempts[:1] if mechanism.closed_at else attempts:
         try:
             closed = attempt(mechanism, real)
             field, jacobian = _jacobian(closed, work)
@@ -167,8 +167,8 @@ def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
         freedom = jacobian.shape[1] - rank(jacobian, field)
         if freedom >= real.mobility:
             return closed
-        reasons.append(_locked(mechanism, freedom, real.mobility))
-    raise InputError(reasons[0])
+        locked = _locked(mechanism, freedom, real.mobility)
+    raise InputError(locked or reasons[0])
 
 
 def _as_it_is(mechanism: Mechanism, _: _Real) -> Mechanism:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from echelon.errors import InputError
 from echelon.mechanism.closed_pose import as_stated
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import has_values
-from echelon.regressor.loops.assembly import Assembly, OpenLoopsError
+from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closed_motion import RANK_TOLERANCE
 from echelon.regressor.loops.closure_values import Floats
 from echelon.seeds import DEFAULT_SEED, random_generator
@@ -27,10 +26,7 @@ def closable_as_stated(mechanism: Mechanism) -> Mechanism:
     if not mechanism.closed_at:
         return mechanism
     stated = as_stated(mechanism)
-    try:
-        return stated if Assembly(stated).pose.size else mechanism
-    except OpenLoopsError:
-        return mechanism
+    return stated if Assembly(stated).closes else mechanism
 
 
 def closing_notes(mechanism: Mechanism) -> list[str]:
@@ -43,12 +39,9 @@ def closing_notes(mechanism: Mechanism) -> list[str]:
     """
     if not mechanism.closures or not has_values(mechanism):
         return []
-    try:
-        assembly = Assembly(mechanism)
-        notes = [_moved(mechanism, assembly)] if mechanism.closed_at else []
-        return notes + _nearly_free(mechanism, assembly)
-    except InputError:
-        return []
+    assembly = Assembly(mechanism)
+    notes = [_moved(mechanism, assembly)] if mechanism.closed_at else []
+    return notes + _nearly_free(mechanism, assembly)
 
 
 def _moved(mechanism: Mechanism, assembly: Assembly) -> str:
