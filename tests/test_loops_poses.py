@@ -14,7 +14,7 @@ from echelon.formats.options import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.witness import unit_quaternion
+from echelon.regressor.loops.exact_pose import unit_quaternion
 from echelon.regressor.virtual_power import virtual_power_form
 
 

@@ -27,7 +27,7 @@ from echelon.mechanism.substitute import substituted
 from echelon.mechanism.values import all_symbols
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.witness import closed_exactly
+from echelon.regressor.loops.exact_pose import closed_exactly
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
 

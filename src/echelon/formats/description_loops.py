@@ -24,7 +24,7 @@ from echelon.mechanism.joint import X, Y, Z
 from echelon.mechanism.mechanism import Body, Mechanism
 from echelon.mechanism.placement import Placement, turn
 from echelon.regressor.loops.closing import close
-from echelon.regressor.loops.witness import check_pose
+from echelon.regressor.loops.exact_pose import check_pose
 
 if TYPE_CHECKING:
     from echelon.formats.schema import RobotDescription

@@ -23,8 +23,8 @@ from echelon.regressor.loops.assembly import Assembly, OpenLoopsError
 from echelon.regressor.loops.closure_values import Floats
 from echelon.regressor.loops.coordinates import independent_coordinates
 from echelon.regressor.loops.curves import CurveSampler
+from echelon.regressor.loops.exact_pose import closed_exactly
 from echelon.regressor.loops.recorded_loops import loops_of
-from echelon.regressor.loops.witness import closed_exactly
 from echelon.regressor.steps import Recorder
 from echelon.seeds import DEFAULT_SEED, random_generator
 
