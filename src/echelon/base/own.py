@@ -73,10 +73,13 @@ def own_answer(
     """
     try:
         return _own_answer(mechanism, rng, recorded, generic)
-    except OtherModeError:
+    except OtherModeError as error:
         if mechanism.closed_at:
             raise
-        followed = closed_exactly(mechanism, Assembly(mechanism).pose)
+        try:
+            followed = closed_exactly(mechanism, Assembly(mechanism).pose)
+        except ValueError:  # a screw that is turned there
+            raise error from None
         return _own_answer(followed, rng, None, generic)
 
 

@@ -130,10 +130,7 @@ def mechanism_notes(mechanism: Mechanism) -> list[str]:
     ----------
     mechanism : Mechanism
     """
-    notes = [
-        *closing_notes(mechanism),
-        *_shared(mechanism),
-    ]
+    notes = [*closing_notes(mechanism), *_shared(mechanism)]
     split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
     what = "the loops leave a part of a free rotation open, such as the spin of a rod between two balls"
     return [*notes, f"{what}: independent is {split}"] if split else notes
