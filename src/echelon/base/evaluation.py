@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.base.recorded import Recorded
 from echelon.dynamics.functions import robot_function
 from echelon.program.function import Function
@@ -16,7 +17,6 @@ from echelon.program.function import Function
 if TYPE_CHECKING:  # importing LLVM takes longer than deriving base parameters: only who computes needs it
     from echelon.dynamics.evaluator import Evaluator
 
-Floats = npt.NDArray[np.float64]
 
 Symbols = Mapping[str, float] | None
 Inputs = Mapping[str, npt.ArrayLike] | None

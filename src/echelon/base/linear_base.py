@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.base.base_set import BaseSet
 from echelon.base.certificate import Certificate, certify
 from echelon.base.matrix import BaseMatrix
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 
     from echelon.base.symbolic import Form, SymbolicRegressor
 
-Floats = npt.NDArray[np.float64]
 FINITE_FIELD, BALLS = "finite field", "balls"
 
 

@@ -14,6 +14,7 @@ from math import cos, sin
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
@@ -27,7 +28,6 @@ from echelon.mechanism.mechanism import Mechanism, setup_expressions
 from echelon.mechanism.placement import Placement
 from echelon.mechanism.substitute import substituted
 
-Floats = npt.NDArray[np.float64]
 Row = dict[int, Number]
 
 _ROUNDING = 1e-9

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.base.base_set import BaseSet
 from echelon.base.certificate import Certificate
 from echelon.base.classification import Identifiability, classify
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     import sympy
 
     from echelon.base.symbolic import Form, SymbolicRegressor
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)

@@ -19,6 +19,7 @@ from math import sqrt
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
@@ -30,8 +31,6 @@ from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
-
-Floats = npt.NDArray[np.float64]
 
 TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-12)
 """Customary thresholds, relative to the largest singular value."""

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import qr
 
+from echelon.arrays import Floats
 from echelon.base.ball_rows import ball_rows, precision
 from echelon.base.modes import Mode
 from echelon.base.rows import Rows
@@ -28,8 +29,6 @@ from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.recorded_loops import real_inputs
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
-
-Floats = npt.NDArray[np.float64]
 
 _STATES, _NEAR = 20, 0.2
 _SMALLEST = 1e-4  # of columns, about the largest one: rounding keeps those that vanish far below

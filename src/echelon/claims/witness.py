@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.claims.compare import Geometry, Row
@@ -21,8 +21,6 @@ from echelon.claims.findings import Witness
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.joint import MotionKind
 from echelon.regressor.loops.assembly import Assembly
-
-Floats = npt.NDArray[np.float64]
 
 _STATES = 16
 _ZERO = RationalFunction(0)

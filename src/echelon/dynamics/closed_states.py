@@ -13,6 +13,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Flags, Floats
 from echelon.dynamics.arguments import geometry_values
 from echelon.dynamics.loop_functions import (
     closed_accelerations,
@@ -21,14 +22,13 @@ from echelon.dynamics.loop_functions import (
     closure_pivots,
 )
 from echelon.errors import InputError
-from echelon.machine.batch import Floats, real_array
+from echelon.machine.batch import real_array
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
 from echelon.regressor.loops.assembly import Assembly, check_shape
 from echelon.regressor.loops.closed_motion import CLOSED, RANK_TOLERANCE, largest
 
-Bools = npt.NDArray[np.bool_]
 Builder = Callable[[Mechanism, Sequence[int]], Function]
 
 _STEP = 1e-9  # rad or characteristic lengths: what Newton's iteration leaves after a step that small is rounding
@@ -56,7 +56,7 @@ class CompiledAssembly(Assembly):
     """What is compiled."""
     _determined = False
 
-    def near(self, guess: Floats) -> tuple[Floats, Bools]:
+    def near(self, guess: Floats) -> tuple[Floats, Flags]:
         """Closed configurations near guesses, with the same independent positions; and which of them were found."""
         q, done = guess, np.zeros(len(guess), dtype=np.bool_)
         for _ in range(_FEW):

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.dynamics.closed_states import ClosedStates
 from echelon.dynamics.values import function_values
-from echelon.machine.batch import Floats
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function

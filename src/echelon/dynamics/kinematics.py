@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 
-import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.dynamics.arguments import Arguments, geometry_values
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import GROUND, Mechanism
@@ -16,8 +16,6 @@ from echelon.program.function import Function
 from echelon.program.tape import Program
 from echelon.regressor.spatial import Mat, Vec, add, apply, transposed
 from echelon.regressor.steps import Recorder, Step
-
-Floats = npt.NDArray[np.float64]
 
 _ENTRIES = 12  # of a frame: its rotation's rows, each followed by a coordinate of its origin
 

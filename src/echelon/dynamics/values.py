@@ -7,10 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.dynamics.arguments import STANDARD, STATE
 from echelon.dynamics.closed_states import ClosedStates
 from echelon.errors import InputError
-from echelon.machine.batch import Floats, real_array, value_of
+from echelon.machine.batch import real_array, value_of
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import symbol_values
 from echelon.program.function import Argument, Function

@@ -9,11 +9,12 @@ from __future__ import annotations
 import flint
 import numpy as np
 
+from echelon.arrays import Flags
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.straight_line import Indices, Mask, inverses
+from echelon.exact.straight_line import Indices, inverses
 
 
-def commute(matrices: Residues, field: PrimeField) -> Mask:
+def commute(matrices: Residues, field: PrimeField) -> Flags:
     """At which samples matrices of shape (variables, size, size, samples) commute pairwise.
 
     It is enough, but for a chance of a few in p, that two random combinations of them do on a random vector.

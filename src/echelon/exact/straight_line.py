@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Flags
 from echelon.exact.field import PrimeField, Residues
 
 Indices = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
 
 ZERO, ONE, MINUS_ONE = 0, 1, 2
 _CONSTANTS = (0, 1, -1)
@@ -55,7 +55,7 @@ class _Stage:
     right: Indices
     counts: list[int]
 
-    def run(self, values: Residues, field: PrimeField) -> Mask | None:
+    def run(self, values: Residues, field: PrimeField) -> Flags | None:
         """Compute the numbers; returns where all that are inverted differ from zero."""
         out = values[self.start : self.start + self.counts[0]]
         terms = values.take(self.left, axis=0)
@@ -95,14 +95,14 @@ class Program:
     outputs: Indices
     _stages: list[_Stage]
 
-    def run(self, inputs: Residues, field: PrimeField) -> tuple[Mask, Residues]:
+    def run(self, inputs: Residues, field: PrimeField) -> tuple[Flags, Residues]:
         """Which samples follow, and the outputs, from inputs of shape (inputs, samples)."""
         samples = inputs.shape[1]
         parts = np.array_split(np.arange(samples), samples * self.size // _CACHED + 1)
         results = [self._run(inputs[:, part], field) for part in parts]
         return np.concatenate([mask for mask, _ in results]), np.concatenate([out for _, out in results], axis=1)
 
-    def _run(self, inputs: Residues, field: PrimeField) -> tuple[Mask, Residues]:
+    def _run(self, inputs: Residues, field: PrimeField) -> tuple[Flags, Residues]:
         values = np.zeros((self.size, inputs.shape[1]), dtype=np.int64)
         values[ONE], values[MINUS_ONE] = 1, field.p - 1
         values[self.inputs] = inputs

@@ -7,14 +7,12 @@ function bounds what it does there; cells are halved where that bound says too l
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.excite.constraints.state import Bounded
 from echelon.excite.margins import Margin
 from echelon.excite.trajectory import Trajectory
 from echelon.program.intervals import Interval
-
-Floats = npt.NDArray[np.float64]
 
 SHARP = 1e-3
 """Share of a limit's range by which bounds may be wider than what is reached."""

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from echelon.arrays import Floats
+
 Name = Literal["d_optimal", "a_optimal", "condition"]
 Slope = tuple[float, Floats]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.criteria import Criterion
 from echelon.excite.families.basis import Basis, resting_ends
@@ -22,8 +22,6 @@ from echelon.excite.task import Task, names_of
 from echelon.excite.trajectory import Trajectory
 from echelon.formats.schema_excite import ExcitationEntry
 from echelon.hints import nearest_of
-
-Floats = npt.NDArray[np.float64]
 
 DURATION = 8.0
 """Seconds, where none is stated."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.design import designed
 from echelon.excite.lazy import Solution
@@ -24,7 +25,6 @@ from echelon.logs.finding import Finding, Severity
 from echelon.machine.kernel import processors
 from echelon.version import __version__
 
-Floats = npt.NDArray[np.float64]
 OnStep = Callable[[str], None]
 
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.excite.families.basis import Basis
 from echelon.excite.pullback import StateRegressor
-
-Floats = npt.NDArray[np.float64]
 
 
 class Information:

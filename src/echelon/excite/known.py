@@ -8,8 +8,8 @@ from dataclasses import replace
 from math import inf
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
 from echelon.errors import InputError
 from echelon.formats.schema_excite import EVERY
@@ -19,7 +19,6 @@ from echelon.identification.survey import survey
 from echelon.logs.files.open import log_paths
 from echelon.observe.observation import Observation
 
-Floats = npt.NDArray[np.float64]
 Path = str | os.PathLike[str]
 
 

@@ -9,14 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-import numpy.typing as npt
-
+from echelon.arrays import Floats
 from echelon.excite.problem import BROKEN, Problem
 from echelon.excite.solver import Best, SolverOptions, solve
 from echelon.machine.threads import one_thread
-
-Floats = npt.NDArray[np.float64]
 
 _ROUNDS = 8
 _DRAWN_BACK = (0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5)

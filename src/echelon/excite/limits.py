@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from math import inf, isfinite, pi
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.dynamics.arguments import coordinate_units
 from echelon.errors import InputError
 from echelon.exact.polynomial import float_generators
@@ -23,8 +23,6 @@ from echelon.hints import nearest_of
 from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import known_values
-
-Floats = npt.NDArray[np.float64]
 
 _SPEEDS = {"rad": 1.0, "m": 0.25}
 """Speeds that are taken where none is stated: those of a careful first run."""

@@ -9,11 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.constraints.state import StateConstraint
 from echelon.excite.limits import ResolvedLimits
-
-Floats = npt.NDArray[np.float64]
 
 _TRIED = 512  # poses
 _REFINED = 24  # the best of them, from which broken limits are minimised

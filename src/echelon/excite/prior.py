@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from echelon.base.derive import base_parameters
 from echelon.errors import InputError
@@ -20,8 +19,6 @@ from echelon.identification.settings import Setup
 from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.mechanism import Mechanism
 from echelon.results.identified import load_identified
-
-Floats = npt.NDArray[np.float64]
 
 
 def effort_model(

@@ -14,14 +14,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
+from echelon.arrays import Flags, Floats
 from echelon.excite.constraints.motion import MotionLimit
 from echelon.excite.constraints.state import StateConstraint
 from echelon.excite.criteria import Criterion
 from echelon.excite.families.basis import Basis
 from echelon.excite.information import Information
-
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 _PER_PERIOD = 20
 """Constrained samples per period of the highest frequency: between them a sine rises by 1.2 % of its amplitude."""

@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.dynamics.arguments import STATE, geometry_values
 from echelon.dynamics.functions import robot_function
 from echelon.errors import InputError
@@ -23,8 +24,6 @@ from echelon.program.derivatives import derivatives
 from echelon.program.function import Argument, Function
 from echelon.program.rewriting import smooth_function
 from echelon.program.tape import Scalar
-
-Floats = npt.NDArray[np.float64]
 
 ADJOINT = "adjoint"
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 from math import isfinite
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.constraints.narrowed import narrowed
 from echelon.excite.design import Design
@@ -17,8 +17,6 @@ from echelon.excite.margins import Margin
 from echelon.excite.problem import Problem
 from echelon.excite.solver import SolverOptions
 from echelon.excite.verification import margins_of, motion_margins
-
-Floats = npt.NDArray[np.float64]
 
 _ROUNDS = 5
 _MORE = 1.5  # a limit is drawn in by so many times what it was broken by

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.excite.criteria import condition_number, log_det
 from echelon.excite.design import sample_times
 from echelon.excite.loops.regressor import state_regressor
 from echelon.excite.result import Shown
 from echelon.excite.task import Task
 from echelon.excite.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
 
 _MOMENTS = 40  # at which conditioning is reported
 

@@ -8,12 +8,10 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import MissingExtraError
 from echelon.excite.problem import BROKEN, Problem, beyond
-
-Floats = npt.NDArray[np.float64]
 
 _OPTIONS = {
     "ipopt.hessian_approximation": "limited-memory",

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import ValidationError
 
+from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
@@ -35,8 +35,6 @@ from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.hold import held
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
-
-Floats = npt.NDArray[np.float64]
 
 _DESCRIPTIONS = (".yaml", ".yml", ".json")
 _SMOOTH = 0.02  # share of the smallest speed limit within which dry friction changes sign gradually

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.excite.families.basis import Basis
-
-Floats = npt.NDArray[np.float64]
-
 
 DURATIONS = (1e-6, 1e6)
 """Shortest and longest motion of a robot, s: beyond, powers of frequencies leave double precision."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-import numpy.typing as npt
 
 from echelon.errors import EchelonError
 from echelon.excite.cells import SHARP, state_margins
@@ -23,8 +22,6 @@ from echelon.excite.loops.verification import loop_margins
 from echelon.excite.margins import Margin
 from echelon.excite.task import Task
 from echelon.excite.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
 
 _SHARPER = (SHARP, SHARP / 100, SHARP / 10_000)
 """Share of a limit's range by which bounds may be wider than what is reached: one after the other where that decides

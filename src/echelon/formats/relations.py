@@ -15,8 +15,8 @@ from fractions import Fraction
 from math import atan2, hypot, pi
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.numbers import cosine_of_turn
 from echelon.exact.polynomial import Polynomial
@@ -27,8 +27,6 @@ from echelon.mechanism.mechanism import GROUND, Body
 from echelon.mechanism.placement import Placement, Vector, multiply, rotate, transpose, turn
 from echelon.mechanism.reading import Snap
 from echelon.mechanism.stated import vanishes
-
-Floats = npt.NDArray[np.float64]
 
 _STEP = pi / STEPS_PER_HALF_TURN
 _NOISE = 1e-14

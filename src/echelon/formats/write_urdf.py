@@ -12,8 +12,8 @@ from fractions import Fraction
 from math import atan2, cos, hypot, sin
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.exact.polynomial import as_polynomial
 from echelon.formats.write_effects import joint_effects
 from echelon.formats.write_notes import head_comment, listed, rotor_notes
@@ -26,8 +26,6 @@ from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import GROUND, Body, Mechanism
 from echelon.mechanism.placement import ORIGIN, Placement
 from echelon.mechanism.values import known_values, placement_matrix
-
-Floats = npt.NDArray[np.float64]
 
 _TYPES = {MotionKind.ROTATION: "continuous", MotionKind.TRANSLATION: "prismatic"}
 _FLOATING = (MotionKind.TRANSLATION,) * 3 + (MotionKind.BALL,)

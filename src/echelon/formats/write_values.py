@@ -12,13 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import InputError
 from echelon.inertia.convert import convert
 from echelon.inertia.spatial import pseudo_inertia
 from echelon.mechanism.mechanism import ALL, Body, Mechanism
-
-Floats = npt.NDArray[np.float64]
 
 ROTOR = "rotor"
 """Kind of the joint of a body that is the rotor of a drive."""

@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 
+from echelon.arrays import Floats
 from echelon.codegen.numbers import Precision
 from echelon.errors import InputError
 from echelon.gpu.arguments import arranged, part_on, passed
 from echelon.gpu.batches import THREADS
 from echelon.gpu.device import Array, Device
 from echelon.gpu.text import ENTRIES, TRIANGLES, entries_text, triangles_text
-from echelon.machine.batch import Batch, Floats
+from echelon.machine.batch import Batch
 from echelon.observe.accumulate import Observer
 from echelon.observe.layout import layout_of
 from echelon.observe.stream import Stream

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError, MissingExtraError
-from echelon.machine.batch import Floats, real_array
+from echelon.machine.batch import real_array
 
 Array = Any
 """An array on the device; CuPy has no types."""

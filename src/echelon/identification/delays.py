@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.identification.rows.model_rows import ModelRows, rows_taken
 from echelon.logs.preparation import Preparation
@@ -24,8 +24,6 @@ from echelon.logs.samples import Samples
 from echelon.observe.slim import slim_qr
 from echelon.observe.triangle import column_norms
 from echelon.signals.delays import shift_reach, shifted
-
-Floats = npt.NDArray[np.float64]
 
 _LONGEST = 0.02
 """Longest delay that is looked for, s: beyond it the log is at fault."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.covariance import clustered, clustered_by
 from echelon.identification.estimators.estimate import Estimate
@@ -22,8 +22,6 @@ from echelon.identification.rows.batches import Batch
 from echelon.identification.rows.rows import Rows
 from echelon.identification.settings import Settings
 from echelon.observe.observation import Observation
-
-Floats = npt.NDArray[np.float64]
 
 _CLUSTERED = ("ols", "wls", "irls", "huber")
 """Estimators whose covariance can come from batches of time."""

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
@@ -48,7 +48,6 @@ from echelon.observe.observation import Observation
 if TYPE_CHECKING:
     from distributed import Client
 
-Floats = npt.NDArray[np.float64]
 Paths = Sequence[str | os.PathLike[str]]
 OnStep = Callable[[str], None]
 

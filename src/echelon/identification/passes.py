@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.distributed import each, summed
 from echelon.identification.rows.batches import BATCHES, Batch, grouped, joined, total
@@ -28,7 +28,6 @@ from echelon.observe.observation import Observation
 if TYPE_CHECKING:
     from distributed import Client
 
-Floats = npt.NDArray[np.float64]
 Task = tuple[Path, Part, str]
 """A log, the part of it that is judged, and its role."""
 

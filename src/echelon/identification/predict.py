@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.rows.model_rows import rows_taken
 from echelon.identification.rows.plan import Plan
-
-Floats = npt.NDArray[np.float64]
 
 _ROUNDINGS = 64.0  # of a constant, that filters leave
 

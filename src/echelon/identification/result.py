@@ -6,9 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import numpy.typing as npt
-
+from echelon.arrays import Floats
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.excitation.excitation import Excitation
 from echelon.identification.physics.result import Feasibility, PhysicalFit
@@ -18,8 +16,6 @@ from echelon.logs.preparation import Preparation
 
 if TYPE_CHECKING:
     from echelon.base.model import BaseModel
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)

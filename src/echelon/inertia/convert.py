@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 from echelon.inertia.spatial import (
-    Floats,
     from_pseudo_inertia,
     from_spatial_inertia,
     from_tensor,

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 
-Floats = npt.NDArray[np.float64]
 Array = npt.NDArray[Any]
 
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))

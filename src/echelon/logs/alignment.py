@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.hints import nearest_of
 from echelon.logs.column_map import ColumnMap
@@ -22,8 +23,6 @@ from echelon.logs.table import Table
 from echelon.logs.units import factor
 from echelon.logs.wording import listed
 from echelon.signals.clock import GAP, nominal_period
-
-Floats = npt.NDArray[np.float64]
 
 _TIME_WORDS = ("time", "stamp", "t", "ts", "sec", "seconds", "clock")
 

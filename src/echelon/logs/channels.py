@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.hints import nearest_of
 from echelon.logs.alignment import Alignment, check_lengths, raw_column, time_candidates
@@ -17,8 +17,6 @@ from echelon.logs.sides import check_names, joint_coordinates, measured_outputs
 from echelon.logs.table import Table
 from echelon.logs.units import factor
 from echelon.mechanism.mechanism import Mechanism
-
-Floats = npt.NDArray[np.float64]
 
 _GAINED = ("A", "V")
 _LARGEST = 1e100  # squares of it still have doubles

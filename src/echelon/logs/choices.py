@@ -14,8 +14,8 @@ from functools import cached_property
 from math import ceil, isfinite, log, prod
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.logs.preparation import Preparation
 from echelon.logs.quantities import motion_of, signal_names
@@ -28,8 +28,6 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.periods import find_period
 from echelon.signals.reduction import PASSED
 from echelon.signals.spectrum import Spectrum, best_cutoff, noise_deviation, spectrum
-
-Floats = npt.NDArray[np.float64]
 
 HARMONICS = 12
 """Times the pace of the velocities that regressor and outputs are left: on logs of five robots, from drives of one

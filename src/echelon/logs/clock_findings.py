@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats, Integers
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.wording import seconds
 from echelon.signals.clock import Regularity, Stretches
 from echelon.signals.resample import SLOWER
 
-Floats = npt.NDArray[np.float64]
-Places = npt.NDArray[np.intp]
-
 
 def break_findings(
-    source: str, time: Floats, found: Stretches, gap: float, short: Sequence[Places]
+    source: str, time: Floats, found: Stretches, gap: float, short: Sequence[Integers]
 ) -> tuple[Finding, ...]:
     """Duplicates, jumps back, gaps, and stretches that are too short.
 

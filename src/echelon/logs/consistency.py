@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Flags, Floats
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.quantities import Series, motion_of, series
 from echelon.logs.recording import Recording
@@ -20,9 +20,6 @@ from echelon.logs.rotations import WRAP
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import GAP, nominal_period
-
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 _WINDOWS = 400
 _LEAST = 4

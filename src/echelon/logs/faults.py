@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
 from echelon.logs.consistency import contradictions
 from echelon.logs.finding import Finding, Severity
@@ -23,8 +23,6 @@ from echelon.logs.wording import listed, seconds
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import nominal_period, round_rate
 
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 Found = list[Finding]
 
 _FAR_FROM_UNIT = 0.1

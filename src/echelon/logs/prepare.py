@@ -7,8 +7,8 @@ that is to be averaged one mean period remains, continued on both sides for the 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.logs.choices import at_rate
 from echelon.logs.preparation import Preparation
@@ -18,8 +18,6 @@ from echelon.logs.settled import Settled
 from echelon.logs.states import usable
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.periods import Average, average
-
-Floats = npt.NDArray[np.float64]
 
 
 def prepare(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> Samples:

@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats, Integers
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.quantities import SIGNALS, motion_of, signal_names
 from echelon.logs.recording import Recording
 from echelon.logs.wording import seconds
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
-
-Floats = npt.NDArray[np.float64]
-Places = npt.NDArray[np.intp]
 
 WRAP = 5.5
 """Jump of an angle between two samples, rad, that can only be a full turn taken off."""
@@ -59,7 +56,7 @@ def angle_columns(mechanism: Mechanism, signal: str, columns: int) -> tuple[int,
 
 
 def unwrapped(
-    recording: Recording, mechanism: Mechanism, pieces: Sequence[Places]
+    recording: Recording, mechanism: Mechanism, pieces: Sequence[Integers]
 ) -> tuple[dict[str, Floats], tuple[Finding, ...]]:
     """Signals of a recording with the turns of its angles added up within each stretch.
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
 from echelon.logs.clock_findings import break_findings, rate_findings
 from echelon.logs.finding import Finding, Severity
@@ -22,9 +23,6 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import GAP, Regularity, regularity, stretches
 from echelon.signals.quaternions import continuous
 from echelon.signals.resample import SLOWER, grid, interpolated, low_passed
-
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 FEWEST = 20
 """Samples that a segment must have; filters and derivatives make nothing of shorter ones."""

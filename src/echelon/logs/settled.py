@@ -8,8 +8,8 @@ from functools import cached_property
 from math import ceil
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
 from echelon.logs.preparation import Preparation
 from echelon.logs.recording import Segment
@@ -20,9 +20,6 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.delays import shift_reach, shifted
 from echelon.signals.filters import FAR, NEAR
 from echelon.signals.reduction import Reduction, reduction
-
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 MEMORY = 2.0
 """Times the filters' reach that windows overlap: what is forgotten to 1e-18 survives two differentiations."""

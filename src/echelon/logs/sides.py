@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.polynomial import float_generators
 from echelon.hints import nearest_of
@@ -23,7 +23,6 @@ from echelon.mechanism.motor_side import transmission_matrix
 from echelon.mechanism.output import Channel, JointForce, Output
 from echelon.mechanism.values import symbol_values
 
-Floats = npt.NDArray[np.float64]
 Given = Mapping[str, Floats]
 Symbols = Mapping[str, float] | None
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.exact.polynomial import float_generators
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output
 from echelon.mechanism.values import symbol_values
-
-Floats = npt.NDArray[np.float64]
 
 
 def speed_rows(mechanism: Mechanism, output: Output, names: Sequence[str]) -> Floats | None:

@@ -11,13 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Flags, Floats, Integers
 from echelon.signals.clock import nominal_period
-
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
-Places = npt.NDArray[np.intp]
 
 _LONG = 0.2
 _FEWEST = 20
@@ -38,7 +34,7 @@ _SAMPLED = 20_000
 """Samples that show a resolution; sorting more costs time."""
 
 
-def runs(flags: Flags) -> tuple[Places, Places]:
+def runs(flags: Flags) -> tuple[Integers, Integers]:
     """Starts and stops of the stretches where flags are set.
 
     Parameters
@@ -97,7 +93,7 @@ def stuck(
             yield start, stop
 
 
-def _equal_runs(values: Floats, usable: Flags) -> tuple[Places, Places]:
+def _equal_runs(values: Floats, usable: Flags) -> tuple[Integers, Integers]:
     """Stretches of equal values, of two samples or more."""
     same = np.concatenate([(np.diff(values) == 0) & usable[1:] & usable[:-1], [False]])
     starts, stops = runs(same)
@@ -123,7 +119,7 @@ def _abrupt(values: Floats, start: int, stop: int, usual: float, fast: float) ->
     return bool(jumps or (len(before) == 2 and before.min() > _ABRUPT * fast))
 
 
-def pinned(values: Floats, usable: Flags) -> Iterator[tuple[float, Places, Places]]:
+def pinned(values: Floats, usable: Flags) -> Iterator[tuple[float, Integers, Integers]]:
     """Extremes at which samples pile up.
 
     Parameters

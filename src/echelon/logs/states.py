@@ -11,8 +11,8 @@ from dataclasses import replace
 from math import ceil, isfinite, pi
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.logs.preparation import Preparation
 from echelon.logs.quantities import motion_of, signal_names
@@ -24,7 +24,6 @@ from echelon.signals.derivatives import CENTRAL_REACH, central, fourier, savitzk
 from echelon.signals.filters import FAR, butterworth, lowpass
 from echelon.signals.quaternions import body_rates, continuous
 
-Floats = npt.NDArray[np.float64]
 States = tuple[Floats, Floats, Floats]
 
 _ROUNDINGS = 8.0  # of a position, that add up in its derivatives

@@ -6,10 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
-Floats = npt.NDArray[np.float64]
+from echelon.arrays import Floats
 
 CHUNK = 1 << 17
 """Rows that are read at once from a file that can be read in pieces."""

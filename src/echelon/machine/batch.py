@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.program.function import Argument
-
-Floats = npt.NDArray[np.float64]
 
 _DOUBLE = 8
 _LINE = 64

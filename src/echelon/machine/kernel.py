@@ -21,8 +21,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.machine.batch import Batch, Floats, aligned, batch, result_array
+from echelon.machine.batch import Batch, aligned, batch, result_array
 from echelon.machine.cache import cached_object
 from echelon.machine.compiler import Library, object_code
 from echelon.machine.kernel_text import kernel_text

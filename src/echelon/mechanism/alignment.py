@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.mechanism.axes import (
     Axis,
@@ -29,8 +29,6 @@ from echelon.mechanism.axes import (
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import GROUND, Body, Mechanism
 from echelon.mechanism.placement import Placement
-
-Floats = npt.NDArray[np.float64]
 
 _ATTEMPTS = 256
 

@@ -7,15 +7,13 @@ from fractions import Fraction
 from math import cos, pi, sin
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.numbers import Rational
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.placement import Placement, as_matrix, shift, turn
-
-Floats = npt.NDArray[np.float64]
 
 _SNAP = 1e-9
 """Rotations this near to exact ones, and lengths this near to nine decimals, are those."""

@@ -10,12 +10,11 @@ from math import inf, isfinite
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.exact.numbers import Rational
 from echelon.exact.polynomial import Polynomial, float_generators
 
-Floats = npt.NDArray[np.float64]
 T = TypeVar("T")
 _ZERO = Polynomial({})
 _CUBIC = 3

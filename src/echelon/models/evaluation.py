@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.models.linear_model import LinearModel
 from echelon.program.schedule import FloatArithmetic, Schedule
@@ -15,7 +16,6 @@ from echelon.program.tape import Program
 from echelon.program.text import FUNCTION_NAMES, record_expression
 from echelon.regressor.linear import LinearForms
 
-Floats = npt.NDArray[np.float64]
 _NAME = re.compile(r"[^\W\d]\w*")
 
 

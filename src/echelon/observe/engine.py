@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.machine.batch import Batch, aligned
 from echelon.machine.kernel import loaded
 from echelon.machine.kernel_text import Block, kernel_text
@@ -28,7 +29,6 @@ from echelon.observe.qr_text import qr_text
 from echelon.observe.tiles import GROUP, Tiling, tiling
 from echelon.program.function import Function
 
-Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 _POINTER, _INTEGER = ctypes.c_void_p, ctypes.c_int64

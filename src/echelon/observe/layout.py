@@ -9,10 +9,9 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.program.function import Argument, Function
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.observe.layout import Layout
 from echelon.observe.observation import checked_weights
-
-Floats = npt.NDArray[np.float64]
 
 _FEWEST_DIGITS = 1e-14  # smaller squares of pivots, with columns of norm 1, are mostly rounding errors
 

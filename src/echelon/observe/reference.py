@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.machine.batch import Batch
 from echelon.observe.layout import layout_of
 from echelon.observe.triangle import upper_triangle
 from echelon.program.function import Function
 from echelon.program.schedule import FloatArithmetic, Schedule
-
-Floats = npt.NDArray[np.float64]
 
 
 class _Reference:

@@ -11,8 +11,8 @@ import ctypes
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.machine.batch import aligned
 from echelon.machine.kernel import loaded
 from echelon.machine.target import Target, host
@@ -20,8 +20,6 @@ from echelon.machine.text import module_text
 from echelon.observe.qr_text import qr_text
 from echelon.observe.tiles import GROUP, tiling
 from echelon.observe.triangle import positive
-
-Floats = npt.NDArray[np.float64]
 
 _POINTER, _INTEGER = ctypes.c_void_p, ctypes.c_int64
 _UPDATE = (_POINTER, _POINTER, _INTEGER, _POINTER, _POINTER, _POINTER)

@@ -16,12 +16,11 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.machine.batch import Batch, batch
 from echelon.machine.kernel import processors
 from echelon.observe.engine import Engine
-
-Floats = npt.NDArray[np.float64]
 
 BLOCK = 8208
 """Samples in a block: long enough that merging costs 2 %, short enough to keep several threads busy."""

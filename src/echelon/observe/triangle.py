@@ -13,9 +13,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
-
-Floats = npt.NDArray[np.float64]
 
 _SHOWN = 6
 

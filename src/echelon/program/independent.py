@@ -15,8 +15,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
-Signs = npt.NDArray[np.int8]
+from echelon.arrays import Floats, SignArray
 
 _PRIME = 1_048_573
 """The largest prime below 2^20: then products of matrices of a thousand columns are exact in double precision."""
@@ -51,7 +50,7 @@ class IndependentRegions:
         """Whether no other region can add anything."""
         return not self._every and self.rank + self._relations == len(self.products)
 
-    def rests(self, signs: Signs) -> Floats:
+    def rests(self, signs: SignArray) -> Floats:
         """What of the vectors of some regions is not a combination of those so far.
 
         Parameters
@@ -70,11 +69,11 @@ class IndependentRegions:
                 vectors[:, k] = shorter * signs[row].astype(np.float64) ** exponent
         return (vectors - vectors[:, self._pivots] @ self._basis) % _PRIME
 
-    def adds(self, signs: Signs) -> npt.NDArray[np.bool_]:
+    def adds(self, signs: SignArray) -> npt.NDArray[np.bool_]:
         """Which regions add something, each by itself."""
         return np.asarray(self.rests(signs).any(axis=1) | self._every, dtype=bool)
 
-    def include(self, signs: Signs, accept: Callable[[int], bool]) -> list[int]:
+    def include(self, signs: SignArray, accept: Callable[[int], bool]) -> list[int]:
         """Include those of some regions, in their order, that add something to the earlier ones.
 
         Parameters

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.program.operations import Op
 from echelon.program.tape import Program
 
-Floats = npt.NDArray[np.float64]
 Interval = tuple[Floats, Floats]
 """Least and largest values, of one shape."""
 

@@ -9,14 +9,12 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats, SignArray
 from echelon.exact.numbers import Rational
 from echelon.program.balls import BallArithmetic, ball
 from echelon.program.intervals import interval_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.surfaces import Surfaces
-
-Floats = npt.NDArray[np.float64]
-Signs = npt.NDArray[np.int8]
 
 _BITS = (128, 512)
 
@@ -89,7 +87,7 @@ class RealValues:
         good = ~np.isnan(values).any(axis=0) & (values[first:last] > 0).all(axis=0) & (values[last:] != 0).all(axis=0)
         return np.asarray(good, dtype=bool)
 
-    def certain(self, point: Floats, free: frozenset[int] = frozenset()) -> Signs | None:
+    def certain(self, point: Floats, free: frozenset[int] = frozenset()) -> SignArray | None:
         """The signs at a point as ball arithmetic proves them, None if it cannot.
 
         Parameters

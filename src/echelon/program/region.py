@@ -18,6 +18,7 @@ from zlib import crc32
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.numbers import Rational
 from echelon.program.operations import Op
@@ -26,8 +27,6 @@ from echelon.program.region_search import BUDGET, COMPLETE, EXHAUSTED, RegionSea
 from echelon.program.surfaces import find_surfaces
 from echelon.program.tape import Program
 from echelon.seeds import DEFAULT_SEED, random_generator
-
-Floats = npt.NDArray[np.float64]
 
 SAMPLED = "sampled"
 _ATTEMPTS = 16

@@ -8,12 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats, Integers
 from echelon.program.real_values import RealValues
-
-Floats = npt.NDArray[np.float64]
-Places = npt.NDArray[np.intp]
 
 _SPREAD, _DECADES = 1.5, 6.0
 _GRID = np.concatenate([[0.0], 10 ** np.linspace(-8, 8, 161), np.linspace(0.05, 8, 160)])
@@ -78,7 +75,7 @@ def _beside_roots(values: RealValues, points: Floats, axis: int, steps: Floats, 
     return beside(moved, np.full(len(surface), axis), high)
 
 
-def beside(points: Floats, axis: Places, root: Floats) -> Floats:
+def beside(points: Floats, axis: Integers, root: Floats) -> Floats:
     """Points on both sides of a root along an axis, near and less near.
 
     Parameters
@@ -99,7 +96,7 @@ def beside(points: Floats, axis: Places, root: Floats) -> Floats:
     return spread.reshape(len(points), -1)
 
 
-def solved(values: RealValues, points: Floats, surface: Places, axis: Places) -> Floats:
+def solved(values: RealValues, points: Floats, surface: Integers, axis: Integers) -> Floats:
     """Points beside roots of surfaces along axes, by secants: exact where a surface is affine in a variable.
 
     Parameters
@@ -197,11 +194,11 @@ def _stepped(values: RealValues, points: Floats, table: Floats, wanted: Floats, 
     return np.asarray(points + step * direction, dtype=np.float64)
 
 
-def _chosen_axes(cones: Sequence[Sequence[int]], surface: Places, rng: np.random.Generator) -> Places:
+def _chosen_axes(cones: Sequence[Sequence[int]], surface: Integers, rng: np.random.Generator) -> Integers:
     """A random variable of each surface."""
     sizes = np.array([max(1, len(cone)) for cone in cones])
     table = np.zeros((len(cones), sizes.max()), dtype=np.intp)
     for k, cone in enumerate(cones):
         table[k, : len(cone)] = cone
-    chosen: Places = table[surface, (rng.random(len(surface)) * sizes[surface]).astype(np.intp)]
+    chosen: Integers = table[surface, (rng.random(len(surface)) * sizes[surface]).astype(np.intp)]
     return chosen

@@ -18,13 +18,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats, SignArray
 from echelon.program.independent import IndependentRegions
 from echelon.program.parallel import impossible, relations
-from echelon.program.real_values import RealValues, Signs
+from echelon.program.real_values import RealValues
 from echelon.program.region_moves import along_axes, descended, random_points, solved
 from echelon.program.surfaces import Surfaces, monomials
-
-Floats = npt.NDArray[np.float64]
 
 COMPLETE, EXHAUSTED, BUDGET = "complete", "exhausted", "budget"
 
@@ -46,7 +45,7 @@ class Region:
         The first is certain.
     """
 
-    signs: Signs
+    signs: SignArray
     points: list[Floats] = field(default_factory=list)
 
 
@@ -158,14 +157,14 @@ class RegionSearch:
         filled[[k for k, n in enumerate(self.surfaces.nodes) if n in self.zero]] = 1.0
         return self.values.inside(filled)
 
-    def _signs(self, table: Floats) -> Signs:
+    def _signs(self, table: Floats) -> SignArray:
         signs = np.sign(table).astype(np.int8)
         for k, n in enumerate(self.surfaces.nodes):
             if n in self._fixed:
                 signs[k] = self._fixed[n]
         return signs
 
-    def _note(self, points: Floats, signs: Signs) -> None:
+    def _note(self, points: Floats, signs: SignArray) -> None:
         """Sort points by region; those of order one come first, because functions are tame there."""
         if not points.shape[1]:
             return
@@ -185,7 +184,7 @@ class RegionSearch:
                 region.points += [points[:, m].copy() for m in members[k][: _POOL - len(region.points)]]
         self._include(kinds[:, new], [points[:, members[k]] for k in new])
 
-    def _include(self, kinds: Signs, points: list[Floats]) -> None:
+    def _include(self, kinds: SignArray, points: list[Floats]) -> None:
         """Keep those regions that add something and surely exist."""
 
         def exists(k: int) -> bool:
@@ -200,7 +199,7 @@ class RegionSearch:
 
         self._independent.include(kinds, exists)
 
-    def _is_certain(self, point: Floats, signs: Signs) -> bool:
+    def _is_certain(self, point: Floats, signs: SignArray) -> bool:
         """Whether a point surely has these signs; and points around it, where one of them is zero."""
         around = [point]
         if (signs[self._open] == 0).any():
@@ -211,7 +210,7 @@ class RegionSearch:
 
     # -- moves -------------------------------------------------------------------------------------------------------
 
-    def _targets(self, regions: list[Region]) -> list[tuple[Region, int, Signs]]:
+    def _targets(self, regions: list[Region]) -> list[tuple[Region, int, SignArray]]:
         """Regions with one sign changed, where that would add something."""
         pairs = [(r, k) for r in regions for k in self._open]
         found = []
@@ -236,7 +235,7 @@ class RegionSearch:
 
     def _change_signs(self) -> bool:
         """Descend to regions with one sign changed; returns whether there was anything left to try."""
-        batch: list[tuple[Region, Signs]] = []
+        batch: list[tuple[Region, SignArray]] = []
         for region, k, signs in self._targets(self.regions):
             key = (k, signs[self._partners[k]].tobytes())
             if self._failed.get(key, 0) < _TRIES_EACH and len(batch) < _BATCH:

@@ -7,14 +7,13 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.assembly import Assembly
-
-Floats = npt.NDArray[np.float64]
 
 _BLOCK = 1024  # samples evaluated together, so that the table of intermediate values stays small
 

@@ -12,14 +12,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import one_line
 from echelon.identification.validation.validation import Trace, Validation
 from echelon.report.downsampling import Envelope, envelope
 from echelon.report.residuals import residual
-
-Floats = npt.NDArray[np.float64]
 
 _BUCKETS, _FEWEST = 1200, 100  # stretches of one plot
 _BYTES = 2_400_000  # of all plots together

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.dynamics.kinematics import moved
 from echelon.errors import EchelonError
 from echelon.mechanism.joint import MotionKind
@@ -18,8 +18,6 @@ from echelon.program.tape import Program, Scalar
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.spatial import Mat, Vec, apply
 from echelon.regressor.steps import Recorder, Step
-
-Floats = npt.NDArray[np.float64]
 
 _BEND = 0.5  # rad, between neighbouring joints of a robot whose zero pose is a line
 _FLAT = 0.15  # ratio of a pose's second extent to its first, below which it is called a line

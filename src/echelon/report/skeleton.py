@@ -10,13 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.report.pose import Pose
 from echelon.report.seen import SeenBody
 
-Floats = npt.NDArray[np.float64]
 Point = tuple[float, float]
 
 WIDTH, LABEL = 940.0, 262.0

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.files import write_atomically
@@ -25,8 +25,6 @@ from echelon.results.saved import from_json
 
 if TYPE_CHECKING:
     from echelon.results.identified_record import IdentifiedRecord
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)

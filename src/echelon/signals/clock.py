@@ -12,15 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
-
-Floats = npt.NDArray[np.float64]
 
 PERIODS = (1e-9, 1e6)
 """Intervals between samples that a log of a robot may have, s; others are another column, or another unit."""
-Places = npt.NDArray[np.intp]
 
 GAP = 10.0
 """Intervals of more periods than this are gaps.
@@ -58,10 +55,10 @@ class Stretches:
     """
 
     period: float
-    pieces: tuple[Places, ...]
-    duplicates: Places
-    backward: Places
-    gaps: Places
+    pieces: tuple[Integers, ...]
+    duplicates: Integers
+    backward: Integers
+    gaps: Integers
 
 
 @dataclass(frozen=True)

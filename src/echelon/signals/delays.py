@@ -13,9 +13,8 @@ from math import ceil, floor
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
-
-Floats = npt.NDArray[np.float64]
 
 HALF = 32
 """Samples on either side from which a value between samples is interpolated."""

@@ -10,12 +10,11 @@ from __future__ import annotations
 from math import ceil
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.signals.filters import by_channel, check_cutoff
 
-Floats = npt.NDArray[np.float64]
 Motion = tuple[Floats, Floats, Floats]
 
 DEGREE = 4

@@ -12,13 +12,10 @@ from functools import cached_property
 from math import ceil
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
 from echelon.signals.filters import LOWEST, check_cutoff
-
-Floats = npt.NDArray[np.float64]
-Places = npt.NDArray[np.intp]
 
 ATTENUATION = 80.0
 """Of what lies above the band, dB: noise is rarely a ten-thousandth of the signal."""
@@ -52,7 +49,7 @@ class Finite:
         """Samples on either side that a result depends on."""
         return len(self.taps) // 2
 
-    def kept(self, count: int) -> Places:
+    def kept(self, count: int) -> Integers:
         """Which of so many samples remain."""
         return np.arange(0, count, self.factor, dtype=np.intp)
 

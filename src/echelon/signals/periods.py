@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
-
-Floats = npt.NDArray[np.float64]
 
 ALIKE = 0.9
 """Correlation of a motion with itself one period later, below which it is not called periodic."""

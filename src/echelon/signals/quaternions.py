@@ -9,11 +9,9 @@ deviation between the two is of third order in the angle turned within the filte
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
-
-Floats = npt.NDArray[np.float64]
 
 _FAR_FROM_UNIT = 0.1
 """Largest deviation of a quaternion's length from 1 that rounding of a log can explain."""

@@ -16,14 +16,11 @@ from math import isfinite, prod
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
 from echelon.signals.filters import FAR, ZeroPhase, butterworth, chebyshev, check_cutoff
 from echelon.signals.finite import WIDEST, finite
-
-Floats = npt.NDArray[np.float64]
-Places = npt.NDArray[np.intp]
 
 PASSED = 0.8
 """Share of the band below half the rate after decimation that is kept where no cut-off is given."""
@@ -55,7 +52,7 @@ class Reduction(Protocol):
         """Samples on either side that a result depends on."""
         ...
 
-    def kept(self, count: int) -> Places:
+    def kept(self, count: int) -> Integers:
         """Which of so many samples remain: every one whose number is a multiple of ``factor``."""
         ...
 
@@ -64,7 +61,7 @@ class Reduction(Protocol):
         ...
 
 
-def _every(factor: int, count: int) -> Places:
+def _every(factor: int, count: int) -> Integers:
     return np.arange(0, count, factor, dtype=np.intp)
 
 
@@ -86,7 +83,7 @@ class Recursive:
         """Samples on either side that a result depends on, to within 1e-9 of the signal."""
         return self.both.reach(FAR)
 
-    def kept(self, count: int) -> Places:
+    def kept(self, count: int) -> Integers:
         """Which of so many samples remain."""
         return _every(self.factor, count)
 
@@ -119,7 +116,7 @@ class Stages:
             total = stage.reach + stage.factor * total
         return total
 
-    def kept(self, count: int) -> Places:
+    def kept(self, count: int) -> Integers:
         """Which of so many samples remain."""
         return _every(self.factor, count)
 

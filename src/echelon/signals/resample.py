@@ -9,9 +9,8 @@ motion, so a symmetric windowed-sinc filter (no phase, stop band at −80 dB) ta
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from echelon.arrays import Floats
 
 SLOWER = 0.99
 """Rates below this share of the old one need the low-pass."""

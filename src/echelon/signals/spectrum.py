@@ -19,9 +19,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
-
-Floats = npt.NDArray[np.float64]
 
 LEAST_SAMPLES = 64
 """Fewest samples from which a spectrum can be told."""

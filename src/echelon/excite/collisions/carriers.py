@@ -9,15 +9,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.collisions.shapes import Shape, placed
 from echelon.formats.inertia import numeric_placement
 from echelon.formats.literal import LiteralPlacement, LiteralTree
 from echelon.mechanism.mechanism import GROUND, Mechanism
-
-Floats = npt.NDArray[np.float64]
 
 STAND_IN = "shapes of the set-up can stand in for it"
 """What can be done about a shape that cannot be read."""

@@ -17,14 +17,12 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
 from echelon.excite.collisions.constraint import Clearance
 from echelon.excite.collisions.levers import Levers
 from echelon.excite.collisions.supports import plane_gaps
 from echelon.excite.margins import Margin
-
-Floats = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.intp]
 
 _FIRST = 64  # intervals to begin with
 _BATCH = 4096  # intervals that are looked at together

@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats, Integers
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import InputError
 from echelon.excite.collisions.engine import Engine
@@ -24,9 +25,6 @@ from echelon.excite.collisions.supports import Balls
 from echelon.excite.constraints.state import Slopes
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
-
-Floats = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.intp]
 
 REACH = 0.2
 """How far beyond the clearance distances are measured, m: enough to be warned before a limit is near."""

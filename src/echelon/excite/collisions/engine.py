@@ -14,15 +14,12 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats, Integers
 from echelon.errors import EchelonError, InputError
 from echelon.excite.collisions.shapes import Kind, Shape
 from echelon.formats.mjcf_numbers import quaternion_matrix
 from echelon.formats.mjcf_spec import import_mujoco
-
-Floats = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.intp]
 
 _OLDEST = (3, 12)
 """Versions of MuJoCo before this one have wrong distances, by up to decimetres, for some convex shapes far apart."""

@@ -19,13 +19,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.collisions.meshes import find_mesh, mesh_shape, mesh_vertices
 from echelon.excite.collisions.shapes import Kind, Shape, placed, z_along
 from echelon.formats.inertia import rotation_matrix
 from echelon.mechanism.mechanism import GROUND, Mechanism
-
-Floats = npt.NDArray[np.float64]
 
 WORLD = ("world", "base", "ground")
 """Names of the fixed world, unless a body has one of them."""

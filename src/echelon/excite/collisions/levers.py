@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.exact.polynomial import Polynomial, float_generators
 from echelon.excite.collisions.shapes import Shape
 from echelon.excite.collisions.supports import extent
@@ -20,8 +20,6 @@ from echelon.mechanism.joint import Motion, MotionKind, Step
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.placement import Placement
 from echelon.mechanism.values import placement_matrix, symbol_values
-
-Floats = npt.NDArray[np.float64]
 
 
 class Levers:

@@ -8,15 +8,13 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.collisions.shapes import Kind, Shape
 from echelon.formats.mjcf_numbers import quaternion_matrix
 from echelon.formats.mjcf_spec import import_mujoco
-
-Floats = npt.NDArray[np.float64]
 
 READABLE = (".stl", ".obj", ".msh")
 """What MuJoCo reads."""

@@ -7,8 +7,8 @@ from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.collisions.carriers import STAND_IN, Geometry, carriers
 from echelon.excite.collisions.meshes import mesh_shape
@@ -17,8 +17,6 @@ from echelon.formats.mjcf import read_mjcf
 from echelon.formats.mjcf_numbers import quaternion_matrix
 from echelon.formats.mjcf_spec import NO_MASS, import_mujoco, parse_spec
 from echelon.mechanism.mechanism import GROUND, Mechanism
-
-Floats = npt.NDArray[np.float64]
 
 # None of these is a shape, and some refer to geoms or files that are taken away.
 _OTHERS = ("keys", "sensors", "actuators", "tendons", "pairs", "excludes", "skins", "tuples", "equalities")

@@ -10,14 +10,12 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Integers
 from echelon.errors import InputError
 from echelon.excite.collisions.entries import WORLD
 from echelon.excite.collisions.shapes import Owner, Shape
 from echelon.mechanism.mechanism import GROUND, Mechanism
-
-Integers = npt.NDArray[np.intp]
 
 
 def checked_pairs(

@@ -13,10 +13,9 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import GROUND
-
-Floats = npt.NDArray[np.float64]
 
 _RIGID = 1e-9  # how far a rotation matrix may be from orthogonal
 

@@ -12,12 +12,9 @@ from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats, Integers
 from echelon.excite.collisions.shapes import Kind, Shape
-
-Floats = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.intp]
 
 _DIRECTIONS = np.array([d for d in product((-1, 0, 1), repeat=3) if any(d)], dtype=float)
 _UP = np.array([0.0, 0.0, 1.0])

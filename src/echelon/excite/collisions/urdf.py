@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.collisions.carriers import STAND_IN, Geometry, carriers
 from echelon.excite.collisions.meshes import READABLE, find_mesh, mesh_shape, mesh_vertices
@@ -17,8 +17,6 @@ from echelon.formats.inertia import rotation_matrix
 from echelon.formats.urdf import read_urdf
 from echelon.inputs.xml_text import parse_xml
 from echelon.mechanism.mechanism import Mechanism
-
-Floats = npt.NDArray[np.float64]
 
 
 def urdf_geometry(mechanism: Mechanism, text: str | bytes, file: Path, tolerant: bool = False) -> Geometry:

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from echelon.dynamics.arguments import geometry_values
 from echelon.dynamics.functions import robot_function
@@ -17,8 +16,6 @@ from echelon.excite.constraints.state import StateLimits
 from echelon.excite.constraints.uncertain import UncertainEfforts
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, JointForce, Output, plain
-
-Floats = npt.NDArray[np.float64]
 
 
 def effort_limits(

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.excite.constraints.effort_model import SIGNS, EffortModel
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

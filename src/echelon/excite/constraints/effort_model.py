@@ -9,10 +9,9 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.intervals import Interval
-
-Floats = npt.NDArray[np.float64]
 
 SIGNS = ("plus", "minus")
 """Of the deviations, in the order of :meth:`EffortModel.extremes`."""

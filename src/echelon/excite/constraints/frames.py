@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-import numpy.typing as npt
 
 from echelon.dynamics.arguments import Arguments, geometry_values
 from echelon.dynamics.kinematics import body_frames
@@ -20,7 +19,6 @@ from echelon.program.tape import Program
 from echelon.regressor.spatial import add, apply
 from echelon.regressor.steps import Recorder
 
-Floats = npt.NDArray[np.float64]
 Point = tuple[float, float, float]
 
 

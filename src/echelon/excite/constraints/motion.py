@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
-Floats = npt.NDArray[np.float64]
+from echelon.arrays import Floats
 
 ORDERS = ("position", "velocity", "acceleration", "jerk")
 """What is limited, by the order of the derivative."""

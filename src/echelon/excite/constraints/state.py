@@ -10,6 +10,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.dynamics.arguments import STATE
 from echelon.machine.kernel import Kernel
 from echelon.program.derivatives import derivatives
@@ -17,7 +18,6 @@ from echelon.program.function import Argument, Function
 from echelon.program.intervals import Interval, interval_values
 from echelon.program.rewriting import smooth_function
 
-Floats = npt.NDArray[np.float64]
 Slopes = tuple[Floats | None, Floats | None, Floats | None]
 """Derivatives by q, q̇ and q̈, each of shape (N, m, n); None where there are none."""
 

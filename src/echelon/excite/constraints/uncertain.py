@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.dynamics.arguments import STATE, geometry_values
 from echelon.excite.constraints.effort_bounds import EffortBounds
 from echelon.excite.constraints.effort_model import EffortModel
@@ -15,8 +15,6 @@ from echelon.excite.pullback import StateRegressor
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Argument, Function
 from echelon.program.intervals import Interval
-
-Floats = npt.NDArray[np.float64]
 
 
 class UncertainEfforts:

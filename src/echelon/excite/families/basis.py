@@ -10,10 +10,9 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import qr, solve
 
-Floats = npt.NDArray[np.float64]
+from echelon.arrays import Floats
 
 
 class Basis(ABC):

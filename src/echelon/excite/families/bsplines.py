@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.excite.families.basis import Basis, Floats
+from echelon.excite.families.basis import Basis
 
 DEGREE = 5
 """Quintic: jerks are continuous."""

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from echelon.excite.families.basis import Basis, Floats
+from echelon.arrays import Floats
+from echelon.excite.families.basis import Basis
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
-from echelon.excite.families.basis import Basis, Floats, Recombined
+from echelon.excite.families.basis import Basis, Recombined
 from echelon.excite.families.bsplines import Splines
 from echelon.excite.families.fourier import Fourier
 from echelon.excite.families.sums import Sum

@@ -12,9 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.families.bsplines import DEGREE, Splines
-from echelon.excite.files.samples import FEWEST, Floats, Samples
+from echelon.excite.files.samples import FEWEST, Samples
 from echelon.excite.trajectory import LARGEST, SHORTEST_STEP, Trajectory
 
 GROSS = 0.2

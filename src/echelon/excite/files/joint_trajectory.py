@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from echelon.arrays import Floats
 from echelon.errors import MissingExtraError
-from echelon.excite.files.samples import Floats, Samples
+from echelon.excite.files.samples import Samples
 from echelon.version import __version__
 
 KIND = "trajectory_msgs/msg/JointTrajectory"

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
 from echelon.excite.files.joint_trajectory import KIND, RESOLUTION
-from echelon.excite.files.samples import Floats, Samples
+from echelon.excite.files.samples import Samples
 from echelon.inputs.yaml_text import parse_yaml
 from echelon.logs.files.mcap import Mcap
 from echelon.logs.files.messages import fields, nanoseconds

@@ -7,12 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.trajectory import Trajectory
-
-Floats = npt.NDArray[np.float64]
 
 FEWEST = 6
 """Samples that a quintic spline goes through."""

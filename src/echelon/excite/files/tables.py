@@ -9,8 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from echelon.arrays import Floats
 from echelon.errors import InputError, MissingExtraError, one_line
-from echelon.excite.files.samples import PREFIXES, Floats, Samples
+from echelon.excite.files.samples import PREFIXES, Samples
 from echelon.logs.files.access import decoding
 from echelon.logs.files.open import open_log, read_table
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.dynamics.arguments import Arguments, geometry_values
 from echelon.excite.constraints.state import enclosures_of
 from echelon.machine.kernel import Kernel
@@ -20,7 +20,6 @@ from echelon.program.intervals import Interval
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.loops.dependent_motion import DependentMotion
 
-Floats = npt.NDArray[np.float64]
 Index = tuple[int, ...]
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.excite.cells import PER_PERIOD, ranges
 from echelon.excite.loops.enclosures import LoopEnclosures
 from echelon.excite.loops.motion import LoopMotion
 from echelon.excite.trajectory import Trajectory
 from echelon.program.intervals import Interval
-
-Floats = npt.NDArray[np.float64]
 
 _HALVINGS = 10
 _ROUNDING = 1e-8  # of closed configurations, rad or characteristic lengths

@@ -15,14 +15,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Flags, Floats
 from echelon.excite.loops.motion import LoopMotion
 from echelon.excite.loops.positions import Closed
 from echelon.program.intervals import Interval
 
-Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 Around = tuple[Floats, Floats]
 """Middle and radius, of one shape."""
 
@@ -51,7 +49,7 @@ class Located:
     """
 
     closed: Closed
-    found: Bools
+    found: Flags
     q: Interval
     inverse: Floats
     product: Around
@@ -167,7 +165,7 @@ class LoopEnclosures:
         units = self.motion.speed_units[self.motion.columns[0]]
         return middle / units, radius / units
 
-    def _rates(self, product: Around, given: Around, opening: Around | None = None) -> tuple[Around, Bools]:
+    def _rates(self, product: Around, given: Around, opening: Around | None = None) -> tuple[Around, Flags]:
         """Rates of the dependent coordinates, from those of the independent ones and P times what opens the loops."""
         free, dependent = self.motion.columns
         middle = _times(product[0][:, :, free], given[0])
@@ -189,7 +187,7 @@ class LoopEnclosures:
         return found[0] * units, found[1] * units
 
 
-def _solved(product: Around, dependent: list[int], right: Around) -> tuple[Around, Bools]:
+def _solved(product: Around, dependent: list[int], right: Around) -> tuple[Around, Flags]:
     """Bounds of (P J_D)⁻¹ R, and where P J_D is regular.
 
     With E = P J_D − 1, z = R − E z, and |z| ≤ (1 − |E|)⁻¹ |R|.
@@ -205,8 +203,8 @@ def _deviation(product: Around, dependent: list[int]) -> Floats:
     return found
 
 
-def _regular(away: Floats) -> Bools:
-    found: Bools = np.all(away.sum(axis=2) < _REGULAR, axis=1)
+def _regular(away: Floats) -> Flags:
+    found: Flags = np.all(away.sum(axis=2) < _REGULAR, axis=1)
     return found
 
 

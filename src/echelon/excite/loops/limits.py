@@ -10,14 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.excite.constraints.state import Slopes as StateSlopes
 from echelon.excite.loops.motion import LoopMotion
 from echelon.excite.loops.parts import LoopEfforts, LoopPart
 from echelon.excite.loops.positions import Closed
-
-Floats = npt.NDArray[np.float64]
 
 OPEN = 0.15
 """Least openness that a solver has to keep, as a share of :attr:`LoopMotion.reference`."""

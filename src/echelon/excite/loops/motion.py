@@ -12,8 +12,8 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.dynamics.arguments import geometry_values
 from echelon.dynamics.loop_functions import closed_accelerations, closed_velocities, motion_function
 from echelon.excite.loops.positions import Closed, LoopPositions, openness
@@ -24,7 +24,6 @@ from echelon.program.function import Function
 from echelon.program.tape import Program
 from echelon.regressor.loops.dependent_motion import DependentMotion
 
-Floats = npt.NDArray[np.float64]
 Triple = tuple[Floats, Floats, Floats]
 
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.excite.constraints.effort import effort_limits, effort_output
 from echelon.excite.constraints.effort_bounds import EffortLimit
 from echelon.excite.constraints.effort_model import EffortModel
@@ -23,8 +23,6 @@ from echelon.regressor.loops.closed_motion import ClosedMotion
 from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.regressor.probes import Probes, virtual_motion
 from echelon.regressor.steps import Recorder
-
-Floats = npt.NDArray[np.float64]
 
 
 class LoopPart:

@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Flags, Floats
 from echelon.dynamics.closed_states import Builder, CompiledAssembly
 from echelon.dynamics.loop_functions import motion_function
 from echelon.excite.loops.closures import ClosureBounds
@@ -27,9 +27,6 @@ from echelon.regressor.loops.closed_motion import largest
 from echelon.regressor.loops.closure_values import normalised, position_rates
 from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.seeds import DEFAULT_SEED, random_generator
-
-Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 _SHORTEST = 2e-3  # of a step on the way to a configuration, rad or characteristic lengths
 _REMEMBERED = 4  # sets of samples: those of the criterion and of the constraints
@@ -56,7 +53,7 @@ class Closed:
     q: Floats
     qd: Floats
     qdd: Floats
-    done: Bools
+    done: Flags
     missing: Floats
     openness: Floats
 
@@ -148,7 +145,7 @@ class LoopPositions(CompiledAssembly):
         self._last = dict([*others[1 - _REMEMBERED :], (len(wanted), (wanted.copy(), closed))])
         return closed
 
-    def _stepped(self, last: Closed, wanted: Floats) -> tuple[Floats, Bools]:
+    def _stepped(self, last: Closed, wanted: Floats) -> tuple[Floats, Flags]:
         """One step from what was found before."""
         change = wanted - last.q[:, self.independent_places]
         done = last.done & (largest(change / self.independent_units) < STRIDE)

@@ -10,11 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.excite.problem import Problem
-
-Floats = npt.NDArray[np.float64]
 
 _BLIND = 1e6
 """Criterion of a motion that does not see some parameter at all, because loops cannot be closed."""

@@ -13,16 +13,14 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.loops.motion import LoopMotion
 from echelon.excite.loops.positions import Closed
 from echelon.excite.pullback import ADJOINT, StateRegressor
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
-
-Floats = npt.NDArray[np.float64]
 
 LOST, SEEN = 0.05, 0.1
 """Openness, as a share of :attr:`LoopMotion.reference`, below which samples do not count and above which they do."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
 from echelon.excite.cells import state_margins
 from echelon.excite.collisions.certificate import clearance_margins
@@ -20,8 +19,6 @@ from echelon.excite.loops.whole import WholeMotion
 from echelon.excite.margins import Margin
 from echelon.excite.trajectory import Trajectory
 from echelon.program.intervals import Interval
-
-Floats = npt.NDArray[np.float64]
 
 
 def loop_margins(trajectory: Trajectory, limits: LoopLimits) -> list[Margin]:

@@ -7,14 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import EchelonError
 from echelon.excite.cells import reach
 from echelon.excite.loops.enclosures import LoopEnclosures
 from echelon.excite.loops.motion import LoopMotion
 from echelon.excite.trajectory import Trajectory
 from echelon.program.intervals import Interval
-
-Floats = npt.NDArray[np.float64]
 
 _SAMPLES = 500  # that tell how sharp bounds have to be
 

@@ -15,8 +15,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.solution import Solution, solved
@@ -24,8 +24,6 @@ from echelon.identification.rows.batches import Batch, total
 from echelon.identification.rows.rows import RowBlock, Rows
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import column_norms
-
-Floats = npt.NDArray[np.float64]
 
 _METHODS = ("ols", "wls", "irls", "huber")
 _BY_FACTORS = ("ols", "wls", "irls")

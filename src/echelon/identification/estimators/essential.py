@@ -21,8 +21,8 @@ from collections.abc import Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.hints import nearest_of
 from echelon.identification.estimators.estimate import Estimate
@@ -31,7 +31,6 @@ from echelon.identification.estimators.submodel import Submodel
 from echelon.observe.observation import Observation, checked_weights
 from echelon.observe.triangle import Triangle, upper_triangle
 
-Floats = npt.NDArray[np.float64]
 Criterion = Literal["bic", "f-test", "relative_std"]
 
 RATIO = 10.0

@@ -21,8 +21,8 @@ from itertools import zip_longest
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.least_squares import used_up
@@ -32,8 +32,6 @@ from echelon.identification.rows.rows import RowBlock, Rows
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import column_norms, upper_triangle
-
-Floats = npt.NDArray[np.float64]
 
 _NEW = 1e-10
 _INNER, _INNER_LIMIT = 1e-9, 100

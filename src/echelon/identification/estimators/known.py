@@ -13,16 +13,14 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.rows.rows import RowBlock, Rows
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import upper_triangle
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)

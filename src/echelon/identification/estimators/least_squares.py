@@ -12,14 +12,12 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.solution import Solution, estimate_of, solved
 from echelon.observe.observation import Observation
-
-Floats = npt.NDArray[np.float64]
 
 
 def ols(

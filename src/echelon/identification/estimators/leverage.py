@@ -7,11 +7,9 @@ rows of the hat matrix, its leverage, so that an output with few rows or many pa
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.observe.observation import Observation
-
-Floats = npt.NDArray[np.float64]
 
 
 def leverages(observation: Observation, weights: Floats, cofactor: Floats) -> Floats:

@@ -11,15 +11,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.solution import Solution, check, direction_text, estimate_of, open_directions
 from echelon.identification.estimators.weighted import checked_noise
 from echelon.observe.observation import Observation
-
-Floats = npt.NDArray[np.float64]
 
 
 def minimum_norm(

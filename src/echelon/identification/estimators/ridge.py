@@ -16,16 +16,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.solution import Solution, check, estimate_of
 from echelon.identification.estimators.weighted import checked_noise
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import Triangle
-
-Floats = npt.NDArray[np.float64]
 
 _GRID = 401
 _RANGE = 1e-16, 1e8

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 from math import erf, exp, pi, sqrt
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.least_squares import used_up
@@ -27,8 +27,6 @@ from echelon.identification.estimators.solution import Solution, estimate_of, so
 from echelon.identification.estimators.weighted import irls, noise_floor
 from echelon.identification.rows.rows import Rows
 from echelon.observe.observation import Observation
-
-Floats = npt.NDArray[np.float64]
 
 _LEAST_SHARE, _USED_UP = 0.6, 1e-8
 

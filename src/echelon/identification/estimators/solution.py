@@ -13,15 +13,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import Triangle
-
-Floats = npt.NDArray[np.float64]
 
 _SHOWN = 3
 _USED_UP = 1e-8

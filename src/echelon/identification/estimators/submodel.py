@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.observe.triangle import upper_triangle
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

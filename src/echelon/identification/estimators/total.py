@@ -15,16 +15,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.solution import Solution, estimate_of, solved
 from echelon.identification.estimators.weighted import checked_noise
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import upper_triangle
-
-Floats = npt.NDArray[np.float64]
 
 _DISTINCT = 1e-8
 """Relative distance of singular values below which their vectors are arbitrary: √ε."""

@@ -16,16 +16,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.least_squares import used_up
 from echelon.identification.estimators.solution import Solution, check, estimate_of, solved
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import column_norms
-
-Floats = npt.NDArray[np.float64]
 
 _FLOOR = 1e-8
 """Smallest noise relative to the output: no sensor is better, and weights stay within what double precision bears."""

@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.values import characteristic_length
 from echelon.seeds import DEFAULT_SEED, random_generator
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from echelon.base.model import BaseModel
     from echelon.mechanism.mechanism import Mechanism
 
-Floats = npt.NDArray[np.float64]
 State = dict[str, Floats]
 Symbols = Mapping[str, float] | None
 

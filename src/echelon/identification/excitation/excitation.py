@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.excitation.advice import advice
 from echelon.observe.observation import Observation
@@ -22,7 +22,6 @@ from echelon.observe.triangle import Triangle
 if TYPE_CHECKING:
     from echelon.base.model import BaseModel
 
-Floats = npt.NDArray[np.float64]
 
 WEAK = 1e-2
 """Singular value, relative to the largest, below which a direction is weak: exciting trajectories are customarily asked

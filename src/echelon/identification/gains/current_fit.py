@@ -11,15 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.solution import inverse_triangle, solved
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import upper_triangle
-
-Floats = npt.NDArray[np.float64]
 
 _STEPS = 200
 _SETTLED = 1e-6  # step in standard deviations that changes nothing

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.estimators.estimate import Estimate
@@ -35,7 +35,6 @@ from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import upper_triangle
 
-Floats = npt.NDArray[np.float64]
 Method = Literal["currents", "ls", "tls"]
 
 _GAIN = re.compile(r"-\s*i(\[.*\])?")

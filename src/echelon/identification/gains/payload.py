@@ -13,8 +13,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS, PER_BODY
@@ -26,8 +26,6 @@ from echelon.logs.samples import Samples
 from echelon.mechanism.mechanism import ALL
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
-
-Floats = npt.NDArray[np.float64]
 
 LABEL = "_payload"
 """Ends the names of a payload's parameters: ``M_payload``."""

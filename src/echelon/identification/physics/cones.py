@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import EchelonError, InputError, MissingExtraError
 from echelon.identification.physics.triangles import order
-
-Floats = npt.NDArray[np.float64]
 
 _KINDS = ("zero", "nonnegative", "second_order", "semidefinite", "exponential")
 """In the order in which SCS wants them."""

@@ -15,15 +15,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 from echelon.identification.physics.bounds import BodyBounds, Bounds, Triple
 from echelon.mechanism.effect import KINDS, Effect
 from echelon.mechanism.mechanism import Mechanism
-
-Floats = npt.NDArray[np.float64]
 
 _SIGNED_KINDS = ("viscous", "coulomb", "asymmetric_coulomb", "rotor_inertia")
 _DIAGONAL = (0, 3, 5, 9)

@@ -8,16 +8,14 @@ from typing import Any
 
 import flint
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
 from echelon.identification.physics.constraints import Roles
 from echelon.identification.physics.exact_algebra import exact_dual, times
 from echelon.identification.physics.exact_base import ExactBase
 from echelon.identification.physics.pseudo_inertia import SIZE, dual_matrix
 from echelon.identification.physics.triangles import svec
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
 from echelon.errors import EchelonError, InputError
@@ -26,8 +27,6 @@ from echelon.identification.physics.pseudo_inertia import exact_pseudo_inertia, 
 from echelon.identification.physics.result import Feasibility
 from echelon.identification.physics.separation import separator
 from echelon.mechanism.values import characteristic_length
-
-Floats = npt.NDArray[np.float64]
 
 
 def feasibility(

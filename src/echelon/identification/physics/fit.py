@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError, InputError
 from echelon.identification.physics.bounds import Bounds
@@ -33,8 +34,6 @@ from echelon.identification.physics.result import PhysicalFit
 from echelon.identification.physics.weight import Solve, WeightChoice, by_discrepancy, by_stretches
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import Triangle
-
-Floats = npt.NDArray[np.float64]
 
 PLAIN_WEIGHT = 1e-3
 """Weight of the drawing towards a plain shape; it raises the misfit by less than a hundredth of what noise does."""

@@ -8,16 +8,14 @@ well inside.  Then all constraints are checked with plain linear algebra, not wi
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
 from echelon.errors import EchelonError, InputError
 from echelon.identification.physics.cones import INFEASIBLE, ConeProgram, solve_with_fallback
 from echelon.identification.physics.constraints import LinearLimits
 from echelon.identification.physics.programme import Programme
 from echelon.identification.physics.triangles import SVEC, sparse_diagonal, svec
-
-Floats = npt.NDArray[np.float64]
 
 _STEPS = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 _ROUNDING = 1e-12

@@ -12,16 +12,14 @@ from fractions import Fraction
 
 import flint
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
 from echelon.identification.physics.cones import ConeProgram, solve_with_fallback
 from echelon.identification.physics.dual_problem import DualProblem
 from echelon.identification.physics.exact_algebra import times
 from echelon.identification.physics.pseudo_inertia import SIZE, dual_matrix, is_zero
 from echelon.identification.physics.triangles import sparse_diagonal, svec, unpacked
-
-Floats = npt.NDArray[np.float64]
 
 _DIGITS = 9
 _DOUBLE = 1e-3

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.conventions import LENGTH_DEGREE
 from echelon.errors import EchelonError, InputError
@@ -15,8 +16,6 @@ from echelon.identification.physics.inside import holds, put_inside
 from echelon.identification.physics.programme import Programme
 from echelon.identification.physics.reference import common_mass, reference
 from echelon.mechanism.values import characteristic_length
-
-Floats = npt.NDArray[np.float64]
 
 _WEIGHT = 1e-6
 """Of the divergence that makes the nearest robot unique, in squared standard deviations."""

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.conventions import PER_BODY
 from echelon.errors import InputError
@@ -24,8 +24,6 @@ from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.placement import Placement
 from echelon.mechanism.values import all_symbols, characteristic_length, placement_matrix, symbol_values
-
-Floats = npt.NDArray[np.float64]
 
 TOLERANCE = 1e-3
 """How far apart joint axes may be, m and rad; files round both."""

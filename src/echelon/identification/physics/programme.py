@@ -14,8 +14,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
 from echelon.identification.physics.cones import ConeProgram, ConeSolution, solve_with_fallback
 from echelon.identification.physics.constraints import LinearLimits, Roles
@@ -23,8 +23,6 @@ from echelon.identification.physics.pseudo_inertia import SIZE, factor, margins
 from echelon.identification.physics.reference import Reference, unwhitenings
 from echelon.identification.physics.triangles import SVEC, sparse_diagonal, svec
 from echelon.mechanism.parameter import Parameter
-
-Floats = npt.NDArray[np.float64]
 
 _LOGS = SIZE
 _RIDGE = 1e-12

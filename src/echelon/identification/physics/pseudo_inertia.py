@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 from echelon.inertia.spatial import frame_change, parameter_array, pseudo_inertia
 
-Floats = npt.NDArray[np.float64]
 Array = npt.NDArray[Any]
 
 SIZE = 4

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 from echelon.identification.physics.constraints import Roles
@@ -22,8 +23,6 @@ from echelon.identification.physics.pseudo_inertia import unwhitening
 from echelon.inertia.spatial import from_pseudo_inertia, pseudo_inertia
 from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.values import characteristic_length
-
-Floats = npt.NDArray[np.float64]
 
 LEAST = 1e-4
 """Least eigenvalue of a repaired pseudo-inertia relative to that of a body of its mass and size."""

@@ -20,6 +20,7 @@ import flint
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
 from echelon.errors import EchelonError
 from echelon.identification.physics.cones import SOLVED, ConeProgram, solve_with_fallback
@@ -29,8 +30,6 @@ from echelon.identification.physics.exact_base import rational_number
 from echelon.identification.physics.motionless import motionless
 from echelon.identification.physics.pseudo_inertia import SIZE, is_semidefinite, is_zero
 from echelon.identification.physics.triangles import sparse_diagonal, svec, unpacked
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

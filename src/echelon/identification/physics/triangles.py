@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
 from echelon.inertia.spatial import pseudo_inertia
-
-Floats = npt.NDArray[np.float64]
 
 
 def svec(matrix: Floats) -> Floats:

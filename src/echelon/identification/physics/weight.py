@@ -17,13 +17,12 @@ from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import Triangle
 
-Floats = npt.NDArray[np.float64]
 Solve = Callable[[Floats, Floats, float], Floats]
 """Base parameters from R, Qᵀy and a weight."""
 

@@ -13,14 +13,12 @@ from functools import reduce
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.rows.rows import RowBlock
 from echelon.observe.observation import Observation
 from echelon.observe.slim import slim_qr
-
-Floats = npt.NDArray[np.float64]
 
 BATCHES = 40
 """Batches that the data are cut into at least, if they are long enough."""

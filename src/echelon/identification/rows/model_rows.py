@@ -14,6 +14,7 @@ from functools import cached_property, partial, reduce
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.rows.ahead import ahead
@@ -23,8 +24,6 @@ from echelon.logs.samples import Samples
 from echelon.observe.layout import Layout, layout_of, measured
 from echelon.observe.observation import Observation
 from echelon.observe.slim import slim_qr
-
-Floats = npt.NDArray[np.float64]
 
 _WINDOW = 1 << 14
 """Samples whose regressor is held at once: a few tens of megabytes for an arm, and long against filters."""

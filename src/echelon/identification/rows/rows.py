@@ -6,13 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
+from echelon.arrays import Floats
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

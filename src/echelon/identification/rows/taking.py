@@ -13,8 +13,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.identification.rows.ahead import ahead
 from echelon.identification.rows.batches import Batch, Batcher
 from echelon.identification.rows.model_rows import ModelRows, Numbering, observed, plain, rows_taken
@@ -23,8 +23,6 @@ from echelon.identification.rows.rows import RowBlock
 from echelon.logs.samples import Samples
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
-
-Floats = npt.NDArray[np.float64]
 
 MEMORY = 1 << 28
 """Bytes of rows that are kept between passes over the logs unless said otherwise; what goes beyond is read again."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from echelon.arrays import Floats
 
 LAGS = 4096
 """Largest lag; what correlates longer is reported as at least what is summed up to there."""

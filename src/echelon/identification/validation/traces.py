@@ -7,9 +7,8 @@ their difference stay: every peak survives, at its time, and no value is invente
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from echelon.arrays import Floats
 
 LIMIT = 200_000
 """Rows of an output that are kept; more than any screen shows."""

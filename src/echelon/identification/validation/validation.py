@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.rows.rows import RowBlock, Rows
 from echelon.identification.validation.correlation import LAGS, CorrelationSums
 from echelon.identification.validation.traces import LIMIT, TraceKeeper
 from echelon.identification.validation.verdict import verdict
-
-Floats = npt.NDArray[np.float64]
 
 ROLES = ("identification", "validation")
 """Whether the fit saw the data."""

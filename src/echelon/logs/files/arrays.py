@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.inputs.limits import ARRAY_COLUMNS, COLUMNS, check_unpacked
 from echelon.logs.files.selection import selected
-from echelon.logs.table import Floats, Table
+from echelon.logs.table import Table
 
 
 @dataclass(frozen=True)

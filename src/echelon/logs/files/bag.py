@@ -8,13 +8,14 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.logs.files.mcap import Mcap, is_mcap
 from echelon.logs.files.message_columns import TopicColumns
 from echelon.logs.files.rosbag import Rosbag
 from echelon.logs.files.selection import missing
 from echelon.logs.files.topics import MessageSource, first_look, numbers_of
-from echelon.logs.table import CHUNK, Floats, Table
+from echelon.logs.table import CHUNK, Table
 
 
 class BagFile:

@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
 from echelon.inputs.limits import COLUMNS
 from echelon.logs.files.messages import Labels, Numbers
-from echelon.logs.table import Floats
 
 _NANO = 10**9
 _LATEST = 2**63

@@ -11,12 +11,13 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from echelon.arrays import Floats
 from echelon.errors import InputError, MissingExtraError
 from echelon.inputs.limits import COLUMNS, check_unpacked
 from echelon.logs.files.access import decoding, existing_file
 from echelon.logs.files.parquet_columns import Leaf, is_point_in_time, leaves, ticks_per_second
 from echelon.logs.files.selection import selected
-from echelon.logs.table import CHUNK, Floats, Table
+from echelon.logs.table import CHUNK, Table
 
 _SAMPLED = 16
 _BUFFER = 1 << 20

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.logs.table import Floats
 
 _UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 _DAY = 86400

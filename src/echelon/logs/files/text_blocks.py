@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
 from echelon.logs.files.dialect import Dialect, cells, is_blank, number
-from echelon.logs.table import Floats
 
 _COMMENT = re.compile(rb"^[ \t]*#[^\n]*", re.MULTILINE)
 _DATE = re.compile(r"\d+[-/.]\d+[-/.]\d+|\d+:\d\d")

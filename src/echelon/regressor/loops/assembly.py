@@ -11,16 +11,14 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
 from echelon.regressor.loops.assembled import ROUNDING, Assembled, Moved
 from echelon.regressor.loops.closed_motion import RANK_TOLERANCE, ClosedMotion, largest
-from echelon.regressor.loops.closure_values import Floats, normalised, position_rates
+from echelon.regressor.loops.closure_values import normalised, position_rates
 from echelon.seeds import DEFAULT_SEED, random_generator
-
-Bools = npt.NDArray[np.bool_]
 
 _RESIDUAL = 1e-12  # of the characteristic length
 _ITERATIONS = 100
@@ -145,7 +143,7 @@ class Assembly(ClosedMotion):
                 found.append(np.abs(q[:, first] - self._stated[first]) / self.position_units[first])
         return np.stack(found, axis=1)
 
-    def closed(self, q: Floats, held: Sequence[str] = (), iterations: int = _ITERATIONS) -> tuple[Floats, Bools]:
+    def closed(self, q: Floats, held: Sequence[str] = (), iterations: int = _ITERATIONS) -> tuple[Floats, Flags]:
         """Closed configurations near guesses.
 
         Parameters
@@ -238,7 +236,7 @@ class Assembly(ClosedMotion):
             on = on[(gone[on] < 1) & (stride[on] * extent[on] >= shortest)]
         return q, gone
 
-    def near(self, guess: Floats) -> tuple[Floats, Bools]:
+    def near(self, guess: Floats) -> tuple[Floats, Flags]:
         """Closed configurations near guesses, with the same independent positions; and which of them were found.
 
         Parameters

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut
@@ -21,8 +22,6 @@ from echelon.program.tape import Program
 from echelon.regressor.loops.closure_values import ClosureValues
 from echelon.regressor.probes import Probes, virtual_motion
 from echelon.regressor.steps import Recorder
-
-Floats = npt.NDArray[np.float64]
 
 RANK_TOLERANCE = 1e-6
 """Singular values below this part of the largest one count as zero."""

@@ -12,14 +12,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.program.independent import IndependentRegions
 from echelon.program.region import SAMPLED, RegionReport, one_sided
 from echelon.program.region_search import COMPLETE
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.surfaces import find_surfaces, monomials
 from echelon.program.tape import Program
-
-Floats = npt.NDArray[np.float64]
 
 REAL_STATES = 256
 _SPEEDS = 10 ** np.linspace(-6, 6, 25)

@@ -9,6 +9,7 @@ from math import inf
 
 import numpy as np
 
+from echelon.arrays import Floats
 from echelon.errors import DegenerateSampleError, InputError, ShakyPoseError, SingularPoseError
 from echelon.exact.elimination import null_vectors, rank
 from echelon.exact.field import PrimeField, Residues
@@ -20,7 +21,6 @@ from echelon.mechanism.values import has_values
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembled import Assembled
 from echelon.regressor.loops.assembly import Assembly, OpenLoopsError
-from echelon.regressor.loops.closure_values import Floats
 from echelon.regressor.loops.coordinates import independent_coordinates
 from echelon.regressor.loops.curves import CurveSampler
 from echelon.regressor.loops.exact_pose import closed_exactly

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism, Symbol
 from echelon.mechanism.values import characteristic_length, symbol_values
@@ -20,7 +21,6 @@ from echelon.regressor.loops.closures import record_closures
 from echelon.regressor.probes import Probes
 from echelon.regressor.steps import Recorder
 
-Floats = npt.NDArray[np.float64]
 _Numbers = npt.NDArray[np.inexact]
 
 _BLOCK = 1024  # samples evaluated together, so that the table of intermediate values stays small

@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.mechanism.joint import Joint, MotionKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
-
-Floats = npt.NDArray[np.float64]
 
 _DIGITS = 6  # of velocities that are compared; where they are alike, x comes first
 

@@ -15,6 +15,7 @@ from fractions import Fraction
 from itertools import combinations
 from math import pi
 
+from echelon.arrays import Floats
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.field import CERTIFICATE_BITS, PrimeField
 from echelon.exact.polynomial import Polynomial, as_polynomial
@@ -22,7 +23,6 @@ from echelon.mechanism.closed_pose import angle_parts, follow, loop_motions
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import ClosedAt, Mechanism, Symbol
 from echelon.mechanism.stated import stated_values
-from echelon.regressor.loops.closure_values import Floats
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 _SAME = 1e-9  # angles that differ by less are the same, rad

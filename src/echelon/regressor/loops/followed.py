@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from echelon.arrays import Floats
 from echelon.mechanism.closed_pose import as_stated
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import has_values
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closed_motion import RANK_TOLERANCE
-from echelon.regressor.loops.closure_values import Floats
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 _NEARLY = 1e-2  # singular values below this part of the largest one belong to motions that are nearly possible

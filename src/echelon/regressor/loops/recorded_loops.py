@@ -7,13 +7,13 @@ from functools import partial
 
 import numpy as np
 
+from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.mechanism.closed_pose import angle_parts
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import all_symbols, known_values
 from echelon.program.tape import Scalar
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.closure_values import Floats
 from echelon.regressor.loops.closures import Loops, record_closures
 from echelon.regressor.probes import Probes
 from echelon.regressor.steps import Recorder

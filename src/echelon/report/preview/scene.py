@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import EchelonError, one_line
 from echelon.excite.result import ExcitingTrajectory
@@ -20,8 +21,6 @@ from echelon.mechanism.mechanism import GROUND, Body, Mechanism
 from echelon.regressor.loops.assembly import Assembly
 from echelon.report.pose import Pose, pose_at
 from echelon.report.preview.packed import packed
-
-Floats = npt.NDArray[np.float64]
 
 _RATE = 30.0
 """Pictures per second; fewer where a page would become too large.  Between them a script interpolates."""
