@@ -11,12 +11,7 @@ Combination = tuple[tuple[str, int], ...]
 
 
 def absolute_angles(mechanism: Mechanism) -> dict[str, Combination]:
-    """For every rotation whose axis is parallel to that of the rotation before it, the sum of angles up to it.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    """
+    """For every rotation whose axis is parallel to that of the rotation before it, the sum of angles up to it."""
     found: dict[str, Combination] = {}
     ends: dict[int, tuple[Combination, int, Placement | None]] = {GROUND: ((), 0, None)}
     for index, body in enumerate(mechanism.bodies):

@@ -56,24 +56,7 @@ def stated_generators(generators: Iterable[str], at: Mapping[str, str]) -> dict[
 def ball_rows(
     forms: LinearForms, at: Mapping[str, str], states: int, rng: np.random.Generator, motions: int = 1
 ) -> Balls:
-    """Entries of forms at random states.
-
-    Parameters
-    ----------
-    forms : LinearForms
-    at : mapping of str to str
-        Values of the symbols that matter, as exact text; others have any value.
-    states : int
-    rng : numpy Generator
-        The states are short dyadic numbers; quaternions are rational points of the unit sphere.  With loops, the
-        states are closed, and what follows from the loops is a ball.
-    motions : int
-        With loops, so many states share a pose.
-
-    Returns
-    -------
-    array of arb, shape (states · rows, columns)
-    """
+    """Entries of forms at random states."""
     schedule = Schedule(forms.program, list(forms.entries.values()))
     if forms.loops is None:
         leaves = _free_states(forms, schedule, at, states, rng)

@@ -18,15 +18,9 @@ if TYPE_CHECKING:
 
 
 class BaseSet(ABC):
-    """Base parameters ζ̄ = B ζ.
+    """Base parameters ζ̄ = B ζ."""
 
-    Attributes
-    ----------
-    matrix : BaseMatrix
-        Exact sparse B.
-    """
-
-    matrix: BaseMatrix
+    matrix: BaseMatrix  # exact sparse B
 
     @property
     def rank(self) -> int:
@@ -70,25 +64,6 @@ class BaseSet(ABC):
     def pseudo_inverse(self, metric: ExactMetric = "identity") -> sympy.ImmutableMatrix:
         """B† = S Bᵀ (B S Bᵀ)⁻¹ in closed form, for a given metric S (Theorem 1 of the paper); B · B† = 1 is checked.
 
-        Parameters
-        ----------
-        metric : "identity", sequence, or sympy Matrix
-            S or its diagonal: exact numbers, and sympy expressions that are quotients of polynomials.  Decimals count
-            as what they show; symbols are taken for such that S is positive definite.
-
-        Returns
-        -------
-        sympy matrix of shape (standard parameters, base parameters)
-
-        Raises
-        ------
-        InputError
-            If the metric is not valid.
-        ClosedFormError
-            If the closed form is too long to be of use.
-
-        Examples
-        --------
         >>> import echelon as ec
         >>> base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
         >>> base.pseudo_inverse()[19, 1]

@@ -47,54 +47,28 @@ _ATTEMPTS = 64
 
 @dataclass(frozen=True)
 class Certificate:
-    """What was checked, and how to check it again.
-
-    Attributes
-    ----------
-    rank : int
-    seed : int
-        Seed of the random points and primes.
-    minor_prime : int
-        Prime modulo which an r × r minor of the pivot columns is non-zero.
-    minor_states : int
-        Number of random states whose rows contain what is left of it without its triangular part (see
-        :mod:`echelon.regressor.blocks`).
-    identity_primes : tuple of int
-        Primes modulo which X · N = 0 held at a random point each.
-    degree : int
-        Bound on the degree of the identity.
-    log10_error : float
-        Decimal logarithm of a bound on the probability that X · N = 0 is false.
-    order : int
-        With loops, the number of coefficients compared along each curve; 0 without.
-    at_values : bool
-        Whether the minor is non-zero at the stated values of the symbols, and not only for general ones.
-    regions : int
-        Regions of signs that were visited, by the minor and at every point; 0 without signs.
-    regions_note : str
-        Why other regions do not matter, or that this is assumed, and which signs were seen from one side only.
-    numbers : int
-        Number of columns of B that are numbers, checked at the stated values of the symbols only.
-    log10_residual : float or None
-        Decimal logarithm of a bound on what X · N leaves there, beside the largest entry of X; None where the numbers
-        are exact.
-    modes : tuple of int
-        With loops, the ranks of all assembly modes that were found; the set is for the one of the stated pose.
-    """
+    """What was checked, and how to check it again."""
 
     rank: int
-    seed: int
-    minor_prime: int
+    seed: int  # seed of the random points and primes
+    minor_prime: int  # prime modulo which an r × r minor of the pivot columns is non-zero
+    # number of random states whose rows contain what is left of it without its triangular part (see
+    # :mod:`echelon.regressor.blocks`)
     minor_states: int
-    identity_primes: tuple[int, ...]
-    degree: int
-    log10_error: float
-    order: int = 0
+    identity_primes: tuple[int, ...]  # primes modulo which X · N = 0 held at a random point each
+    degree: int  # bound on the degree of the identity
+    log10_error: float  # decimal logarithm of a bound on the probability that X · N = 0 is false
+    order: int = 0  # with loops, the number of coefficients compared along each curve; 0 without
+    # whether the minor is non-zero at the stated values of the symbols, and not only for general ones
     at_values: bool = False
-    regions: int = 0
+    regions: int = 0  # regions of signs that were visited, by the minor and at every point; 0 without signs
+    # why other regions do not matter, or that this is assumed, and which signs were seen from one side only
     regions_note: str = ""
-    numbers: int = 0
+    numbers: int = 0  # number of columns of B that are numbers, checked at the stated values of the symbols only
+    # decimal logarithm of a bound on what X · N leaves there, beside the largest entry of X; None where the numbers are
+    # exact
     log10_residual: float | None = None
+    # with loops, the ranks of all assembly modes that were found; the set is for the one of the stated pose
     modes: tuple[int, ...] = ()
 
     @property
@@ -137,30 +111,7 @@ def certify(
     values: StatedValues | None = None,
     modes: tuple[int, ...] = (),
 ) -> Certificate:
-    """Check a base parameter set against a regressor.
-
-    Parameters
-    ----------
-    regressor : LinearForms
-        X or combinations of its rows, with the columns of ``matrix.parameters``.
-    matrix : BaseMatrix
-        The claimed B.
-    seed : int
-    values : StatedValues, optional
-        Values of the symbols at which the set must be minimal; without them, or with loops, general ones.
-    modes : tuple of int
-        With loops, the ranks of all assembly modes that were found.
-
-    Returns
-    -------
-    Certificate
-
-    Raises
-    ------
-    CertificateError
-        If the set is not in reduced echelon form, misses something that X sees, or contains something that it does
-        not; the message names the parameter.
-    """
+    """Check a base parameter set against a regressor."""
     _check_echelon(matrix)
     certificate = replace(_certified(regressor, matrix, seed, values), modes=modes)
     if matrix.numbers is None:

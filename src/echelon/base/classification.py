@@ -19,10 +19,6 @@ def classify(matrix: BaseMatrix) -> dict[str, Identifiability]:
     """Class of every standard parameter, in column order.
 
     A zero column of B is unidentifiable; a unit row whose parameter occurs in no other row is identifiable alone.
-
-    Parameters
-    ----------
-    matrix : BaseMatrix
     """
     seen: dict[int, Identifiability] = {}
     for row in matrix.rows:

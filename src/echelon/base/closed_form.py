@@ -31,26 +31,7 @@ def closed_columns(
     work: Work,
     report: Callable[[str], None],
 ) -> dict[int, Combination]:
-    """The dependent columns with closed forms as combinations of pivot columns.
-
-    Parameters
-    ----------
-    found : sequence of Relation
-        Those of all dependent columns that are not zero.
-    zero : sequence of int
-        The columns that are zero.
-    rng : numpy Generator
-    work : Work
-        What may be spent; some is left.
-    report : callable
-        Called with what is done next.
-
-    Returns
-    -------
-    dict of int to dict of int to RationalFunction
-        Column j of X equals Σ_i coefficient_i · column i of X, so that row i of B has this coefficient in column j.
-        Columns whose closed forms take more than the budget are left out.
-    """
+    """The dependent columns with closed forms as combinations of pivot columns."""
     raw: dict[int, Combination] = {column: {} for column in zero}
     kernels: dict[Kernel, list[Relation]] = {}
     for relation in found:

@@ -25,26 +25,7 @@ def base_matrix(
     budget: float,
     report: Callable[[str], None],
 ) -> BaseMatrix:
-    """B for a column order.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    structure : Structure
-        As found for the same mechanism.
-    order : tuple of int
-        Columns from most to least preferred as representative.
-    rng : numpy Generator
-    budget : float
-        How much work closed forms may take: 1 for a few seconds, 0 for numbers only.
-    report : callable
-        Called with what is done next.
-
-    Raises
-    ------
-    ClosedFormError
-        If the budget does not suffice and there are no stated values to give numbers at.
-    """
+    """B for a column order."""
     work = Work.of(budget)
     found = relations(mechanism, structure)
     zero = [column for column, support in structure.by_robot.items() if not support]

@@ -51,27 +51,14 @@ T = TypeVar("T", bound=Ring)
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """Some columns known to be combinations of others, with rows to find out how.
+    """Some columns known to be combinations of others, with rows to find out how."""
 
-    Attributes
-    ----------
-    mechanism : Mechanism
-        That of two bodies for what moves across a joint.
-    rows : Rows
-        With the columns [auxiliary, sources, targets].
-    sources, targets : sequence of int
-        Numbers of columns; the targets are combinations of the sources.
-    zero : frozenset of int
-        Sources that vanish in X, so that their coefficients do not matter.
-    degrees : sequence of int or None
-        Powers of length of the coefficients, by source and target; None where they are inhomogeneous.
-    """
-
-    mechanism: Mechanism
-    rows: Rows
-    sources: Sequence[int]
-    targets: Sequence[int]
-    zero: frozenset[int]
+    mechanism: Mechanism  # that of two bodies for what moves across a joint
+    rows: Rows  # with the columns [auxiliary, sources, targets]
+    sources: Sequence[int]  # numbers of columns; the targets are combinations of the sources
+    targets: Sequence[int]  # numbers of columns; the targets are combinations of the sources
+    zero: frozenset[int]  # sources that vanish in X, so that their coefficients do not matter
+    # powers of length of the coefficients, by source and target; None where they are inhomogeneous
     degrees: Sequence[int] | None
 
     @cached_property
@@ -140,19 +127,11 @@ class Kernel:
 
 @dataclass(frozen=True, eq=False)
 class Relation:
-    """A kernel at its place in the robot.
-
-    Attributes
-    ----------
-    kernel : Kernel
-    columns : sequence of int
-        Columns of X, by number in the kernel.
-    mount : Placement
-        Of the frame that the kernel's first ten columns are about, in that of the same columns of X.
-    """
+    """A kernel at its place in the robot."""
 
     kernel: Kernel
-    columns: Sequence[int]
+    columns: Sequence[int]  # columns of X, by number in the kernel
+    # of the frame that the kernel's first ten columns are about, in that of the same columns of X
     mount: Placement = Placement()  # noqa: RUF009 - immutable
 
     @property
@@ -172,15 +151,7 @@ class Relation:
         return frozenset(self.kernel.sampler.symbols).union(*(entry.symbols() for entry in entries))
 
     def changes(self, kinds: Iterable[int], number: Callable[[Polynomial], T]) -> dict[int, dict[int, T]]:
-        """Parameters of the whole body about the kernel's frame, as combinations of those about its own.
-
-        Parameters
-        ----------
-        kinds : iterable of int
-            Which of the ten.
-        number : callable
-            What a polynomial of the symbols becomes.
-        """
+        """Parameters of the whole body about the kernel's frame, as combinations of those about its own."""
         chosen = sorted(set(kinds))
         if self.mount.is_identity or not chosen:
             return {}
@@ -199,15 +170,7 @@ class Relation:
         number: Callable[[Polynomial], T],
         keep: Callable[[T], bool] = bool,
     ) -> dict[int, dict[int, T]]:
-        """The targets as combinations of columns of X.
-
-        Parameters
-        ----------
-        combinations : mapping of int to mapping of int to coefficient
-            Those of the kernel.
-        number, keep : callable
-            As for :meth:`changes` and :func:`substituted`.
-        """
+        """The targets as combinations of columns of X."""
         changes = self.changes((k for c in combinations.values() for k in c if k < PER_BODY), number)
         return {
             self.columns[target]: {self.columns[k]: v for k, v in substituted(c, changes, keep).items()}
@@ -216,14 +179,7 @@ class Relation:
 
 
 def relations(mechanism: Mechanism, structure: Structure) -> list[Relation]:
-    """The relations of all dependent columns that do not vanish.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    structure : Structure
-        As found for the same mechanism.
-    """
+    """The relations of all dependent columns that do not vanish."""
     return [*_across_joints(mechanism, structure), *_across_robot(mechanism, structure)]
 
 
@@ -291,16 +247,7 @@ def _degrees(mechanism: Mechanism, sources: Sequence[int], targets: Sequence[int
 def substituted(
     combination: Mapping[int, T], solved: Mapping[int, Mapping[int, T]], keep: Callable[[T], bool] = bool
 ) -> dict[int, T]:
-    """A combination of columns as one of pivots.
-
-    Parameters
-    ----------
-    combination : mapping of int to coefficient
-    solved : mapping of int to mapping of int to coefficient
-        The dependent columns among those of ``combination`` as combinations of pivots.
-    keep : callable
-        Which coefficients are kept; those that are not zero if omitted.
-    """
+    """A combination of columns as one of pivots."""
     total: dict[int, T] = {}
     for column, coefficient in combination.items():
         if column not in solved:

@@ -19,21 +19,7 @@ if TYPE_CHECKING:
 
 
 def metric_entries(metric: Any, size: int) -> dict[tuple[int, int], RationalFunction]:
-    """Non-zero entries of S.
-
-    Parameters
-    ----------
-    metric : "identity", sequence of numbers and sympy expressions, or sympy Matrix
-        Decimals count as what they show; symbols are real, and such that S is positive definite.
-    size : int
-        Number of standard parameters.
-
-    Raises
-    ------
-    InputError
-        If the size is wrong, an entry is not a rational function of symbols, or S is not symmetric, or in numbers not
-        positive definite.
-    """
+    """Non-zero entries of S."""
     import sympy
 
     if isinstance(metric, str):

@@ -20,18 +20,11 @@ _DECIMAL_DIGITS = 9
 
 @dataclass(frozen=True)
 class Group:
-    """Standard parameters with a common coefficient.
-
-    Attributes
-    ----------
-    coefficient : RationalFunction
-    parameters : tuple of str
-    decimal : bool
-        Whether the coefficient is a number in place of a closed form, to be shown with a few digits.
-    """
+    """Standard parameters with a common coefficient."""
 
     coefficient: RationalFunction
     parameters: tuple[str, ...]
+    # whether the coefficient is a number in place of a closed form, to be shown with a few digits
     decimal: bool = False
 
 

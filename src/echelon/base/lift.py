@@ -18,23 +18,7 @@ Metric = Literal["identity", "physical"] | npt.ArrayLike
 
 
 def metric_matrix(metric: Metric, degrees: Sequence[int], length: float) -> npt.NDArray[np.float64]:
-    """The metric S as a matrix.
-
-    Parameters
-    ----------
-    metric : str or array
-        ``"identity"`` (adds kg to kg·m²), ``"physical"`` (a unit of length makes them comparable), the diagonal of S,
-        or S itself.
-    degrees : sequence of int
-        Power of length in the unit of every standard parameter.
-    length : float
-        Characteristic length for ``"physical"``, m.
-
-    Raises
-    ------
-    InputError
-        If S is not symmetric positive definite or has the wrong size.
-    """
+    """The metric S as a matrix."""
     if isinstance(metric, str):
         if metric not in ("identity", "physical"):
             raise InputError(f"unknown metric '{metric}' (valid: identity, physical, or an array)")
@@ -53,17 +37,7 @@ def metric_matrix(metric: Metric, degrees: Sequence[int], length: float) -> npt.
 
 
 def pseudo_inverse_floats(b: npt.NDArray[np.float64], metric: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """B† = S Bᵀ (B S Bᵀ)⁻¹.
-
-    Parameters
-    ----------
-    b : array of shape (r, n)
-    metric : array of shape (n, n)
-
-    Returns
-    -------
-    array of shape (n, r)
-    """
+    """B† = S Bᵀ (B S Bᵀ)⁻¹.  Shapes: b (r, n); metric (n, n); returns (n, r)."""
     # with S = L Lᵀ this is L pinv(B L), which avoids squaring the condition number
     root = np.linalg.cholesky(metric)
     found: npt.NDArray[np.float64] = root @ np.linalg.pinv(b @ root)
@@ -76,19 +50,8 @@ def lift(
     prior: npt.NDArray[np.float64],
     metric: npt.NDArray[np.float64],
 ) -> npt.NDArray[np.float64]:
-    """Standard parameters nearest to a prior among those with given base parameters.
-
-    Parameters
-    ----------
-    b : array of shape (r, n)
-    base_values : array of shape (r,)
-    prior : array of shape (n,)
-    metric : array of shape (n, n)
-
-    Returns
-    -------
-    array of shape (n,)
-    """
+    """Standard parameters nearest to a prior among those with given base parameters."""
+    # shapes: b (r, n); base_values (r,); prior (n,); metric (n, n); returns (n,)
     # with S = L Lᵀ the correction is L pinv(B L) residual; least squares avoids squaring the condition number
     root = np.linalg.cholesky(metric)
     correction = np.linalg.lstsq(b @ root, base_values - b @ prior, rcond=None)[0]

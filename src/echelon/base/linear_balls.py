@@ -30,33 +30,15 @@ _POINTS_PER_REGION, _DOUBLINGS = 2, 4
 
 @dataclass(frozen=True)
 class BallEvidence:
-    """What ball arithmetic shows.
+    """What ball arithmetic shows."""
 
-    Attributes
-    ----------
-    rank : int
-        Proved from below.
-    bits : int
-        Precision at which the result was confirmed.
-    rows : int
-        Rows of X that were eliminated.
-    log10_residual : float
-        Decimal logarithm of a bound on what was taken as zero.
-    regions : int
-        Regions of signs that the rows visit; 0 without signs.
-    regions_note : str
-        Whether other regions could matter.
-    reason : str
-        Why exact algebra does not decide.
-    """
-
-    rank: int
-    bits: int
-    rows: int
-    log10_residual: float
-    regions: int = 0
-    regions_note: str = ""
-    reason: str = ""
+    rank: int  # proved from below
+    bits: int  # precision at which the result was confirmed
+    rows: int  # rows of X that were eliminated
+    log10_residual: float  # decimal logarithm of a bound on what was taken as zero
+    regions: int = 0  # regions of signs that the rows visit; 0 without signs
+    regions_note: str = ""  # whether other regions could matter
+    reason: str = ""  # why exact algebra does not decide
 
     def __str__(self) -> str:
         return (
@@ -68,15 +50,7 @@ class BallEvidence:
 
 
 class BallStructure:
-    """Elimination of a model's regressor in balls.
-
-    Parameters
-    ----------
-    model : LinearModel
-    order : tuple of int
-        Columns, those wanted as representatives first.
-    rng : numpy Generator
-    """
+    """Elimination of a model's regressor in balls."""
 
     def __init__(self, model: LinearModel, order: tuple[int, ...], rng: np.random.Generator) -> None:
         self.model, self.order, self.rng = model, order, rng
@@ -88,13 +62,7 @@ class BallStructure:
         self.rows = max(len(order) + _SURPLUS_ROWS, _POINTS_PER_REGION * max(real.count for real in self._real))
 
     def solve(self) -> tuple[BaseMatrix, dict[str, str], BallEvidence]:
-        """B, the decimals in it by name, and the evidence.
-
-        Raises
-        ------
-        ClosedFormError
-            If a coefficient depends on constants without a value, or no precision decides the rank.
-        """
+        """B, the decimals in it by name, and the evidence."""
         first, second = self._agreed()
         echelon, bits = second
         rows: list[dict[int, RationalFunction]] = []

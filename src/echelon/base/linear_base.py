@@ -206,22 +206,6 @@ def linear_base_parameters(
     """Base parameters of a linear model: exact where relations are known, by ball arithmetic where not.
 
     Ball arithmetic also gives numbers where closed forms take more than the budget and all constants have values.
-
-    Parameters
-    ----------
-    model : LinearModel
-    prefer : sequence of str
-        Parameters that should be representatives, most wanted first.
-    seed : int
-    budget : float
-        How much work closed forms may take.
-    generic : bool
-        Answer for general values of the constants instead of the stated ones.
-
-    Raises
-    ------
-    ClosedFormError
-        If a coefficient has no closed form within the budget, and a constant has no value.
     """
     from echelon.base.linear_balls import BallStructure
     from echelon.base.linear_structure import LinearStructure

@@ -30,21 +30,7 @@ Supports = Mapping[int, tuple[int, ...]]
 
 
 class LinearStructure:
-    """Elimination of the columns of a model's regressor.
-
-    Parameters
-    ----------
-    forms : LinearForms
-    parameters : tuple of str
-    order : tuple of int
-        Columns, those wanted as representatives first.
-    rng : numpy Generator
-
-    Raises
-    ------
-    UnknownRelationsError
-        If the relations between the model's functions are not known.
-    """
+    """Elimination of the columns of a model's regressor."""
 
     def __init__(
         self, forms: LinearForms, parameters: tuple[str, ...], order: tuple[int, ...], rng: np.random.Generator
@@ -53,13 +39,7 @@ class LinearStructure:
         self.sampler = forms.sampler()
 
     def dependences(self) -> Supports:
-        """Dependent columns, confirmed by more samples in another field.
-
-        Raises
-        ------
-        EchelonError
-            If samples keep contradicting one another, which has no natural cause.
-        """
+        """Dependent columns, confirmed by more samples in another field."""
         rows, previous = max(self.forms.shape[1] + _SURPLUS_ROWS, self.sampler.regions * self.forms.shape[0]), None
         for _ in range(_ATTEMPTS):
             field = PrimeField.random(self.rng)
@@ -73,13 +53,7 @@ class LinearStructure:
         raise EchelonError("random points keep contradicting each other; please report this model")
 
     def matrix(self, supports: Supports, work: Work) -> BaseMatrix:
-        """B in closed form.
-
-        Raises
-        ------
-        ClosedFormError
-            If a coefficient has no closed form within the budget.
-        """
+        """B in closed form."""
         pivots = tuple(c for c in self.order if c not in supports)
         rows: dict[int, dict[int, RationalFunction]] = {p: {p: RationalFunction(1)} for p in pivots}
         pairs = [(s, t) for t in supports for s in supports[t]]

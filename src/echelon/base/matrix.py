@@ -27,21 +27,11 @@ Row = Mapping[int, RationalFunction]
 
 @dataclass(frozen=True)
 class StatedNumbers:
-    """Columns of B whose coefficients are numbers, true at stated values of the symbols only.
+    """Columns of B whose coefficients are numbers, true at stated values of the symbols only."""
 
-    Attributes
-    ----------
-    columns : tuple of int
-        Ascending.
-    at : mapping of str to str
-        The stated values of the symbols that matter, as exact text; radians for angles.
-    radius : float
-        Largest error of a coefficient; 0 where they are exact.
-    """
-
-    columns: tuple[int, ...]
-    at: Mapping[str, str]
-    radius: float
+    columns: tuple[int, ...]  # ascending
+    at: Mapping[str, str]  # the stated values of the symbols that matter, as exact text; radians for angles
+    radius: float  # largest error of a coefficient; 0 where they are exact
 
     def exact(self, angles: frozenset[str]) -> dict[str, Number] | None:
         """The stated values as exact numbers, or None if angles are among them, whose sines are not."""
@@ -54,27 +44,13 @@ class StatedNumbers:
 
 @dataclass(frozen=True)
 class BaseMatrix:
-    """Sparse exact B.
+    """Sparse exact B."""
 
-    Attributes
-    ----------
-    parameters : tuple of str
-        Names of the standard parameters, one per column.
-    pivots : tuple of int
-        Column of the representative of every row.
-    rows : tuple of mapping of int to RationalFunction
-        Non-zero entries; the pivot's entry is 1.
-    order : tuple of int
-        Column order for which B is in reduced echelon form.
-    numbers : StatedNumbers, optional
-        Columns without closed forms.
-    """
-
-    parameters: tuple[str, ...]
-    pivots: tuple[int, ...]
-    rows: tuple[Row, ...]
-    order: tuple[int, ...]
-    numbers: StatedNumbers | None = None
+    parameters: tuple[str, ...]  # names of the standard parameters, one per column
+    pivots: tuple[int, ...]  # column of the representative of every row
+    rows: tuple[Row, ...]  # non-zero entries; the pivot's entry is 1
+    order: tuple[int, ...]  # column order for which B is in reduced echelon form
+    numbers: StatedNumbers | None = None  # columns without closed forms
 
     @property
     def rank(self) -> int:
@@ -111,40 +87,13 @@ class BaseMatrix:
         return {str(c.denominator) for c in self.coefficients if not c.is_polynomial}
 
     def modulo(self, symbols: Mapping[str, Residues], field: PrimeField) -> list[dict[int, int]]:
-        """Rows of B modulo a prime, at one geometry.
-
-        Parameters
-        ----------
-        symbols : mapping of str to array of shape (1,)
-            Residue of every symbol that occurs in B; for an angle symbol of the tangent of its half.
-        field : PrimeField
-
-        Raises
-        ------
-        DegenerateSampleError
-            If a denominator vanishes.
-        """
+        """Rows of B modulo a prime, at one geometry.  Shapes: symbols (1,)."""
         values = {g: int(v[0]) for g, v in residues_of_generators(self.generators, symbols, field).items()}
         known = {id(c): residue(c, values, field) for c in self.coefficients}
         return [{column: known[id(c)] for column, c in row.items()} for row in self.rows]
 
     def floats(self, symbols: Mapping[str, float]) -> npt.NDArray[np.float64]:
-        """B in double precision.
-
-        Parameters
-        ----------
-        symbols : mapping of str to float
-            Value of every symbol that occurs in B, SI units.
-
-        Returns
-        -------
-        array of shape (base parameters, standard parameters)
-
-        Raises
-        ------
-        InputError
-            If a coefficient has no value in double precision.
-        """
+        """B in double precision.  Shapes: returns (base parameters, standard parameters)."""
         values = float_generators(self.generators, symbols)
         matrix = np.zeros(self.shape)
         for i, row in enumerate(self.rows):
@@ -153,13 +102,7 @@ class BaseMatrix:
         return matrix
 
     def sympy(self, exact: Mapping[str, Any] | None = None) -> sympy.ImmutableSparseMatrix:
-        """B as a sympy matrix.
-
-        Parameters
-        ----------
-        exact : mapping of str to sympy expression, optional
-            Values to put in for symbols.
-        """
+        """B as a sympy matrix."""
         import sympy
 
         values = {g: sympy_generator(g, exact or {}) for g in self.generators}
@@ -176,19 +119,7 @@ class BaseMatrix:
 
 
 def coefficient_value(coefficient: RationalFunction, generators: Mapping[str, float]) -> float:
-    """A coefficient in double precision.
-
-    Parameters
-    ----------
-    coefficient : RationalFunction
-    generators : mapping of str to float
-        See :func:`echelon.exact.polynomial.float_generators`.
-
-    Raises
-    ------
-    InputError
-        If its denominator is zero there, or it is too large for a double.
-    """
+    """A coefficient in double precision."""
     try:
         value = coefficient.evaluate(generators, float)
     except ZeroDivisionError:
@@ -245,13 +176,7 @@ def residues_of_generators(
 
 
 def residue(coefficient: RationalFunction, generators: Mapping[str, int], field: PrimeField) -> int:
-    """Residue of a coefficient for given residues of its generators.
-
-    Raises
-    ------
-    DegenerateSampleError
-        If its denominator vanishes.
-    """
+    """Residue of a coefficient for given residues of its generators."""
     top = coefficient.numerator.evaluate(generators, field.embed) % field.p
     if coefficient.is_polynomial:
         return top

@@ -18,34 +18,17 @@ _MOST_STATES = 4096
 
 @dataclass(frozen=True)
 class Minor:
-    """The largest non-zero minor of some columns that was found.
+    """The largest non-zero minor of some columns that was found."""
 
-    Attributes
-    ----------
-    rank, prime : int
-        Its size, and the prime modulo which it is not zero.
-    states : int
-        Number of random states whose rows contain it.
-    """
-
-    rank: int
-    prime: int
-    states: int
+    rank: int  # its size, and the prime modulo which it is not zero
+    prime: int  # its size, and the prime modulo which it is not zero
+    states: int  # number of random states whose rows contain it
 
 
 def find_minor(
     regressor: LinearForms, columns: tuple[int, ...], values: StatedValues, rng: np.random.Generator
 ) -> Minor:
-    """A non-zero minor of some columns, of their number if they are independent; block triangular as far as possible.
-
-    Parameters
-    ----------
-    regressor : LinearForms
-    columns : tuple of int
-    values : StatedValues
-        Values of symbols at which it is taken.
-    rng : numpy Generator
-    """
+    """A non-zero minor of some columns, all of them if they are independent; as block triangular as it can be."""
     doubled, best = 1, Minor(-1, 0, 0)
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng, ARRAY_BITS)

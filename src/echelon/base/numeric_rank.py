@@ -53,21 +53,6 @@ _NOISE_AT_CLOSED_STATES = 1e-3
 class NumericRanks:
     """Singular values of a sampled observation matrix with scaled columns, and the ranks that they suggest.
 
-    Attributes
-    ----------
-    columns : int
-        Number of standard parameters.
-    rows : int
-        Number of sampled rows.
-    tolerances : tuple of float
-        Relative to the largest value.
-    singular : tuple of float
-        Singular values, descending, as fractions of the largest.
-    diagonal : tuple of float
-        |R_kk| of a QR factorisation with column pivoting, as fractions of the first; empty if not asked for.
-
-    Examples
-    --------
     >>> import echelon as ec
     >>> from echelon.base.numeric_rank import numeric_ranks
     >>> found = numeric_ranks(ec.load("examples/panda.yaml"))
@@ -75,10 +60,11 @@ class NumericRanks:
     ((43, 43, 43, 43), True)
     """
 
-    columns: int
-    rows: int
-    tolerances: tuple[float, ...]
-    singular: tuple[float, ...]
+    columns: int  # number of standard parameters
+    rows: int  # number of sampled rows
+    tolerances: tuple[float, ...]  # relative to the largest value
+    singular: tuple[float, ...]  # singular values, descending, as fractions of the largest
+    # |R_kk| of a QR factorisation with column pivoting, as fractions of the first; empty if not asked for
     diagonal: tuple[float, ...] = ()
 
     @property
@@ -101,13 +87,7 @@ class NumericRanks:
         return max(self.singular[rank - 1], _ROUNDING) / max(self.singular[rank], _ROUNDING)
 
     def widest_gap(self, besides: int | None = None) -> tuple[int, float] | None:
-        """The rank with the widest gap, and the gap; None where there is none.
-
-        Parameters
-        ----------
-        besides : int, optional
-            A rank that does not take part.
-        """
+        """The rank with the widest gap, and the gap; None where there is none."""
         gaps = [(self.gap(rank), rank) for rank in range(1, len(self.singular)) if rank != besides]
         widest = max(gaps, key=lambda found: (found[0], -found[1]), default=None)
         return None if widest is None else (widest[1], widest[0])
@@ -133,37 +113,6 @@ def numeric_ranks(
 
     The cost is that of a factorisation of about 1.5n × n numbers, n being the number of standard parameters, or of
     little more than r × r if only ranks near a given r are of interest.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Every symbol that the regressor needs has a value.
-    seed : int
-        Seed of the random states.
-    tolerances : sequence of float
-        Relative to the largest singular value.
-    literal : bool
-        Numbers as they stand in the file, although they were read as nearby exact ones.
-    pivoted : bool
-        Factor by QR with column pivoting, too.
-    near : int, optional
-        Tell ranks up to a little above this number apart, and no higher ones: W is then multiplied by a random matrix
-        with fewer columns, which keeps its rank.
-    symbols : mapping of str to float, optional
-        Values that replace or complete those of the mechanism.
-    recorded : LinearForms, optional
-        The mechanism's virtual power, where it is recorded already.
-    columns : sequence of int, optional
-        Of these standard parameters only.
-
-    Returns
-    -------
-    NumericRanks
-
-    Raises
-    ------
-    InputError
-        If a symbol has no value, the loops do not close, or no state is found at which the regressor is finite.
     """
     reading = mechanism.reading
     if literal and reading is not None and reading.snaps:
@@ -182,15 +131,7 @@ def numeric_ranks(
 
 
 def ranks_of_matrix(matrix: Floats, tolerances: Sequence[float] = TOLERANCES, *, pivoted: bool = False) -> NumericRanks:
-    """Singular values of a matrix as fractions of the largest.
-
-    Parameters
-    ----------
-    matrix : array of shape (rows, columns)
-    tolerances : sequence of float
-    pivoted : bool
-        Factor by QR with column pivoting, too.
-    """
+    """Singular values of a matrix as fractions of the largest.  Shapes: matrix (rows, columns)."""
     rows, columns = matrix.shape
     triangle = np.linalg.qr(matrix, mode="r") if rows > columns else matrix
     singular: Floats = np.linalg.svd(triangle, compute_uv=False).astype(np.float64)

@@ -27,22 +27,7 @@ _EXCHANGE = 5.0
 
 
 def column_order(columns: Sequence[Parameter], order: str, prefer: Sequence[str] = ()) -> tuple[int, ...]:
-    """Columns from most to least preferred as representative.
-
-    Parameters
-    ----------
-    columns : sequence of Parameter
-        The standard parameters.
-    order : str
-        ``"base-to-tip"`` (classical groupings, polynomial coefficients) or ``"tip-to-base"``.
-    prefer : sequence of str
-        Names of parameters (``"M7"``) or kinds (``"M"``) that come first, in this order.
-
-    Raises
-    ------
-    InputError
-        For an unknown order or name.
-    """
+    """Columns from most to least preferred as representative."""
     if order not in ORDERS:
         raise InputError(f"unknown order '{order}' (valid: {', '.join(ORDERS)})")
     numbers = list(range(len(columns)))
@@ -62,22 +47,7 @@ def column_order(columns: Sequence[Parameter], order: str, prefer: Sequence[str]
 
 
 def reordered(matrix: BaseMatrix, order: tuple[int, ...], rng: np.random.Generator, work: Work) -> BaseMatrix | None:
-    """The reduced echelon form for another column order.
-
-    Parameters
-    ----------
-    matrix : BaseMatrix
-    order : tuple of int
-        A permutation of the columns.
-    rng : numpy Generator
-    work : Work
-        What may be spent; some is left.
-
-    Returns
-    -------
-    BaseMatrix or None
-        With rows sorted by pivot in the new order; None if it takes too much work.
-    """
+    """The reduced echelon form for another column order."""
     wanted = _pivots(matrix, order, rng)
     rows = dict(zip(matrix.pivots, (dict(row) for row in matrix.rows), strict=True))
     entering = [c for c in wanted if c not in rows]

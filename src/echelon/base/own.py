@@ -34,43 +34,18 @@ from echelon.seeds import DEFAULT_SEED, random_generator
 
 @dataclass(frozen=True)
 class OwnAnswer:
-    """The mechanism with the relations among its values put in, and its structure.
-
-    Attributes
-    ----------
-    mechanism : Mechanism
-    structure : Structure
-        For general values of the symbols that are left, which is that at the stated values.
-    special : SpecialValues, optional
-        None where the stated values are like any others.
-    undecided : str
-        Why the structure at the stated values could not be found; empty if it was.
-    """
+    """The mechanism with the relations among its values put in, and its structure."""
 
     mechanism: Mechanism
-    structure: Structure
-    special: SpecialValues | None = None
-    undecided: str = ""
+    structure: Structure  # for general values of the symbols that are left, which is that at the stated values
+    special: SpecialValues | None = None  # none where the stated values are like any others
+    undecided: str = ""  # why the structure at the stated values could not be found; empty if it was
 
 
 def own_answer(
     mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None = None, *, generic: bool = False
 ) -> OwnAnswer:
-    """Structure at the stated values, and the relations among them that it depends on.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    rng : numpy Generator
-    recorded : LinearForms, optional
-        The mechanism's virtual power, where it is recorded already.
-    generic : bool
-        Keep the answer for general values, and tell what the stated ones would change.
-
-    Returns
-    -------
-    OwnAnswer
-    """
+    """Structure at the stated values, and the relations among them that it depends on."""
     try:
         return _own_answer(mechanism, rng, recorded, generic)
     except OtherModeError as error:
@@ -108,12 +83,7 @@ def _own_answer(
 
 
 def at_stated_values(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with exact values for all symbols that have one.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    """
+    """The mechanism with exact values for all symbols that have one."""
     values = stated_values(mechanism)
     if not values.names:
         return mechanism
@@ -123,29 +93,12 @@ def at_stated_values(mechanism: Mechanism) -> Mechanism:
 
 
 def stated_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
-    """Structure at the stated values of all symbols that have one.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    rng : numpy Generator
-    """
+    """Structure at the stated values of all symbols that have one."""
     return find_structure(at_stated_values(mechanism), rng)
 
 
 def at_values(matrix: BaseMatrix, values: StatedValues) -> BaseMatrix:
-    """B without the entries that are zero at the stated values.
-
-    Parameters
-    ----------
-    matrix : BaseMatrix
-    values : StatedValues
-
-    Raises
-    ------
-    InputError
-        If a denominator is zero at them.
-    """
+    """B without the entries that are zero at the stated values."""
     if not set(matrix.symbols) & set(values.names):
         return matrix
     rng = random_generator(DEFAULT_SEED)

@@ -28,29 +28,7 @@ MOST_TERMS = 150_000
 def pseudo_inverse(
     matrix: BaseMatrix, metric: Any, formulas: Mapping[str, Any], most_terms: int = MOST_TERMS
 ) -> sympy.ImmutableMatrix:
-    """The inverse of B from the right that belongs to a metric.
-
-    Parameters
-    ----------
-    matrix : BaseMatrix
-    metric : "identity", sequence, or sympy Matrix
-        See :func:`echelon.base.exact_metric.metric_entries`.
-    formulas : mapping of str to sympy expression
-        What symbols of B stand for, where they are not symbols.
-    most_terms : int
-        Longest closed form of a block.
-
-    Returns
-    -------
-    sympy matrix of shape (standard parameters, base parameters)
-
-    Raises
-    ------
-    InputError
-        If the metric is not valid.
-    ClosedFormError
-        If the closed form is longer than that.
-    """
+    """The inverse of B from the right that belongs to a metric."""
     import sympy
 
     n = len(matrix.parameters)

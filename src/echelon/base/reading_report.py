@@ -54,32 +54,16 @@ class MimicRanks:
 
 @dataclass(frozen=True)
 class ReadingReport:
-    """How a file was read: the literal reading beside the intended one.
+    """How a file was read: the literal reading beside the intended one."""
 
-    Attributes
-    ----------
-    snaps : tuple of Snap
-        What was read as exact.
-    notes : tuple of str
-        What the reader wants its user to know.
-    literal_rank : int or None
-        Rank of the literal reading; None where nothing that matters was snapped.
-    decisive : tuple of Snap
-        Snaps without any of which the rank would not be the intended one.
-    doubt : str
-        Where the float ranks of the literal numbers do not confirm the exact one, what they are; otherwise empty.
-    mimics : MimicRanks, optional
-        Of files that couple joints.
-    assembled : Assembled, optional
-        Of mechanisms whose loops were not closed at the stated assembly pose: what was moved.
-    """
-
-    snaps: tuple[Snap, ...] = ()
-    notes: tuple[str, ...] = ()
-    literal_rank: int | None = None
-    decisive: tuple[Snap, ...] = ()
+    snaps: tuple[Snap, ...] = ()  # what was read as exact
+    notes: tuple[str, ...] = ()  # what the reader wants its user to know
+    literal_rank: int | None = None  # rank of the literal reading; None where nothing that matters was snapped
+    decisive: tuple[Snap, ...] = ()  # snaps without any of which the rank would not be the intended one
+    # where the float ranks of the literal numbers do not confirm the exact one, what they are; otherwise empty
     doubt: str = ""
-    mimics: MimicRanks | None = None
+    mimics: MimicRanks | None = None  # of files that couple joints
+    # of mechanisms whose loops were not closed at the stated assembly pose: what was moved
     assembled: Assembled | None = None
 
 
@@ -90,19 +74,7 @@ def report_reading(
     recorded: LinearForms | None = None,
     matrix: BaseMatrix | None = None,
 ) -> ReadingReport:
-    """What was snapped, and what the literal reading of the mechanism's file would give.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    rank : int
-        Rank of the intended reading at the stated values.
-    rng : numpy Generator
-    recorded : LinearForms, optional
-        The mechanism's virtual power, where it is recorded already.
-    matrix : BaseMatrix, optional
-        B at the stated values, which lets few columns of a large robot be compared instead of all.
-    """
+    """What was snapped, and what the literal reading of the mechanism's file would give."""
     reading, moved = mechanism.reading, assembled(mechanism)
     notes = (*(() if reading is None else reading.notes), *mechanism_notes(mechanism))
     if reading is None:
@@ -124,12 +96,7 @@ def report_reading(
 
 
 def mechanism_notes(mechanism: Mechanism) -> list[str]:
-    """What a user should know of a mechanism, whatever it was read from.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    """
+    """What a user should know of a mechanism, whatever it was read from."""
     notes = [*closing_notes(mechanism), *_shared(mechanism)]
     split = ", ".join(f"'{name}'" for name in split_balls(mechanism))
     what = "the loops leave a part of a free rotation open, such as the spin of a rod between two balls"
@@ -204,15 +171,7 @@ def _rank_of_columns(matrix: BaseMatrix, columns: Sequence[int], values: StatedV
 
 
 def mimic_ranks(mechanism: Mechanism, rank: int, rng: np.random.Generator) -> MimicRanks | None:
-    """The rank beside that of the other reading of mimic joints; None without mimic joints.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    rank : int
-        Its rank at the stated values.
-    rng : numpy Generator
-    """
+    """The rank beside that of the other reading of mimic joints; None without mimic joints."""
     reading = mechanism.reading
     if reading is None or reading.recoupled is None:
         return None

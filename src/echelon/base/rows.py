@@ -13,17 +13,10 @@ from echelon.regressor.virtual_power import virtual_power_form
 
 @dataclass(frozen=True)
 class Rows:
-    """Forms with some auxiliary columns before those of the parameters.
-
-    Attributes
-    ----------
-    forms : LinearForms
-    auxiliary : int
-        1 for energies, which are known up to a constant; 0 for forces.
-    """
+    """Forms with some auxiliary columns before those of the parameters."""
 
     forms: LinearForms
-    auxiliary: int
+    auxiliary: int  # 1 for energies, which are known up to a constant; 0 for forces
 
     def columns(self, keep: Sequence[int]) -> Rows:
         """The rows restricted to some parameters, renumbered in the given order."""
@@ -36,10 +29,6 @@ def rows_of(mechanism: Mechanism) -> Rows:
 
     Energies serve while the forces of all independent coordinates are measured and only bodies have parameters; see
     :mod:`echelon.regressor.energy`.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
     """
     if mechanism.measures_every_force and not mechanism.effects:
         return Rows(energy_form(mechanism), 1)

@@ -166,13 +166,7 @@ class _Spaces:
         raise EchelonError("every random point is singular; please report this model")
 
     def rank(self, names: Sequence[str]) -> int:
-        """Rank of the sensors together; an unlucky point could only lower it, so the larger of two counts.
-
-        Raises
-        ------
-        ClosedFormError
-            If less work is left than it takes.
-        """
+        """Rank of the sensors together; an unlucky point could only lower it, so the larger of two counts."""
         key = tuple(names)
         if key not in self._known:
             if self.work is not None:

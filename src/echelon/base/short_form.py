@@ -31,39 +31,18 @@ _HIGHEST = 8  # power of one of them
 
 @dataclass
 class ShortForms:
-    """Writes nodes of a program as short formulas.
-
-    Attributes
-    ----------
-    program : Program
-    symbols : mapping of str to sympy Symbol
-        For the inputs of the program.
-    absolute : mapping of str to Combination
-        See :func:`echelon.base.absolute_angles.absolute_angles`.
-    most_terms : int
-        Of an intermediate value, multiplied out.
-    """
+    """Writes nodes of a program as short formulas."""
 
     program: Program
-    symbols: Mapping[str, Any]
-    absolute: Mapping[str, Combination]
-    most_terms: int
+    symbols: Mapping[str, Any]  # for the inputs of the program
+    absolute: Mapping[str, Combination]  # see :func:`echelon.base.absolute_angles.absolute_angles`
+    most_terms: int  # of an intermediate value, multiplied out
     _atoms: dict[str, Any] = field(default_factory=dict)
     _sums: dict[str, Combination] = field(default_factory=dict)
     _known: dict[int, Polynomial] = field(default_factory=dict)
 
     def formulas(self, nodes: Sequence[int]) -> list[Any]:
-        """Sympy expressions of nodes.
-
-        Parameters
-        ----------
-        nodes : sequence of int
-
-        Raises
-        ------
-        ClosedFormError
-            If a value has too many terms.
-        """
+        """Sympy expressions of nodes."""
         for node in self.program.needed(nodes):
             self._known[node] = value = self._polynomial(node)
             if len(value.terms) > self.most_terms:

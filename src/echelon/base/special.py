@@ -22,13 +22,7 @@ _AXES = (("x", (1, 0, 0)), ("y", (0, 1, 0)), ("z", (0, 0, 1)))
 
 @dataclass(frozen=True)
 class SpecialCase:
-    """A condition and the rank where it holds and everything else is generic.
-
-    Attributes
-    ----------
-    condition : str
-    rank : int
-    """
+    """A condition and the rank where it holds and everything else is generic."""
 
     condition: str
     rank: int

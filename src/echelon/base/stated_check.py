@@ -28,24 +28,7 @@ _LOOSEST = 1e-30
 
 
 def check_stated(regressor: LinearForms, matrix: BaseMatrix, rng: np.random.Generator) -> float:
-    """Check X = X̄ B in the columns that are numbers.
-
-    Parameters
-    ----------
-    regressor : LinearForms
-    matrix : BaseMatrix
-    rng : numpy Generator
-
-    Returns
-    -------
-    float
-        Decimal logarithm of the largest residual beside the largest entry of X; −inf for exact numbers.
-
-    Raises
-    ------
-    CertificateError
-        If a column is wrong; the message names its parameter.
-    """
+    """Check X = X̄ B in the columns that are numbers."""
     numbers = matrix.numbers
     if numbers is None or not numbers.columns:
         return -inf

@@ -44,19 +44,7 @@ Pair = tuple[int, int]
 
 
 class StatedColumns:
-    """Numbers of some columns of B.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    found : sequence of Relation
-        Those of all dependent columns that are not zero.
-    zero : sequence of int
-        The columns that are zero.
-    order : tuple of int
-        Column order of B.
-    rng : numpy Generator
-    """
+    """Numbers of some columns of B."""
 
     def __init__(
         self,
@@ -74,13 +62,7 @@ class StatedColumns:
         self.pivots, self._supports = self._structure()
 
     def numbers(self, columns: Sequence[int]) -> tuple[dict[int, dict[int, RationalFunction]], StatedNumbers]:
-        """Some columns as combinations of pivots, and how exact they are.
-
-        Raises
-        ------
-        ClosedFormError
-            If a symbol that matters has no value.
-        """
+        """Some columns as combinations of pivots, and how exact they are."""
         pairs = [(pivot, column) for column in columns for pivot in self._supports.get(column, ())]
         needed = self._needed(columns)
         at = self._stated({s for relation in needed for s in relation.symbols})

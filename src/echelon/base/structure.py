@@ -94,22 +94,7 @@ class Structure:
 
 
 def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
-    """Rank and pivots in base-to-tip order, for generic values of the geometry symbols.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    rng : numpy Generator
-
-    Returns
-    -------
-    Structure
-
-    Raises
-    ------
-    EchelonError
-        If random points keep contradicting each other, which has no natural cause.
-    """
+    """Rank and pivots in base-to-tip order, for generic values of the geometry symbols."""
     by_joint = _dependent_by_joint(mechanism, rng)
     local = {column for columns in by_joint.values() for column in columns}
     remaining = [c for c in range(len(mechanism.parameters)) if c not in local]

@@ -125,26 +125,7 @@ def symbolic_regressor(
     form: Form = "auto",
     absolute: Mapping[str, Combination] | None = None,
 ) -> SymbolicRegressor:
-    """Recorded forms as formulas.
-
-    Parameters
-    ----------
-    name : str
-    forms : LinearForms
-    rows, columns : sequence of str
-    form : "auto", "short" or "named"
-        Short formulas where no value has more than 64 terms when multiplied out, or up to 4096 if ``"short"`` is
-        asked for; or names for what is used more than once.
-    absolute : mapping of str to Combination, optional
-        See :func:`echelon.base.absolute_angles.absolute_angles`.
-
-    Raises
-    ------
-    InputError
-        For an unknown form.
-    ClosedFormError
-        If short formulas are asked for and a value has too many terms.
-    """
+    """Recorded forms as formulas."""
     import sympy
 
     if form not in ("auto", "short", "named"):

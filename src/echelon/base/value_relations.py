@@ -24,21 +24,11 @@ PivotsOf = Callable[[Mapping[str, Polynomial]], tuple[int, ...]]
 
 @dataclass(frozen=True)
 class SpecialValues:
-    """What the stated values change against general symbols.
+    """What the stated values change against general symbols."""
 
-    Attributes
-    ----------
-    generic_rank : int
-        For general values of the symbols.
-    rank : int
-        For the robot's own values.
-    relations : tuple of str
-        Relations among the values that make the difference, such as ``a2 = 0``.
-    """
-
-    generic_rank: int
-    rank: int
-    relations: tuple[str, ...]
+    generic_rank: int  # for general values of the symbols
+    rank: int  # for the robot's own values
+    relations: tuple[str, ...]  # relations among the values that make the difference, such as ``a2 = 0``
 
     @property
     def definitions(self) -> dict[str, str]:
@@ -48,13 +38,7 @@ class SpecialValues:
         return {name: re.sub(r"(\d+)°", r"\1*pi/180", right) for name, right in plain}
 
     def text(self, what: str) -> str:
-        """Both counts with the reason.
-
-        Parameters
-        ----------
-        what : str
-            What has the stated values, such as ``robot``.
-        """
+        """Both counts with the reason."""
         reason = " and ".join(self.relations)
         if self.rank == self.generic_rank:
             return f"{self.rank} as in general, but with other representatives for this {what}, because {reason}"
@@ -66,17 +50,10 @@ Terms = tuple[tuple[str, Fraction], ...]
 
 @dataclass(frozen=True)
 class Relations:
-    """Symbols that have their values, and symbols that are combinations of others.
-
-    Attributes
-    ----------
-    fixed : frozenset of str
-    combined : tuple of (str, terms)
-        x = Σ factor · symbol, for angles apart from multiples of 15°.
-    """
+    """Symbols that have their values, and symbols that are combinations of others."""
 
     fixed: frozenset[str]
-    combined: tuple[tuple[str, Terms], ...] = ()
+    combined: tuple[tuple[str, Terms], ...] = ()  # x = Σ factor · symbol, for angles apart from multiples of 15°
 
     def put_in(self, values: StatedValues) -> dict[str, Polynomial]:
         """What becomes of the generators of these symbols."""
@@ -120,14 +97,6 @@ class RelationSearch:
 
     A smallest set of symbols that must have their values comes first (QuickXplain, Junker 2004), then the simplest
     relations among these that are enough.
-
-    Parameters
-    ----------
-    values : StatedValues
-    wanted : tuple of int
-        Pivots with all values put in.
-    pivots_of : callable
-        Pivots of the model with something put in for generators of its symbols.
     """
 
     def __init__(self, values: StatedValues, wanted: tuple[int, ...], pivots_of: PivotsOf) -> None:

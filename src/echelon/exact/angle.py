@@ -19,20 +19,11 @@ this degree it stays a generator of its own."""
 
 @dataclass(frozen=True)
 class Angle:
-    """half_turns·π + Σ coefficient·symbol + radians.
+    """half_turns·π + Σ coefficient·symbol + radians."""
 
-    Attributes
-    ----------
-    half_turns : Fraction
-        Multiple of π.
-    parts : tuple of (symbol, coefficient)
-        Symbolic part.
-    radians : Fraction
-        A plain number of radians; it has no exact sine, so a reader must snap it or name it before use.
-    """
-
-    half_turns: Fraction = Fraction(0)
-    parts: tuple[tuple[str, Rational], ...] = ()
+    half_turns: Fraction = Fraction(0)  # multiple of π
+    parts: tuple[tuple[str, Rational], ...] = ()  # symbolic part
+    # A plain number of radians; it has no exact sine, so a reader must snap it or name it before use
     radians: Fraction = Fraction(0)
 
     @property

@@ -102,13 +102,7 @@ def fit_quotient(
 
 
 def solve_ansatz(ansatz: Ansatz, field: PrimeField, geometry: Geometry, values: Residues) -> list[int]:
-    """Coefficients of a known ansatz in one field.
-
-    Raises
-    ------
-    DegenerateSampleError
-        If they are not determined.
-    """
+    """Coefficients of a known ansatz in one field."""
     system = _system(field, geometry, values, ansatz.numerator, ansatz.denominator, ansatz.size + 1)
     solutions = null_vectors(system, field)
     if len(solutions) != 1 or not solutions[0][-1]:

@@ -16,31 +16,15 @@ _DECIDED = 3
 
 @dataclass(frozen=True)
 class BallEchelon:
-    """Reduced echelon form of a matrix of balls.
-
-    Attributes
-    ----------
-    pivots : list of int
-    rows : list of lists of arb
-        One per pivot.
-    residual : float
-        Binary logarithm of the largest bound among what was taken as zero.
-    """
+    """Reduced echelon form of a matrix of balls."""
 
     pivots: list[int]
-    rows: list[list[Any]]
-    residual: float
+    rows: list[list[Any]]  # one per pivot
+    residual: float  # binary logarithm of the largest bound among what was taken as zero
 
 
 def ball_echelon(matrix: list[list[Any]], bits: int) -> BallEchelon | None:
-    """Reduced echelon form with pivots as far left as they can be, or None if the precision does not decide it.
-
-    Parameters
-    ----------
-    matrix : list of rows of arb
-    bits : int
-        The precision.
-    """
+    """Reduced echelon form with pivots as far left as they can be, or None if the precision does not decide it."""
     rows, columns = [list(row) for row in matrix], len(matrix[0])
     pivots: list[int] = []
     residual = -float(bits)

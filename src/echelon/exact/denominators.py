@@ -80,23 +80,8 @@ def entangled_size(parts: Mapping[str, Section], angles: frozenset[str]) -> int:
 def entangled_factor(
     parts: Mapping[str, Section], angles: frozenset[str], field: PrimeField, geometry: Geometry, values: Residues
 ) -> Residual | None:
-    """The denominator of a function of some symbols, whose degrees in each of them are known.
-
-    Parameters
-    ----------
-    parts : mapping of str to Section
-    angles : frozenset of str
-    field : PrimeField
-    geometry : Geometry
-        Random values of these symbols.
-    values : array of shape (points,)
-        Of the function there, with at least :func:`entangled_size` points.
-
-    Returns
-    -------
-    mapping of Monomial to int, or None
-        None if there is no such quotient.
-    """
+    """The denominator of a function of some symbols, whose degrees in each of them are known."""
+    # shapes: values (points,)
     top = box([symbol_basis(name, s.top, angle=name in angles) for name, s in parts.items()])
     bottom = box([symbol_basis(name, s.bottom, angle=name in angles) for name, s in parts.items()])
     fit = fit_quotient(field, geometry, values, top, bottom)

@@ -16,18 +16,7 @@ from echelon.exact.field import PrimeField, Residues
 
 
 def reduced_echelon(matrix: Residues, field: PrimeField) -> tuple[Any, list[int]]:
-    """Reduced row echelon form of a matrix over GF(p) with p below 2^63.
-
-    Parameters
-    ----------
-    matrix : array of shape (rows, columns)
-    field : PrimeField
-
-    Returns
-    -------
-    (nmod_mat, list of int)
-        The echelon form and its pivot columns.
-    """
+    """Reduced row echelon form of a matrix over GF(p) with p below 2^63.  Shapes: matrix (rows, columns)."""
     rows, columns = matrix.shape
     if not rows or not columns:
         return flint.nmod_mat(rows, columns, field.p), []
@@ -65,24 +54,8 @@ def null_vectors(matrix: Residues, field: PrimeField) -> list[list[int]]:
 
 
 def solve_batched(left: Residues, right: Residues, field: PrimeField) -> Residues:
-    """Solve many small systems A x = b at once, with as many or more equations than unknowns.
-
-    Parameters
-    ----------
-    left : array of shape (batch, equations, unknowns)
-    right : array of shape (batch, equations, sides)
-    field : PrimeField
-        With a prime below 2^31.
-
-    Returns
-    -------
-    array of shape (batch, unknowns, sides)
-
-    Raises
-    ------
-    DegenerateSampleError
-        If a matrix has dependent columns, or surplus equations contradict the solution.
-    """
+    """Solve many small systems A x = b at once, with as many or more equations than unknowns."""
+    # shapes: left (batch, equations, unknowns); right (batch, equations, sides); returns (batch, unknowns, sides)
     unknowns = left.shape[2]
     table = np.concatenate([left, right], axis=2) % field.p
     batch = np.arange(table.shape[0])

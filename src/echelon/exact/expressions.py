@@ -37,26 +37,6 @@ _LARGEST_EXPONENT, _MOST_TERMS, _MOST_BITS = 32, 20_000, 20_000
 def parse(text: str, symbols: Collection[str] | None = None) -> Polynomial:
     """Read an exact expression.
 
-    Parameters
-    ----------
-    text : str
-        Decimal numbers, symbols, ``pi``, ``+ - * /``, integer powers, ``sqrt`` of 2, 3, 6 and rational squares,
-        ``sin`` and ``cos`` of angles.
-    symbols : collection of str, optional
-        Names that may occur; any name if omitted.
-
-    Returns
-    -------
-    Polynomial
-        With ``pi`` as a generator where it occurs outside sin and cos.
-
-    Raises
-    ------
-    ValueError
-        If the text is not such an expression; the message says why.
-
-    Examples
-    --------
     >>> parse("D3/2 - 0.5*D3 + 2*L^2")
     2*L^2
     >>> parse("cos(pi/4)")
@@ -96,24 +76,12 @@ def _parse_piece(text: str, symbols: Collection[str] | None) -> Polynomial:
 
 
 def parse_angle(text: str, symbols: Collection[str] | None = None) -> Angle:
-    """Read an angle in radians: a rational combination of ``pi``, symbols and plain numbers.
-
-    Raises
-    ------
-    ValueError
-        If the text is not an angle.
-    """
+    """Read an angle in radians: a rational combination of ``pi``, symbols and plain numbers."""
     return as_angle(parse(text, symbols))
 
 
 def as_angle(polynomial: Polynomial) -> Angle:
-    """A polynomial that is linear in pi and symbols, as an angle.
-
-    Raises
-    ------
-    ValueError
-        If it is not linear, or has irrational coefficients.
-    """
+    """A polynomial that is linear in pi and symbols, as an angle."""
     turns: Rational = 0
     radians: Rational = 0
     parts: list[tuple[str, Rational]] = []

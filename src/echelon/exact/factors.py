@@ -26,8 +26,6 @@ def factors(polynomial: Polynomial) -> tuple[Fraction, Factors]:
     Every factor has coprime integer coefficients and a positive first one, so equal factors are equal polynomials.
     Generators are taken as independent.
 
-    Examples
-    --------
     >>> x, y = Polynomial.generator("x"), Polynomial.generator("y")
     >>> factors((y * y - x * x) * Fraction(1, 2))
     (Fraction(-1, 2), [(x + y, 1), (x - y, 1)])
@@ -45,14 +43,7 @@ def factors(polynomial: Polynomial) -> tuple[Fraction, Factors]:
 
 
 def divided(polynomial: Polynomial, divisor: Polynomial, order: Sequence[str]) -> tuple[Polynomial, Polynomial]:
-    """Quotient and remainder; no term of the remainder is divisible by the first term of the divisor.
-
-    Parameters
-    ----------
-    polynomial, divisor : Polynomial
-    order : sequence of str
-        All generators, the one that counts most first (lexicographic order of monomials).
-    """
+    """Quotient and remainder; no term of the remainder is divisible by the first term of the divisor."""
     ring = _context(len(order))
     quotient, rest = divmod(_enter(polynomial, order, ring), _enter(divisor, order, ring))
     return _leave(quotient, order), _leave(rest, order)

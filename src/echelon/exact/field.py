@@ -47,19 +47,14 @@ def _random_below(rng: np.random.Generator, bound: int) -> int:
 
 @dataclass(frozen=True)
 class PrimeField:
-    """GF(p) with chosen square roots of 2 and 3.
+    """GF(p) with chosen square roots of 2 and 3."""
 
-    Attributes
-    ----------
-    p : int
-        A prime that is 23 modulo 24.
-    root2, root3 : int
-        The residues that stand for √2 and √3.  The four sign choices are the Galois conjugates, from which the
-        irrational parts of a coefficient are separated.
-    """
-
-    p: int
+    p: int  # A prime that is 23 modulo 24
+    # the residues that stand for √2 and √3.  The four sign choices are the Galois conjugates, from which the irrational
+    # parts of a coefficient are separated
     root2: int
+    # the residues that stand for √2 and √3.  The four sign choices are the Galois conjugates, from which the irrational
+    # parts of a coefficient are separated
     root3: int
 
     @staticmethod
@@ -84,13 +79,7 @@ class PrimeField:
         return np.int64 if self.p < 1 << 31 else object
 
     def embed(self, x: Number) -> int:
-        """Residue of an exact number.
-
-        Raises
-        ------
-        DegenerateSampleError
-            If p divides a denominator.
-        """
+        """Residue of an exact number."""
         if isinstance(x, int):
             return x % self.p
         if isinstance(x, Surd):
@@ -99,25 +88,13 @@ class PrimeField:
         return x.numerator * self.invert(x.denominator) % self.p
 
     def invert(self, x: int) -> int:
-        """1/x mod p.
-
-        Raises
-        ------
-        DegenerateSampleError
-            If x is zero modulo p.
-        """
+        """1/x mod p."""
         if not x % self.p:
             raise DegenerateSampleError(f"a denominator vanishes modulo {self.p}")
         return pow(x, -1, self.p)
 
     def invert_array(self, x: Residues) -> Residues:
-        """Elementwise 1/x mod p.
-
-        Raises
-        ------
-        DegenerateSampleError
-            If an element is zero.
-        """
+        """Elementwise 1/x mod p."""
         if x.size < _FEW or x.dtype == object:
             flat = [self.invert(int(v)) for v in x.ravel()]
             return np.array(flat, dtype=self.dtype).reshape(x.shape)
@@ -147,13 +124,7 @@ class PrimeField:
         return (1 - square) * scale % p, 2 * t * scale % p
 
     def sphere(self, t: Residues) -> Residues:
-        """Points of the unit sphere by stereographic projection: t of shape (k, ...) gives (k + 1, ...).
-
-        Raises
-        ------
-        DegenerateSampleError
-            If 1 + Σ t² vanishes somewhere.
-        """
+        """Points of the unit sphere by stereographic projection: t of shape (k, ...) gives (k + 1, ...)."""
         p = self.p
         square = (t * t % p).sum(axis=0) % p
         scale = self.invert_array((1 + square) % p)

@@ -32,25 +32,7 @@ _Sections = dict[str, Section]
 
 
 def find_fits(unknown: UnknownFunctions, field: PrimeField, rng: np.random.Generator, work: Work) -> list[Fit | None]:
-    """Monomials and coefficients of all functions in one field.
-
-    Parameters
-    ----------
-    unknown : UnknownFunctions
-    field : PrimeField
-    rng : numpy Generator
-    work : Work
-
-    Returns
-    -------
-    list of Fit or None
-        None for a function of high degrees, or of too many terms for the budget.
-
-    Raises
-    ------
-    ClosedFormError
-        If random geometries are singular again and again, or the budget is used up.
-    """
+    """Monomials and coefficients of all functions in one field."""
     return persistent(lambda: _Fitting(unknown, field, rng, work).run())
 
 

@@ -23,12 +23,7 @@ Sparse = dict[int, Any]
 
 
 def blocks(rows: Sequence[Sparse]) -> list[list[int]]:
-    """Sets of rows that are connected by non-zero entries of a symmetric matrix, each in ascending order.
-
-    Parameters
-    ----------
-    rows : sequence of rows
-    """
+    """Sets of rows that are connected by non-zero entries of a symmetric matrix, each in ascending order."""
     found: list[list[int]] = []
     seen: set[int] = set()
     for start in range(len(rows)):
@@ -45,27 +40,7 @@ def blocks(rows: Sequence[Sparse]) -> list[list[int]]:
 
 
 def adjugate(rows: Sequence[Sparse], one: Any, most_terms: int) -> tuple[list[Sparse], Any]:
-    """The inverse of a symmetric definite matrix as a matrix of polynomials and a common denominator.
-
-    Parameters
-    ----------
-    rows : sequence of rows
-        Of a square matrix.
-    one : polynomial
-        The ring's 1.
-    most_terms : int
-        Of all polynomials together.
-
-    Returns
-    -------
-    rows, denominator
-        With matrix · rows = denominator · identity.
-
-    Raises
-    ------
-    ClosedFormError
-        If the matrix is singular, or the polynomials get longer than that.
-    """
+    """The inverse of a symmetric definite matrix as a matrix of polynomials and a common denominator."""
     size = len(rows)
     if 4 * size * size > most_terms:  # even in numbers, whose digits grow with the size
         raise ClosedFormError(f"the closed form has more than {most_terms} terms")

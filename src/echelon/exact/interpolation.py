@@ -31,43 +31,17 @@ _MOST_PRIMES = 64
 def interpolate(
     unknown: UnknownFunctions, rng: np.random.Generator, work: Work | None = None
 ) -> list[RationalFunction | None]:
-    """Closed forms of all functions.
-
-    Parameters
-    ----------
-    unknown : UnknownFunctions
-    rng : numpy Generator
-    work : Work, optional
-        What it may cost; that of a budget of 1 if omitted.
-
-    Returns
-    -------
-    list of RationalFunction or None
-        None for a function whose closed form was not found: its degrees are too high, or it takes too much work.
-
-    Raises
-    ------
-    ClosedFormError
-        If random geometries are singular again and again, or the budget is used up before the first closed form.
-    """
+    """Closed forms of all functions."""
     return _Interpolation(unknown, rng, Work.of(1) if work is None else work).run()
 
 
 @dataclass(eq=False)
 class _Pending:
-    """A function whose coefficients are not known yet, with what is known of them.
-
-    Attributes
-    ----------
-    ansatz : Ansatz
-    primes : list of int
-    tables : list of lists of lists of int
-        For each prime the four parts (1, √2, √3, √6) of every coefficient.
-    """
+    """A function whose coefficients are not known yet, with what is known of them."""
 
     ansatz: Ansatz
     primes: list[int]
-    tables: list[list[list[int]]]
+    tables: list[list[list[int]]]  # for each prime the four parts (1, √2, √3, √6) of every coefficient
 
 
 class _Interpolation:

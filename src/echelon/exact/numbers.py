@@ -111,13 +111,7 @@ def parts_of(x: Number) -> tuple[Rational, Rational, Rational, Rational]:
 
 
 def inverse(x: Number) -> Number:
-    """Exact 1/x.
-
-    Raises
-    ------
-    ZeroDivisionError
-        If x is zero.
-    """
+    """Exact 1/x."""
     return x.inverse() if isinstance(x, Surd) else 1 / Fraction(x)
 
 
@@ -158,14 +152,6 @@ def is_negative(x: Number) -> bool:
 def parse_decimal(text: str) -> Rational:
     """The exact value of a decimal literal.
 
-    Raises
-    ------
-    ValueError
-        If the text is not a finite decimal number (``nan``, ``inf``, fractions and expressions are refused), or is
-        beyond the range of double precision, in which all numbers are used in the end.
-
-    Examples
-    --------
     >>> parse_decimal("-0.0825"), parse_decimal("1e-3"), parse_decimal("2.0")
     (Fraction(-33, 400), Fraction(1, 1000), 2)
     """

@@ -27,26 +27,13 @@ from echelon.exact.work import SOLVING, Work
 
 @dataclass(eq=False)
 class Numerator:
-    """A numerator that is being found.
+    """A numerator that is being found."""
 
-    Attributes
-    ----------
-    index : int
-        Of the function.
-    denominator : Residual
-    degrees : mapping of str to int
-        Degree in every symbol of the function.
-    length_degree : int or None
-        Degree in all lengths together, or None if the function is not homogeneous in them.
-    terms : Residual
-        In the symbols seen so far, the others held.
-    """
-
-    index: int
+    index: int  # of the function
     denominator: Residual
-    degrees: Mapping[str, int]
-    length_degree: int | None
-    terms: Residual
+    degrees: Mapping[str, int]  # degree in every symbol of the function
+    length_degree: int | None  # degree in all lengths together, or None if the function is not homogeneous in them
+    terms: Residual  # in the symbols seen so far, the others held
 
     def fit(self, field: PrimeField) -> Fit:
         """The finished quotient."""
@@ -56,28 +43,15 @@ class Numerator:
 
 @dataclass(frozen=True)
 class SparseInterpolation:
-    """What numerators are interpolated from.
-
-    Attributes
-    ----------
-    evaluate : callable (geometry) -> array of shape (functions, geometries)
-    field : PrimeField
-    rng : numpy Generator
-    anchor : mapping of str to int
-        Values of the symbols that are held.
-    angles, lengths : frozenset of str
-    cost : float
-        Operations of one evaluation.
-    work : Work
-    """
+    """What numerators are interpolated from."""
 
     evaluate: Callable[[Mapping[str, Residues]], Residues]
     field: PrimeField
     rng: np.random.Generator
-    anchor: Mapping[str, int]
+    anchor: Mapping[str, int]  # values of the symbols that are held
     angles: frozenset[str]
     lengths: frozenset[str]
-    cost: float
+    cost: float  # operations of one evaluation
     work: Work
 
     def finish(self, numerators: Sequence[Numerator]) -> list[Numerator]:
@@ -169,13 +143,7 @@ class SparseInterpolation:
 
 
 def _solved(left: Residues, right: Residues, field: PrimeField) -> Residues:
-    """Solution of a square system.
-
-    Raises
-    ------
-    DegenerateSampleError
-        If it is singular.
-    """
+    """Solution of a square system."""
     rows, columns = right.shape
     if not rows or not columns:
         return np.zeros((left.shape[1], columns), dtype=np.int64)

@@ -54,8 +54,6 @@ def is_trigonometric(generator: str) -> bool:
 class Polynomial:
     """An immutable polynomial: a map from monomials to non-zero exact coefficients.
 
-    Examples
-    --------
     >>> d = Polynomial.generator("d4")
     >>> (d + 1) * (d - 1)
     -1 + d4^2
@@ -161,19 +159,7 @@ class Polynomial:
         return iter(sorted(self.terms.items(), key=lambda term: (sum(e for _, e in term[0]), term[0])))
 
     def evaluate(self, values: Mapping[str, T], number: Callable[[Number], T]) -> T:
-        """Value of the polynomial over any ring; terms are added in a fixed order, so that equal means equal rounding.
-
-        Parameters
-        ----------
-        values : mapping
-            Value of every generator (not symbol) in the ring.
-        number : callable
-            Embedding of exact numbers into the ring.
-
-        Returns
-        -------
-        element of the ring
-        """
+        """Value of the polynomial over any ring; terms are added in a fixed order, so that rounding is the same."""
         total: Any = number(0)
         for monomial, coefficient in self.sorted_terms():
             term: Any = number(coefficient)

@@ -38,8 +38,6 @@ _PRODUCT, _QUOTIENT = 300.0, 1000.0
 class RationalFunction:
     """An immutable quotient of polynomials in lowest terms, with a normalised denominator.
 
-    Examples
-    --------
     >>> a, b = Polynomial.generator("a"), Polynomial.generator("b")
     >>> RationalFunction(a * a - b * b, a * 2 + b * 2)
     a/2 - b/2
@@ -198,16 +196,6 @@ class Ring:
     """FLINT's ring for some polynomials, with √2 and √3 as extra generators.
 
     FLINT does not know that sines and roots are algebraic, so its gcd may miss a factor that needs their squares.
-
-    Parameters
-    ----------
-    *polynomials : Polynomial
-        That :meth:`enter` is to take.
-
-    Attributes
-    ----------
-    names : tuple of str
-        The generators, in the order of exponents.
     """
 
     def __init__(self, *polynomials: Polynomial) -> None:

@@ -27,8 +27,6 @@ def rational(residue: int, modulus: int) -> Rational | None:
     Uses the largest quotient of the extended Euclidean algorithm (Monagan, "Maximal quotient rational
     reconstruction", 2004).
 
-    Examples
-    --------
     >>> rational(pow(3, -1, 2147483399) * 2, 2147483399)
     Fraction(2, 3)
     """

@@ -16,14 +16,7 @@ def constant(value: Residues, order: int) -> Residues:
 
 
 def product(a: Residues, b: Residues, field: PrimeField) -> Residues:
-    """Elementwise product of series, truncated to their length; leading axes broadcast.
-
-    Parameters
-    ----------
-    a, b : arrays of shape (..., order)
-    field : PrimeField
-        With a prime below 2^31.
-    """
+    """Elementwise product of series, truncated to their length; leading axes broadcast.  Shapes: a, b (..., order)."""
     p, order = field.p, a.shape[-1]
     result = np.zeros(np.broadcast_shapes(a.shape, b.shape), dtype=np.int64)
     for j in range(order):
@@ -33,13 +26,7 @@ def product(a: Residues, b: Residues, field: PrimeField) -> Residues:
 
 
 def inverse(a: Residues, field: PrimeField) -> Residues:
-    """Elementwise 1/a by Newton's iteration.
-
-    Raises
-    ------
-    DegenerateSampleError
-        If a series has no constant term.
-    """
+    """Elementwise 1/a by Newton's iteration."""
     order, known = a.shape[-1], 1
     result = field.invert_array(a[..., :1])
     while known < order:
@@ -67,19 +54,8 @@ def integral(a: Residues, field: PrimeField) -> Residues:
 
 
 def matrix_product(a: Residues, b: Residues, field: PrimeField) -> Residues:
-    """Products of matrices of series.
-
-    Parameters
-    ----------
-    a : array of shape (..., n, m, order)
-    b : array of shape (..., m, k, order)
-    field : PrimeField
-        With a prime below 2^31.
-
-    Returns
-    -------
-    array of shape (..., n, k, order)
-    """
+    """Products of matrices of series."""
+    # shapes: a (..., n, m, order); b (..., m, k, order); returns (..., n, k, order)
     p, rows, columns, order = field.p, a.shape[-3], b.shape[-2], a.shape[-1]
     shape = (*np.broadcast_shapes(a.shape[:-3], b.shape[:-3]), rows, columns, order)
     result = np.zeros(shape, dtype=np.int64)
@@ -97,20 +73,8 @@ def matrix_product(a: Residues, b: Residues, field: PrimeField) -> Residues:
 
 
 def matrix_inverse(a: Residues, field: PrimeField, start: Residues | None = None) -> Residues:
-    """Inverses of square matrices of series by Newton's iteration.
-
-    Parameters
-    ----------
-    a : array of shape (batch, n, n, order)
-    field : PrimeField
-    start : array of shape (batch, n, n, known), optional
-        The inverse up to some order.
-
-    Raises
-    ------
-    DegenerateSampleError
-        If a matrix is singular at t = 0.
-    """
+    """Inverses of square matrices of series by Newton's iteration."""
+    # shapes: a (batch, n, n, order); start (batch, n, n, known)
     order, size = a.shape[-1], a.shape[-2]
     if start is None:
         unit = np.broadcast_to(np.eye(size, dtype=np.int64), (len(a), size, size))

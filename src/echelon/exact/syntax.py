@@ -17,20 +17,7 @@ _QUOTED = re.compile(r"\"[^\"\\]*\"|'[^'\\]*'")
 
 
 def expression_tree(text: str) -> ast.expr:
-    """The syntax tree of an expression.
-
-    Parameters
-    ----------
-    text : str
-        One line; ``^`` must have become ``**`` already.
-
-    Raises
-    ------
-    ValueError
-        If characters stand in the text that no expression has; the message names the first.
-    SyntaxError
-        If the text is not an expression.
-    """
+    """The syntax tree of an expression."""
     check_characters(text)
     try:
         with warnings.catch_warnings():
@@ -43,13 +30,6 @@ def expression_tree(text: str) -> ast.expr:
 def check_characters(text: str) -> None:
     """Refuse what could hide in an expression: control characters, comments, and digits that only look like digits.
 
-    Raises
-    ------
-    ValueError
-        With the first such character.
-
-    Examples
-    --------
     >>> check_characters("0.3 # in metres")
     Traceback (most recent call last):
     ValueError: '0.3 # in metres' holds a comment: an expression ends where its last term ends

@@ -22,38 +22,17 @@ _SURPLUS = 2
 
 @dataclass(frozen=True)
 class Section:
-    """A function along one symbol.
+    """A function along one symbol."""
 
-    Attributes
-    ----------
-    top, bottom : int
-        Degrees of numerator and denominator, for an angle in its cosine and sine together.
-    denominator : tuple of int
-        Coefficients of the monic denominator, the constant one first; for an angle in the tangent t of its half, to be
-        divided by (1 + t²) to the power ``bottom``.
-    """
-
-    top: int
-    bottom: int
+    top: int  # degrees of numerator and denominator, for an angle in its cosine and sine together
+    bottom: int  # degrees of numerator and denominator, for an angle in its cosine and sine together
+    # coefficients of the monic denominator, the constant one first; for an angle in the tangent t of its half, to be
+    # divided by (1 + t²) to the power ``bottom``
     denominator: tuple[int, ...]
 
 
 def sections(nodes: Residues, values: Residues, field: PrimeField, *, angle: bool) -> list[Section | None]:
-    """Functions along one symbol.
-
-    Parameters
-    ----------
-    nodes : array of shape (nodes,)
-        Different values of the symbol, or of the tangent of its half.
-    values : array of shape (functions, nodes)
-    field : PrimeField
-    angle : bool
-
-    Returns
-    -------
-    list of Section or None
-        None for a function that needs more values.
-    """
+    """Functions along one symbol.  Shapes: nodes (nodes,); values (functions, nodes)."""
     p, size = field.p, len(nodes)
     powers = np.ones((size, size), dtype=np.int64)
     for k in range(1, size):

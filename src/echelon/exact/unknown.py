@@ -21,43 +21,20 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class UnknownFunctions:
-    """Functions of geometry symbols that can be evaluated modulo primes.
+    """Functions of geometry symbols that can be evaluated modulo primes."""
 
-    Attributes
-    ----------
-    evaluate : callable (field, geometry) -> array of shape (functions, geometries)
-        Geometry maps every symbol to an array of values (for an angle: of the tangent of its half); without symbols
-        there is one geometry.
-    symbols : sequence of str
-        All symbols that may matter.
-    angles : collection of str
-        Those of them that are angles.
-    lengths : collection of str
-        Symbols with the dimension of a length.
-    degrees : sequence of int
-        Homogeneous degree of each function in the symbols that are lengths.
-    irrational : (bool, bool)
-        Whether √2 and √3 can occur in coefficients.
-    cost : float
-        Operations of one evaluation.
-    """
-
+    # geometry maps every symbol to an array of values (for an angle: of the tangent of its half); without symbols there
+    # is one geometry
     evaluate: Callable[[PrimeField, Geometry], Residues]
-    symbols: Sequence[str]
-    angles: frozenset[str]
-    lengths: frozenset[str]
-    degrees: Sequence[int]
-    irrational: tuple[bool, bool]
-    cost: float = 1.0
+    symbols: Sequence[str]  # all symbols that may matter
+    angles: frozenset[str]  # those of them that are angles
+    lengths: frozenset[str]  # symbols with the dimension of a length
+    degrees: Sequence[int]  # homogeneous degree of each function in the symbols that are lengths
+    irrational: tuple[bool, bool]  # whether √2 and √3 can occur in coefficients
+    cost: float = 1.0  # operations of one evaluation
 
     def values(self, field: PrimeField, geometry: Geometry, count: int) -> Residues:
-        """Values at some geometries: array of shape (functions, count).
-
-        Raises
-        ------
-        DegenerateSampleError
-            If a geometry is singular.
-        """
+        """Values at some geometries: array of shape (functions, count)."""
         if not self.symbols:  # there is one geometry only
             return np.repeat(self.evaluate(field, geometry), count, axis=1)
         parts = [
@@ -67,13 +44,7 @@ class UnknownFunctions:
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def sample(self, field: PrimeField, rng: np.random.Generator, count: int) -> tuple[Geometry, Residues]:
-        """Random geometries and the values there.
-
-        Raises
-        ------
-        ClosedFormError
-            If random geometries are singular again and again.
-        """
+        """Random geometries and the values there."""
 
         def attempt() -> tuple[Geometry, Residues]:
             geometry = {s: field.draw(rng, (count,)) for s in self.symbols}
@@ -83,13 +54,7 @@ class UnknownFunctions:
 
 
 def persistent(attempt: Callable[[], T]) -> T:
-    """The result of an attempt that depends on random points, several times if they are singular.
-
-    Raises
-    ------
-    ClosedFormError
-        If they are singular again and again.
-    """
+    """The result of an attempt that depends on random points, several times if they are singular."""
     for _ in range(_ATTEMPTS):
         try:
             return attempt()

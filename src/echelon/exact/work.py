@@ -14,18 +14,10 @@ SOLVING = 0.05
 
 @dataclass
 class Work:
-    """What is left of a budget.
+    """What is left of a budget."""
 
-    Attributes
-    ----------
-    operations : float
-        Operations on residues that are left.
-    terms : float
-        The most terms that one coefficient may have.
-    """
-
-    operations: float
-    terms: float
+    operations: float  # operations on residues that are left
+    terms: float  # the most terms that one coefficient may have
 
     @staticmethod
     def of(budget: float) -> Work:
@@ -40,13 +32,7 @@ class Work:
         return True
 
     def spend(self, operations: float) -> None:
-        """Take some operations.
-
-        Raises
-        ------
-        ClosedFormError
-            If less is left.
-        """
+        """Take some operations."""
         if not self.take(operations):
             raise ClosedFormError("the budget for closed forms is used up")
 

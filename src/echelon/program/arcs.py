@@ -24,14 +24,7 @@ _LARGEST_MULTIPLE = 24
 
 
 def circular(op: Op, angle: Scalar) -> Scalar:
-    """Sine or cosine of an angle that may hold integer multiples of arc tangents.
-
-    Parameters
-    ----------
-    op : Op
-        SIN or COS.
-    angle : Scalar
-    """
+    """Sine or cosine of an angle that may hold integer multiples of arc tangents."""
     program = angle.program
     arcs: dict[int, int] = {}
     rest = _without_arcs(program, angle.node, 1, arcs)
@@ -68,22 +61,8 @@ def _without_arcs(program: Program, node: int, factor: int, arcs: dict[int, int]
 
 
 def check_independent(slopes: Residues, arcs: int, regions: int, field: PrimeField) -> None:
-    """Check arc tangents by the derivatives of them and of arguments of sines and cosines.
-
-    Parameters
-    ----------
-    slopes : array of shape (functions, inputs, states)
-        Derivatives, those of the arc tangents first; states visit all regions in turn.
-    arcs : int
-        Number of arc tangents.
-    regions : int
-    field : PrimeField
-
-    Raises
-    ------
-    UnknownRelationsError
-        If they depend on one another in a region.
-    """
+    """Check arc tangents by the derivatives of them and of arguments of sines and cosines."""
+    # shapes: slopes (functions, inputs, states)
     for region in range(regions):
         table = slopes[:, :, region::regions].reshape(len(slopes), -1).T
         angles = rank(table[:, arcs:], field) if arcs < len(slopes) else 0

@@ -25,19 +25,10 @@ _BASIS: tuple[Number, ...] = (1, Surd((0, 1, 0, 0)), Surd((0, 0, 1, 0)), Surd((0
 
 @dataclass(frozen=True)
 class Atom:
-    """√radicand · Π generator^exponent / divisor.
+    """√radicand · Π generator^exponent / divisor."""
 
-    Attributes
-    ----------
-    powers : tuple of (generator, exponent)
-        Exponents may be negative.
-    root : int
-        0 to 3 for a factor 1, √2, √3, √6.
-    divisor : Polynomial
-    """
-
-    powers: Monomial
-    root: int = 0
+    powers: Monomial  # exponents may be negative
+    root: int = 0  # 0 to 3 for a factor 1, √2, √3, √6
     divisor: Polynomial = _ONE
 
     @property
@@ -61,32 +52,19 @@ class Atom:
 
 @dataclass
 class AtomBasis:
-    """The common denominators of all arguments of one kind, growing as arguments are met.
+    """The common denominators of all arguments of one kind, growing as arguments are met."""
 
-    Attributes
-    ----------
-    is_constant : callable
-        Whether a generator is a constant of the model.
-    constant_divisor, divisor : Polynomial
-        Least common multiples of the denominators' factors that hold constants only, and of the others; monomials
-        become Laurent monomials instead, as long as no other factor occurs.
-    changed : bool
-        Set when a denominator grew: then earlier combinations are to be formed anew.
-    """
-
-    is_constant: Callable[[str], bool]
+    is_constant: Callable[[str], bool]  # whether a generator is a constant of the model
+    # least common multiples of the denominators' factors that hold constants only, and of the others; monomials become
+    # Laurent monomials instead, as long as no other factor occurs
     constant_divisor: Polynomial = _ONE
+    # least common multiples of the denominators' factors that hold constants only, and of the others; monomials become
+    # Laurent monomials instead, as long as no other factor occurs
     divisor: Polynomial = _ONE
-    changed: bool = field(default=False)
+    changed: bool = field(default=False)  # set when a denominator grew: then earlier combinations are to be formed anew
 
     def combination(self, argument: RationalFunction) -> list[tuple[Fraction, Atom]]:
-        """The argument as Σ ratio · atom.
-
-        Raises
-        ------
-        UnknownRelationsError
-            If its denominator has no unique remainders modulo constants.
-        """
+        """The argument as Σ ratio · atom."""
         top, laurent = self._over_common_denominator(argument)
         if self.divisor == _ONE:
             quotient, rest = top, Polynomial({})

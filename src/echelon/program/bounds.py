@@ -26,18 +26,10 @@ _ROOTS = (1.0, sqrt(2), sqrt(3), sqrt(6))
 
 @dataclass(frozen=True)
 class Size:
-    """Of quotients of polynomials with whole coefficients, but for one number that divides them all.
+    """Of quotients of polynomials with whole coefficients, but for one number that divides them all."""
 
-    Attributes
-    ----------
-    degree : int
-        The larger total degree of numerator and denominator.
-    bits : float
-        The larger binary logarithm of their 1-norms.
-    """
-
-    degree: int
-    bits: float
+    degree: int  # the larger total degree of numerator and denominator
+    bits: float  # the larger binary logarithm of their 1-norms
 
 
 class _Quotient(NamedTuple):
@@ -55,13 +47,6 @@ def size_bound(program: Program, outputs: Sequence[int]) -> Size:
 
     |x| = sign(x)·x, and tan and tanh are quotients of leaves.
 
-    Parameters
-    ----------
-    program : Program
-    outputs : sequence of int
-
-    Examples
-    --------
     >>> program = Program()
     >>> x, y = program.input("x"), program.input("y")
     >>> size_bound(program, [(x * y * 3 + x / 2).node])

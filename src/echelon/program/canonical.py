@@ -42,28 +42,16 @@ _LARGEST_NESTED_TURN = 24
 
 @dataclass(frozen=True)
 class Generator:
-    """An independent generator.
-
-    Attributes
-    ----------
-    name : str
-    kind : str
-        ``"input"``: the input, or its root if it is under a root.  ``"exp"``: exp(element / unit).  ``"angle"``: the
-        tangent of half of element / unit.  ``"log"``: log|element|.  ``"root"``: |element|^(1 / unit).  ``"atan"``: the
-        arc tangent of a constant.
-    element : RationalFunction
-        In earlier generators.
-    node : int
-        Of an input.
-    constant : bool
-        Whether it is the same at all samples.
-    """
+    """An independent generator."""
 
     name: str
+    # ``"input"``: the input, or its root if it is under a root.  ``"exp"``: exp(element / unit).  ``"angle"``: the
+    # tangent of half of element / unit.  ``"log"``: log|element|.  ``"root"``: |element|^(1 / unit).  ``"atan"``: the
+    # arc tangent of a constant
     kind: str
-    element: RationalFunction
-    node: int
-    constant: bool
+    element: RationalFunction  # in earlier generators
+    node: int  # of an input
+    constant: bool  # whether it is the same at all samples
 
 
 @dataclass(frozen=True)
@@ -84,20 +72,7 @@ Form = Product | Turn | RationalFunction
 
 
 class CanonicalForms:
-    """Forms of the functions of a program.
-
-    Parameters
-    ----------
-    program : Program
-        Without ABS, TAN and TANH (see :func:`echelon.program.rewriting.written_out`).
-
-    Attributes
-    ----------
-    generators : dict of str to Generator
-        In an order in which each depends on earlier ones only.
-    units : dict of str to int
-        The N of every generator; 1 where absent.
-    """
+    """Forms of the functions of a program."""
 
     def __init__(self, program: Program) -> None:
         self.program = program
@@ -118,11 +93,6 @@ class CanonicalForms:
         """Forms of function nodes, each for some signs.
 
         Units and denominators are shared, so all is formed anew until no request asks for larger ones.
-
-        Raises
-        ------
-        UnknownRelationsError
-            If the relations of a function to others are not known.
         """
         for _ in range(_MOST_PASSES):
             self._changed = False

@@ -17,32 +17,16 @@ from echelon.program.canonical import CanonicalForms, Generator
 
 @dataclass(frozen=True)
 class ConstantName:
-    """A generator that is a constant of the model.
+    """A generator that is a constant of the model."""
 
-    Attributes
-    ----------
-    name : str
-        Without parentheses, so that it is a symbol and not the cosine of one.
-    definition : str
-        An expression in the model's constants (see :mod:`echelon.program.text`); equal to the name for a plain one.
-    is_angle : bool
-        Whether values stand for the tangent of half of the constant.
-    """
-
-    name: str
+    name: str  # without parentheses, so that it is a symbol and not the cosine of one
+    # an expression in the model's constants (see :mod:`echelon.program.text`); equal to the name for a plain one
     definition: str
-    is_angle: bool = False
+    is_angle: bool = False  # whether values stand for the tangent of half of the constant
 
 
 def constant_names(canonical: CanonicalForms, numeric: Collection[str]) -> dict[str, ConstantName]:
-    """Names of all generators known so far that are constants, by generator.
-
-    Parameters
-    ----------
-    canonical : CanonicalForms
-    numeric : collection of str
-        Generators of inputs that occur as numbers; others may stand for the tangent of half an angle.
-    """
+    """Names of all generators known so far that are constants, by generator."""
     names: dict[str, ConstantName] = {}
     for generator in canonical.generators.values():
         if not generator.constant or generator.kind == "root":

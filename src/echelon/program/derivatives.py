@@ -25,24 +25,6 @@ def derivatives(
 
     Derivatives of sign(x) are zero, those of |x| are sign(x).
 
-    Parameters
-    ----------
-    program : Program
-        Is extended.
-    outputs : sequence of int
-        Nodes.
-    inputs : sequence of int
-        Nodes, of inputs or of anything else that then counts as independent.
-    reverse : bool
-        Work from the outputs.
-
-    Returns
-    -------
-    dict of (int, int) to int
-        Node of the derivative of output number i by input number j, for those that are not structurally zero.
-
-    Examples
-    --------
     >>> program = Program()
     >>> x, y = program.input("x"), program.input("y")
     >>> program.count(derivatives(program, [(x * y).node, y.sin().node], [x.node, y.node]).values())
@@ -64,17 +46,7 @@ def derivatives(
 
 
 def rates(program: Program, outputs: Sequence[int], seeds: Mapping[int, Scalar]) -> list[Scalar]:
-    """Record how fast outputs change while inputs change at given rates.
-
-    Parameters
-    ----------
-    program : Program
-        Is extended.
-    outputs : sequence of int
-        Nodes.
-    seeds : mapping of int to Scalar
-        Rates of nodes, of inputs or of anything else that then counts as independent.
-    """
+    """Record how fast outputs change while inputs change at given rates."""
     varying = dependent(program, program.needed(outputs, seeds), list(seeds))
     tangents = _pushed(_Partials(program, varying), sorted(varying), seeds)
     return [tangents.get(node, program.zero) for node in outputs]

@@ -18,29 +18,14 @@ from echelon.program.tape import Program
 
 @dataclass(frozen=True)
 class Argument:
-    """One vector argument.
+    """One vector argument."""
 
-    Attributes
-    ----------
-    name : str
-        Identifier, ``"q"``.
-    nodes : tuple of int
-        Input nodes of the program, in the order of the vector's entries.
-    labels : tuple of str
-        What each entry is, ``"joint1"``.
-    units : tuple of str
-        SI unit of each entry.
-    meaning : str
-        For documentation.
-    uniform : bool
-        Whether it is the same for all samples of a batch (parameters, geometry) and not a column per sample.
-    """
-
-    name: str
-    nodes: tuple[int, ...]
-    labels: tuple[str, ...]
-    units: tuple[str, ...]
-    meaning: str = ""
+    name: str  # identifier, ``"q"``
+    nodes: tuple[int, ...]  # input nodes of the program, in the order of the vector's entries
+    labels: tuple[str, ...]  # what each entry is, ``"joint1"``
+    units: tuple[str, ...]  # SI unit of each entry
+    meaning: str = ""  # for documentation
+    # whether it is the same for all samples of a batch (parameters, geometry) and not a column per sample
     uniform: bool = False
 
     def __len__(self) -> int:
@@ -51,29 +36,6 @@ class Argument:
 class Function:
     """A straight-line function of some vectors.
 
-    Attributes
-    ----------
-    name : str
-        Identifier, ``"inverse_dynamics"``.
-    program : Program
-    arguments : tuple of Argument
-        Every input that the result depends on is in one of them.
-    entries : mapping of index to int
-        Node of every entry of the result that is not structurally zero.
-    axes : tuple of tuple of str
-        What the indices of the result count, one tuple of labels per axis: outputs, parameters, coordinates.
-    units : tuple of str
-        SI unit along the first axis of the result (empty where it does not apply).
-    meaning : str
-        For documentation.
-
-    Raises
-    ------
-    EchelonError
-        If the result depends on an input that is in no argument.
-
-    Examples
-    --------
     >>> program = Program()
     >>> x = program.input("x")
     >>> argument = Argument("x", (x.node,), ("x",), ("m",))
@@ -82,13 +44,14 @@ class Function:
     (1,)
     """
 
-    name: str
+    name: str  # identifier, ``"inverse_dynamics"``
     program: Program
-    arguments: tuple[Argument, ...]
-    entries: Mapping[tuple[int, ...], int]
+    arguments: tuple[Argument, ...]  # every input that the result depends on is in one of them
+    entries: Mapping[tuple[int, ...], int]  # node of every entry of the result that is not structurally zero
+    # what the indices of the result count, one tuple of labels per axis: outputs, parameters, coordinates
     axes: tuple[tuple[str, ...], ...]
-    units: tuple[str, ...] = ()
-    meaning: str = ""
+    units: tuple[str, ...] = ()  # SI unit along the first axis of the result (empty where it does not apply)
+    meaning: str = ""  # for documentation
 
     def __post_init__(self) -> None:
         known = {node for argument in self.arguments for node in argument.nodes}

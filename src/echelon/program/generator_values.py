@@ -22,26 +22,7 @@ _ROUNDS = 400
 
 
 class GeneratorValues:
-    """One drawing of the generators.
-
-    Parameters
-    ----------
-    canonical : CanonicalForms
-    field : PrimeField
-    rng : numpy Generator
-    symbols : mapping of str to array of shape (samples,)
-        Given values of the model's constants.
-    reals : mapping of int to array of shape (samples,)
-        Real values of the inputs, for signs.
-    samples : int
-    names : mapping of str to ConstantName
-        Generators that are constants of the model, by what they are called.
-
-    Attributes
-    ----------
-    inputs : dict of int to array of shape (samples,)
-        Values of the program's inputs.
-    """
+    """One drawing of the generators."""
 
     def __init__(
         self,
@@ -60,13 +41,7 @@ class GeneratorValues:
         self._values: dict[str, Residues] = {}
 
     def draw(self, wanted: set[str], inputs: Sequence[int]) -> dict[str, Residues]:
-        """Values of some generators and all that they depend on; also fills :attr:`inputs`.
-
-        Raises
-        ------
-        DegenerateSampleError
-            If a constant has no root in the field.
-        """
+        """Values of some generators and all that they depend on; also fills :attr:`inputs`."""
         names = self._with_ancestors(wanted | {self._input_generator(node) for node in inputs})
         everywhere = np.arange(self.samples)
         for name in names:
@@ -187,13 +162,7 @@ class GeneratorValues:
 def residues_of(
     form: RationalFunction | Product, values: Mapping[str, Residues], field: PrimeField, samples: int
 ) -> Residues:
-    """A quotient of polynomials, or a product of powers, of generators.
-
-    Raises
-    ------
-    DegenerateSampleError
-        If a denominator vanishes.
-    """
+    """A quotient of polynomials, or a product of powers, of generators."""
     if isinstance(form, Product):
         total = np.ones(samples, dtype=field.dtype)
         for name, exponent in form.exponents.items():

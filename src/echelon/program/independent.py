@@ -22,16 +22,7 @@ _PRIME = 1_048_573
 
 
 class IndependentRegions:
-    """The vectors of the regions so far, in reduced echelon form.
-
-    Parameters
-    ----------
-    products : sequence of tuples of (row, exponent), or None
-        Rows of the signs that are multiplied, shorter products first; None for more than can be told, so that every
-        region adds something.
-    relations : int
-        Number of independent relations that products have in all regions.
-    """
+    """The vectors of the regions so far, in reduced echelon form."""
 
     def __init__(self, products: Sequence[tuple[tuple[int, int], ...]] | None, relations: int = 0) -> None:
         self._every, self._relations = products is None, relations
@@ -51,16 +42,8 @@ class IndependentRegions:
         return not self._every and self.rank + self._relations == len(self.products)
 
     def rests(self, signs: SignArray) -> Floats:
-        """What of the vectors of some regions is not a combination of those so far.
-
-        Parameters
-        ----------
-        signs : array of shape (surfaces, regions)
-
-        Returns
-        -------
-        array of shape (regions, products)
-        """
+        """What of the vectors of some regions is not a combination of those so far."""
+        # shapes: signs (surfaces, regions); returns (regions, products)
         vectors = np.ones((signs.shape[1], len(self.products)))
         for k, product in enumerate(self.products):  # shorter ones come first
             if product:
@@ -74,19 +57,8 @@ class IndependentRegions:
         return np.asarray(self.rests(signs).any(axis=1) | self._every, dtype=bool)
 
     def include(self, signs: SignArray, accept: Callable[[int], bool]) -> list[int]:
-        """Include those of some regions, in their order, that add something to the earlier ones.
-
-        Parameters
-        ----------
-        signs : array of shape (surfaces, regions)
-        accept : callable
-            Asked for the number of a region that would be included.
-
-        Returns
-        -------
-        list of int
-            Those included.
-        """
+        """Include those of some regions, in their order, that add something to the earlier ones."""
+        # shapes: signs (surfaces, regions)
         if self._every:
             return [k for k in range(signs.shape[1]) if accept(k)]
         rests, included = self.rests(signs), []

@@ -29,28 +29,6 @@ _MONOTONIC = {Op.EXP: np.exp, Op.TANH: np.tanh, Op.ATAN: np.arctan, Op.SIGN: np.
 def interval_values(program: Program, outputs: Sequence[int], inputs: Mapping[int, Interval]) -> list[Interval]:
     """Bounds of outputs.
 
-    Parameters
-    ----------
-    program : Program
-    outputs : sequence of int
-        Nodes.
-    inputs : mapping of int to (array, array)
-        Least and largest value of every input that the outputs need, of any shapes that broadcast; of other nodes, too,
-        if they are known better than from the inputs.
-
-    Returns
-    -------
-    list of (array, array)
-        For each output; infinite where a divisor, or the argument of a root, logarithm or tangent, may be where the
-        function has no value.
-
-    Raises
-    ------
-    InputError
-        If an input is missing.
-
-    Examples
-    --------
     >>> program = Program()
     >>> x = program.input("x")
     >>> ((low, high),) = interval_values(program, [(x * x - x).node], {x.node: (np.array(0.0), np.array(1.0))})

@@ -21,23 +21,6 @@ Column = Mapping[int, Scalar]
 class LeastSquares:
     """A matrix of full column rank, ready to solve A x ≈ b and Aᵀ y = c.
 
-    Parameters
-    ----------
-    program : Program
-        Is extended.
-    columns : mapping of str to mapping of int to Scalar
-        Columns of A by name, and their entries by row.
-    weights : mapping of int to Number
-        How often the squares of some rows count; those of the others count once.
-
-    Attributes
-    ----------
-    pivots : dict of str to Scalar
-        For every column, the square of the sine of the angle between it and the columns before it: zero where it
-        depends on them.
-
-    Examples
-    --------
     >>> program = Program()
     >>> x = program.input("x")
     >>> found = LeastSquares(program, {"a": {0: x, 1: x}, "b": {1: program.one}}).solve({0: x * x})
@@ -67,13 +50,7 @@ class LeastSquares:
                     self._upper[name][other] = share
 
     def solve(self, right: Column) -> dict[str, Scalar]:
-        """x that makes b − A x smallest; what is left of b where rows are redundant is ignored.
-
-        Parameters
-        ----------
-        right : mapping of int to Scalar
-            Entries of b by row.
-        """
+        """x that makes b − A x smallest; what is left of b where rows are redundant is ignored."""
         shares: dict[str, Scalar] = {}
         for name in self._orthogonal:
             shares[name], right = self._reduced(name, right)
@@ -84,13 +61,7 @@ class LeastSquares:
         return found
 
     def solve_transposed(self, right: Mapping[str, Scalar]) -> Column:
-        """The smallest y with Aᵀ y = c, by row; small in the weights' inverse where rows are redundant.
-
-        Parameters
-        ----------
-        right : mapping of str to Scalar
-            Entries of c by column of A.
-        """
+        """The smallest y with Aᵀ y = c, by row; small in the weights' inverse where rows are redundant."""
         left, found = dict(right), dict[int, Scalar]()
         for name, column in self._orthogonal.items():
             for other, share in self._upper[name].items():
@@ -109,12 +80,7 @@ class LeastSquares:
         return inside / self._dot(form, form) if form else self._program.one
 
     def inverse_square(self, units: Mapping[str, Number]) -> Scalar:
-        """Σ 1/σ² over the singular values of A, whose columns are multiplied by units (1 where absent).
-
-        Parameters
-        ----------
-        units : mapping of str to Number
-        """
+        """Σ 1/σ² over the singular values of A, whose columns are multiplied by units (1 where absent)."""
         total, before = self._program.zero, list[str]()
         for name, inverse in self._inverse.items():
             column = {name: self._program.one}  # of the inverse of R

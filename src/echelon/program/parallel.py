@@ -29,14 +29,7 @@ _MOST_ATOMS = 64
 
 
 def impossible(surfaces: Surfaces, constants: Mapping[int, Rational | float]) -> list[Combination]:
-    """Pairs of signs that cannot occur together.
-
-    Parameters
-    ----------
-    surfaces : Surfaces
-    constants : mapping of int to number
-        Values of the inputs that are constants of the model.
-    """
+    """Pairs of signs that cannot occur together."""
     together = {pair for product in surfaces.maximal for pair in combinations(sorted(product - surfaces.nested), 2)}
     forms = _linear_forms(surfaces.program, [n for pair in together for n in pair], constants)
     return [found for f, g in sorted(together) for found in _excluded(f, g, forms[f], forms[g])]
@@ -97,14 +90,7 @@ def _excluded(f: int, g: int, of_f: _Linear, of_g: _Linear) -> list[Combination]
 
 
 def relations(products: Sequence[tuple[tuple[int, int], ...]], excluded: Sequence[Combination]) -> int:
-    """The number of independent relations between products of signs that excluded combinations bring.
-
-    Parameters
-    ----------
-    products : sequence of tuples of (node, exponent)
-        All products that occur.
-    excluded : sequence of Combination
-    """
+    """The number of independent relations between products of signs that excluded combinations bring."""
     place = {product: k for k, product in enumerate(products)}
     known = {n for product in products for n, _ in product}
     rows = []

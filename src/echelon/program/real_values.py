@@ -20,19 +20,7 @@ _BITS = (128, 512)
 
 
 class RealValues:
-    """Evaluates surfaces at real points.
-
-    Parameters
-    ----------
-    surfaces : Surfaces
-    constants : mapping of int to number
-        Values of the inputs that are constants of the model.
-
-    Attributes
-    ----------
-    variables : list of int
-        The inputs that vary; a point has one coordinate for each.
-    """
+    """Evaluates surfaces at real points."""
 
     def __init__(self, surfaces: Surfaces, constants: Mapping[int, Rational | float]) -> None:
         self.surfaces, self.constants = surfaces, constants
@@ -58,16 +46,8 @@ class RealValues:
         return points
 
     def at(self, points: Floats) -> Floats:
-        """Values of the surfaces, then of what must be positive, and of what must not vanish.
-
-        Parameters
-        ----------
-        points : array of shape (variables, points)
-
-        Returns
-        -------
-        array of shape (surfaces + positive + nonzero, points)
-        """
+        """Values of the surfaces, then of what must be positive, and of what must not vanish."""
+        # shapes: points (variables, points); returns (surfaces + positive + nonzero, points)
         count = points.shape[1]
         leaves = {n: points[k] for k, n in enumerate(self.variables)}
         leaves |= {n: np.full(count, float(value)) for n, value in self.constants.items()}
@@ -88,19 +68,8 @@ class RealValues:
         return np.asarray(good, dtype=bool)
 
     def certain(self, point: Floats, free: frozenset[int] = frozenset()) -> SignArray | None:
-        """The signs at a point as ball arithmetic proves them, None if it cannot.
-
-        Parameters
-        ----------
-        point : array of shape (variables,)
-        free : frozenset of int
-            Surfaces whose sign is not asked for.
-
-        Returns
-        -------
-        array of shape (surfaces,), or None
-            What cannot be told from zero by 512 bits is zero where it may vanish on a region.
-        """
+        """The signs at a point as ball arithmetic proves them, None if it cannot."""
+        # shapes: point (variables,); returns (surfaces,)
         count = len(self.surfaces.nodes)
         for bits in _BITS:
             values = self._balls(point, bits)

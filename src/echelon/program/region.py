@@ -40,22 +40,13 @@ _ENDED = {
 
 @dataclass(frozen=True)
 class RegionReport:
-    """Which regions were visited, and why no others.
+    """Which regions were visited, and why no others."""
 
-    Attributes
-    ----------
-    count : int
-        Regions visited; those whose signs make the same products as others are left out.
-    ended : str
-        ``"complete"`` if no other region can add anything, ``"exhausted"`` if no change of one sign led to another that
-        does, ``"budget"`` if the search was cut short, ``"sampled"`` if regions are those of random closed states.
-    remarks : tuple of str
-        Signs of which only one side is known, and constants that were given a value.
-    """
-
-    count: int
+    count: int  # regions visited; those whose signs make the same products as others are left out
+    # ``"complete"`` if no other region can add anything, ``"exhausted"`` if no change of one sign led to another that
+    # does, ``"budget"`` if the search was cut short, ``"sampled"`` if regions are those of random closed states
     ended: str
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()  # signs of which only one side is known, and constants that were given a value
 
     def __str__(self) -> str:
         regions = f"in {self.count} region{'s' * (self.count != 1)} of signs"
@@ -67,17 +58,7 @@ class RegionReport:
 
 
 class RealPoints:
-    """Random real points where a program's outputs are real.
-
-    Parameters
-    ----------
-    program : Program
-    outputs : sequence of int
-    values : mapping of str to number, optional
-        Stated values of constants, on which the regions depend; others get a positive one.
-    variant : int
-        Another number gives other values to constants that have none.
-    """
+    """Random real points where a program's outputs are real."""
 
     def __init__(
         self,
@@ -107,13 +88,7 @@ class RealPoints:
 
     @cached_property
     def _search(self) -> RegionSearch:
-        """All regions, at constants where the domain is not empty.
-
-        Raises
-        ------
-        InputError
-            If no real point is found.
-        """
+        """All regions, at constants where the domain is not empty."""
         previous = None
         for attempt in range(_ATTEMPTS):
             values = RealValues(self._surfaces, self._constants(self._variant * _ATTEMPTS + attempt))
@@ -136,17 +111,8 @@ class RealPoints:
         return found
 
     def draw(self, rng: np.random.Generator, samples: int) -> dict[int, Floats]:
-        """Values of the inputs and of the arguments of signs, at points of all regions in turn.
-
-        Returns
-        -------
-        dict of int to array of shape (samples,)
-
-        Raises
-        ------
-        InputError
-            If no real point is found.
-        """
+        """Values of the inputs and of the arguments of signs, at points of all regions in turn."""
+        # shapes: returns (samples,)
         search, values = self._search, self._search.values
         turns = [search.regions[k % self.count] for k in range(samples)]
         points = np.stack([r.points[int(rng.integers(len(r.points)))] for r in turns], axis=1)
@@ -204,17 +170,7 @@ class RealPoints:
 
 
 def one_sided(program: Program, node: int, sign: int, known: str = "") -> str:
-    """What to say of a sign of which only one side was seen.
-
-    Parameters
-    ----------
-    program : Program
-    node : int
-        The sign's argument.
-    sign : int
-    known : str
-        Where it is known to have this sign, if it is.
-    """
+    """What to say of a sign of which only one side was seen."""
     from echelon.program.sympy_bridge import to_sympy
 
     kind = {1: "positive", -1: "negative", 0: "zero"}[sign]

@@ -22,12 +22,8 @@ _DESCENT, _PATIENCE, _STAGNANT, _UNREAL = 150, 40, 0.95, 1e6
 
 
 def random_points(rng: np.random.Generator, variables: int, count: int) -> Floats:
-    """Random points of either sign: of order one, of one random order of magnitude each, and of many.
-
-    Returns
-    -------
-    array of shape (variables, count)
-    """
+    """Random points of either sign: of order one, of one random order of magnitude each, and of many."""
+    # shapes: returns (variables, count)
     magnitude = np.exp(_SPREAD * rng.standard_normal((variables, count)))
     size = 10 ** rng.uniform(-_DECADES, _DECADES, (variables, count))
     kind = np.arange(count) % 4
@@ -36,17 +32,8 @@ def random_points(rng: np.random.Generator, variables: int, count: int) -> Float
 
 
 def along_axes(values: RealValues, points: Floats) -> list[Floats]:
-    """Points along all axes through some points, and beside the roots of surfaces between them.
-
-    Parameters
-    ----------
-    values : RealValues
-    points : array of shape (variables, points)
-
-    Returns
-    -------
-    list of arrays of shape (variables, any number)
-    """
+    """Points along all axes through some points, and beside the roots of surfaces between them."""
+    # shapes: points (variables, points); returns (variables, any number)
     steps = np.concatenate([-_GRID[::-1], _GRID])
     steps.sort()
     found = []
@@ -76,19 +63,8 @@ def _beside_roots(values: RealValues, points: Floats, axis: int, steps: Floats, 
 
 
 def beside(points: Floats, axis: Integers, root: Floats) -> Floats:
-    """Points on both sides of a root along an axis, near and less near.
-
-    Parameters
-    ----------
-    points : array of shape (variables, roots)
-    axis : array of shape (roots,)
-    root : array of shape (roots,)
-        Coordinates along the axes.
-
-    Returns
-    -------
-    array of shape (variables, sides · roots)
-    """
+    """Points on both sides of a root along an axis, near and less near."""
+    # shapes: points (variables, roots); axis (roots,); root (roots,); returns (variables, sides · roots)
     sides = np.concatenate([-_BESIDE, _BESIDE])
     spread = np.repeat(points[:, :, None], len(sides), axis=2)
     size = np.where(root == 0, 1.0, np.abs(root))
@@ -97,15 +73,8 @@ def beside(points: Floats, axis: Integers, root: Floats) -> Floats:
 
 
 def solved(values: RealValues, points: Floats, surface: Integers, axis: Integers) -> Floats:
-    """Points beside roots of surfaces along axes, by secants: exact where a surface is affine in a variable.
-
-    Parameters
-    ----------
-    values : RealValues
-    points : array of shape (variables, points)
-    surface, axis : arrays of shape (points,)
-        The surface to cross from each point, and the variable to change.
-    """
+    """Points beside roots of surfaces along axes, by secants: exact where a surface is affine in a variable."""
+    # shapes: points (variables, points); surface, axis (points,)
     each = np.arange(len(surface))
     old, new = points.copy(), points.copy()
     new[axis, each] += 1e-3 * (1 + np.abs(points[axis, each]))
@@ -121,20 +90,8 @@ def solved(values: RealValues, points: Floats, surface: Integers, axis: Integers
 
 
 def descended(values: RealValues, points: Floats, wanted: Floats, rng: np.random.Generator) -> Floats:
-    """Points moved towards wanted signs, by random steps of all sizes that violate them less.
-
-    Parameters
-    ----------
-    values : RealValues
-    points : array of shape (variables, points)
-    wanted : array of shape (surfaces, points)
-        ±1, or 0 for signs that do not matter.  What must be positive is wanted so in addition.
-    rng : numpy Generator
-
-    Returns
-    -------
-    array of shape (variables, points)
-    """
+    """Points moved towards wanted signs, by random steps of all sizes that violate them less."""
+    # shapes: points (variables, points); wanted (surfaces, points); returns (variables, points)
     points = points.copy()
     table = values.at(points)
     others = [len(values.surfaces.positive), len(values.surfaces.nonzero)]

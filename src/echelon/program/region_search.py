@@ -36,38 +36,14 @@ _TRIES_EACH, _BATCH, _STARTS, _STRAY = 2, 256, 3, 64
 
 @dataclass
 class Region:
-    """One region.
-
-    Attributes
-    ----------
-    signs : array of shape (surfaces,)
-    points : list of arrays of shape (variables,)
-        The first is certain.
-    """
+    """One region."""
 
     signs: SignArray
-    points: list[Floats] = field(default_factory=list)
+    points: list[Floats] = field(default_factory=list)  # the first is certain
 
 
 class RegionSearch:
-    """Finds the regions of some surfaces.
-
-    Parameters
-    ----------
-    values : RealValues
-    rng : numpy Generator
-
-    Attributes
-    ----------
-    regions : list of Region
-        Those that add something.
-    zero : frozenset of int
-        Surfaces that are zero everywhere, as far as 512 bits tell.
-    constant : dict of int to int
-        Surfaces proved to have one sign only.
-    ended : str
-        How the search ended.
-    """
+    """Finds the regions of some surfaces."""
 
     def __init__(self, values: RealValues, rng: np.random.Generator) -> None:
         self.values, self.rng = values, rng

@@ -26,61 +26,19 @@ _WRITTEN_OUT = (Op.ABS, Op.TAN, Op.TANH, Op.ATAN)
 
 
 def written_out(program: Program, outputs: Sequence[int]) -> tuple[Program, list[int]]:
-    """The same outputs without ABS, TAN, TANH and sines of arc tangents; the program itself if it has none.
-
-    Returns
-    -------
-    (Program, list of int)
-        A program and its outputs.
-
-    Raises
-    ------
-    InputError
-        If an output divides by zero everywhere.
-    """
+    """The same outputs without ABS, TAN, TANH and sines of arc tangents; the program itself if it has none."""
     return _rewritten(program, outputs, _WRITTEN_OUT, _in_rational_terms)
 
 
 def smoothed(program: Program, outputs: Sequence[int], width: float) -> tuple[Program, list[int]]:
-    """The same outputs without jumps; the program itself if it has none.
-
-    Parameters
-    ----------
-    program : Program
-    outputs : sequence of int
-    width : float
-        Where a sign is 0.76 instead of 1.
-
-    Returns
-    -------
-    (Program, list of int)
-        A program and its outputs.
-    """
+    """The same outputs without jumps; the program itself if it has none."""
     return _rewritten(program, outputs, (Op.SIGN, Op.ABS), partial(_gradual, 1 / Fraction(width)))
 
 
 def with_values(
     program: Program, outputs: Sequence[int], values: Mapping[str, Polynomial]
 ) -> tuple[Program, list[int]]:
-    """The same outputs with expressions in the place of inputs.
-
-    Parameters
-    ----------
-    program : Program
-    outputs : sequence of int
-    values : mapping of str to Polynomial
-        In symbols, by the name of the input.
-
-    Returns
-    -------
-    (Program, list of int)
-        A program and its outputs.
-
-    Raises
-    ------
-    InputError
-        If an output divides by zero everywhere.
-    """
+    """The same outputs with expressions in the place of inputs."""
     given = {n for n, i in program.inputs.items() if i.name in values}
     copy = Program()
     known = {n: copy.polynomial(values[program.inputs[n].name]).node for n in given}
@@ -150,14 +108,7 @@ def _gradual(inverse: Fraction, copy: Program, op: Op, x: Scalar) -> Scalar:
 
 
 def smooth_function(function: Function, width: float) -> Function:
-    """The same function with signs that change gradually.
-
-    Parameters
-    ----------
-    function : Function
-    width : float
-        See :func:`smoothed`.
-    """
+    """The same function with signs that change gradually."""
     nodes = [node for argument in function.arguments for node in argument.nodes]
     program, new = smoothed(function.program, [*function.entries.values(), *nodes], width)
     outputs, inputs = new[: len(function.entries)], iter(new[len(function.entries) :])

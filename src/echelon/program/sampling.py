@@ -37,21 +37,7 @@ _Pattern = tuple[Signs, npt.NDArray[np.intp]]  # signs, and the samples that hav
 
 
 class FieldSampler:
-    """Evaluates outputs of a program at random points of a prime field.
-
-    Parameters
-    ----------
-    program : Program
-    outputs : sequence of int
-        Output nodes.
-    values : mapping of str to number, optional
-        Stated values of constants, on which the regions of signs depend.
-
-    Raises
-    ------
-    UnknownRelationsError
-        If the algebraic relations between the program's functions are not known.
-    """
+    """Evaluates outputs of a program at random points of a prime field."""
 
     def __init__(
         self, program: Program, outputs: Sequence[int], values: Mapping[str, Rational | float] | None = None
@@ -158,29 +144,8 @@ class FieldSampler:
     def evaluate(
         self, field: PrimeField, rng: np.random.Generator, states: int, geometry: Mapping[str, Residues]
     ) -> Residues:
-        """Evaluate at random states for given geometries.
-
-        Parameters
-        ----------
-        field : PrimeField
-        rng : numpy Generator
-        states : int
-            Random states per geometry.
-        geometry : mapping of str to array of shape (geometries,)
-            Value of every one of :attr:`symbols`; for an angle symbol the tangent of half the angle.  Functions of
-            constants that are left out get a random value.
-
-        Returns
-        -------
-        array of shape (outputs, geometries, states)
-
-        Raises
-        ------
-        DegenerateSampleError
-            If a denominator vanishes at a point, or the field has no root that is needed.
-        InputError
-            If no real point is found at which all logarithms and roots are real.
-        """
+        """Evaluate at random states for given geometries."""
+        # shapes: geometry (geometries,); returns (outputs, geometries, states)
         geometries = len(next(iter(geometry.values()))) if geometry else 1
         samples = geometries * states
         reals = self._region.draw(rng, states) if self._region is not None else {}

@@ -26,13 +26,7 @@ _ROOTS = {2: Surd((0, 1, 0, 0)), 3: Surd((0, 0, 1, 0)), 6: Surd((0, 0, 0, 1))}
 
 
 class Scalar:
-    """A recorded number.
-
-    Parameters
-    ----------
-    program : Program
-    node : int
-    """
+    """A recorded number."""
 
     __slots__ = ("node", "program")
 
@@ -209,13 +203,7 @@ def _boxed(value: Any) -> Any:
 
 
 def exact(value: Any) -> Number:
-    """A number that code wrote down, exactly; a float stands for the shortest decimal that names it.
-
-    Raises
-    ------
-    InputError
-        If it is not a finite real number.
-    """
+    """A number that code wrote down, exactly; a float stands for the shortest decimal that names it."""
     if isinstance(value, int | Fraction | Surd) and not isinstance(value, bool):
         return value
     if not isinstance(value, bool) and hasattr(value, "__float__"):
@@ -227,13 +215,7 @@ def exact(value: Any) -> Number:
 
 
 def power(base: Scalar, exponent: Scalar) -> Scalar:
-    """Base to an exponent: products for integers, square roots for halves, otherwise exp(exponent · log base).
-
-    Raises
-    ------
-    InputError
-        If an integer exponent or the resulting number is unreasonably large.
-    """
+    """Base to an exponent: products for integers, square roots for halves, otherwise exp(exponent · log base)."""
     number = exponent.number
     if isinstance(number, int | Fraction) and (2 * number).denominator == 1:
         count, half = divmod(abs(Fraction(number)), 1)
@@ -263,13 +245,7 @@ def _bits(value: Rational) -> int:
 
 
 def square_root(x: Scalar) -> Scalar:
-    """Square root, exact for rational squares times 1, 2, 3 or 6.
-
-    Raises
-    ------
-    InputError
-        If the argument is a negative number.
-    """
+    """Square root, exact for rational squares times 1, 2, 3 or 6."""
     value = x.number
     if isinstance(value, int | Fraction):
         if value < 0:

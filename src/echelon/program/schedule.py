@@ -53,16 +53,7 @@ class _Group:
 
 
 class Schedule:
-    """The part of a program that some outputs need, ordered for vectorised evaluation.
-
-    Parameters
-    ----------
-    program : Program
-    outputs : sequence of int
-        Output nodes, in the order of the result's rows.
-    leaves : iterable of int, optional
-        Nodes whose values are supplied although they are operations (sines and cosines in a finite field).
-    """
+    """The part of a program that some outputs need, ordered for vectorised evaluation."""
 
     def __init__(self, program: Program, outputs: Sequence[int], leaves: Iterable[int] = ()) -> None:
         given = set(leaves)
@@ -97,18 +88,8 @@ class Schedule:
         return groups
 
     def run(self, arithmetic: Arithmetic, values: Mapping[int, Array], samples: int) -> Array:
-        """Evaluate the outputs.
-
-        Parameters
-        ----------
-        arithmetic : Arithmetic
-        values : mapping of leaf node to array of shape (samples, *arithmetic.shape)
-        samples : int
-
-        Returns
-        -------
-        array of shape (outputs, samples, *arithmetic.shape)
-        """
+        """Evaluate the outputs."""
+        # shapes: values (samples, *arithmetic.shape); returns (outputs, samples, *arithmetic.shape)
         table: Array = np.empty((self.size, samples, *arithmetic.shape), dtype=arithmetic.dtype)
         for node in self.leaves:
             table[self._row[node]] = values[node]
@@ -188,13 +169,7 @@ class ModularArithmetic:
         return a
 
     def unary(self, op: int, a: Array) -> Array:
-        """Negation modulo p.
-
-        Raises
-        ------
-        EchelonError
-            For functions, which have no meaning in a finite field.
-        """
+        """Negation modulo p."""
         if op != Op.NEG:
             raise EchelonError(f"{Op(op).name.lower()} has no exact meaning in a finite field")
         negative: Array = -a % self.field.p

@@ -21,45 +21,22 @@ _DOMAIN = (Op.LOG, Op.SQRT)
 
 @dataclass(frozen=True)
 class Surfaces:
-    """Where signs change and where the domain ends.
-
-    Attributes
-    ----------
-    program : Program
-    nodes : tuple of int
-        Whose zeros are the surfaces: arguments of signs, and factors of arguments of logarithms and roots.
-    signs : frozenset of int
-        Those of ``nodes`` that are arguments of signs.
-    positive : tuple of int
-        Arguments of logarithms and roots, which are positive in the domain.
-    nonzero : tuple of int
-        Denominators with signs, which could vanish on a region.
-    nested : frozenset of int
-        Those of ``nodes`` whose value contains a sign: they may vanish on a whole region.
-    inputs : tuple of int
-        The inputs that all of these depend on.
-    maximal : tuple of frozenset of int
-        Maximal sets of ``nodes`` whose signs are multiplied with each other in an output.
-    """
+    """Where signs change and where the domain ends."""
 
     program: Program
+    # whose zeros are the surfaces: arguments of signs, and factors of arguments of logarithms and roots
     nodes: tuple[int, ...]
-    signs: frozenset[int]
-    positive: tuple[int, ...]
-    nonzero: tuple[int, ...]
-    nested: frozenset[int]
-    inputs: tuple[int, ...]
+    signs: frozenset[int]  # those of ``nodes`` that are arguments of signs
+    positive: tuple[int, ...]  # arguments of logarithms and roots, which are positive in the domain
+    nonzero: tuple[int, ...]  # denominators with signs, which could vanish on a region
+    nested: frozenset[int]  # those of ``nodes`` whose value contains a sign: they may vanish on a whole region
+    inputs: tuple[int, ...]  # the inputs that all of these depend on
+    # maximal sets of ``nodes`` whose signs are multiplied with each other in an output
     maximal: tuple[frozenset[int], ...]
 
 
 def find_surfaces(program: Program, outputs: Sequence[int]) -> Surfaces:
-    """The surfaces of some outputs.
-
-    Parameters
-    ----------
-    program : Program
-    outputs : sequence of int
-    """
+    """The surfaces of some outputs."""
     ops, lhs = program.ops, program.lhs
     needed = program.needed(outputs)
     positive = {lhs[n] for n in needed if ops[n] in _DOMAIN}
@@ -140,21 +117,7 @@ def _maximal(masks: Iterable[int]) -> _Masks:
 
 
 def monomials(surfaces: Surfaces, constant: Mapping[int, int], most: int) -> list[tuple[tuple[int, int], ...]] | None:
-    """All products of powers of signs that may occur.
-
-    Parameters
-    ----------
-    surfaces : Surfaces
-    constant : mapping of int to int
-        Surfaces with only one sign, which are no variables.
-    most : int
-
-    Returns
-    -------
-    list of tuples of (node, exponent), or None
-        Those with fewer factors first; None if there are more than ``most``.  An exponent may be 2 where a sign may be
-        zero on a whole region.
-    """
+    """All products of powers of signs that may occur."""
     found: set[tuple[tuple[int, int], ...]] = {()}
     for product in surfaces.maximal:
         variables = [n for n in sorted(product) if n not in constant]

@@ -36,25 +36,6 @@ _RADICANDS = (1, 2, 3, 6)
 def from_sympy(program: Program, expression: Any, symbols: Mapping[str, Scalar]) -> Scalar:
     """Record a sympy expression.
 
-    Parameters
-    ----------
-    program : Program
-    expression : sympy expression or number
-        Sums, products, powers, and the functions in :data:`SUPPORTED`.
-    symbols : mapping of str to Scalar
-        What the name of every symbol stands for, recorded on the same program.
-
-    Returns
-    -------
-    Scalar
-
-    Raises
-    ------
-    InputError
-        If a symbol is not declared, or a part of the expression has no exact meaning in a program.
-
-    Examples
-    --------
     >>> import sympy
     >>> program, x = Program(), sympy.Symbol("x")
     >>> y = from_sympy(program, 0.1 * x**2 + sympy.cos(x + sympy.pi / 2), {"x": program.input("x")})
@@ -81,21 +62,6 @@ def from_sympy(program: Program, expression: Any, symbols: Mapping[str, Scalar])
 def to_sympy(program: Program, outputs: Sequence[int], given: Mapping[int, Any] | None = None) -> list[Any]:
     """Nodes of a program as sympy expressions in real symbols named like the inputs.
 
-    Parameters
-    ----------
-    program : Program
-    outputs : sequence of int
-        Nodes.
-    given : mapping of int to sympy expression, optional
-        What some nodes are written as.
-
-    Returns
-    -------
-    list of sympy expressions
-        One per output.
-
-    Examples
-    --------
     >>> program = Program()
     >>> x = program.input("x")
     >>> to_sympy(program, [(x / 3).node, (1 / program.sin(x)).node])
@@ -119,14 +85,7 @@ def to_sympy(program: Program, outputs: Sequence[int], given: Mapping[int, Any] 
 
 
 def shared_nodes(program: Program, outputs: Sequence[int]) -> list[int]:
-    """Operations that outputs use more than once, in the order of the program.
-
-    Parameters
-    ----------
-    program : Program
-    outputs : sequence of int
-        Nodes.
-    """
+    """Operations that outputs use more than once, in the order of the program."""
     needed = program.needed(outputs)
     uses = Counter(operand for node in needed for operand in (program.lhs[node], program.rhs[node]))
     uses.update(outputs)

@@ -25,34 +25,17 @@ _COMMUTATIVE = (_ADD, _MUL)
 
 @dataclass(frozen=True)
 class Input:
-    """One input of a program.
-
-    Attributes
-    ----------
-    name : str
-    role : str
-        ``"state"`` for what varies from sample to sample (q, q̇, q̈, model variables), ``"symbol"`` for what is
-        constant for a robot (geometry, gravity).
-    """
+    """One input of a program."""
 
     name: str
+    # ``"state"`` for what varies from sample to sample (q, q̇, q̈, model variables), ``"symbol"`` for what is constant
+    # for a robot (geometry, gravity)
     role: str
 
 
 class Program:
     """A straight-line program under construction or complete.
 
-    Attributes
-    ----------
-    ops, lhs, rhs : list of int
-        Operation code and operand nodes (−1 where there is none), one entry per node.
-    inputs : dict of int to Input
-    constants : dict of int to Number
-    unit_groups : list of tuple of int
-        Groups of input nodes that lie on a unit sphere (quaternions), which random sampling must respect.
-
-    Examples
-    --------
     >>> program = Program()
     >>> x = program.input("x")
     >>> y = (x + 1) * (x + 1) - 0 * x
@@ -80,13 +63,7 @@ class Program:
     # -- recording ---------------------------------------------------------------------------------------------
 
     def input(self, name: str, role: str = "state") -> Scalar:
-        """The input of this name, created on first use.
-
-        Raises
-        ------
-        InputError
-            If the name is already an input of another role.
-        """
+        """The input of this name, created on first use."""
         node = self._input_nodes.get(name)
         if node is not None and self.inputs[node].role != role:
             raise InputError(f"'{name}' is both a {self.inputs[node].role} and a {role}: rename one of them")
@@ -115,13 +92,7 @@ class Program:
         return found
 
     def function(self, op: Op, x: Scalar) -> Scalar:
-        """A unary function of a scalar, folded where the value is exact.
-
-        Raises
-        ------
-        InputError
-            If the argument is a number outside the function's domain.
-        """
+        """A unary function of a scalar, folded where the value is exact."""
         value = x.number
         if value is not None and (folded := _folded(op, value)) is not None:
             return self.constant(folded)
@@ -215,13 +186,7 @@ class Program:
         return self._intern(_NEG, a, -1)
 
     def divide(self, a: int, b: int) -> int:
-        """Node of a / b.
-
-        Raises
-        ------
-        ZeroDivisionError
-            If b is the constant zero.
-        """
+        """Node of a / b."""
         if b in self.constants:
             return self.multiply(a, self.constant(inverse(self.constants[b])).node)
         return a if a == self.zero.node else self._intern(_DIV, a, b)

@@ -33,27 +33,6 @@ _CIRCULAR = (Op.SIN, Op.COS, Op.TAN)
 def record_expression(text: str, names: Mapping[str, Scalar], where: str, program: Program) -> Scalar:
     """Record an expression.
 
-    Parameters
-    ----------
-    text : str
-    names : mapping of str to Scalar
-        What names and subscripted names (``qd[j5]``) stand for.
-    where : str
-        What the expression belongs to, for messages.
-    program : Program
-        Where the names are recorded.
-
-    Returns
-    -------
-    Scalar
-
-    Raises
-    ------
-    InputError
-        If the text is not an expression of these names; the message shows the text and what would be valid.
-
-    Examples
-    --------
     >>> program = Program()
     >>> y = record_expression("0.5*qd[j5] + abs(qd[j5])", {"qd[j5]": program.input("qd[j5]")}, "friction", program)
     >>> program.count([y.node])

@@ -9,26 +9,7 @@ from echelon.program.scalar import Scalar
 
 
 def turned(op: Op, rest: Scalar, steps: int) -> Scalar:
-    """A circular function of an angle plus a number of steps of 15°.
-
-    Parameters
-    ----------
-    op : Op
-        SIN, COS or TAN.
-    rest : Scalar
-        The angle without its exact part, rad.
-    steps : int
-        Exact part in steps of 15°.
-
-    Returns
-    -------
-    Scalar
-
-    Raises
-    ------
-    ZeroDivisionError
-        For the tangent of a right angle.
-    """
+    """A circular function of an angle plus a number of steps of 15°."""
     program = rest.program
     if not steps % (2 * STEPS_PER_HALF_TURN):
         return program.function(op, rest)

@@ -31,24 +31,12 @@ _SURPLUS_ROWS = 4
 
 @dataclass(frozen=True)
 class Block:
-    """Joints that are moved together.
+    """Joints that are moved together."""
 
-    Attributes
-    ----------
-    bodies : tuple of int
-        The bodies of these joints.
-    coordinates : tuple of str
-        Velocity coordinates of these joints that no coupling makes dependent.
-    effects : tuple of int
-        Effects that act there, by their place in ``mechanism.effects``.
-    carried : tuple of int
-        Blocks whose bodies hang on these bodies.
-    """
-
-    bodies: tuple[int, ...]
-    coordinates: tuple[str, ...]
-    effects: tuple[int, ...]
-    carried: tuple[int, ...]
+    bodies: tuple[int, ...]  # the bodies of these joints
+    coordinates: tuple[str, ...]  # velocity coordinates of these joints that no coupling makes dependent
+    effects: tuple[int, ...]  # effects that act there, by their place in ``mechanism.effects``
+    carried: tuple[int, ...]  # blocks whose bodies hang on these bodies
 
 
 def blocks_of(mechanism: Mechanism) -> tuple[Block, ...]:
@@ -58,11 +46,6 @@ def blocks_of(mechanism: Mechanism) -> tuple[Block, ...]:
     body whose parent
     does not carry all ten parameters keeps some that would else move to the parent; to be seen they need the parent's
     joint, too.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Without loops.
     """
     bodies = mechanism.bodies
     owner = {name: i for i, body in enumerate(bodies) for m in body.joint.motions for name in m.velocities}
@@ -143,23 +126,13 @@ class _Groups:
 
 @dataclass(frozen=True)
 class BlockRows:
-    """Rows in which one block alone moves, restricted to the block's own columns.
-
-    Attributes
-    ----------
-    program : Program
-    columns : tuple of tuple of int
-        For every block, the columns of its bodies and effects.
-    entries : tuple of mapping of (row, column) to int
-        For every block, the nodes of its entries in these columns that are not structurally zero.
-    carried : tuple of tuple of int
-        For every block, those whose columns its rows contain besides.
-    """
+    """Rows in which one block alone moves, restricted to the block's own columns."""
 
     program: Program
-    columns: tuple[tuple[int, ...], ...]
+    columns: tuple[tuple[int, ...], ...]  # for every block, the columns of its bodies and effects
+    # for every block, the nodes of its entries in these columns that are not structurally zero
     entries: tuple[Mapping[tuple[int, int], int], ...]
-    carried: tuple[tuple[int, ...], ...]
+    carried: tuple[tuple[int, ...], ...]  # for every block, those whose columns its rows contain besides
 
     def independent(
         self,
@@ -168,28 +141,7 @@ class BlockRows:
         rng: np.random.Generator,
         values: StatedValues = GENERAL,
     ) -> set[int]:
-        """Columns proved to be independent of one another and of all others, modulo a prime.
-
-        Parameters
-        ----------
-        columns : collection of int
-            The columns of X that are there; others are left out of every row.  One that vanishes should not be there:
-            it hides its block.
-        field : PrimeField
-        rng : numpy Generator
-        values : StatedValues
-            Values of symbols.
-
-        Returns
-        -------
-        set of int
-            Those of blocks whose own columns have full rank, as have all blocks that they carry.
-
-        Raises
-        ------
-        DegenerateSampleError
-            If a denominator vanishes at the random point.
-        """
+        """Columns proved to be independent of one another and of all others, modulo a prime."""
         present = set(columns)
         chosen = [{key: n for key, n in entries.items() if key[1] in present} for entries in self.entries]
         owned = [[column for column in columns if column in present] for columns in self.columns]

@@ -27,32 +27,8 @@ def evaluate_floats(
     symbols: Mapping[str, float] | None = None,
     inputs: Mapping[str, npt.ArrayLike] | None = None,
 ) -> Floats:
-    """Evaluate forms at states of a mechanism.
-
-    Parameters
-    ----------
-    forms : LinearForms
-        With inputs ``q[...]``, ``qd[...]``, ``qdd[...]`` and geometry symbols.  For a mechanism with loops those of
-        :func:`echelon.regressor.virtual_power.virtual_power_form`, which are evaluated once for each output.
-    mechanism : Mechanism
-    q : array of shape (N, positions)
-    qd, qdd : arrays of shape (N, velocities)
-        With loops, each of the three may be that of the independent coordinates only.
-    symbols : mapping of str to float, optional
-        Values that replace or complete those of the mechanism.
-    inputs : mapping of str to array of shape (N,), optional
-        Measured inputs that effects use, such as the currents of drives with unknown gains, by coordinate or actuator.
-
-    Returns
-    -------
-    array of shape (N, rows, columns)
-
-    Raises
-    ------
-    InputError
-        If shapes do not fit, or a symbol or a measured input has no value.  With loops, also if a state does not keep
-        them closed, or an output is not determined by the motion.
-    """
+    """Evaluate forms at states of a mechanism."""
+    # shapes: q (N, positions); qd, qdd (N, velocities); inputs (N,); returns (N, rows, columns)
     q, qd, qdd = (np.atleast_2d(np.asarray(values, dtype=float)) for values in (q, qd, qdd))
     measured = {name: np.atleast_1d(np.asarray(values, dtype=float)) for name, values in (inputs or {}).items()}
     counts = {len(values) for values in (q, qd, qdd, *measured.values())}

@@ -23,23 +23,7 @@ def column_sums(
     unit: Callable[[int, int], Scalar],
     wanted: Collection[int] | None = None,
 ) -> dict[int, Scalar]:
-    """What a unit of each standard parameter gives, from what it gives on one body: bodies that share it are added up.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    bodies : iterable of int
-        Those that are counted; some carry no parameters.
-    unit : callable
-        What a unit of a parameter gives, by the body and the place in XX … M.
-    wanted : collection of int, optional
-        Columns; all of these bodies if omitted.
-
-    Returns
-    -------
-    dict of int to Scalar
-        By column.
-    """
+    """What a unit of each standard parameter gives; bodies that share a parameter are added up."""
     total: dict[int, Scalar] = {}
     for index in bodies:
         for column, kind in enumerate(mechanism.bodies[index].carried, mechanism.first_column.get(index, 0)):
@@ -51,28 +35,14 @@ def column_sums(
 
 @dataclass(frozen=True)
 class LinearForms:
-    """Rows of coefficients of some parameters, recorded on a program.
-
-    Attributes
-    ----------
-    program : Program
-    entries : mapping of (row, column) to int
-        Node of every entry that is not structurally zero.
-    shape : (int, int)
-        Numbers of rows and columns.
-    loops : Loops, optional
-        What keeps motions on closed configurations, where there are loops.
-    blocks : BlockRows, optional
-        Combinations of rows, over all columns, that see little at a time.
-    values : mapping of str to number
-        Stated values of constants, on which the regions of signs depend.
-    """
+    """Rows of coefficients of some parameters, recorded on a program."""
 
     program: Program
-    entries: Mapping[tuple[int, int], int]
-    shape: tuple[int, int]
-    loops: Loops | None = None
-    blocks: BlockRows | None = None
+    entries: Mapping[tuple[int, int], int]  # node of every entry that is not structurally zero
+    shape: tuple[int, int]  # numbers of rows and columns
+    loops: Loops | None = None  # what keeps motions on closed configurations, where there are loops
+    blocks: BlockRows | None = None  # combinations of rows, over all columns, that see little at a time
+    # stated values of constants, on which the regions of signs depend
     values: Mapping[str, Rational | float] = field(default_factory=dict)
     # the same columns are asked for again and again, and a schedule costs as much as an evaluation
     _restricted: dict[tuple[int, ...], LinearForms] = field(init=False, default_factory=dict, repr=False, compare=False)
@@ -88,13 +58,7 @@ class LinearForms:
         return self._restricted[kept]
 
     def sampler(self, order: int | None = None) -> FieldSampler:
-        """Evaluates all entries at random states modulo primes.
-
-        Parameters
-        ----------
-        order : int, optional
-            Number of coefficients taken along curves, where there are loops; that of the loops if omitted.
-        """
+        """Evaluates all entries at random states modulo primes."""
         if order not in self._samplers:
             nodes = list(self.entries.values())
             self._samplers[order] = (
@@ -105,17 +69,8 @@ class LinearForms:
         return self._samplers[order]
 
     def stacked(self, values: Residues) -> Residues:
-        """Sampled entries as matrices, one for each geometry.
-
-        Parameters
-        ----------
-        values : array of shape (entries, geometries, states)
-            As :meth:`sampler` evaluates them, modulo a prime below 2^31.
-
-        Returns
-        -------
-        array of shape (geometries, states · rows, columns)
-        """
+        """Sampled entries as matrices, one for each geometry."""
+        # shapes: values (entries, geometries, states); returns (geometries, states · rows, columns)
         _, geometries, states = values.shape
         matrix = np.zeros((geometries, states, *self.shape), dtype=np.int64)
         for (row, column), value in zip(self.entries, values, strict=True):

@@ -13,14 +13,7 @@ from echelon.regressor.steps import Freedom, Recorder, Step
 
 
 class Probes:
-    """The cuts of a mechanism's outputs.
-
-    Attributes
-    ----------
-    recorder : Recorder
-    names : mapping of Cut to str
-        Name of the freedom of every cut.
-    """
+    """The cuts of a mechanism's outputs."""
 
     def __init__(self, mechanism: Mechanism, recorder: Recorder) -> None:
         self.recorder = recorder
@@ -52,20 +45,11 @@ class Probes:
 
 @dataclass(frozen=True)
 class VirtualMotion:
-    """Virtual velocities that belong to one output, or to all of them together.
+    """Virtual velocities that belong to one output, or to all of them together."""
 
-    Attributes
-    ----------
-    freedoms : mapping of str to Scalar
-        Of joint coordinates (dependent ones included) and cuts; absent where zero.
-    drives : mapping of str to Scalar
-        Of actuators, whose effects the output sees.
-    chosen : mapping of str to Scalar
-        Those of freedoms that the outputs determine; in a mechanism with loops the others follow.
-    """
-
-    freedoms: Mapping[str, Scalar]
-    drives: Mapping[str, Scalar]
+    freedoms: Mapping[str, Scalar]  # of joint coordinates (dependent ones included) and cuts; absent where zero
+    drives: Mapping[str, Scalar]  # of actuators, whose effects the output sees
+    # those of freedoms that the outputs determine; in a mechanism with loops the others follow
     chosen: Mapping[str, Scalar]
 
 
@@ -76,17 +60,7 @@ Speeds = Callable[[Mapping[str, Scalar]], Mapping[str, Scalar]]
 def virtual_motion(
     mechanism: Mechanism, probes: Probes, speeds: Mapping[str, Scalar], solved: Speeds | None = None
 ) -> VirtualMotion:
-    """The virtual motion whose power is Σ speed · output.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    probes : Probes
-    speeds : mapping of str to Scalar
-        Virtual velocity conjugate to each output, by name; absent outputs do not take part.
-    solved : callable, optional
-        With loops, what gives the virtual velocities that the outputs leave open; inputs ``v[...]`` if omitted.
-    """
+    """The virtual motion whose power is Σ speed · output."""
     program = probes.recorder.program
     freedoms: dict[str, Scalar] = {}
     drives: dict[str, Scalar] = {}
@@ -118,15 +92,7 @@ def virtual_motion(
 
 
 def any_motion(mechanism: Mechanism, recorder: Recorder, kind: str = "v") -> VirtualMotion:
-    """A virtual motion whose velocities, of all coordinates that no coupling makes dependent, are inputs ``v[...]``.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    recorder : Recorder
-    kind : str
-        ``"qd"`` for the true motion.
-    """
+    """A virtual motion whose velocities, of all coordinates that no coupling makes dependent, are inputs ``v[...]``."""
     program = recorder.program
     freedoms = {name: program.input(f"{kind}[{name}]") for name in mechanism.velocities}
     return motion_of_joints(mechanism, recorder, freedoms)
