@@ -16,17 +16,39 @@ if TYPE_CHECKING:  # importing LLVM takes longer than deriving base parameters: 
 
 
 class Recorded(ABC):
-    """What has a mechanism and its base matrix."""
+    """What has a mechanism and its base matrix.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+    matrix : BaseMatrix
+        Exact sparse B.
+    """
 
     mechanism: Mechanism
-    matrix: BaseMatrix  # exact sparse B
+    matrix: BaseMatrix
 
     @cached_property
     def _functions(self) -> dict[str, Function]:
         return {}
 
     def function(self, name: str) -> Function:
-        """One of the model's functions in terms of base parameters, recorded when it is first asked for."""
+        """One of the model's functions in terms of base parameters, recorded when it is first asked for.
+
+        Parameters
+        ----------
+        name : str
+            Of :data:`echelon.dynamics.functions.ALL_FUNCTIONS`.
+
+        Returns
+        -------
+        Function
+
+        Raises
+        ------
+        InputError
+            If there is no such function, or it is one of mechanisms with loops and there are none.
+        """
         if name not in self._functions:
             self._functions[name] = robot_function(name, self.mechanism, self.matrix.pivots)
         return self._functions[name]
