@@ -24,8 +24,6 @@ UNITS: Final = ("kg·m²",) * 6 + ("kg·m",) * 3 + ("kg",)
 def parameter_name(body: str, index: int) -> str:
     """Name of one standard parameter: kind followed by the body's label.
 
-    Examples
-    --------
     >>> parameter_name("3", 9), parameter_name("_gripper", 0)
     ('M3', 'XX_gripper')
     """

@@ -64,18 +64,10 @@ class ShakyPoseError(SingularPoseError):
 
 
 class OtherModeError(EchelonError):
-    """No way to assemble the loops that was found is the one of the stated pose.
+    """No assembly mode that was found is the one of the stated pose."""
 
-    Parameters
-    ----------
-    rank : int or None
-        What can be seen there, in ball arithmetic.
-    found : sequence of int
-        What can be seen in the ways that were found.
-    followed : bool
-        Whether frames were moved by rounding so that the loops close exactly, which may break what is special.
-    """
-
+    # rank: what can be seen there, in ball arithmetic; found: the same for the modes that were found; followed: whether
+    # frames were moved by rounding so that the loops close exactly, which may break what is special
     def __init__(self, rank: int | None, found: Sequence[int], followed: bool = False) -> None:
         shown = ", ".join(map(str, found))
         there = "its rank cannot be told in ball arithmetic" if rank is None else f"there it is {rank}"
@@ -117,8 +109,6 @@ class CertificateError(EchelonError):
 def one_line(text: str) -> str:
     r"""Text without line breaks and terminal codes, for names that come from files.
 
-    Examples
-    --------
     >>> one_line("arm\nof\x1b[31m steel")
     'arm of [31m steel'
     """
@@ -126,10 +116,8 @@ def one_line(text: str) -> str:
 
 
 def shortened(text: str, most: int = 60) -> str:
-    r"""The same line with its end left out if it is long, for messages that show what a file says.
+    """The same line with its end left out if it is long, for messages that show what a file says.
 
-    Examples
-    --------
     >>> shortened("1 + " * 100)
     '1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1 + 1...'
     """

@@ -30,21 +30,11 @@ _unfinished: set[Path] = set()
 
 @dataclass(frozen=True)
 class Target:
-    """What a path leads to.
+    """What a path leads to."""
 
-    Attributes
-    ----------
-    shown : str
-        The path as it was given, for messages.
-    path : Path
-        Behind all symbolic links; the path itself where that is no regular file.
-    found : os.stat_result, optional
-        What exists there.
-    """
-
-    shown: str
-    path: Path
-    found: os.stat_result | None
+    shown: str  # the path as it was given, for messages
+    path: Path  # behind all symbolic links; the path itself where that is no regular file
+    found: os.stat_result | None  # what exists there
 
     @property
     def stream(self) -> bool:
@@ -53,17 +43,7 @@ class Target:
 
 
 def target_of(path: str | os.PathLike[str]) -> Target:
-    """What a path leads to, if it can be written.
-
-    Parameters
-    ----------
-    path : path
-
-    Raises
-    ------
-    InputError
-        If it is a directory, there is no directory for it, or permission is missing.
-    """
+    """What a path leads to; an InputError if nothing can be written there."""
     shown = os.fspath(path)
     with _naming(shown):
         try:
@@ -83,39 +63,12 @@ def target_of(path: str | os.PathLike[str]) -> Target:
 
 
 def write_atomically(path: str | os.PathLike[str], content: str | bytes, *, private: bool = False) -> None:
-    """Write a file; see :func:`write_all`.
-
-    Parameters
-    ----------
-    path : path
-    content : str or bytes
-    private : bool
-        Nobody but the owner can read or write the file; otherwise its permissions are those of the file that was
-        there, or of any new file.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written; an existing file is left as it was.
-    """
+    """Write one file as :func:`write_all` does; nobody but the owner can read or write a private one."""
     write_all({Path(path): content}, private=private)
 
 
 def write_all(contents: Mapping[Path, str | bytes], *, private: bool = False) -> None:
-    """Write several files that belong together: none appears before all of them are written.
-
-    Parameters
-    ----------
-    contents : mapping of Path to str or bytes
-        By path; text is written as UTF-8.
-    private : bool
-        Nobody but the owner can read or write the files.
-
-    Raises
-    ------
-    InputError
-        If one cannot be written; existing files are left as they were.
-    """
+    """Write files that belong together, text as UTF-8: none appears before all of them are written."""
     targets = {target_of(path): text.encode() if isinstance(text, str) else text for path, text in contents.items()}
     _check_distinct(targets)
     staged: dict[Target, Path] = {}
@@ -134,23 +87,7 @@ def write_all(contents: Mapping[Path, str | bytes], *, private: bool = False) ->
 
 
 def written_into(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]:
-    """Write files into a directory, which is made if need be: all of them or none.
-
-    Parameters
-    ----------
-    folder : Path
-    contents : mapping of str to str or bytes
-        By name.
-
-    Returns
-    -------
-    list of Path
-
-    Raises
-    ------
-    InputError
-        If it is a file, or something cannot be written.
-    """
+    """Write files into a directory, which is made if need be: all of them or none."""
     if folder.exists() and not folder.is_dir():
         listed = ", ".join(contents)
         raise InputError(f"is not a directory, and there are several files to write: {listed}", source=str(folder))

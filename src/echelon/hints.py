@@ -11,8 +11,6 @@ _SHOWN = 12
 def nearest(word: str, valid: Iterable[str]) -> str:
     """A question for the valid word that is nearest to a wrong one, or nothing.
 
-    Examples
-    --------
     >>> nearest("alhpa", ["alpha", "theta"])
     "; did you mean 'alpha'?"
     """

@@ -10,13 +10,7 @@ DEFAULT_SEED = 2015
 
 
 def random_generator(seed: int) -> np.random.Generator:
-    """A random generator.
-
-    Raises
-    ------
-    InputError
-        If the seed is negative.
-    """
+    """A random generator."""
     if seed < 0:
         raise InputError(f"the seed {seed} is negative; give a whole number from 0 on")
     return np.random.default_rng(seed)

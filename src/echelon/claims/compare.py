@@ -35,18 +35,10 @@ _ZERO = RationalFunction(0)
 
 @dataclass(frozen=True)
 class Geometry:
-    """The robot's numbers, to put in for its symbols.
+    """The robot's numbers, to put in for its symbols."""
 
-    Attributes
-    ----------
-    exact : mapping of str to Number
-        Lengths with an exact value.
-    floats : mapping of str to float
-        All symbols with a value.
-    """
-
-    exact: Mapping[str, Number]
-    floats: Mapping[str, float]
+    exact: Mapping[str, Number]  # lengths with an exact value
+    floats: Mapping[str, float]  # all symbols with a value
 
     @staticmethod
     def of(model: BaseModel) -> Geometry:
@@ -97,14 +89,7 @@ class RowComparison:
 
 
 def led_by(matrix: BaseMatrix, rows: Sequence[Row], rng: np.random.Generator) -> BaseMatrix:
-    """B with the claimed rows' own leading parameters as representatives, as far as they can be.
-
-    Parameters
-    ----------
-    matrix : BaseMatrix
-    rows : sequence of rows
-    rng : numpy Generator
-    """
+    """B with the claimed rows' own leading parameters as representatives, as far as they can be."""
     uses: dict[int, int] = {}
     for row in rows:
         for column in row:
@@ -120,18 +105,7 @@ def led_by(matrix: BaseMatrix, rows: Sequence[Row], rng: np.random.Generator) ->
 
 
 def compare_row(row: Row, matrix: BaseMatrix, geometry: Geometry, precision: Precision, rounded: bool) -> RowComparison:
-    """Compare one claimed row.
-
-    Parameters
-    ----------
-    row : mapping of int to RationalFunction
-    matrix : BaseMatrix
-    geometry : Geometry
-    precision : Precision
-        To which the coefficients are printed.
-    rounded : bool
-        Whether this row has decimals, so that its coefficients may be rounded.
-    """
+    """Compare one claimed row."""
     expected = combination(row, matrix)
     differing = [c for c in sorted({*row, *expected}) if row.get(c, _ZERO) != expected.get(c, _ZERO)]
     if not differing:

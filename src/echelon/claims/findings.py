@@ -30,21 +30,12 @@ class Agreement(Enum):
 
 @dataclass(frozen=True)
 class TermDifference:
-    """A coefficient that is not what it has to be beside the other ones of its row.
-
-    Attributes
-    ----------
-    parameter : str
-    claimed, expected : str
-        Coefficients; "0" where there is no such term.
-    difference : float or None
-        Claimed minus expected at the robot's geometry, if that is known.
-    """
+    """A coefficient that is not what it has to be beside the other ones of its row."""
 
     parameter: str
-    claimed: str
-    expected: str
-    difference: float | None
+    claimed: str  # coefficients; "0" where there is no such term
+    expected: str  # coefficients; "0" where there is no such term
+    difference: float | None  # claimed minus expected at the robot's geometry, if that is known
 
     def __str__(self) -> str:
         if self.expected == "0":
@@ -56,69 +47,33 @@ class TermDifference:
 
 @dataclass(frozen=True)
 class Witness:
-    """A change of the standard parameters that the claimed set and the outputs disagree about.
+    """A change of the standard parameters that the claimed set and the outputs disagree about."""
 
-    Attributes
-    ----------
-    change : mapping of str to float
-        What is added to the standard parameters, SI units.
-    claimed : mapping of int to float
-        What it changes in the claimed base parameters, by row number from 1; empty if nothing.
-    state : mapping of str to tuple of float
-        ``q``, ``qd``, ``qdd`` of an example, in the order of the mechanism's coordinates; ``i[name]`` for measured
-        inputs.
-    outputs : mapping of str to float
-        Change of the outputs in that state.
-    symbols : mapping of str to float
-        Values that were assumed for symbols without one.
-    """
-
-    change: Mapping[str, float]
+    change: Mapping[str, float]  # what is added to the standard parameters, SI units
+    # what it changes in the claimed base parameters, by row number from 1; empty if nothing
     claimed: Mapping[int, float]
+    # ``q``, ``qd``, ``qdd`` of an example, in the order of the mechanism's coordinates; ``i[name]`` for measured inputs
     state: Mapping[str, tuple[float, ...]]
-    outputs: Mapping[str, float]
-    symbols: Mapping[str, float] = field(default_factory=dict)
+    outputs: Mapping[str, float]  # change of the outputs in that state
+    symbols: Mapping[str, float] = field(default_factory=dict)  # values that were assumed for symbols without one
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One claimed base parameter.
+    """One claimed base parameter."""
 
-    Attributes
-    ----------
-    number : int
-        Its place in the claimed set, from 1.
-    claim : Claim
-    agreement : Agreement
-    redundant : bool
-        Whether it depends on the rows before it.
-    differences : tuple of TermDifference
-        What is wrong with it; empty unless the agreement is ``WRONG``.
-    largest_difference : float
-        Largest difference of a coefficient that is within the printed digits.
-    witness : Witness, optional
-        For a wrong row: a change that no output sees, but this row does.
-    """
-
-    number: int
+    number: int  # its place in the claimed set, from 1
     claim: Claim
     agreement: Agreement
-    redundant: bool
-    differences: tuple[TermDifference, ...] = ()
-    largest_difference: float = 0.0
-    witness: Witness | None = None
+    redundant: bool  # whether it depends on the rows before it
+    differences: tuple[TermDifference, ...] = ()  # what is wrong with it; empty unless the agreement is ``WRONG``
+    largest_difference: float = 0.0  # largest difference of a coefficient that is within the printed digits
+    witness: Witness | None = None  # for a wrong row: a change that no output sees, but this row does
 
 
 @dataclass(frozen=True)
 class Missing:
-    """A base parameter that no claimed row sees.
-
-    Attributes
-    ----------
-    expression : Expression
-    witness : Witness
-        A change that the outputs see, but no claimed row does.
-    """
+    """A base parameter that no claimed row sees."""
 
     expression: Expression
-    witness: Witness
+    witness: Witness  # a change that the outputs see, but no claimed row does

@@ -44,27 +44,13 @@ def names_in(text: str) -> list[str]:
 
 @dataclass(frozen=True)
 class LinearReader:
-    """Reads expressions.
+    """Reads expressions."""
 
-    Attributes
-    ----------
-    parameter : callable
-        For a name its standard parameter, or None if it is not one.
-    symbol : callable
-        The value of any other name; raises ValueError if there is none.
-    """
-
-    parameter: Callable[[str], str | None]
-    symbol: Callable[[str], Polynomial]
+    parameter: Callable[[str], str | None]  # for a name its standard parameter, or None if it is not one
+    symbol: Callable[[str], Polynomial]  # the value of any other name; raises ValueError if there is none
 
     def read(self, text: str) -> dict[str, RationalFunction]:
-        """Non-zero coefficients by standard parameter, in the order of the text.
-
-        Raises
-        ------
-        ValueError
-            If the text is not linear and homogeneous in the parameters; the message says why.
-        """
+        """Non-zero coefficients by standard parameter, in the order of the text."""
         python = plain_text(text).strip()
         try:
             terms = _Walk(self, python.encode()).read(expression_tree(python))

@@ -22,20 +22,11 @@ AUTO = "auto"
 
 @dataclass(frozen=True)
 class Naming:
-    """One program's way of writing standard parameters.
-
-    Attributes
-    ----------
-    name : str
-    inertial : 10 tuples of str
-        Patterns of XX … M; ``{}`` stands for a body's label, name, or joint.
-    effects : mapping of str to tuple of str
-        Patterns of the usual drive parameters by their kind here: Ia, Fv, Fc, Fo.
-    """
+    """One program's way of writing standard parameters."""
 
     name: str
-    inertial: tuple[tuple[str, ...], ...]
-    effects: Mapping[str, tuple[str, ...]]
+    inertial: tuple[tuple[str, ...], ...]  # patterns of XX … M; ``{}`` stands for a body's label, name, or joint
+    effects: Mapping[str, tuple[str, ...]]  # patterns of the usual drive parameters by their kind here: Ia, Fv, Fc, Fo
 
 
 def _spelled(kinds: str) -> tuple[tuple[str, ...], ...]:
@@ -78,11 +69,6 @@ def vocabulary(naming: Naming, model: BaseModel) -> dict[str, str]:
 
     Bodies go by label, name or joint; a name that two bodies share stands for none.  Parameters that are not inertial
     also go by their own names, whatever the naming.
-
-    Parameters
-    ----------
-    naming : Naming
-    model : BaseModel
     """
     words: dict[str, str] = {}
     identifiers, sharing = _identifiers(model), model.mechanism.sharing
@@ -112,21 +98,7 @@ def _identifiers(model: BaseModel) -> list[list[str]]:
 
 
 def find_naming(texts: Sequence[str], model: BaseModel, wanted: str = AUTO) -> tuple[Naming, dict[str, str]]:
-    """The naming that expressions are written in, with its vocabulary.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        The claimed expressions.
-    model : BaseModel
-    wanted : str
-        One of :data:`NAMES` to force it, or ``"auto"`` for the one that knows most of the names in the texts.
-
-    Raises
-    ------
-    InputError
-        If the wanted naming is not known.
-    """
+    """The naming that expressions are written in, with its vocabulary."""
     if wanted not in (AUTO, *NAMES):
         raise InputError(f"unknown naming '{wanted}' (valid: {', '.join((AUTO, *NAMES))})")
     candidates = [(n, vocabulary(n, model)) for n in NAMINGS if wanted in (AUTO, n.name)]

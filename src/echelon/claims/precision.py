@@ -18,18 +18,10 @@ _MOST_DIGITS = 9
 
 @dataclass(frozen=True)
 class Precision:
-    """Rounding of a set of decimals.
+    """Rounding of a set of decimals."""
 
-    Attributes
-    ----------
-    decimals : int or None
-        Digits after the point; None where the set has no decimals, and every number is exact.
-    significant : int
-        Significant digits.
-    """
-
-    decimals: int | None
-    significant: int = 0
+    decimals: int | None  # digits after the point; None where the set has no decimals, and every number is exact
+    significant: int = 0  # significant digits
 
     @property
     def absolute(self) -> float:
@@ -37,12 +29,7 @@ class Precision:
         return 0.0 if self.decimals is None else 0.5 * 10.0**-self.decimals
 
     def tolerance(self, value: float) -> float:
-        """What a printed value may differ from the true one.
-
-        Parameters
-        ----------
-        value : float
-        """
+        """What a printed value may differ from the true one."""
         if self.decimals is None or value == round(value):  # significant digits would be generous to 1.0
             return self.absolute
         return max(self.absolute, 0.5 * 10.0 ** (floor(log10(abs(value))) + 1 - self.significant))
@@ -54,12 +41,6 @@ class Precision:
 def precision_of(texts: Iterable[str]) -> Precision:
     """The rounding of all decimals in some texts.
 
-    Parameters
-    ----------
-    texts : iterable of str
-
-    Examples
-    --------
     >>> precision_of(["Ixx2 - 1.0*Iyy2 - 0.050625*m3 + 0.07*mz3"])
     Precision(decimals=6, significant=5)
     """

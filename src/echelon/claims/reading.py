@@ -26,40 +26,17 @@ _SCHEMA = "echelon.base-model/1"
 
 @dataclass(frozen=True)
 class Claim:
-    """One claimed base parameter, as text.
+    """One claimed base parameter, as text."""
 
-    Attributes
-    ----------
-    text : str
-        The expression.
-    where : str
-        Where it stands: ``line 3``, ``entry 'beta_2'``.
-    name : str, optional
-        The name that its author gave it.
-    columns : mapping of str to str
-        Other cells of its row, such as values, by title or number.
-    """
-
-    text: str
-    where: str
-    name: str | None = None
+    text: str  # the expression
+    where: str  # where it stands: ``line 3``, ``entry 'beta_2'``
+    name: str | None = None  # the name that its author gave it
+    # other cells of its row, such as values, by title or number
     columns: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_claims(source: str | os.PathLike[str] | Sequence[str] | Mapping[str, str]) -> tuple[Claim, ...]:
-    """Claimed expressions from a file or from texts.
-
-    Parameters
-    ----------
-    source : path-like, sequence of str, or mapping of str to str
-        A file (``.csv``, ``.tsv``, ``.json``, else plain text with one expression per line), expressions, or
-        expressions by name.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or holds no expressions.
-    """
+    """Claimed expressions from a file or from texts."""
     if isinstance(source, str | os.PathLike):
         return _read_file(Path(source))
     claims = _from_json(source if isinstance(source, Mapping) else list(source), "claims")

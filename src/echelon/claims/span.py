@@ -29,31 +29,14 @@ _ZERO = RationalFunction(0)
 
 @dataclass(frozen=True)
 class Span:
-    """What claimed rows span of the row space of B.
+    """What claimed rows span of the row space of B."""
 
-    Attributes
-    ----------
-    redundant : tuple of int
-        Right rows that depend on the right rows before them.
-    missing : tuple of int
-        Rows of B that complete the claimed ones.
-    """
-
-    redundant: tuple[int, ...]
-    missing: tuple[int, ...]
+    redundant: tuple[int, ...]  # right rows that depend on the right rows before them
+    missing: tuple[int, ...]  # rows of B that complete the claimed ones
 
 
 def span_exactly(rows: Sequence[Row], right: Sequence[int], matrix: BaseMatrix, rng: np.random.Generator) -> Span:
-    """The span for generic geometry.
-
-    Parameters
-    ----------
-    rows : sequence of rows
-    right : sequence of int
-        Rows that are right; the others count for what they mean to see, but do not make right ones redundant.
-    matrix : BaseMatrix
-    rng : numpy Generator
-    """
+    """The span for generic geometry."""
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng, _PRIME_BITS)
         try:
@@ -68,18 +51,7 @@ def span_exactly(rows: Sequence[Row], right: Sequence[int], matrix: BaseMatrix, 
 def span_roughly(
     rows: Sequence[Row], right: Sequence[int], matrix: BaseMatrix, geometry: Geometry, tolerance: float
 ) -> Span:
-    """The span at the robot's geometry for coefficients that are known to a tolerance.
-
-    Parameters
-    ----------
-    rows : sequence of rows
-    right : sequence of int
-        As for :func:`span_exactly`.
-    matrix : BaseMatrix
-    geometry : Geometry
-        With values for all symbols of the rows.
-    tolerance : float
-    """
+    """The span at the robot's geometry for coefficients that are known to a tolerance."""
     values = np.array([[geometry.roughly(row.get(p, _ZERO)) or 0.0 for p in matrix.pivots] for row in rows])
     values = values.reshape(len(rows), matrix.rank)
     threshold = max(_NOISE, 4 * tolerance)

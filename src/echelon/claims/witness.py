@@ -29,25 +29,13 @@ _NEGLIGIBLE = 1e-12
 
 @dataclass(frozen=True)
 class Laboratory:
-    """Where changes of parameters are tried out in numbers.
-
-    Attributes
-    ----------
-    model : BaseModel
-    matrix : BaseMatrix
-        B with the representatives that the claims lead with.
-    rows : tuple of rows
-        The claimed set.
-    geometry : Geometry
-    seed : int
-        Of the example states, and of values for symbols that have none.
-    """
+    """Where changes of parameters are tried out in numbers."""
 
     model: BaseModel
-    matrix: BaseMatrix
-    rows: tuple[Row, ...]
+    matrix: BaseMatrix  # B with the representatives that the claims lead with
+    rows: tuple[Row, ...]  # the claimed set
     geometry: Geometry
-    seed: int
+    seed: int  # of the example states, and of values for symbols that have none
 
     def unseen_by_outputs(self, column: int) -> Witness:
         """A unit of a parameter that is no pivot, with what compensates it in all outputs."""
@@ -135,15 +123,7 @@ def _named(names: Sequence[str], values: Floats) -> Mapping[str, float]:
 def random_states(
     model: BaseModel, rng: np.random.Generator, symbols: Mapping[str, float] | None = None
 ) -> tuple[Floats, Floats, Floats]:
-    """Random states with two decimals; quaternions have unit length, and loops are closed.
-
-    Parameters
-    ----------
-    model : BaseModel
-    rng : numpy Generator
-    symbols : mapping of str to float, optional
-        Values of symbols, on which closed states depend.
-    """
+    """Random states with two decimals; quaternions have unit length, and loops are closed."""
     mechanism = model.mechanism
     if mechanism.closures:
         return Assembly(mechanism, symbols).random_closed_states(rng, _STATES)

@@ -33,18 +33,7 @@ def run_audit(
 
 
 def definitions(texts: Sequence[str]) -> dict[str, str]:
-    """Symbols of the claims by name.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        Each ``NAME=EXPRESSION``.
-
-    Raises
-    ------
-    InputError
-        If one has another form.
-    """
+    """Symbols of the claims by name."""
     parts = [text.partition("=") for text in texts]
     for text, (name, _, value) in zip(texts, parts, strict=True):
         if not name.strip().isidentifier() or not value.strip():

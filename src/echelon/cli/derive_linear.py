@@ -23,13 +23,7 @@ def linear_text(
     structure: bool,
     generic: bool,
 ) -> str:
-    """Base parameters of the linear model in a file, in an output format.
-
-    Raises
-    ------
-    InputError
-        If an option is for robots only, or the file is not valid.
-    """
+    """Base parameters of the linear model in a file, in an output format."""
     if structure:
         raise InputError("--structure is for robots; a linear model is always derived in closed form")
     base = base_parameters(load_linear(file), order=order, prefer=prefer, generic=generic, seed=seed, budget=budget)

@@ -19,26 +19,13 @@ from echelon.files import Target, target_of, write_all, written_into
 
 @dataclass(frozen=True)
 class Destination:
-    """A file or a directory to write to.
-
-    Attributes
-    ----------
-    path : Path
-    force : bool
-        Replace whatever is there.
-    """
+    """A file or a directory to write to."""
 
     path: Path
-    force: bool = False
+    force: bool = False  # replace whatever is there
 
     def check(self, names: Iterable[str] | None = None) -> None:
-        """Raise an error now, before a long computation, if the file could not be written in the end.
-
-        Parameters
-        ----------
-        names : iterable of str, optional
-            Of files in the directory; without them the path is that of a file.
-        """
+        """Raise an error now, before a long computation, if the file could not be written in the end."""
         if names is None:
             self._protect([self.path])
         elif self.path.is_dir():
@@ -67,26 +54,13 @@ class Destination:
 
 
 def output_folder(path: Path, force: bool) -> Destination:
-    """Where a command that is about to read its files will write one or several.
-
-    Parameters
-    ----------
-    path : Path
-    force : bool
-    """
+    """Where a command that is about to read its files will write one or several."""
     watch_reads()
     return Destination(path, force)
 
 
 def output_file(path: Path | None, force: bool) -> Destination | None:
-    """Where a command that is about to read its files will write a file, if the file can be written.
-
-    Parameters
-    ----------
-    path : Path, optional
-        None where the command prints.
-    force : bool
-    """
+    """Where a command that is about to read its files will write a file, if the file can be written."""
     if path is None:
         return None
     found = output_folder(path, force)
@@ -95,13 +69,7 @@ def output_file(path: Path | None, force: bool) -> Destination | None:
 
 
 def deliver(text: str, output: Destination | None) -> None:
-    """Write text that ends with a line break, or print it.
-
-    Parameters
-    ----------
-    text : str
-    output : Destination, optional
-    """
+    """Write text that ends with a line break, or print it."""
     if output is None:
         show(text)
     else:

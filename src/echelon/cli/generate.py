@@ -35,26 +35,14 @@ SUMMARY = "echelon.generated/1"
 
 @dataclass(frozen=True)
 class GenerateRequest:
-    """Arguments of the command.
+    """Arguments of the command."""
 
-    Attributes
-    ----------
-    robot : Path
-        A robot file, or base parameters saved as JSON.
-    output : Destination
-        A directory, or a file.
-    reading, derivation, options : mappings
-        Keyword arguments of ``load``, ``base_parameters`` and ``generate``.
-    parameters : str, optional
-        ``"file"`` or the name of a file of values.
-    """
-
-    robot: Path
-    output: Destination
-    reading: Mapping[str, Any]
+    robot: Path  # a robot file, or base parameters saved as JSON
+    output: Destination  # a directory, or a file
+    reading: Mapping[str, Any]  # keyword arguments of ``load``, ``base_parameters`` and ``generate``
     derivation: Mapping[str, Any]
-    options: Mapping[str, Any]
-    parameters: str | None
+    options: Mapping[str, Any]  # keyword arguments of ``load``, ``base_parameters`` and ``generate``
+    parameters: str | None  # ``"file"`` or the name of a file of values
 
 
 def run_generate(request: GenerateRequest, *, as_json: bool) -> None:
@@ -76,13 +64,7 @@ def run_generate(request: GenerateRequest, *, as_json: bool) -> None:
 
 
 def read_values(path: Path) -> dict[str, float]:
-    """Values by name, from a JSON object or from lines ``name,value``.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or holds something else.
-    """
+    """Values by name, from a JSON object or from lines ``name,value``."""
     text = read_document(path)
     data = parse_json(text, str(path)) if text.lstrip().startswith("{") else None
     try:

@@ -26,34 +26,17 @@ MODEL, REPORT = "model.json", "report.html"
 
 @dataclass(frozen=True)
 class IdentifyRequest:
-    """Arguments of the command.
-
-    Attributes
-    ----------
-    setup : Path
-    logs, validate : tuple of Path
-    output : Destination, optional
-        Directory for what is written.
-    prior : Path, optional
-    changed : mapping
-        Settings that replace those of the set-up.
-    reading : mapping
-        Keyword arguments of ``load``.
-    target : str
-        Language of the source code, or ``"none"``.
-    dask : str, optional
-        Address of a scheduler, or a number of processes.
-    """
+    """Arguments of the command."""
 
     setup: Path
     logs: tuple[Path, ...]
     validate: tuple[Path, ...]
-    output: Destination | None
+    output: Destination | None  # directory for what is written
     prior: Path | None
-    changed: Mapping[str, Any]
-    reading: Mapping[str, Any]
-    target: str
-    dask: str | None
+    changed: Mapping[str, Any]  # settings that replace those of the set-up
+    reading: Mapping[str, Any]  # keyword arguments of ``load``
+    target: str  # language of the source code, or ``"none"``
+    dask: str | None  # address of a scheduler, or a number of processes
 
 
 def run_identify(request: IdentifyRequest, *, as_json: bool) -> None:

@@ -26,13 +26,7 @@ def watch_reads() -> None:
 
 
 def was_read(path: Path) -> bool:
-    """Whether a file was opened for reading.
-
-    Parameters
-    ----------
-    path : Path
-        Behind all symbolic links.
-    """
+    """Whether a file was opened for reading."""
     with unwatched():
         return os.fspath(path) in {os.path.realpath(found) for found in _paths}
 

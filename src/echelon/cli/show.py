@@ -18,8 +18,6 @@ def show(text: str) -> None:
 def visible(text: str) -> str:
     r"""Lines in which what is not printable stands as ``\u009b``, which is what JSON calls it, too.
 
-    Examples
-    --------
     >>> print(visible('{"name": "é\x9b31m"}'))
     {"name": "é\u009b31m"}
     """

@@ -22,19 +22,7 @@ _MOST_PATHS = 10_000
 
 
 def remember(path: Path, content: bytes) -> None:
-    """Note what is about to be written.
-
-    Parameters
-    ----------
-    path : Path
-        Behind all symbolic links.
-    content : bytes
-
-    Raises
-    ------
-    InputError
-        If nothing can be noted.
-    """
+    """Note what is about to be written."""
     record = _record(path)
     digest = hashlib.sha256(content).hexdigest()
     digests = [line for line in _digests(record) if line != digest]
@@ -47,13 +35,7 @@ def remember(path: Path, content: bytes) -> None:
 
 
 def is_as_written(path: Path) -> bool:
-    """Whether a file holds what a command of this user wrote there.
-
-    Parameters
-    ----------
-    path : Path
-        Behind all symbolic links.
-    """
+    """Whether a file holds what a command of this user wrote there."""
     digests = _digests(_record(path))
     if not digests:
         return False

@@ -18,13 +18,7 @@ _GROUPS = 3  # shown of one that is longer
 
 
 class HtmlStyle(TextStyle):
-    """HTML whose names are escaped.
-
-    Parameters
-    ----------
-    labels : mapping of str to (str, str)
-        Kind and label of the parameters that have both.
-    """
+    """HTML whose names are escaped."""
 
     def __init__(self, labels: dict[str, tuple[str, str]]) -> None:
         self._labels = labels
@@ -48,34 +42,17 @@ def _symbol(name: str) -> str:
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """A base parameter to be shown.
+    """A base parameter to be shown."""
 
-    Attributes
-    ----------
-    name, html : str
-        Its representative and the whole, as safe HTML.
-    text : str
-        The whole as plain text.
-    start : str
-        The beginning of a long one as safe HTML; empty if it is short.
-    terms : int
-        Standard parameters in it.
-    """
-
-    name: str
+    name: str  # its representative and the whole, as safe HTML
     html: str
-    text: str
-    start: str
-    terms: int
+    text: str  # the whole as plain text
+    start: str  # the beginning of a long one as safe HTML; empty if it is short
+    terms: int  # standard parameters in it
 
 
 class ClosedForms:
-    """The closed forms of a model.
-
-    Parameters
-    ----------
-    base : BaseModel
-    """
+    """The closed forms of a model."""
 
     def __init__(self, base: BaseModel) -> None:
         self._base = base
@@ -93,12 +70,7 @@ class ClosedForms:
         )
 
     def name(self, parameter: str) -> str:
-        """A parameter's name as safe HTML.
-
-        Parameters
-        ----------
-        parameter : str
-        """
+        """A parameter's name as safe HTML."""
         return self.style.parameter(parameter)
 
     def all(self) -> list[ClosedForm]:

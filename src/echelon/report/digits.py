@@ -17,13 +17,6 @@ _MISSING = "–"
 def significant(value: float, digits: int = 4) -> str:
     """A number with so many significant digits.
 
-    Parameters
-    ----------
-    value : float
-    digits : int
-
-    Examples
-    --------
     >>> significant(0.123456), significant(-12345.6), significant(3.2e-9, 2), significant(float("inf"))
     ('0.1235', '−12346', '3.2×10⁻⁹', '∞')
     """
@@ -39,17 +32,6 @@ def significant(value: float, digits: int = 4) -> str:
 def with_uncertainty(value: float, std: float) -> tuple[str, str]:
     """A value and its standard deviation, both ending at the second significant digit of the latter.
 
-    Parameters
-    ----------
-    value, std : float
-
-    Returns
-    -------
-    tuple of str
-        Where the deviation is zero or unknown, the value has four significant digits.
-
-    Examples
-    --------
     >>> with_uncertainty(1.23456789, 0.00123), with_uncertainty(5123.4, 120.0), with_uncertainty(0.3, 0.0)
     (('1.2346', '0.0012'), ('5120', '120'), ('0.3000', '0'))
     """
@@ -65,25 +47,13 @@ def with_uncertainty(value: float, std: float) -> tuple[str, str]:
 
 
 def to_place(value: float, std: float) -> str:
-    """A number that belongs to a value with an uncertainty, such as an end of its interval, with the same last digit.
-
-    Parameters
-    ----------
-    value, std : float
-    """
+    """A number that ends where a value with this standard deviation ends, such as an end of its interval."""
     return with_uncertainty(value, std)[0]
 
 
 def percent(value: float, digits: int = 2) -> str:
     """A number of per cent, without the sign; large ones are only said to be large.
 
-    Parameters
-    ----------
-    value : float
-    digits : int
-
-    Examples
-    --------
     >>> percent(0.5123), percent(12.3), percent(4321.0)
     ('0.51', '12', '> 999')
     """
@@ -93,12 +63,6 @@ def percent(value: float, digits: int = 2) -> str:
 def share(value: float) -> str:
     """A coefficient of determination or another number near 1: all nines, and two digits beyond them.
 
-    Parameters
-    ----------
-    value : float
-
-    Examples
-    --------
     >>> share(0.998731), share(0.91), share(-3.2), share(1.0)
     ('0.9987', '0.910', '−3.20', '1.000')
     """

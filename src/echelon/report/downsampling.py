@@ -18,22 +18,12 @@ _GAP = 4.0  # times the usual step
 
 @dataclass(frozen=True)
 class Envelope:
-    """What remains of a signal.
+    """What remains of a signal."""
 
-    Attributes
-    ----------
-    time, values : arrays of shape (k,)
-        Samples that remain, in order; nan where a line must not be drawn.
-    samples : int
-        How many there were.
-    lost : int
-        How many of these were not finite.
-    """
-
-    time: Floats
-    values: Floats
-    samples: int
-    lost: int
+    time: Floats  # shape (k,): samples that remain, in order; nan where a line must not be drawn
+    values: Floats  # shape (k,): samples that remain, in order; nan where a line must not be drawn
+    samples: int  # how many there were
+    lost: int  # how many of these were not finite
 
 
 def envelope(time: Floats, values: Floats, buckets: int) -> Envelope:
@@ -41,20 +31,6 @@ def envelope(time: Floats, values: Floats, buckets: int) -> Envelope:
 
     Lines break at gaps: where neighbours are further apart than four usual steps, and than a stretch is wide.
 
-    Parameters
-    ----------
-    time : array of shape (N,)
-        Ascending, s.
-    values : array of shape (N,)
-    buckets : int
-        Number of stretches; at most two samples of each remain, and the first and the last of all.
-
-    Returns
-    -------
-    Envelope
-
-    Examples
-    --------
     >>> import numpy as np
     >>> y = np.zeros(10_000)
     >>> y[1234] = 5.0

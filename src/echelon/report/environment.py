@@ -21,39 +21,21 @@ TEMPLATES = Path(__file__).with_name("templates")
 
 
 def render(template: str, context: Mapping[str, Any]) -> Markup:
-    """A template with its names filled in, as safe HTML.
-
-    Parameters
-    ----------
-    template : str
-        Name of a file among the report's templates.
-    context : mapping of str to object
-    """
+    """A template with its names filled in, as safe HTML."""
     from markupsafe import Markup
 
     return Markup(_environment().get_template(template).render(context))
 
 
 def trusted(html: str) -> Markup:
-    """HTML whose names have been escaped already.
-
-    Parameters
-    ----------
-    html : str
-    """
+    """HTML whose names have been escaped already."""
     from markupsafe import Markup
 
     return Markup(html)
 
 
 def plotly_source() -> Markup:
-    """The plotting library, as the content of a script element.
-
-    Raises
-    ------
-    MissingExtraError
-        If plotly is not installed.
-    """
+    """The plotting library, as the content of a script element."""
     try:
         from plotly.offline import get_plotlyjs
     except ImportError:

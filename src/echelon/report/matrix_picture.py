@@ -37,61 +37,31 @@ class Cell:
 
 @dataclass(frozen=True)
 class Band:
-    """Columns of one body, or rows of base parameters that one body represents.
+    """Columns of one body, or rows of base parameters that one body represents."""
 
-    Attributes
-    ----------
-    name : str
-        Of the body, or of what does not belong to one.
-    label : str
-    start, size : float
-        px.
-    """
-
-    name: str
+    name: str  # of the body, or of what does not belong to one
     label: str
-    start: float
-    size: float
+    start: float  # px
+    size: float  # px
 
 
 @dataclass(frozen=True)
 class Picture:
-    """B, ready to be drawn.
+    """B, ready to be drawn."""
 
-    Attributes
-    ----------
-    cell : float
-        Size of a cell, px.
-    width, height : float
-        Of the matrix, px.
-    columns, rows : tuple of Band
-    cells : tuple of Cell
-    row_names : tuple of str
-        Representatives; empty where there is no room for them.
-    column_names : tuple of str
-        Kinds of the columns; empty where there is no room for them.
-    kinds : mapping of str to int
-        How many entries of each kind there are.
-    """
-
-    cell: float
-    width: float
+    cell: float  # size of a cell, px
+    width: float  # of the matrix, px
     height: float
     columns: tuple[Band, ...]
     rows: tuple[Band, ...]
     cells: tuple[Cell, ...]
-    row_names: tuple[str, ...]
-    column_names: tuple[str, ...]
-    kinds: Mapping[str, int]
+    row_names: tuple[str, ...]  # representatives; empty where there is no room for them
+    column_names: tuple[str, ...]  # kinds of the columns; empty where there is no room for them
+    kinds: Mapping[str, int]  # how many entries of each kind there are
 
 
 def matrix_picture(base: BaseModel) -> Picture:
-    """The picture of a model's B.
-
-    Parameters
-    ----------
-    base : BaseModel
-    """
+    """The picture of a model's B."""
     mechanism, matrix = base.mechanism, base.matrix
     size = next(size for columns, size in _CELLS if len(matrix.parameters) <= columns or columns == _CELLS[-1][0])
     cells = []
@@ -162,36 +132,18 @@ def _owner(mechanism: Mechanism, body: int | None) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Merging:
-    """Where the parameters of one body went.
-
-    Attributes
-    ----------
-    name, label : str
-    alone : tuple of str
-        Identifiable alone.
-    absorbs : tuple of str
-        Bodies whose parameters are parts of base parameters that this body represents.
-    absorbed : tuple of str
-        Bodies that represent base parameters which this body's parameters are part of.
-    unseen : tuple of str
-        Parameters in no base parameter.
-    """
+    """Where the parameters of one body went."""
 
     name: str
     label: str
-    alone: tuple[str, ...]
-    absorbs: tuple[str, ...]
-    absorbed: tuple[str, ...]
-    unseen: tuple[str, ...]
+    alone: tuple[str, ...]  # identifiable alone
+    absorbs: tuple[str, ...]  # bodies whose parameters are parts of base parameters that this body represents
+    absorbed: tuple[str, ...]  # bodies that represent base parameters which this body's parameters are part of
+    unseen: tuple[str, ...]  # parameters in no base parameter
 
 
 def mergings(base: BaseModel) -> list[Merging]:
-    """Where the parameters of every body went, base to tip.
-
-    Parameters
-    ----------
-    base : BaseModel
-    """
+    """Where the parameters of every body went, base to tip."""
     matrix, columns, bodies = base.matrix, base.mechanism.columns, base.mechanism.bodies
     owner = [parameter.body for parameter in columns]
     parts: dict[int, set[int]] = {body: set() for body in base.mechanism.carriers}

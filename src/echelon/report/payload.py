@@ -26,33 +26,18 @@ _EPOCH = 1e6  # s; larger times are those of a calendar, and count from the firs
 
 
 def outputs_of(validations: Sequence[Validation]) -> list[tuple[str, str]]:
-    """Names and units of all outputs with traces, in order.
-
-    Parameters
-    ----------
-    validations : sequence of Validation
-    """
+    """Names and units of all outputs with traces, in order."""
     return list({trace.output: (trace.output, trace.unit) for v in validations for trace in v.traces}.values())
 
 
 def buckets_for(validations: Sequence[Validation]) -> int:
-    """Stretches into which every plotted signal is cut.
-
-    Parameters
-    ----------
-    validations : sequence of Validation
-    """
+    """Stretches into which every plotted signal is cut."""
     signals = sum(3 + (trace.prior is not None) for v in validations for trace in v.traces)
     return int(np.clip(_BYTES / (2 * _PER_SAMPLE * max(signals, 1)), _FEWEST, _BUCKETS))
 
 
 def payload(validations: Sequence[Validation]) -> str:
-    """All plots as JSON that is safe inside a script element.
-
-    Parameters
-    ----------
-    validations : sequence of Validation
-    """
+    """All plots as JSON that is safe inside a script element."""
     places = {name: i for i, (name, _) in enumerate(outputs_of(validations))}
     buckets = buckets_for(validations)
     traces = {
@@ -66,13 +51,6 @@ def payload(validations: Sequence[Validation]) -> str:
 def script_safe(data: Any) -> str:
     r"""JSON in which no text can end a script element.
 
-    Parameters
-    ----------
-    data : JSON-able
-        Without numbers that are not finite.
-
-    Examples
-    --------
     >>> script_safe({"name": "</script>"})
     '{"name":"\\u003c/script\\u003e"}'
     """

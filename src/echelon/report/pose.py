@@ -25,41 +25,18 @@ _FLAT = 0.15  # ratio of a pose's second extent to its first, below which it is 
 
 @dataclass(frozen=True)
 class Pose:
-    """Frames and joint axes of all bodies, in the base frame.
+    """Frames and joint axes of all bodies, in the base frame."""
 
-    Attributes
-    ----------
-    origins : array of shape (bodies, 3)
-        Origins of the bodies' frames, m.
-    turns : array of shape (bodies, 3, 3)
-        What a joint's position turns its body by, against the pose in which the joint is at zero.
-    axes : array of shape (bodies, 3)
-        Direction of the joint's first freedom; zero for fixed joints.
-    up : array of shape (3,)
-        Against gravity; z without gravity.
-    bent : bool
-        Whether joints were turned from zero, because the zero pose is a line.
-    """
-
-    origins: Floats
+    origins: Floats  # shape (bodies, 3): origins of the bodies' frames, m
+    # shape (bodies, 3, 3): what a joint's position turns its body by, against the pose in which the joint is at zero
     turns: Floats
-    axes: Floats
-    up: Floats
-    bent: bool
+    axes: Floats  # shape (bodies, 3): direction of the joint's first freedom; zero for fixed joints
+    up: Floats  # shape (3,): against gravity; z without gravity
+    bent: bool  # whether joints were turned from zero, because the zero pose is a line
 
 
 def drawable_pose(mechanism: Mechanism) -> Pose | None:
-    """A pose in which a robot can be recognised: assembled where there are loops, else zero, bent if that is a line.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-
-    Returns
-    -------
-    Pose or None
-        None where lengths have no values or loops do not close.
-    """
+    """A pose in which a robot can be recognised: assembled where there are loops, else zero, bent if that is a line."""
     try:
         if mechanism.closures:
             positions = dict(zip(mechanism.positions, Assembly(mechanism).pose.tolist(), strict=True))
@@ -89,21 +66,7 @@ def _positions(mechanism: Mechanism, bend: float) -> dict[str, float]:
 
 
 def pose_at(mechanism: Mechanism, positions: Mapping[str, float], *, bent: bool = False) -> Pose:
-    """Frames of all bodies at given positions.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    positions : mapping of str to float
-        By coordinate, rad, m, or entries of unit quaternions.
-    bent : bool
-        Noted in the result.
-
-    Raises
-    ------
-    InputError
-        If a geometry symbol has no value.
-    """
+    """Frames of all bodies at given positions."""
     program = Program()
     recorder = Recorder(mechanism, program)
     start = _start(program)

@@ -22,52 +22,23 @@ _WHITE = 1.96  # of a standard normal variable, two-sided 95 %
 
 @dataclass(frozen=True)
 class Residual:
-    """Pictures of one residual.
+    """Pictures of one residual."""
 
-    Attributes
-    ----------
-    std : float
-        Standard deviation, unit of the output.
-    edges : array of shape (bins + 1,)
-        Of the histogram, unit of the output; the outer bins also hold what lies beyond.
-    density, normal : arrays of shape (bins,)
-        Share of samples in each bin, in per cent, and what a normal distribution would give.
-    lags, correlation : arrays of shape (lags,)
-        Autocorrelation against lag, s, from the first sample on.
-    band : float
-        Within ± band lie 95 % of the autocorrelations of white noise.
-    frequency, amplitude : arrays of shape (frequencies,)
-        Spectrum: Hz, unit of the output per √Hz.
-    white : float
-        Amplitude that white noise of the same variance would have.
-    """
-
-    std: float
-    edges: Floats
+    std: float  # standard deviation, unit of the output
+    edges: Floats  # shape (bins + 1,): of the histogram, unit of the output; the outer bins also hold what lies beyond
+    # shape (bins,): share of samples in each bin, in per cent, and what a normal distribution would give
     density: Floats
     normal: Floats
-    lags: Floats
-    correlation: Floats
-    band: float
-    frequency: Floats
-    amplitude: Floats
-    white: float
+    lags: Floats  # shape (lags,): autocorrelation against lag, s, from the first sample on
+    correlation: Floats  # shape (lags,): autocorrelation against lag, s, from the first sample on
+    band: float  # within ± band lie 95 % of the autocorrelations of white noise
+    frequency: Floats  # shape (frequencies,): spectrum: Hz, unit of the output per √Hz
+    amplitude: Floats  # shape (frequencies,): spectrum: Hz, unit of the output per √Hz
+    white: float  # amplitude that white noise of the same variance would have
 
 
 def residual(time: Floats, values: Floats) -> Residual | None:
-    """Pictures of a residual.
-
-    Parameters
-    ----------
-    time : array of shape (N,)
-        Ascending, s.
-    values : array of shape (N,)
-
-    Returns
-    -------
-    Residual or None
-        None where there is nothing to draw: fewer than eight finite values, no duration, or no variance.
-    """
+    """Pictures of a residual."""
     finite = np.isfinite(time) & np.isfinite(values)
     t, y = time[finite], values[finite]
     if len(t) < 8 or not t[-1] > t[0]:

@@ -11,17 +11,8 @@ Shown = TypeVar("Shown")
 
 @dataclass(frozen=True)
 class Section(Generic[Shown]):
-    """A part of a page.
+    """A part of a page."""
 
-    Attributes
-    ----------
-    key : str
-        Its anchor, and with the page's prefix before it the name of its template.
-    title : str
-    context : callable
-        From what the page is about to what the template shows.
-    """
-
-    key: str
+    key: str  # its anchor, and with the page's prefix before it the name of its template
     title: str
-    context: Callable[[Shown], Mapping[str, Any]]
+    context: Callable[[Shown], Mapping[str, Any]]  # from what the page is about to what the template shows

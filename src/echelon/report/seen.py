@@ -19,24 +19,13 @@ CLASSES = {
 
 @dataclass(frozen=True)
 class SeenBody:
-    """One body.
+    """One body."""
 
-    Attributes
-    ----------
-    index : int
-        In ``mechanism.bodies``.
-    label, name : str
-    cells : tuple of str
-        For XX … M a value of :data:`CLASSES`; empty for what it does not carry.
-    parameters : mapping-like tuple of (str, tuple of str)
-        Class → names of its parameters.
-    """
-
-    index: int
+    index: int  # in ``mechanism.bodies``
     label: str
     name: str
-    cells: tuple[str, ...]
-    parameters: tuple[tuple[str, tuple[str, ...]], ...]
+    cells: tuple[str, ...]  # for XX … M a value of :data:`CLASSES`; empty for what it does not carry
+    parameters: tuple[tuple[str, tuple[str, ...]], ...]  # shape (str, tuple of str): class → names of its parameters
 
     @property
     def level(self) -> int:
@@ -61,12 +50,7 @@ class SeenBody:
 
 
 def seen_bodies(base: BaseModel) -> list[SeenBody]:
-    """All bodies that carry parameters, base to tip.
-
-    Parameters
-    ----------
-    base : BaseModel
-    """
+    """All bodies that carry parameters, base to tip."""
     classes = [CLASSES[kind] for kind in base.classification.values()]
     found = []
     for index in base.mechanism.carriers:

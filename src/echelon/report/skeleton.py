@@ -31,63 +31,30 @@ _STUB = 0.2  # length of a last body, of the robot's extent
 
 @dataclass(frozen=True)
 class Link:
-    """A body in the drawing, px.
+    """A body in the drawing, px."""
 
-    Attributes
-    ----------
-    body : SeenBody or None
-        None if it carries no parameters.
-    segments : tuple of pair of points
-        To the joints that it carries; a single dashed one for a last body, whose length nobody states.
-    last : bool
-    axis : pair of points
-        Along the axis of its joint.
-    label : point or None
-        Where its label begins.
-    leader : tuple of points
-        Line from the label to the body.
-    """
-
-    body: SeenBody | None
+    body: SeenBody | None  # none if it carries no parameters
+    # to the joints that it carries; a single dashed one for a last body, whose length nobody states
     segments: tuple[tuple[Point, Point], ...]
     last: bool
-    axis: tuple[Point, Point]
-    label: Point | None
-    leader: tuple[Point, ...]
+    axis: tuple[Point, Point]  # along the axis of its joint
+    label: Point | None  # where its label begins
+    leader: tuple[Point, ...]  # line from the label to the body
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """A robot, ready to be drawn.
+    """A robot, ready to be drawn."""
 
-    Attributes
-    ----------
-    width, height : float
-        px.
-    links : tuple of Link
-    ground : tuple of pair of points
-        From the base frame to the first joints.
-    base : point
-        Origin of the base frame.
-    """
-
-    width: float
-    height: float
+    width: float  # px
+    height: float  # px
     links: tuple[Link, ...]
-    ground: tuple[tuple[Point, Point], ...]
-    base: Point
+    ground: tuple[tuple[Point, Point], ...]  # from the base frame to the first joints
+    base: Point  # origin of the base frame
 
 
 def drawing(mechanism: Mechanism, pose: Pose, seen: Sequence[SeenBody]) -> Drawing:
-    """A mechanism at a pose as a drawing.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    pose : Pose
-    seen : sequence of SeenBody
-        The bodies that get labels.
-    """
+    """A mechanism at a pose as a drawing."""
     ends = _ends(mechanism, pose)
     extent = _extent(np.vstack([pose.origins, *ends.values(), np.zeros((1, 3))]))
     axes = np.stack([pose.origins - _AXIS * extent * pose.axes, pose.origins + _AXIS * extent * pose.axes], axis=1)

@@ -29,24 +29,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class IdentifiedModel:
-    """A saved model, ready to predict.
-
-    Attributes
-    ----------
-    base : BaseModel
-    values : array of shape (r,)
-        Base parameters, SI units.
-    columns : tuple of ColumnMap
-    preparation : Preparation
-    document : mapping
-        All that the file says.
-    """
+    """A saved model, ready to predict."""
 
     base: BaseModel
-    values: Floats
+    values: Floats  # shape (r,): base parameters, SI units
     columns: tuple[ColumnMap, ...]
     preparation: Preparation
-    document: Mapping[str, Any]
+    document: Mapping[str, Any]  # all that the file says
 
     @property
     def plan(self) -> Plan:

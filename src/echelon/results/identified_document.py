@@ -23,17 +23,7 @@ _BLOCK = 1 << 20
 
 
 def identification_document(result: Identification) -> dict[str, Any]:
-    """All of it, without numbers that JSON cannot say.
-
-    Parameters
-    ----------
-    result : Identification
-
-    Returns
-    -------
-    dict
-        Of schema ``echelon.identified/1``.
-    """
+    """All of it, without numbers that JSON cannot say."""
     found: dict[str, Any] = _finite(_document(result))
     return found
 

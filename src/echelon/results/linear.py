@@ -14,16 +14,7 @@ SCHEMA_NAME = "echelon.linear-base/1"
 
 
 def linear_to_json(base: LinearBase) -> str:
-    """The set as JSON text; equal sets give equal text.
-
-    Parameters
-    ----------
-    base : LinearBase
-
-    Returns
-    -------
-    str
-    """
+    """The set as JSON text; equal sets give equal text."""
     return json.dumps(linear_to_dict(base), indent=1, ensure_ascii=False) + "\n"
 
 

@@ -39,17 +39,7 @@ if TYPE_CHECKING:
 
 
 def to_json(model: BaseModel) -> str:
-    """The model as JSON text; equal models give equal text.
-
-    Parameters
-    ----------
-    model : BaseModel
-
-    Returns
-    -------
-    str
-        A document of schema ``echelon.base-model/1``.
-    """
+    """The model as JSON text; equal models give equal text."""
     return json.dumps(to_dict(model), indent=1, ensure_ascii=False) + "\n"
 
 
@@ -120,13 +110,6 @@ def from_json(text: str | bytes, source: str = "base model") -> BaseModel:
     """Read a model back.
 
     The document must be of the schema and agree with itself; its claim is not checked: use :func:`echelon.verify`.
-
-    Raises
-    ------
-    InputError
-        If the text is not a document of the schema; names the element.
-    CertificateError
-        If counts, expressions, values or classes do not follow from the exact terms.
     """
     from pydantic import ValidationError
 

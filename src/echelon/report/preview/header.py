@@ -19,12 +19,7 @@ CRITERIA = {
 
 
 def context(found: ExcitingTrajectory) -> dict[str, Any]:
-    """What the header shows.
-
-    Parameters
-    ----------
-    found : ExcitingTrajectory
-    """
+    """What the header shows."""
     shown, mechanism = found.shown, found.base.mechanism
     findings = sorted(found.findings, key=lambda finding: finding.severity is not Severity.WARNING)
     return {
@@ -53,12 +48,6 @@ def context(found: ExcitingTrajectory) -> dict[str, Any]:
 def verdict(margins: tuple[Margin, ...]) -> str:
     """Whether limits are kept, in words.
 
-    Parameters
-    ----------
-    margins : tuple of Margin
-
-    Examples
-    --------
     >>> verdict((Margin("velocity of j1", "rad/s", -2.0, 2.0, -1.0, 1.5),))
     'Every limit is kept at every time.'
     >>> verdict((Margin("velocity of j1", "rad/s", -2.0, 2.0, -1.0, 2.5),))

@@ -14,34 +14,19 @@ _ROOM = 0.1  # of the width of a picture, beside limits on both sides
 
 @dataclass(frozen=True)
 class Row:
-    """One limit.
-
-    Attributes
-    ----------
-    margin : Margin
-    state : str
-        ``"broken"``, ``"active"`` or ``"kept"``.
-    percent : float
-        The margin in per cent of the limit's range.
-    left, width : float
-        What is reached, in per cent of the width of a picture in which the limits stand at 10 and 90; the picture of
-        a limit without a second end takes zero, or what is reached, for it.
-    """
+    """One limit."""
 
     margin: Margin
-    state: str
-    percent: float
+    state: str  # ``"broken"``, ``"active"`` or ``"kept"``
+    percent: float  # the margin in per cent of the limit's range
+    # what is reached, in per cent of the width of a picture in which the limits stand at 10 and 90; the picture of a
+    # limit without a second end takes zero, or what is reached, for it
     left: float
     width: float
 
 
 def context(found: ExcitingTrajectory) -> dict[str, Any]:
-    """What the table of margins shows.
-
-    Parameters
-    ----------
-    found : ExcitingTrajectory
-    """
+    """What the table of margins shows."""
     rows = sorted((_row(margin) for margin in found.margins), key=_urgency)
     counts = {state: sum(1 for row in rows if row.state == state) for state in ("broken", "active", "kept")}
     return {"rows": rows, "counts": counts, "near": f"{100 * ACTIVE:g}"}

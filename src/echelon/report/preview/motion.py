@@ -26,12 +26,7 @@ _PER_SAMPLE = 2 * 4 * 4 / 3  # bytes of time and value in base 64
 
 
 def context(found: ExcitingTrajectory) -> dict[str, Any]:
-    """What the section says beside its plots.
-
-    Parameters
-    ----------
-    found : ExcitingTrajectory
-    """
+    """What the section says beside its plots."""
     labels = {margin.label for margin in found.margins}
     free = [
         f"{ORDERS[order]} of {name}"
@@ -43,12 +38,7 @@ def context(found: ExcitingTrajectory) -> dict[str, Any]:
 
 
 def payload(found: ExcitingTrajectory) -> dict[str, Any]:
-    """Signals and limits of every coordinate, JSON-able.
-
-    Parameters
-    ----------
-    found : ExcitingTrajectory
-    """
+    """Signals and limits of every coordinate, JSON-able."""
     trajectory = found.trajectory
     periods = trajectory.basis.frequency * trajectory.duration
     samples = int(np.clip(np.ceil(_PER_PERIOD * periods), _FEWEST, _MOST)) + 1

@@ -9,11 +9,6 @@ import numpy.typing as npt
 
 
 def packed(values: npt.ArrayLike) -> str:
-    """An array in row-major order, little endian.
-
-    Parameters
-    ----------
-    values : array
-    """
+    """An array in row-major order, little endian."""
     with np.errstate(over="ignore"):
         return b64encode(np.asarray(values, dtype=float).astype("<f4").tobytes()).decode("ascii")

@@ -33,56 +33,23 @@ _VIEWS, ELEVATION = 12, 0.4  # directions that are tried, and how far they look 
 
 @dataclass(frozen=True)
 class Scene:
-    """A robot in motion, in the base frame.
-
-    Attributes
-    ----------
-    mechanism : Mechanism
-    time : array of shape (N,)
-        s.
-    q, qd : array of shape (N, n)
-        Of the trajectory's coordinates.
-    origins : array of shape (N, bodies, 3)
-        Of the bodies' frames, m.
-    axes : array of shape (N, bodies, 3)
-        Direction of each joint's first freedom; zero for joints that do not move.
-    tips : array of shape (N, last bodies, 3)
-        Where drawings of the last bodies end, m.
-    last : tuple of int
-        The last bodies.
-    still : array of shape (bodies,) of bool
-        Bodies that do not move.
-    up : array of shape (3,)
-        Against gravity; z without gravity.
-    extent : float
-        Size of what the robot's bodies sweep, m.
-    """
+    """A robot in motion, in the base frame."""
 
     mechanism: Mechanism
-    time: Floats
-    q: Floats
-    qd: Floats
-    origins: Floats
-    axes: Floats
-    tips: Floats
-    last: tuple[int, ...]
-    still: npt.NDArray[np.bool_]
-    up: Floats
-    extent: float
+    time: Floats  # shape (N,), s
+    q: Floats  # shape (N, n): of the trajectory's coordinates
+    qd: Floats  # shape (N, n): of the trajectory's coordinates
+    origins: Floats  # shape (N, bodies, 3): of the bodies' frames, m
+    axes: Floats  # shape (N, bodies, 3): direction of each joint's first freedom; zero for joints that do not move
+    tips: Floats  # shape (N, last bodies, 3): where drawings of the last bodies end, m
+    last: tuple[int, ...]  # the last bodies
+    still: npt.NDArray[np.bool_]  # shape (bodies,): bodies that do not move
+    up: Floats  # shape (3,): against gravity; z without gravity
+    extent: float  # size of what the robot's bodies sweep, m
 
 
 def scene(found: ExcitingTrajectory) -> Scene:
-    """Where everything is, picture by picture.
-
-    Parameters
-    ----------
-    found : ExcitingTrajectory
-
-    Raises
-    ------
-    InputError
-        If a length has no value.
-    """
+    """Where everything is, picture by picture."""
     mechanism, trajectory = found.base.mechanism, found.trajectory
     zero = pose_at(mechanism, dict(zip(mechanism.positions, _upright(mechanism).tolist(), strict=True)))
     kinematics = Kinematics(mechanism)
@@ -118,12 +85,7 @@ def _upright(mechanism: Mechanism) -> Floats:
 
 
 def context(found: ExcitingTrajectory) -> dict[str, Any]:
-    """What the section says beside its picture.
-
-    Parameters
-    ----------
-    found : ExcitingTrajectory
-    """
+    """What the section says beside its picture."""
     try:
         view = scene(found)
     except EchelonError as error:
@@ -142,12 +104,7 @@ def context(found: ExcitingTrajectory) -> dict[str, Any]:
 
 
 def payload(found: ExcitingTrajectory) -> dict[str, Any] | None:
-    """All pictures, JSON-able; None where a length has no value.
-
-    Parameters
-    ----------
-    found : ExcitingTrajectory
-    """
+    """All pictures, JSON-able; None where a length has no value."""
     try:
         view = scene(found)
     except EchelonError:

@@ -18,25 +18,13 @@ _VAGUE = 30.0  # per cent of its value beyond which a deviation is remarked
 
 @dataclass(frozen=True)
 class Row:
-    """One base parameter.
-
-    Attributes
-    ----------
-    form : ClosedForm
-    unit : str
-    std : float
-        SI units.
-    value : float or None
-        That of the robot file.
-    percent : float or None
-        The deviation in per cent of that value.
-    """
+    """One base parameter."""
 
     form: ClosedForm
     unit: str
-    std: float
-    value: float | None
-    percent: float | None
+    std: float  # SI units
+    value: float | None  # that of the robot file
+    percent: float | None  # the deviation in per cent of that value
 
     @property
     def vague(self) -> bool:
@@ -45,12 +33,7 @@ class Row:
 
 
 def context(found: ExcitingTrajectory) -> dict[str, Any]:
-    """What the section shows beside its plot.
-
-    Parameters
-    ----------
-    found : ExcitingTrajectory
-    """
+    """What the section shows beside its plot."""
     rows = _rows(found)
     singular = [time for time, condition in found.shown.over_time if not isfinite(condition)]
     return {
@@ -66,12 +49,7 @@ def context(found: ExcitingTrajectory) -> dict[str, Any]:
 
 
 def payload(found: ExcitingTrajectory) -> dict[str, list[float]]:
-    """Times and scaled condition numbers, where these are finite.
-
-    Parameters
-    ----------
-    found : ExcitingTrajectory
-    """
+    """Times and scaled condition numbers, where these are finite."""
     kept = [(time, condition) for time, condition in found.shown.over_time if isfinite(condition)]
     return {"time": [time for time, _ in kept], "condition": [condition for _, condition in kept]}
 

@@ -13,12 +13,7 @@ from echelon.excite.result import ExcitingTrajectory
 
 
 def context(found: ExcitingTrajectory) -> dict[str, Any]:
-    """What the table of starts shows.
-
-    Parameters
-    ----------
-    found : ExcitingTrajectory
-    """
+    """What the table of starts shows."""
     values = [start.value for start in found.starts if isfinite(start.value)]
     return {
         "starts": found.starts,
@@ -30,22 +25,12 @@ def context(found: ExcitingTrajectory) -> dict[str, Any]:
 
 
 def settings(found: ExcitingTrajectory) -> dict[str, Any]:
-    """What the last section shows.
-
-    Parameters
-    ----------
-    found : ExcitingTrajectory
-    """
+    """What the last section shows."""
     return {"repeat": json.dumps(_plain(found.settings), indent=2, ensure_ascii=False, default=str)}
 
 
 def payload(found: ExcitingTrajectory) -> list[dict[str, Any]]:
-    """How the criterion became better in each start.
-
-    Parameters
-    ----------
-    found : ExcitingTrajectory
-    """
+    """How the criterion became better in each start."""
     return [
         {"number": start.number, "history": [value for value in start.history if isfinite(value)]}
         for start in found.starts

@@ -17,12 +17,7 @@ _DECADES = 16  # that are drawn at most; smaller singular values stand at the bo
 
 
 def context(run: Identification) -> dict[str, Any]:
-    """What the section on conditioning shows.
-
-    Parameters
-    ----------
-    run : Identification
-    """
+    """What the section on conditioning shows."""
     forms = ClosedForms(run.base)
     weak = [
         {

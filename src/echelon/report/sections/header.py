@@ -15,12 +15,7 @@ _CHOSEN = {
 
 
 def context(run: Identification) -> dict[str, Any]:
-    """What the header shows.
-
-    Parameters
-    ----------
-    run : Identification
-    """
+    """What the header shows."""
     findings = sorted(run.findings, key=lambda finding: finding.severity is not Severity.WARNING)
     warnings = sum(1 for finding in findings if finding.severity is Severity.WARNING)
     mechanism = run.base.mechanism

@@ -12,12 +12,7 @@ from echelon.report.skeleton import drawing
 
 
 def context(run: Identification) -> dict[str, Any]:
-    """What the section on links shows.
-
-    Parameters
-    ----------
-    run : Identification
-    """
+    """What the section on links shows."""
     mechanism = run.base.mechanism
     bodies = seen_bodies(run.base)
     pose = drawable_pose(mechanism)

@@ -28,45 +28,24 @@ class Cell:
 
 @dataclass(frozen=True)
 class Row:
-    """One base parameter.
-
-    Attributes
-    ----------
-    form : ClosedForm
-    unit : str
-    value, std, relative, visibility : Cell
-    low, high : str
-        Ends of the interval.
-    essential : bool or None
-    others : tuple of Cell
-        Values of other models, in the order of the context's ``others``.
-    deviations : tuple of float
-        How far these are from the value, in standard deviations.
-    vague : bool
-        Whether the deviation is large against the value.
-    """
+    """One base parameter."""
 
     form: ClosedForm
     unit: str
     value: Cell
     std: Cell
-    low: str
+    low: str  # ends of the interval
     high: str
     relative: Cell
     visibility: Cell
     essential: bool | None
-    others: tuple[Cell, ...]
-    deviations: tuple[float, ...]
-    vague: bool
+    others: tuple[Cell, ...]  # values of other models, in the order of the context's ``others``
+    deviations: tuple[float, ...]  # how far these are from the value, in standard deviations
+    vague: bool  # whether the deviation is large against the value
 
 
 def context(run: Identification) -> dict[str, Any]:
-    """What the table of parameters shows.
-
-    Parameters
-    ----------
-    run : Identification
-    """
+    """What the table of parameters shows."""
     others = _other_values(run)
     rows = _rows(run, [values for _, values in others])
     return {

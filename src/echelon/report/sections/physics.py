@@ -21,34 +21,20 @@ _ROUNDING = 1e-12  # of the largest moment of inertia
 
 @dataclass(frozen=True)
 class BodyRow:
-    """Standard parameters of a body, and what the robot's file says.
-
-    Attributes
-    ----------
-    name, label : str
-    margin : float or None
-        Smallest eigenvalue of its pseudo-inertia, relative to its scale.
-    fitted, stated : tuple of float or None
-        Mass, centre of mass and six moments about it; None where it carries no mass, or the file is silent.
-    carried : tuple of (str, float)
-        The parameters as they are, for a body that does not carry all ten.
-    """
+    """Standard parameters of a body, and what the robot's file says."""
 
     name: str
     label: str
-    margin: float | None
+    margin: float | None  # smallest eigenvalue of its pseudo-inertia, relative to its scale
+    # mass, centre of mass and six moments about it; None where it carries no mass, or the file is silent
     fitted: tuple[float, ...] | None
     stated: tuple[float, ...] | None
+    # shape (str, float): the parameters as they are, for a body that does not carry all ten
     carried: tuple[tuple[str, float], ...]
 
 
 def context(run: Identification) -> dict[str, Any]:
-    """What the section on physics shows.
-
-    Parameters
-    ----------
-    run : Identification
-    """
+    """What the section on physics shows."""
     found: dict[str, Any] = {
         "feasibility": run.feasibility,
         "physical": run.physical,

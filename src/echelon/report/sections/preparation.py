@@ -32,12 +32,7 @@ _TITLES = {
 
 
 def context(run: Identification) -> dict[str, Any]:
-    """What the last section shows.
-
-    Parameters
-    ----------
-    run : Identification
-    """
+    """What the last section shows."""
     return {
         "settings": _rows(run.preparation),
         "diagnostics": _json(run.estimate.diagnostics),

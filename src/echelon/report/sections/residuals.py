@@ -11,12 +11,7 @@ _OPEN = 12
 
 
 def context(run: Identification) -> dict[str, Any]:
-    """What the section on residuals shows.
-
-    Parameters
-    ----------
-    run : Identification
-    """
+    """What the section on residuals shows."""
     return {
         "outputs": [{"name": name, "unit": unit} for name, unit in outputs_of(run.validations)],
         "open": _OPEN,

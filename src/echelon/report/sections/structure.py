@@ -9,10 +9,5 @@ from echelon.report.matrix_picture import matrix_picture, mergings
 
 
 def context(run: Identification) -> dict[str, Any]:
-    """What the section on the structure of B shows.
-
-    Parameters
-    ----------
-    run : Identification
-    """
+    """What the section on the structure of B shows."""
     return {"picture": matrix_picture(run.base), "mergings": mergings(run.base)}

@@ -15,22 +15,12 @@ _WHITE = 0.01  # probability below which a residual is called coloured
 
 @dataclass(frozen=True)
 class Row:
-    """One output.
-
-    Attributes
-    ----------
-    score : Score
-    prior : Score or None
-    against : str
-        ``"better"``, ``"worse"``, ``"equal"``, or empty without a prior.
-    remarks : tuple of str
-        What a reader should notice.
-    """
+    """One output."""
 
     score: Score
     prior: Score | None
-    against: str
-    remarks: tuple[str, ...]
+    against: str  # ``"better"``, ``"worse"``, ``"equal"``, or empty without a prior
+    remarks: tuple[str, ...]  # what a reader should notice
 
     @property
     def explained(self) -> float:
@@ -39,12 +29,7 @@ class Row:
 
 
 def context(run: Identification) -> dict[str, Any]:
-    """What the summary shows.
-
-    Parameters
-    ----------
-    run : Identification
-    """
+    """What the summary shows."""
     # unseen data say more, so they come first
     order = sorted(run.validations, key=lambda v: v.role != "validation")
     tables = [(v, _rows(v)) for v in order]

@@ -11,12 +11,7 @@ _OPEN = 12  # plots that are open when the page is
 
 
 def context(run: Identification) -> dict[str, Any]:
-    """What the section with plots over time shows.
-
-    Parameters
-    ----------
-    run : Identification
-    """
+    """What the section with plots over time shows."""
     first = next((i for i, v in enumerate(run.validations) if v.role == "validation" and v.traces), 0)
     return {
         "logs": [{"number": i, "source": v.source, "role": v.role} for i, v in enumerate(run.validations) if v.traces],
