@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-import cupy_on_cpu
 from echelon.program.function import Function
 from echelon.program.schedule import FloatArithmetic, Schedule
 
@@ -131,17 +130,28 @@ def cpp(build: Build) -> Call:
 
 
 def cuda(build: Build) -> Call:
-    """The kernels on the processor."""
-    text = (build.folder / f"{build.robot}.cu").read_text()
-    loaded = cupy_on_cpu.RawModule(code=text, backend="nvrtc", options=("--std=c++14",))
+    """The kernels on the processor, one thread after the other, with more threads than samples."""
+    lines = [f'#include "{Path(__file__).with_name("cuda_on_cpu.hpp")}"', f'#include "{build.robot}.cu"']
+    for f in build.functions:
+        given = ", ".join(f"const {build.real}* {a.name}" for a in f.arguments)
+        passed = ", ".join(["count", *(a.name for a in f.arguments), "result"])
+        lines.append(f'extern "C" void run_{f.name}(long long count, {given}, {build.real}* result) {{')
+        lines.append("  const unsigned blocks = (unsigned)count/32 + 2;")
+        lines.append(f"  launch(blocks, 32, [&] {{ {build.robot}_{f.name}_kernel({passed}); }});\n}}")
+    source, library = build.folder / "run_cuda.cpp", build.folder / "cuda.so"
+    source.write_text("\n".join(lines) + "\n")
+    flags = ["-std=c++14", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC"]
+    loaded = compiled([tool("g++"), *flags, str(source), "-o", str(library)], library)
 
     def call(function: Function, values: Mapping[str, Floats]) -> Floats:
         samples = len(values["q"])
         columns = [np.ascontiguousarray(values[a.name].T, build.dtype) for a in function.arguments]
-        result = cupy_on_cpu.empty((int(np.prod(function.shape)), samples), build.dtype)
-        kernel = loaded.get_function(f"{build.robot}_{function.name}_kernel")
-        kernel((samples // 32 + 2,), (32,), (np.int64(samples), *map(cupy_on_cpu.asarray, columns), result))
-        return cupy_on_cpu.asnumpy(result).T.reshape(samples, *function.shape)
+        size = int(np.prod(function.shape))
+        guarded = np.full((size + 2, samples), np.nan, build.dtype)  # nothing is written before or behind the result
+        pointers = (array.ctypes.data_as(ctypes.c_void_p) for array in [*columns, guarded[1:]])
+        getattr(loaded, f"run_{function.name}")(ctypes.c_longlong(samples), *pointers)
+        assert np.isnan(guarded[[0, -1]]).all()
+        return guarded[1:-1].T.reshape(samples, *function.shape)
 
     return call
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from api_objects import OBJECTS, held, public_classes, used
-from echelon.gpu import Gpu
 
 SLOW_TO_USE = ("identification", "excitation")
 """Used in this process only, and not in others as well: what they hold is."""
@@ -32,7 +31,7 @@ def test_a_copy_says_the_same(name: str, copied: Any) -> None:
 def test_no_public_class_is_forgotten() -> None:
     seen = held(*(used(name)[0] for name in OBJECTS))
     protocols = {kind for kind in public_classes() if getattr(kind, "_is_protocol", False)}
-    assert public_classes() - seen.keys() == protocols | {Gpu}  # which test_gpu.py copies
+    assert public_classes() - seen.keys() == protocols
 
 
 def test_parts_can_be_sent_alone() -> None:

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-OPTIONAL = ("casadi", "cupy", "idyntree", "matplotlib", "mujoco", "pinocchio")
+OPTIONAL = ("casadi", "idyntree", "matplotlib", "mujoco", "pinocchio")
 
 
 @pytest.mark.parametrize("module", ["echelon", "echelon.cli"])

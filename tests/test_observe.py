@@ -239,7 +239,7 @@ def test_options_that_make_no_sense(serial: dict[str, Observer], options: dict[s
 
 def test_method_and_names_are_checked() -> None:
     with pytest.raises(InputError, match="'machine' or 'numpy'"):
-        Observer(table(SERIAL), method="gpu")
+        Observer(table(SERIAL), method="fortran")
     with pytest.raises(InputError, match="already has an argument 'x'"):
         Observer(table(SERIAL), outputs="x")
 

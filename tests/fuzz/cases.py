@@ -49,7 +49,7 @@ def import_all() -> None:
     others = ("mcap.reader", "mujoco", "pyarrow.csv", "pyarrow.parquet", "rosbags.rosbag2", "rosbags.typesys", "sympy")
     ours = (found.name for found in pkgutil.walk_packages(echelon.__path__, "echelon."))
     for name in (*others, "scipy.interpolate", "scipy.io", *ours):
-        with suppress(ImportError):  # such as what needs a GPU
+        with suppress(ImportError):  # such as what needs an extra
             import_module(name)
 
 
