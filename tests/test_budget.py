@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import arms
 from echelon import base_parameters, load, load_base, save_base, verify
-from echelon.base.closed_matrix import base_matrix
+from echelon.base.closed_form import base_matrix
 from echelon.base.expression import collect
 from echelon.base.model import BaseModel
 from echelon.base.structure import find_structure

@@ -7,7 +7,7 @@ import pytest
 
 import arms
 import echelon as ec
-from echelon.base.lift import metric_matrix
+from echelon.base.pseudo_inverse import metric_matrix
 from echelon.conventions import LENGTH_DEGREE
 from oracles import random_states
 

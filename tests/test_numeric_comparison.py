@@ -9,8 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import echelon as ec
-from echelon.base.numeric_comparison import NumericComparison, compare_numeric
-from echelon.base.numeric_rank import NumericRanks
+from echelon.base.numeric_rank import NumericComparison, NumericRanks, compare_numeric
 from echelon.cli.commands import app
 from robots import robot_file
 

@@ -1,6 +1,6 @@
 """The public names and where each is declared: type checkers read this file, and so does ``__init__.py``."""
 
-from echelon.base.classification import Identifiability as Identifiability
+from echelon.base.base_set import Identifiability as Identifiability
 from echelon.base.derive import base_parameters as base_parameters
 from echelon.base.derive import base_structure as base_structure
 from echelon.base.expression import Expression as Expression
@@ -9,8 +9,8 @@ from echelon.base.match import Match as Match
 from echelon.base.match import match as match
 from echelon.base.model import BaseModel as BaseModel
 from echelon.base.modes import assembly_modes as assembly_modes
-from echelon.base.numeric_comparison import NumericComparison as NumericComparison
-from echelon.base.numeric_comparison import compare_numeric as compare_numeric
+from echelon.base.numeric_rank import NumericComparison as NumericComparison
+from echelon.base.numeric_rank import compare_numeric as compare_numeric
 from echelon.base.recorded_rows import RecordedRows as RecordedRows
 from echelon.base.recorded_rows import energy_regressor as energy_regressor
 from echelon.base.recorded_rows import power_regressor as power_regressor

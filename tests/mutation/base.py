@@ -38,14 +38,20 @@ FAULTS = (
     Fault(ORDER, "inf if (body", "-inf if (body", "parameters of effects come first", "test_order.py"),
     Fault(ORDER, "else -(factor * value)", "else factor * value", "exchange of pivots", "test_order.py"),
     Fault(
-        "base/classification.py",
+        "base/base_set.py",
         "len(row) == 1",
         "len(row) <= 2",
         "identifiable alone",
         "test_base_model.py test_display.py",
     ),
-    Fault("base/lift.py", "prior + root @ correction", "prior + correction", "lift in another metric", "test_lift.py"),
-    Fault("base/lift.py", "base_values - b @ prior", "base_values", "lift with a prior", "test_lift.py"),
+    Fault(
+        "base/pseudo_inverse.py",
+        "prior + root @ correction",
+        "prior + correction",
+        "lift in another metric",
+        "test_lift.py",
+    ),
+    Fault("base/pseudo_inverse.py", "base_values - b @ prior", "base_values", "lift with a prior", "test_lift.py"),
     Fault(
         MATRIX,
         '[0 if generator.startswith("cos(") else 1]',

@@ -141,14 +141,14 @@ FAULTS = (
         SERIES, "(high * 65536 + middle) % p", "(high * 65536 - middle) % p", "products of matrices of series", LOOPS
     ),
     Fault(
-        "exact/reconstruction.py",
+        "exact/interpolation.py",
         "(residue - value) * pow",
         "(value - residue) * pow",
         "Chinese remainders",
         "test_reconstruction.py::test_chinese_remainders_agree_with_sympy",
     ),
     Fault(
-        "exact/reconstruction.py",
+        "exact/interpolation.py",
         "height << _MARGIN_BITS > modulus",
         "height > modulus",
         "any fraction is believed",

@@ -112,7 +112,7 @@ FAULTS = (
         "test_state_limits.py::test_smoothed_torques_differ_near_standstill_only",
     ),
     Fault(
-        "program/turn.py",
+        "program/circular.py",
         "s * c_turn + c * s_turn",
         "s * c_turn - c * s_turn",
         "sines of turned angles",

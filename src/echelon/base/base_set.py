@@ -4,17 +4,38 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from enum import Enum
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from echelon.base.classification import Identifiability, classify
 from echelon.base.expression import Expression, collect
 from echelon.base.matrix import BaseMatrix
 
 if TYPE_CHECKING:
     import sympy
 
-    from echelon.base.exact_metric import ExactMetric
+    from echelon.base.pseudo_inverse import ExactMetric
+
+
+class Identifiability(Enum):
+    """What the outputs can say about one standard parameter."""
+
+    UNIDENTIFIABLE = "unidentifiable"
+    ALONE = "identifiable alone"
+    COMBINATION = "identifiable in combination"
+
+
+def classify(matrix: BaseMatrix) -> dict[str, Identifiability]:
+    """Class of every standard parameter, in column order.
+
+    A zero column of B is unidentifiable; a unit row whose parameter occurs in no other row is identifiable alone.
+    """
+    seen: dict[int, Identifiability] = {}
+    for row in matrix.rows:
+        kind = Identifiability.ALONE if len(row) == 1 else Identifiability.COMBINATION
+        for column in row:
+            seen[column] = kind
+    return {name: seen.get(column, Identifiability.UNIDENTIFIABLE) for column, name in enumerate(matrix.parameters)}
 
 
 class BaseSet(ABC):

@@ -26,9 +26,9 @@ from typing import Any
 
 import numpy as np
 
+from echelon.base.ball_rows import check_stated
 from echelon.base.matrix import BaseMatrix
 from echelon.base.minor import find_minor
-from echelon.base.stated_check import check_stated
 from echelon.errors import CertificateError, DegenerateSampleError
 from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField
 from echelon.exact.polynomial import is_trigonometric, multiple_of

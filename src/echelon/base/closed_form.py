@@ -1,4 +1,4 @@
-"""Closed forms: the dependent columns of B, entry by entry, while the budget lasts.
+"""B in closed form, column by column, while the budget lasts, and in numbers where it does not.
 
 The coefficients of every kernel are interpolated, the cheapest first, and brought to all places in the robot where the
 kernel occurs.  Then, going from the base to the tips, the dependent columns among the sources are substituted.
@@ -10,12 +10,17 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from echelon.base.dependent import Kernel, Relation
+from echelon.base.dependent import Kernel, Relation, relations
+from echelon.base.matrix import BaseMatrix, StatedNumbers
+from echelon.base.order import reordered
+from echelon.base.stated_columns import StatedColumns
+from echelon.base.structure import Structure
 from echelon.conventions import PER_BODY
 from echelon.errors import ClosedFormError
 from echelon.exact.interpolation import interpolate
 from echelon.exact.rational import ONE, RationalFunction, cost_of_products, sum_of_products
-from echelon.exact.work import Work
+from echelon.exact.unknown import Work
+from echelon.mechanism.mechanism import Mechanism
 
 Combination = dict[int, RationalFunction]
 """A column as a combination of other columns: coefficient by column."""
@@ -100,3 +105,47 @@ def _substituted(combination: Combination, solved: Mapping[int, Combination], wo
     if any(len(c.numerator.terms) > work.terms for c in total.values()):
         return None
     return {pivot: c for pivot, c in total.items() if c.numerator.terms}
+
+
+def base_matrix(
+    mechanism: Mechanism,
+    structure: Structure,
+    order: tuple[int, ...],
+    rng: np.random.Generator,
+    budget: float,
+    report: Callable[[str], None],
+) -> BaseMatrix:
+    """B for a column order."""
+    work = Work.of(budget)
+    found = relations(mechanism, structure)
+    zero = [column for column, support in structure.by_robot.items() if not support]
+    classical = tuple(range(structure.parameters))
+    closed = closed_columns(found, zero, rng, work, report)
+    open_columns = [c for relation in found for c in relation.targets if c not in closed]
+    if not open_columns:
+        matrix = _assembled(mechanism, structure.pivots, closed, classical)
+        other = matrix if order == classical else reordered(matrix, order, rng, work)
+        if other is not None:
+            return other
+    report("numbers in place of closed forms")
+    stated = StatedColumns(mechanism, found, zero, order, rng)
+    if order != classical:  # an exchange of representatives mixes the columns
+        pivots = set(stated.pivots)
+        closed, open_columns = {}, [c for c in classical if c not in pivots]
+    numbers, meaning = stated.numbers(open_columns)
+    return _assembled(mechanism, stated.pivots, closed | numbers, order, meaning)
+
+
+def _assembled(
+    mechanism: Mechanism,
+    pivots: tuple[int, ...],
+    columns: dict[int, Combination],
+    order: tuple[int, ...],
+    numbers: StatedNumbers | None = None,
+) -> BaseMatrix:
+    rows: dict[int, dict[int, RationalFunction]] = {p: {p: RationalFunction(1)} for p in pivots}
+    for column, combination in columns.items():
+        for pivot, coefficient in combination.items():
+            rows[pivot][column] = coefficient
+    ordered = tuple(dict(sorted(rows[p].items())) for p in pivots)
+    return BaseMatrix(mechanism.parameters, pivots, ordered, order, numbers)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import overload
 
 from echelon.base.certificate import certify
-from echelon.base.closed_matrix import base_matrix
+from echelon.base.closed_form import base_matrix
 from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.model import BaseModel
 from echelon.base.order import column_order

@@ -6,7 +6,7 @@ import re
 from html import escape
 from typing import TYPE_CHECKING
 
-from echelon.base.classification import Identifiability
+from echelon.base.base_set import Identifiability
 from echelon.base.expression import LatexStyle, latex_polynomial, latex_symbol, render
 from echelon.base.reading_report import ROUNDING
 from echelon.conventions import PARAMETERS, PER_BODY

@@ -1,8 +1,12 @@
-"""Numbers from a base model: regressors, outputs and their parts, by machine code over batches of states."""
+"""Numbers from a base model: regressors, outputs and their parts over batches of states, and observations from logs.
+
+Each function is recorded once and runs as machine code; observation matrices are never formed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from abc import ABC
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -10,12 +14,65 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
-from echelon.base.recorded import Recorded
+from echelon.base.matrix import BaseMatrix
 from echelon.dynamics.functions import robot_function
+from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
 
-if TYPE_CHECKING:  # importing LLVM takes longer than deriving base parameters: only who computes needs it
+if TYPE_CHECKING:
+    from echelon.dynamics.closed_states import ClosedStates
     from echelon.dynamics.evaluator import Evaluator
+    from echelon.dynamics.observer import Log, RobotObserver
+    from echelon.observe.normal import NormalEquations
+    from echelon.observe.observation import Observation
+
+
+class Recorded(ABC):
+    """What has a mechanism and its base matrix.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+    matrix : BaseMatrix
+        Exact sparse B.
+    """
+
+    mechanism: Mechanism
+    matrix: BaseMatrix
+
+    @cached_property
+    def _functions(self) -> dict[str, Function]:
+        return {}
+
+    def function(self, name: str) -> Function:
+        """One of the model's functions in terms of base parameters, recorded when it is first asked for.
+
+        Parameters
+        ----------
+        name : str
+            Of :data:`echelon.dynamics.functions.ALL_FUNCTIONS`.
+
+        Returns
+        -------
+        Function
+
+        Raises
+        ------
+        InputError
+            If there is no such function, or it is one of mechanisms with loops and there are none.
+        """
+        if name not in self._functions:
+            self._functions[name] = robot_function(name, self.mechanism, self.matrix.pivots)
+        return self._functions[name]
+
+    @cached_property
+    def _loops(self) -> ClosedStates | None:
+        """What completes states; None without loops."""
+        if not self.mechanism.closures:
+            return None
+        from echelon.dynamics.closed_states import ClosedStates
+
+        return ClosedStates(self.mechanism)
 
 
 Symbols = Mapping[str, float] | None
@@ -264,3 +321,67 @@ class Evaluation(Recorded):
         if name == "standard_regressor":
             return robot_function("regressor", self.mechanism, range(len(self.mechanism.parameters)))
         return self.function("regressor" if name == "entries" else name)
+
+
+class Logs(Recorded):
+    """What a base model makes of logs."""
+
+    def accumulate(
+        self,
+        log: Log | Iterable[Log],
+        symbols: Mapping[str, float] | None = None,
+        *,
+        block: int | None = None,
+        threads: int | None = None,
+    ) -> Observation:
+        """R-factors of the observation matrix W and the measured outputs y, without building W.
+
+        The regressor is generated block by block inside a Householder QR factorisation, in constant memory.
+
+        Parameters
+        ----------
+        log : mapping of str to array, or iterable of such
+            ``q``, ``qd``, ``qdd`` as for a regressor, ``y`` of shape (N, outputs), and ``inputs``, a mapping, where
+            effects use measured inputs.  Pieces of an iterable follow one another; how a log is cut into pieces does
+            not change the result.
+        symbols : mapping of str to float, optional
+        block : int, optional
+            Samples that are factored together.
+        threads : int, optional
+            The result does not depend on it.
+
+        Returns
+        -------
+        Observation
+            One factor per output; they can be merged with those of other logs, weighted and solved.
+
+        Raises
+        ------
+        InputError
+            If arrays do not fit, or values are missing or not finite.
+        """
+        return self._observer.observation(log, symbols, block, threads)
+
+    def normal_equations(
+        self,
+        log: Log | Iterable[Log],
+        symbols: Mapping[str, float] | None = None,
+        *,
+        block: int | None = None,
+        threads: int | None = None,
+    ) -> NormalEquations:
+        """WᵀW and Wᵀy, without building W: about twice as fast as :meth:`accumulate`, with half the digits.
+
+        ``log``, ``symbols``, ``block`` and ``threads`` are those of :meth:`accumulate`.
+
+        Returns
+        -------
+        NormalEquations
+        """
+        return self._observer.normal_equations(log, symbols, block, threads)
+
+    @cached_property
+    def _observer(self) -> RobotObserver:
+        from echelon.dynamics.observer import RobotObserver
+
+        return RobotObserver(self.mechanism, self.function("regressor"), loops=self._loops)

@@ -16,7 +16,7 @@ import numpy as np
 
 from echelon.base.matrix import BaseMatrix
 from echelon.errors import ClosedFormError
-from echelon.exact.ball_elimination import BallEchelon, ball_echelon, recognised
+from echelon.exact.elimination import BallEchelon, ball_echelon, recognised
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
 from echelon.models.linear_model import LinearModel

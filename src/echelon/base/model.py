@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.base.base_set import BaseSet
+from echelon.base.base_set import BaseSet, Identifiability, classify
 from echelon.base.certificate import Certificate
-from echelon.base.classification import Identifiability, classify
-from echelon.base.evaluation import Evaluation
-from echelon.base.lift import Metric, lift, metric_matrix, pseudo_inverse_floats
-from echelon.base.logs import Logs
+from echelon.base.evaluation import Evaluation, Logs
 from echelon.base.matrix import BaseMatrix, sympy_number
 from echelon.base.own import at_values
+from echelon.base.pseudo_inverse import Metric, lift, metric_matrix, pseudo_inverse_floats
 from echelon.base.reading_report import ReadingReport
 from echelon.base.value_relations import SpecialValues
 from echelon.errors import InputError
@@ -205,7 +203,7 @@ class BaseModel(BaseSet, Evaluation, Logs):
         prior : array of shape (n,), optional
             Standard parameters to stay near to; zero if omitted.
         metric : "identity", "physical" or array
-            The metric S; see :func:`echelon.base.lift.metric_matrix`.
+            The metric S; see :func:`echelon.base.pseudo_inverse.metric_matrix`.
         length : float, optional
             Characteristic length of the physical metric, m; the largest joint offset if omitted.
         symbols : mapping of str to float, optional
@@ -287,7 +285,7 @@ class BaseModel(BaseSet, Evaluation, Logs):
         >>> base.symbolic_regressor().entries[1, 4]
         g*cos(q1 + q2) + l1*qd1**2*sin(q2) + l1*qdd1*cos(q2)
         """
-        from echelon.base.absolute_angles import absolute_angles
+        from echelon.base.short_form import absolute_angles
         from echelon.base.symbolic import symbolic_regressor
 
         robot = self.mechanism

@@ -20,8 +20,8 @@ from echelon.base.rows import Rows, rows_of
 from echelon.errors import DegenerateSampleError, EchelonError, InputError, SingularPoseError
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
+from echelon.exact.interpolation import rational
 from echelon.exact.numbers import Rational
-from echelon.exact.reconstruction import rational
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.curves import CurveSampler

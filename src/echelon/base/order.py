@@ -18,7 +18,7 @@ from echelon.errors import EchelonError, InputError
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField
 from echelon.exact.rational import RationalFunction, cost_of_products
-from echelon.exact.work import Work
+from echelon.exact.unknown import Work
 from echelon.mechanism.parameter import Parameter
 
 ORDERS = ("base-to-tip", "tip-to-base")

@@ -21,7 +21,7 @@ from echelon.base.ball_rows import ball_rows, precision
 from echelon.base.modes import Mode
 from echelon.base.rows import Rows
 from echelon.errors import InputError
-from echelon.exact.ball_elimination import ball_echelon
+from echelon.exact.elimination import ball_echelon
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import all_symbols, value_texts
 from echelon.regressor.evaluate import evaluate_floats

@@ -1,25 +1,167 @@
-"""B† = S Bᵀ (B S Bᵀ)⁻¹ in closed form: the way back from base to standard parameters (Theorem 1 of the paper).
+"""The lift: standard parameters that agree with given base parameters and stay near a prior.
 
-B S Bᵀ falls into blocks of base parameters that share standard ones; most are single.  Each block is inverted without
-fractions, with one denominator, its determinant.  B · B† = 1 is then checked as an identity of polynomials.
+ζ̂ = ζ₀ + B†(ζ̄ − B ζ₀) with B† = S Bᵀ (B S Bᵀ)⁻¹ is the member of {ζ : B ζ = ζ̄} nearest to ζ₀ in the norm of S⁻¹
+(Theorem 1 of the paper).  The metric S never changes ζ̄ or the reduced regressor; it selects the lift.
+
+In closed form, S holds numbers and formulas as rational functions.  B S Bᵀ falls into blocks of base parameters that
+share standard ones; most are single.  Each block is inverted without fractions, with one denominator, its determinant.
+B · B† = 1 is then checked as an identity of polynomials.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from fractions import Fraction
 from functools import reduce
 from math import lcm
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
-from echelon.base.exact_metric import metric_entries
+import numpy as np
+import numpy.typing as npt
+
 from echelon.base.matrix import BaseMatrix, sympy_generator
-from echelon.errors import ClosedFormError, EchelonError
+from echelon.errors import ClosedFormError, EchelonError, InputError
+from echelon.exact.expressions import parse
 from echelon.exact.fraction_free import Sparse, adjugate, blocks
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction, Ring
 
 if TYPE_CHECKING:
     import sympy
+
+    ExactMetric = Literal["identity"] | Sequence[Any] | sympy.MatrixBase
+    """``"identity"``, the diagonal of S, or S."""
+    import sympy
+
+
+Metric = Literal["identity", "physical"] | npt.ArrayLike
+
+
+def metric_matrix(metric: Metric, degrees: Sequence[int], length: float) -> npt.NDArray[np.float64]:
+    """The metric S as a matrix."""
+    if isinstance(metric, str):
+        if metric not in ("identity", "physical"):
+            raise InputError(f"unknown metric '{metric}' (valid: identity, physical, or an array)")
+        if not 0 < length < np.inf:
+            raise InputError(f"the characteristic length must be positive and finite, not {length}")
+        scale = [length**power if metric == "physical" else 1.0 for power in degrees]
+        return np.diag(np.square(scale))
+    parameters = len(degrees)
+    matrix = np.asarray(metric, dtype=float)
+    matrix = np.diag(matrix) if matrix.ndim == 1 else matrix
+    if matrix.shape != (parameters, parameters):
+        raise InputError(f"the metric has shape {matrix.shape}; expected ({parameters}, {parameters}) or its diagonal")
+    if not np.allclose(matrix, matrix.T) or np.linalg.eigvalsh(matrix).min(initial=1.0) <= 0:
+        raise InputError("the metric must be symmetric and positive definite")
+    return matrix
+
+
+def pseudo_inverse_floats(b: npt.NDArray[np.float64], metric: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """B† = S Bᵀ (B S Bᵀ)⁻¹.  Shapes: b (r, n); metric (n, n); returns (n, r)."""
+    # with S = L Lᵀ this is L pinv(B L), which avoids squaring the condition number
+    root = np.linalg.cholesky(metric)
+    found: npt.NDArray[np.float64] = root @ np.linalg.pinv(b @ root)
+    return found
+
+
+def lift(
+    b: npt.NDArray[np.float64],
+    base_values: npt.NDArray[np.float64],
+    prior: npt.NDArray[np.float64],
+    metric: npt.NDArray[np.float64],
+) -> npt.NDArray[np.float64]:
+    """Standard parameters nearest to a prior among those with given base parameters."""
+    # shapes: b (r, n); base_values (r,); prior (n,); metric (n, n); returns (n,)
+    # with S = L Lᵀ the correction is L pinv(B L) residual; least squares avoids squaring the condition number
+    root = np.linalg.cholesky(metric)
+    correction = np.linalg.lstsq(b @ root, base_values - b @ prior, rcond=None)[0]
+    lifted: npt.NDArray[np.float64] = prior + root @ correction
+    return lifted
+
+
+def metric_entries(metric: Any, size: int) -> dict[tuple[int, int], RationalFunction]:
+    """Non-zero entries of S."""
+    import sympy
+
+    if isinstance(metric, str):
+        if metric != "identity":
+            raise InputError(f"unknown metric '{metric}' (valid: identity, a diagonal, or a sympy Matrix)")
+        return {(k, k): RationalFunction(1) for k in range(size)}
+    if isinstance(metric, sympy.MatrixBase) and 1 not in metric.shape:
+        shape, given = metric.shape, {(int(i), int(j)): value for (i, j), value in metric.todok().items()}
+    else:
+        diagonal = list(metric)
+        shape, given = (len(diagonal),) * 2, {(k, k): value for k, value in enumerate(diagonal)}
+    if shape != (size, size):
+        raise InputError(f"the metric is {shape[0]} × {shape[1]}; expected {size} × {size} or its diagonal")
+    entries = {place: _rational(value) for place, value in given.items() if value != 0}
+    _check(entries, size)
+    return entries
+
+
+def _rational(value: Any) -> RationalFunction:
+    """A number or formula as a quotient of polynomials."""
+    import sympy
+
+    try:
+        if isinstance(value, str):  # text is read, never evaluated as code
+            return RationalFunction(parse(value))
+        formula = sympy.sympify(value, rational=False, strict=True)
+        formula = formula.replace(lambda e: e.is_Float, lambda e: sympy.Rational(str(e)))
+        top, bottom = sympy.fraction(sympy.together(formula))
+        return RationalFunction(_polynomial(top), _polynomial(bottom))
+    except (sympy.SympifyError, sympy.PolynomialError, AttributeError, TypeError, ValueError):
+        raise InputError(f"the metric's entry '{value}' is not a rational function with rational numbers") from None
+
+
+def _polynomial(formula: Any) -> Polynomial:
+    import sympy
+
+    symbols = sorted(formula.free_symbols, key=str)
+    if not symbols:
+        return Polynomial.constant(_number(formula))
+    terms = {}
+    for exponents, coefficient in sympy.Poly(formula, *symbols).terms():
+        monomial = tuple((str(s), int(e)) for s, e in zip(symbols, exponents, strict=True) if e)
+        terms[tuple(sorted(monomial))] = _number(coefficient)
+    return Polynomial(terms)
+
+
+def _number(value: Any) -> int | Fraction:
+    if not value.is_Rational:
+        raise ValueError(value)
+    return int(value.p) if value.q == 1 else Fraction(int(value.p), int(value.q))
+
+
+def _check(entries: dict[tuple[int, int], RationalFunction], size: int) -> None:
+    """Refuse what is not symmetric or, where all entries are numbers, not positive definite."""
+    if any(entries.get((j, i)) != value for (i, j), value in entries.items()):
+        raise InputError("the metric is not symmetric")
+    numbers = {place: value.numerator.number for place, value in entries.items() if value.is_polynomial}
+    definite = all((k, k) in entries for k in range(size))
+    if definite and len(numbers) == len(entries) and all(isinstance(v, int | Fraction) for v in numbers.values()):
+        definite = _is_definite({place: Fraction(v) for place, v in numbers.items()}, size)  # type: ignore[arg-type]
+    else:
+        signs = [numbers.get((k, k)) for k in range(size)]
+        definite = definite and not any(isinstance(sign, int | Fraction) and sign <= 0 for sign in signs)
+    if not definite:
+        raise InputError("the metric is not positive definite")
+
+
+def _is_definite(numbers: dict[tuple[int, int], Fraction], size: int) -> bool:
+    """Whether all pivots of an elimination are positive."""
+    rows = [{j: v for (i, j), v in numbers.items() if i == k} for k in range(size)]
+    for k in range(size):
+        pivot = rows[k].get(k, Fraction(0))
+        if pivot <= 0:
+            return False
+        for i in [i for i in rows[k] if i > k]:
+            factor = rows[i].pop(k) / pivot
+            for j, value in rows[k].items():
+                if j > k:
+                    rows[i][j] = rows[i].get(j, Fraction(0)) - factor * value
+    return True
+
 
 MOST_TERMS = 150_000
 """Of the numerators of one block."""
@@ -54,7 +196,7 @@ def pseudo_inverse(
         except ClosedFormError as error:
             problem = f"{error}; numbers for symbols, or pseudo_inverse_float, need no closed form"
             raise ClosedFormError(problem) from None
-        _check([rows[i] for i in block], numerators, denominator)
+        _check_inverse([rows[i] for i in block], numerators, denominator)
         for c, row in numerators.items():
             for k, numerator in row.items():
                 entries[c * matrix.rank + block[k]] = writer.quotient(numerator * factors[block[k]], denominator)
@@ -102,7 +244,7 @@ def _block(
     return {c: _product(row, inverse) for c, row in transposed.items()}, denominator
 
 
-def _check(rows: Sequence[Sparse], numerators: Mapping[int, Sparse], denominator: Any) -> None:
+def _check_inverse(rows: Sequence[Sparse], numerators: Mapping[int, Sparse], denominator: Any) -> None:
     """B · B† = 1 as an identity of polynomials."""
     for i, row in enumerate(rows):
         total: Sparse = {}

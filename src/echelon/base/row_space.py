@@ -22,7 +22,7 @@ from echelon.base.structure import find_structure
 from echelon.errors import DegenerateSampleError, EchelonError, InputError
 from echelon.exact.elimination import rank, reduced_echelon
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.reconstruction import combine, rational
+from echelon.exact.interpolation import combine, rational
 from echelon.mechanism.mechanism import Mechanism
 from echelon.models.linear_model import LinearModel
 from echelon.program.sampling import FieldSampler

@@ -14,7 +14,7 @@ from echelon.base.structure import find_structure
 from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError, InputError
 from echelon.exact.elimination import rank, reduced_echelon
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.work import SOLVING, Work
+from echelon.exact.unknown import SOLVING, Work
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.output import Cut, Output, plain
 from echelon.mechanism.placement import Placement

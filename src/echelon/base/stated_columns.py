@@ -26,8 +26,7 @@ from echelon.exact.interpolation import interpolate
 from echelon.exact.numbers import Number
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
-from echelon.exact.unknown import UnknownFunctions, persistent
-from echelon.exact.work import Work
+from echelon.exact.unknown import UnknownFunctions, Work, persistent
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.roles import symbol_roles
 from echelon.mechanism.values import value_texts

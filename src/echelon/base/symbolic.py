@@ -11,9 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from echelon.base.absolute_angles import Combination
 from echelon.base.expression import latex_symbol
-from echelon.base.short_form import ShortForms
+from echelon.base.short_form import Combination, ShortForms
 from echelon.errors import ClosedFormError, InputError, one_line
 from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.sympy_bridge import shared_nodes, to_sympy

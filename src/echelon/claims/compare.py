@@ -25,7 +25,7 @@ from echelon.errors import InputError
 from echelon.exact.numbers import Number, Surd
 from echelon.exact.polynomial import float_generators, is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
-from echelon.exact.work import Work
+from echelon.exact.unknown import Work
 
 Row = Mapping[int, RationalFunction]
 """Claimed coefficients by column, in the order of the text."""

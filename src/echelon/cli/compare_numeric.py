@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from echelon.base.numeric_comparison import NumericComparison, compare_numeric
+from echelon.base.numeric_rank import NumericComparison, compare_numeric
 from echelon.cli.destination import Destination, deliver
 from echelon.cli.progress import progress
 from echelon.errors import one_line

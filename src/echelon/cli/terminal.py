@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from echelon.base.classification import Identifiability
+from echelon.base.base_set import Identifiability
 from echelon.base.display import classification_rows, facts, headline, legend
 from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS

@@ -9,19 +9,20 @@ import numpy as np
 
 from echelon.errors import DegenerateSampleError
 from echelon.exact.ansatz import Fit, Geometry
-from echelon.exact.denominators import (
+from echelon.exact.field import PrimeField, Residues
+from echelon.exact.fractions import (
+    Numerator,
     Residual,
+    Section,
+    SparseInterpolation,
     entangled_factor,
     entangled_size,
     evaluated,
     factor_of,
     multiplied,
+    sections,
 )
-from echelon.exact.field import PrimeField, Residues
-from echelon.exact.numerators import Numerator, SparseInterpolation
-from echelon.exact.univariate import Section, sections
-from echelon.exact.unknown import UnknownFunctions, persistent
-from echelon.exact.work import SOLVING, Work
+from echelon.exact.unknown import SOLVING, UnknownFunctions, Work, persistent
 
 _NODES = (6, 16, 40, 100)
 """Values along a line, more where they are too few."""

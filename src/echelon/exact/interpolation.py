@@ -2,15 +2,16 @@
 
 The caller can evaluate a vector of unknown functions of the geometry symbols at any points of any field.  Group testing
 finds which symbols each function depends on, lines along single symbols give the degrees and the denominator
-(:mod:`echelon.exact.denominators`), and sparse interpolation the numerator (:mod:`echelon.exact.numerators`), all in
+(:mod:`echelon.exact.fractions`), and sparse interpolation the numerator (:mod:`echelon.exact.fractions`), all in
 one field.  The coefficients of the monomials that occur are then found in as many fields as it takes, one per sign of
 √2 and √3 and one per prime, and put together by Chinese remainders and rational reconstruction.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 
@@ -21,9 +22,48 @@ from echelon.exact.fits import find_fits
 from echelon.exact.numbers import Number, Rational, surd
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
-from echelon.exact.reconstruction import combine, rational
-from echelon.exact.unknown import UnknownFunctions
-from echelon.exact.work import SOLVING, Work
+from echelon.exact.unknown import SOLVING, UnknownFunctions, Work
+
+_MARGIN_BITS = 16
+"""A candidate n/d is believed when |n|·d is this many bits shorter than the modulus; the certificate has the last
+word, so this only decides when to ask for one more prime."""
+
+
+def combine(residues: Sequence[int], primes: Sequence[int]) -> tuple[int, int]:
+    """The residue modulo the product of the primes, and that product."""
+    value, modulus = 0, 1
+    for residue, prime in zip(residues, primes, strict=True):
+        value += modulus * ((residue - value) * pow(modulus, -1, prime) % prime)
+        modulus *= prime
+    return value, modulus
+
+
+def rational(residue: int, modulus: int) -> Rational | None:
+    """The simplest rational number with this residue, or None if none is simple enough to be believed.
+
+    Uses the largest quotient of the extended Euclidean algorithm (Monagan, "Maximal quotient rational
+    reconstruction", 2004).
+
+    >>> rational(pow(3, -1, 2147483399) * 2, 2147483399)
+    Fraction(2, 3)
+    """
+    residue %= modulus
+    if residue == 0:
+        return 0
+    best, height = (0, 1), modulus
+    remainders, cofactors = (modulus, residue), (0, 1)
+    while remainders[1]:
+        size = remainders[1] * abs(cofactors[1])
+        if size < height:
+            best, height = (remainders[1], cofactors[1]), size
+        quotient = remainders[0] // remainders[1]
+        remainders = remainders[1], remainders[0] - quotient * remainders[1]
+        cofactors = cofactors[1], cofactors[0] - quotient * cofactors[1]
+    if height << _MARGIN_BITS > modulus:
+        return None
+    value = Fraction(*best)
+    return value.numerator if value.denominator == 1 else value
+
 
 _MOST_PRIMES = 64
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from echelon.base.classification import Identifiability
+from echelon.base.base_set import Identifiability
 from echelon.base.model import BaseModel
 from echelon.formats.load import load
 from echelon.identification.physics.bounds import Bounds

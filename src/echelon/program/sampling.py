@@ -19,9 +19,9 @@ import numpy.typing as npt
 
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import Rational
-from echelon.program.arcs import check_independent
 from echelon.program.bounds import Size, polynomial_size
 from echelon.program.canonical import CanonicalForms, Form, Product, Signs, Turn
+from echelon.program.circular import check_independent
 from echelon.program.constants import ConstantName, constant_names
 from echelon.program.derivatives import derivatives
 from echelon.program.generator_values import GeneratorValues, residues_of

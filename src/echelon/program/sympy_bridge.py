@@ -18,11 +18,11 @@ from typing import Any
 from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN
 from echelon.exact.numbers import Number, Rational, parse_decimal, parts_of
+from echelon.program.circular import turned
 from echelon.program.compound import COMPOUND
 from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.scalar import Scalar, power, square_root
 from echelon.program.tape import Program
-from echelon.program.turn import turned
 
 SUPPORTED = {"Abs" if op is Op.ABS else op.name.lower(): op for op in FUNCTIONS}
 """The functions that a program can hold, by sympy's names."""

@@ -15,11 +15,11 @@ from echelon.exact.angle import STEPS_PER_HALF_TURN
 from echelon.exact.expressions import PI, parse_angle
 from echelon.exact.numbers import parse_decimal
 from echelon.exact.syntax import expression_tree
+from echelon.program.circular import turned
 from echelon.program.compound import COMPOUND
 from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.scalar import Scalar, power, square_root
 from echelon.program.tape import Program
-from echelon.program.turn import turned
 
 _PLAIN = {op.name.lower(): op for op in FUNCTIONS}
 FUNCTION_NAMES = (*_PLAIN, *COMPOUND)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from echelon.base.classification import Identifiability
+from echelon.base.base_set import Identifiability
 from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import one_line

@@ -1,4 +1,6 @@
-"""Arc tangents in exact work: written out inside sines and cosines, independent of all else elsewhere.
+"""Circular functions of angles with exact parts, and arc tangents.
+
+A multiple of 15° is turned by exactly.  Arc tangents are written out inside sines and cosines:
 
 e^(i·atan w) = (1 + i·w)/√(1 + w²), so sines and cosines of integer multiples of arc tangents, plus anything, are
 algebraic in their arguments.
@@ -14,11 +16,25 @@ that constant is not looked for: such relations count as unknown.
 from __future__ import annotations
 
 from echelon.errors import UnknownRelationsError
+from echelon.exact.angle import STEPS_PER_HALF_TURN
 from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField, Residues
+from echelon.exact.numbers import cosine_of_turn, sine_of_turn
 from echelon.program.operations import Op
 from echelon.program.scalar import Scalar, square_root
 from echelon.program.tape import Program
+
+
+def turned(op: Op, rest: Scalar, steps: int) -> Scalar:
+    """A circular function of an angle plus a number of steps of 15°."""
+    program = rest.program
+    if not steps % (2 * STEPS_PER_HALF_TURN):
+        return program.function(op, rest)
+    c, s = program.cos(rest), program.sin(rest)
+    c_turn, s_turn = cosine_of_turn(steps), sine_of_turn(steps)
+    cosine, sine = c * c_turn - s * s_turn, s * c_turn + c * s_turn
+    return sine / cosine if op is Op.TAN else cosine if op is Op.COS else sine
+
 
 _LARGEST_MULTIPLE = 24
 
