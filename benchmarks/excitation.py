@@ -28,8 +28,8 @@ import numpy as np
 import echelon as ec
 from anchors.build import UnavailableError
 from anchors.figaroh_search import Search, environment, searched, versions
-from echelon.excite.design import designed
-from echelon.excite.task import changed, task_of
+from echelon.excite.problem.task import changed, task_of
+from echelon.excite.solve.design import designed
 from echelon.machine.kernel import processors
 from tabular import table
 
@@ -143,8 +143,8 @@ def measured(name: str) -> list[Any]:
         f"{len(first.trajectory.coordinates)} / {first.base.rank}",
         f"{done} of {case.seeds}",
         spread(seconds, ".1f", " s"),
-        spread([found.shown.condition for found in founds]),
-        spread([found.shown.scaled_condition for found in founds]),
+        spread([found.conditioning.condition for found in founds]),
+        spread([found.conditioning.scaled_condition for found in founds]),
         f"{gradient_seconds(setup, case.all_changes(setup)) * 1e3:.2g} ms",
     ]
 
@@ -213,7 +213,7 @@ def our_row(searches: list[Search]) -> list[Any]:
         ended([found.starts[0].status for found in founds]),
         spread([found.starts[0].iterations for found in founds], ".0f"),
         spread(seconds, ".1f", " s"),
-        spread([found.shown.condition for found in founds]),
+        spread([found.conditioning.condition for found in founds]),
         spread([float(np.linalg.cond(W[:, choice])) for W in stacked for choice in columns(searches)]),
     ]
 

@@ -7,12 +7,9 @@ import numpy.typing as npt
 
 from arms import body, place, tree
 from echelon.exact.expressions import parse
-from echelon.excite.collisions.entries import entry_shapes
-from echelon.excite.collisions.shapes import Shape
-from echelon.excite.families.basis import Basis
-from echelon.excite.families.bsplines import uniform_splines
-from echelon.excite.families.fourier import Fourier
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.problem.shapes import Shape
+from echelon.excite.problem.stated_shapes import entry_shapes
+from echelon.excite.problem.trajectory import Basis, Fourier, Trajectory, uniform_splines
 from echelon.mechanism.joint import rotation, screw, translation
 from echelon.mechanism.mechanism import Mechanism
 

@@ -13,16 +13,18 @@ import numpy as np
 import numpy.typing as npt
 
 import echelon as ec
-from echelon.excite.constraints.effort import effort_limits
-from echelon.excite.constraints.effort_bounds import EffortLimit
-from echelon.excite.constraints.effort_model import EffortModel
-from echelon.excite.constraints.frames import PointLimit, point_limits
-from echelon.excite.constraints.state import StateLimits
-from echelon.excite.families.basis import Basis, Recombined, resting_ends
-from echelon.excite.families.bsplines import Splines, uniform_splines
-from echelon.excite.families.fourier import Fourier
-from echelon.excite.families.sums import Sum
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_limits
+from echelon.excite.problem.state_limits import PointLimit, StateLimits, point_limits
+from echelon.excite.problem.trajectory import (
+    Basis,
+    Fourier,
+    Recombined,
+    Splines,
+    Sum,
+    Trajectory,
+    resting_ends,
+    uniform_splines,
+)
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.operations import Op
 from echelon.program.tape import Program

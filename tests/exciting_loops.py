@@ -10,16 +10,11 @@ import numpy.typing as npt
 
 import echelon as ec
 import linkages
-from echelon.excite.constraints.effort_bounds import EffortLimit
-from echelon.excite.constraints.effort_model import EffortModel
-from echelon.excite.constraints.frames import PointLimit, point_limits
-from echelon.excite.families.basis import resting_ends
-from echelon.excite.families.fourier import Fourier
-from echelon.excite.loops.limits import LoopLimits
-from echelon.excite.loops.motion import LoopMotion
-from echelon.excite.loops.parts import LoopEfforts, LoopPart
-from echelon.excite.loops.regressor import LoopRegressor, state_regressor
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.problem.closed_loops import LoopEfforts, LoopLimits, LoopPart, LoopRegressor, state_regressor
+from echelon.excite.problem.effort_limits import EffortLimit, EffortModel
+from echelon.excite.problem.loop_motion import LoopMotion
+from echelon.excite.problem.state_limits import PointLimit, point_limits
+from echelon.excite.problem.trajectory import Fourier, Trajectory, resting_ends
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.mechanism import Mechanism
 

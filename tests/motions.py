@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from echelon.excite.families.basis import Basis
-from echelon.excite.families.fourier import Fourier
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.problem.trajectory import Basis, Fourier, Trajectory
 
 NAMES, UNITS = ("j1", "slider"), ("rad", "m")
 KIND = "trajectory_msgs/msg/JointTrajectory"

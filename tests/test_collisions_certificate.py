@@ -11,14 +11,13 @@ import pytest
 import echelon as ec
 from clearances import Floats, motion, planar, random_arm, spheres
 from echelon.errors import InputError
-from echelon.excite.collisions.certificate import least_clearances
-from echelon.excite.collisions.constraint import clearance_of
-from echelon.excite.collisions.engine import Engine
-from echelon.excite.collisions.entries import entry_shapes
-from echelon.excite.collisions.meshes import mesh_shape
-from echelon.excite.collisions.shapes import Kind, Shape, placed
-from echelon.excite.families.fourier import Fourier
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.problem.clearance import clearance_of
+from echelon.excite.problem.distances import Engine
+from echelon.excite.problem.robot_shapes import mesh_shape
+from echelon.excite.problem.shapes import Kind, Shape, placed
+from echelon.excite.problem.stated_shapes import entry_shapes
+from echelon.excite.problem.trajectory import Fourier, Trajectory
+from echelon.excite.verify.clearance_bounds import least_clearances
 
 pytest.importorskip("mujoco")
 

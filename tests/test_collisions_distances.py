@@ -7,10 +7,9 @@ import pytest
 
 from clearances import Floats
 from echelon.errors import EchelonError
-from echelon.excite.collisions.engine import Engine
-from echelon.excite.collisions.meshes import mesh_shape
-from echelon.excite.collisions.shapes import Kind, Shape
-from echelon.excite.collisions.supports import plane_gaps
+from echelon.excite.problem.distances import Engine
+from echelon.excite.problem.robot_shapes import mesh_shape
+from echelon.excite.problem.shapes import Kind, Shape, plane_gaps
 from echelon.formats.mjcf_numbers import quaternion_matrix
 
 mujoco = pytest.importorskip("mujoco")

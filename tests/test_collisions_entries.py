@@ -9,9 +9,9 @@ import pytest
 
 from clearances import planar
 from echelon.errors import InputError
-from echelon.excite.collisions.constraint import clearance_of
-from echelon.excite.collisions.entries import entry_shapes
-from echelon.excite.collisions.shapes import Kind
+from echelon.excite.problem.clearance import clearance_of
+from echelon.excite.problem.shapes import Kind
+from echelon.excite.problem.stated_shapes import entry_shapes
 
 pytest.importorskip("mujoco")
 

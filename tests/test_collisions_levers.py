@@ -1,4 +1,4 @@
-"""Levers: how fast points of a shape can move."""
+"""MotionBounds: how fast points of a shape can move."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from clearances import motion, planar, random_arm, spheres
-from echelon.excite.collisions.constraint import clearance_of
-from echelon.excite.collisions.levers import Levers
+from echelon.excite.problem.clearance import clearance_of
+from echelon.excite.verify.clearance_bounds import MotionBounds
 
 pytest.importorskip("mujoco")
 
@@ -18,7 +18,7 @@ def test_levers_bound_speeds(seed: int) -> None:
     mechanism, shapes = random_arm(seed)
     rng = np.random.default_rng(seed)
     trajectory = motion(mechanism, seed, 0.35)
-    levers = Levers(mechanism, trajectory.basis.bounds(trajectory.coefficients, 0))
+    levers = MotionBounds(mechanism, trajectory.basis.bounds(trajectory.coefficients, 0))
     slopes = clearance_of(mechanism, shapes, 0.0).kinematics.slopes(
         trajectory(rng.uniform(0, trajectory.duration, 400))
     )
@@ -37,6 +37,6 @@ def test_levers_bound_speeds(seed: int) -> None:
 def test_levers_of_a_branch_do_not_count_what_carries_both() -> None:
     mechanism = planar(4)
     shapes = spheres(mechanism)
-    levers = Levers(mechanism, np.full(4, np.pi))
+    levers = MotionBounds(mechanism, np.full(4, np.pi))
     np.testing.assert_allclose(levers.between(shapes[1], shapes[4]), [0, 2.1, 1.1, 0.1])
     np.testing.assert_allclose(levers.between(shapes[0], shapes[3]), [2.1, 1.1, 0.1, 0])

@@ -14,12 +14,12 @@ import echelon as ec
 from arms import body, place, tree
 from clearances import motion, planar, spheres
 from echelon.errors import InputError
-from echelon.excite.collisions.certificate import least_clearances
-from echelon.excite.collisions.constraint import clearance_of
-from echelon.excite.collisions.entries import entry_shapes
-from echelon.excite.collisions.pairs import checked_pairs
-from echelon.excite.collisions.shapes import Shape
-from echelon.excite.task import task_of
+from echelon.excite.problem.clearance import clearance_of
+from echelon.excite.problem.distances import checked_pairs
+from echelon.excite.problem.shapes import Shape
+from echelon.excite.problem.stated_shapes import entry_shapes
+from echelon.excite.problem.task import task_of
+from echelon.excite.verify.clearance_bounds import least_clearances
 from echelon.mechanism.joint import rotation
 
 pytest.importorskip("mujoco")

@@ -13,8 +13,8 @@ import pytest
 import echelon as ec
 from clearances import ARM, Floats
 from echelon.errors import InputError
-from echelon.excite.collisions.constraint import Clearance, clearance_of
-from echelon.excite.collisions.geometry import read_geometry
+from echelon.excite.problem.clearance import Clearance, clearance_of
+from echelon.excite.problem.robot_shapes import read_geometry
 from robots import has_pinocchio, robot_file
 
 mujoco = pytest.importorskip("mujoco")

@@ -9,10 +9,10 @@ import pytest
 
 import echelon as ec
 from clearances import planar
-from echelon.excite.collisions.constraint import Clearance, clearance_of
-from echelon.excite.collisions.entries import entry_shapes
-from echelon.excite.limits import ResolvedLimits
-from echelon.excite.poses import start_pose
+from echelon.excite.problem.clearance import Clearance, clearance_of
+from echelon.excite.problem.motion_limits import ResolvedLimits
+from echelon.excite.problem.stated_shapes import entry_shapes
+from echelon.excite.solve.design import start_pose
 from robots import robot_file
 
 pytest.importorskip("mujoco")
@@ -55,7 +55,7 @@ def test_a_leg_of_a_quadruped_over_a_floor() -> None:
     found = ec.exciting_trajectory(setup, starts=1, harmonics=6, move=leg, collisions={"obstacles": [floor]})
     assert found.safe
     assert found.starts[0].status == "converged"
-    assert found.shown.scaled_condition < 60
+    assert found.conditioning.scaled_condition < 60
     labels = [margin.label for margin in found.margins]
     assert "distance of FR_calf and floor" in labels
     assert "distance of base and FR_thigh" in labels

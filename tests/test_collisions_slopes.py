@@ -9,8 +9,8 @@ import pytest
 
 import echelon as ec
 from clearances import ARM, Floats, planar, spheres
-from echelon.excite.collisions.constraint import Clearance, clearance_of
-from echelon.excite.collisions.geometry import read_geometry
+from echelon.excite.problem.clearance import Clearance, clearance_of
+from echelon.excite.problem.robot_shapes import read_geometry
 
 pytest.importorskip("mujoco")
 

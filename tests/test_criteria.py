@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from echelon.excite import criteria
-from echelon.excite.criteria import Criterion, Name, condition_number, log_det
+from echelon.excite.problem.information import Criterion, Name, condition_number, log_det
 from exciting import Floats, slope_along
 
 NAMES: tuple[Name, ...] = ("d_optimal", "a_optimal", "condition")

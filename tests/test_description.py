@@ -14,7 +14,7 @@ import yaml
 
 import arms
 import echelon as ec
-from echelon.excite.files.schema import trajectory_schema
+from echelon.excite.files.trajectory_schema import trajectory_schema
 from echelon.formats.description import read_description, write_description
 from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions

@@ -11,12 +11,9 @@ import pytest
 
 import echelon as ec
 from echelon.errors import InputError
-from echelon.excite.cells import reach
-from echelon.excite.constraints.effort import effort_limits
-from echelon.excite.constraints.effort_bounds import EffortLimit
-from echelon.excite.constraints.effort_model import EffortModel
-from echelon.excite.constraints.state import Enclosed
-from echelon.excite.prior import check_determined
+from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, check_determined, effort_limits
+from echelon.excite.problem.state_limits import Enclosed
+from echelon.excite.verify.margins import reach
 from exciting import Floats, families, random_motion, slopes_by_state, torques, tx40_standard
 from oracles import random_states
 from simulated_results import Result, result_of

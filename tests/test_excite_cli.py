@@ -322,7 +322,7 @@ def test_the_example_from_end_to_end(tmp_path: Path) -> None:
 def test_the_library_says_the_same_as_the_command(made: Made) -> None:
     file, _, done = made
     found = ec.exciting_trajectory(ec.load_setup(file))
-    assert found.shown.condition == json.loads(done.stdout)["condition_numbers"]["plain"]
+    assert found.conditioning.condition == json.loads(done.stdout)["condition_numbers"]["plain"]
 
 
 def test_limits_that_nothing_can_reach(tmp_path: Path) -> None:

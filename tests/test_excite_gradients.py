@@ -12,12 +12,8 @@ import pytest
 import echelon as ec
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.excite.criteria import Criterion, Name
-from echelon.excite.families.basis import Basis, resting_ends
-from echelon.excite.families.bsplines import uniform_splines
-from echelon.excite.families.fourier import Fourier
-from echelon.excite.information import Information
-from echelon.excite.pullback import ADJOINT, StateRegressor, pullback
+from echelon.excite.problem.information import ADJOINT, Criterion, Information, Name, StateRegressor, pullback
+from echelon.excite.problem.trajectory import Basis, Fourier, resting_ends, uniform_splines
 from exciting import Floats, slope_along, slopes_by_state
 
 EXAMPLES = Path(__file__).parent.parent / "examples"

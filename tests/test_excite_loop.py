@@ -25,11 +25,10 @@ from scipy.stats import chi2
 
 import echelon as ec
 from echelon.base.model import BaseModel
-from echelon.excite.design import Design, designed
-from echelon.excite.families.fourier import Fourier
-from echelon.excite.result import ExcitingTrajectory
-from echelon.excite.task import task_of
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.excite.problem.task import task_of
+from echelon.excite.problem.trajectory import Fourier, Trajectory
+from echelon.excite.solve.design import Design, designed
 from echelon.identification.result import Identification
 from echelon.identification.settings import Setup
 from simulated import GUESSED, TRUE, Motion, System
@@ -249,14 +248,14 @@ def test_deviations_are_those_that_were_predicted() -> None:
     """Over repeated noise: each variance, the volume of the ellipsoid, and no bias."""
     found, seen = excited(), rows(excited().trajectory)
     assert found.safe
-    predicted, truth, r = np.array(found.shown.std), known().truth, known().base.rank
+    predicted, truth, r = np.array(found.conditioning.std), known().truth, known().base.rank
     estimates = seen.estimates(SEEDS)
     squares = (SEEDS - 1) * estimates.var(axis=0, ddof=1) / predicted**2
     low, high = chi2.interval(1 - 1e-4, SEEDS - 1)
     assert ((low < squares) & (squares < high)).all(), squares / (SEEDS - 1)
     # log det of a sample covariance: a sum of logarithms of chi-squared numbers with ever fewer degrees of freedom
     half = (SEEDS - 1 - np.arange(r)) / 2
-    expected = np.sum(digamma(half) + np.log(2 / (SEEDS - 1))) - found.shown.log_det
+    expected = np.sum(digamma(half) + np.log(2 / (SEEDS - 1))) - found.conditioning.log_det
     assert abs(log_det(np.cov(estimates.T)) - expected) < 4 * np.sqrt(np.sum(polygamma(1, half)))
     assert np.abs((estimates.mean(axis=0) - truth) / predicted * np.sqrt(SEEDS)).max() < 4.5
 
@@ -268,7 +267,7 @@ def test_a_log_gives_intervals_of_the_predicted_size(tmp_path: Path) -> None:
     of time scatter, and are right in the middle.
     """
     motion = followed(excited().trajectory)
-    predicted = np.array(excited().shown.std)
+    predicted = np.array(excited().conditioning.std)
     batches = identified(tmp_path, motion).estimate
     ratio = batches.std / predicted
     assert 0.9 < np.median(ratio) < 1.2
@@ -341,7 +340,7 @@ def complement(first: Floats, seed: int, **changes: Any) -> Floats:
     found = ec.exciting_trajectory(known().setup, known=first, seed=seed, **changes)
     seen = rows(found.trajectory).information
     # what is shown is both together
-    assert found.shown.log_det == pytest.approx(log_det(first + seen), rel=1e-9)
+    assert found.conditioning.log_det == pytest.approx(log_det(first + seen), rel=1e-9)
     return seen
 
 
@@ -388,7 +387,7 @@ def test_information_of_a_log_is_that_of_its_trajectory(tmp_path: Path) -> None:
 
 
 def test_repetitions_shrink_deviations_by_their_root() -> None:
-    predicted = np.array(excited().shown.std)
+    predicted = np.array(excited().conditioning.std)
     spread = rows(excited().trajectory, 4).estimates(SEEDS).std(axis=0, ddof=1)
     low, high = np.sqrt(np.array(chi2.interval(1 - 1e-4, SEEDS - 1)) / (SEEDS - 1))
     ratio = 2 * spread / predicted
@@ -403,7 +402,7 @@ def test_logs_of_repetitions(tmp_path: Path) -> None:
         for periods in (1, 4)
     )
     assert np.median(once.estimate.std / often.estimate.std) == pytest.approx(2, rel=0.1)
-    errors = (often.estimate.values - known().truth) / (np.array(excited().shown.std) / 2)
+    errors = (often.estimate.values - known().truth) / (np.array(excited().conditioning.std) / 2)
     assert np.mean(errors**2) == pytest.approx(1, abs=0.7)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from echelon.excite.loops.motion import LoopMotion
+from echelon.excite.problem.loop_motion import LoopMotion
 from echelon.regressor.loops.assembly import Assembly
 from exciting import slopes_by_state
 from exciting_loops import MECHANISMS, REDUNDANT, Floats, assert_slopes, base, full, mechanism, regressor, states

@@ -7,12 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from echelon.excite.constraints.effort_bounds import EffortLimit
-from echelon.excite.constraints.effort_model import EffortModel
-from echelon.excite.constraints.frames import PointLimit, point_limits
-from echelon.excite.loops.limits import LoopLimits
-from echelon.excite.loops.motion import LoopMotion
-from echelon.excite.loops.parts import LoopEfforts, LoopPart
+from echelon.excite.problem.closed_loops import LoopEfforts, LoopLimits, LoopPart
+from echelon.excite.problem.effort_limits import EffortLimit, EffortModel
+from echelon.excite.problem.loop_motion import LoopMotion
+from echelon.excite.problem.state_limits import PointLimit, point_limits
 from exciting import slopes_by_state
 from exciting_loops import assert_slopes, base, certain, identified, mechanism, states
 

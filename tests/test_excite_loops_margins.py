@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from echelon.excite.cells import ranges
-from echelon.excite.loops.enclosures import LoopEnclosures
-from echelon.excite.loops.limits import LoopLimits
-from echelon.excite.loops.motion import LoopMotion
-from echelon.excite.loops.verification import loop_margins
-from echelon.excite.loops.whole import WholeMotion
+from echelon.excite.problem.closed_loops import LoopLimits
+from echelon.excite.problem.loop_motion import LoopMotion
+from echelon.excite.verify.loop_enclosures import LoopEnclosures, WholeMotion, loop_margins
+from echelon.excite.verify.margins import ranges
 from exciting_loops import limited, mechanism, motion_of
 
 

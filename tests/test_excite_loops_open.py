@@ -9,14 +9,10 @@ import numpy as np
 
 import echelon as ec
 import linkages
-from echelon.excite.families.basis import resting_ends
-from echelon.excite.families.fourier import Fourier
-from echelon.excite.loops.limits import LoopLimits
-from echelon.excite.loops.motion import LoopMotion
-from echelon.excite.loops.positions import Closed
-from echelon.excite.loops.regressor import LoopRegressor
-from echelon.excite.loops.verification import loop_margins
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.problem.closed_loops import LoopLimits, LoopRegressor
+from echelon.excite.problem.loop_motion import Closed, LoopMotion
+from echelon.excite.problem.trajectory import Fourier, Trajectory, resting_ends
+from echelon.excite.verify.loop_enclosures import loop_margins
 from exciting import slopes_by_state
 from exciting_loops import Floats, assert_slopes, mechanism
 

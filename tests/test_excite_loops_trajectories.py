@@ -7,10 +7,10 @@ import pytest
 
 import echelon as ec
 from echelon.dynamics.kinematics import Kinematics
-from echelon.excite.design import designed
-from echelon.excite.loops.motion import LoopMotion
-from echelon.excite.showing import shown
-from echelon.excite.task import changed, task_of
+from echelon.excite.problem.loop_motion import LoopMotion
+from echelon.excite.problem.task import changed, task_of
+from echelon.excite.solve.design import designed
+from echelon.excite.verify.conditioning import conditioning_of
 from exciting_loops import LOOPS, base
 
 FOUR_BAR = {"limits": {"velocity": 5, "acceleration": 50, "jerk": "none"}, "duration": 6, "starts": 1}
@@ -26,12 +26,12 @@ def test_a_trajectory_of_a_four_bar_beats_random_motions() -> None:
     task = task_of(setup, changed(setup.excitation, FOUR_BAR, ""))
     design = designed(task)
     random = [design.trajectory(design.problem.start(np.random.default_rng(k), 0.95)) for k in range(30)]
-    assert found.shown.log_det > max(shown(task, motion).log_det for motion in random)
-    assert found.shown.condition < np.median([shown(task, motion).condition for motion in random])
+    assert found.conditioning.log_det > max(conditioning_of(task, motion).log_det for motion in random)
+    assert found.conditioning.condition < np.median([conditioning_of(task, motion).condition for motion in random])
     # the observation matrix of the library, at the same samples
     t = np.arange(600) / 100
     W = base("four_bar").regressor(*found.trajectory.states(t)).reshape(600, -1)
-    assert found.shown.condition == pytest.approx(np.linalg.cond(W), rel=1e-6)
+    assert found.conditioning.condition == pytest.approx(np.linalg.cond(W), rel=1e-6)
 
 
 def test_torque_limits_hold_with_loops() -> None:

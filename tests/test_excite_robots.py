@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 
 import echelon as ec
-from echelon.excite.result import ExcitingTrajectory
+from echelon.excite.exciting_trajectory import ExcitingTrajectory
 from pinocchio_regressor import pinocchio_regressor
 from robots import pinocchio_model, robot_file
 from test_exciting_trajectory import EXAMPLES, resampled
@@ -105,8 +105,8 @@ def test_conditioning_is_that_of_pinocchios_regressor() -> None:
     friction = [values[:, :, None] * eye for values in (qd, np.sign(qd), np.ones_like(qd))]
     W = np.concatenate([rigid, *friction], axis=2)[:, :, found.base.matrix.pivots].reshape(2400, -1)
     # a different sign of a speed that is zero up to rounding, at the ends, changes little
-    assert found.shown.condition == pytest.approx(np.linalg.cond(W), rel=0.01)
-    assert found.shown.log_det == pytest.approx(np.linalg.slogdet(W.T @ W)[1], rel=1e-3)
+    assert found.conditioning.condition == pytest.approx(np.linalg.cond(W), rel=0.01)
+    assert found.conditioning.log_det == pytest.approx(np.linalg.slogdet(W.T @ W)[1], rel=1e-3)
 
 
 # -- distances by MuJoCo -----------------------------------------------------------------------------------------------
@@ -227,7 +227,7 @@ def test_ur10_reaches_condition_10_from_every_seed(seed: int) -> None:
     q, qd, qdd = (resampled(found, order, 100)[:800] for order in range(3))
     W = found.base.regressor(q, qd, qdd).reshape(-1, 36)
     assert np.linalg.cond(W) <= 10
-    assert found.shown.condition == pytest.approx(np.linalg.cond(W), rel=1e-6)
+    assert found.conditioning.condition == pytest.approx(np.linalg.cond(W), rel=1e-6)
     speeds = np.abs(resampled(found, 1)).max(axis=0) / list(UR10["limits"]["velocity"].values())
     assert speeds.max() <= 1
     assert np.sum(speeds >= NEAR) >= 3
@@ -259,8 +259,8 @@ def test_tx40_with_its_coupled_wrist() -> None:
     motor = 32 * np.abs(resampled(found, 1) @ [0, 0, 0, 0, 1, 1]).max()
     assert NEAR * 60 <= motor <= 60
     assert np.abs(resampled(found, 1)).max() <= 2
-    assert np.isfinite(found.shown.condition)
-    assert np.all(np.isfinite(found.shown.std))
+    assert np.isfinite(found.conditioning.condition)
+    assert np.all(np.isfinite(found.conditioning.std))
 
 
 # -- robots with many joints -------------------------------------------------------------------------------------------

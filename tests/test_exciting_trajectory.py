@@ -15,12 +15,10 @@ import pytest
 from scipy.interpolate import BSpline
 
 import echelon as ec
-from echelon.excite.families.fourier import Fourier
-from echelon.excite.files.design import design_to_json
-from echelon.excite.lazy import Solution
-from echelon.excite.result import ExcitingTrajectory
-from echelon.excite.solver import Best
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.excite.files.write_trajectory import design_to_json
+from echelon.excite.problem.trajectory import Fourier, Trajectory
+from echelon.excite.solve.solver import Best, Solution
 
 Floats = npt.NDArray[np.float64]
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -144,7 +142,7 @@ def test_limits_of_motors_hold_through_a_transmission(tmp_path: Path) -> None:
     assert 0.98 * 60 <= motor.max() <= 60
     assert np.abs(acceleration @ [0, 20, -30]).max() <= 150
     assert np.abs(velocity).max() <= 2
-    assert np.isfinite(found.shown.condition)
+    assert np.isfinite(found.conditioning.condition)
 
 
 # -- what the trajectory shows -----------------------------------------------------------------------------------------
@@ -177,12 +175,12 @@ def test_conditioning_and_deviations_are_those_of_equations_by_hand() -> None:
     found = design(PENDULUM, noise={"j1": 0.5, "j2": 0.1}, **SWING)
     W = observation(found) / np.tile([0.5, 0.1], 600)[:, None]
     scaled = W / np.linalg.norm(W, axis=0)
-    assert found.shown.condition == pytest.approx(np.linalg.cond(W), rel=1e-9)
-    assert found.shown.scaled_condition == pytest.approx(np.linalg.cond(scaled), rel=1e-9)
-    assert found.shown.log_det == pytest.approx(np.linalg.slogdet(W.T @ W)[1], rel=1e-9)
+    assert found.conditioning.condition == pytest.approx(np.linalg.cond(W), rel=1e-9)
+    assert found.conditioning.scaled_condition == pytest.approx(np.linalg.cond(scaled), rel=1e-9)
+    assert found.conditioning.log_det == pytest.approx(np.linalg.slogdet(W.T @ W)[1], rel=1e-9)
     expected = np.sqrt(np.diag(np.linalg.inv(W.T @ W)))
-    np.testing.assert_allclose(sorted(found.shown.std), sorted(expected), rtol=1e-9)
-    assert found.shown.over_time[-1][1] == pytest.approx(found.shown.scaled_condition)
+    np.testing.assert_allclose(sorted(found.conditioning.std), sorted(expected), rtol=1e-9)
+    assert found.conditioning.over_time[-1][1] == pytest.approx(found.conditioning.scaled_condition)
 
 
 def test_information_at_hand_is_complemented() -> None:
@@ -192,7 +190,7 @@ def test_information_at_hand_is_complemented() -> None:
     assert [found.base.mechanism.parameters[k] for k in found.base.matrix.pivots[:3]] == ["ZZ1", "MX1", "MY1"]
     assert found.safe
     new, old = (np.linalg.slogdet(W.T @ W + known)[1] for W in map(observation, (found, plain)))
-    assert found.shown.log_det == pytest.approx(new, rel=1e-9)
+    assert found.conditioning.log_det == pytest.approx(new, rel=1e-9)
     assert new > old + 0.01
 
 
@@ -257,7 +255,7 @@ def test_few_iterations_still_give_a_safe_trajectory() -> None:
     assert found.safe
     assert np.abs(resampled(found, 1)).max() <= 2
     assert np.abs(resampled(found, 0)).max() <= np.pi
-    assert np.isfinite(found.shown.condition)
+    assert np.isfinite(found.conditioning.condition)
 
 
 def test_a_start_that_breaks_limits_between_samples_loses_little_when_made_safe() -> None:
@@ -266,7 +264,7 @@ def test_a_start_that_breaks_limits_between_samples_loses_little_when_made_safe(
     limits = {"position": [-2.5, 2.5], "velocity": 2.5}
     found = design(EXAMPLES / "ur10.yaml", duration=6, centre={"j2": -1.57}, limits=limits, **arm)
     assert found.safe
-    lost = -found.shown.log_det / found.base.rank - found.starts[0].value
+    lost = -found.conditioning.log_det / found.base.rank - found.starts[0].value
     assert abs(lost) < 0.2
 
 
@@ -402,7 +400,7 @@ def test_a_missing_mesh_matters_only_where_collisions_are_asked_for(tmp_path: Pa
 
 
 def test_a_start_that_fails_in_a_process_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("echelon.excite.starts.pickle.dumps", lambda _: b"nonsense")
+    monkeypatch.setattr("echelon.excite.solve.starts.pickle.dumps", lambda _: b"nonsense")
     with pytest.raises(ec.EchelonError, match="a start of the solver ended early"):
         design(PENDULUM, starts=2, **SWING)
 

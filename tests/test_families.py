@@ -8,11 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import null_space, orth, subspace_angles
 
-from echelon.excite.families.basis import Basis, Recombined, resting_ends
-from echelon.excite.families.bsplines import Splines, uniform_splines
-from echelon.excite.families.fourier import Fourier
-from echelon.excite.families.sums import Sum
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.problem.trajectory import (
+    Basis,
+    Fourier,
+    Recombined,
+    Splines,
+    Sum,
+    Trajectory,
+    resting_ends,
+    uniform_splines,
+)
 from exciting import Floats, families, random_motion, slope_along
 
 NAMES = sorted(families())

@@ -12,16 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from echelon.errors import InputError
-from echelon.excite import cells
-from echelon.excite.cells import reach, state_margins
-from echelon.excite.constraints.motion import MotionLimit
-from echelon.excite.constraints.state import StateLimits
-from echelon.excite.families.basis import Basis
-from echelon.excite.families.bsplines import Splines
-from echelon.excite.families.fourier import Fourier
-from echelon.excite.margins import ACTIVE, Margin
-from echelon.excite.trajectory import Trajectory
-from echelon.excite.verification import motion_margins
+from echelon.excite.verify import margins as cells
+from echelon.excite.problem.motion_limits import MotionLimit
+from echelon.excite.problem.state_limits import StateLimits
+from echelon.excite.problem.trajectory import Basis, Fourier, Splines, Trajectory
+from echelon.excite.verify.margins import ACTIVE, Margin, motion_margins, reach, state_margins
 from echelon.program.function import Argument, Function
 from echelon.program.tape import Program, Scalar
 from exciting import Floats, all_limits, families, random_motion

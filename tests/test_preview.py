@@ -17,14 +17,13 @@ import pytest
 
 import echelon as ec
 from echelon.errors import MissingExtraError
-from echelon.excite.design import designed
-from echelon.excite.families.fourier import Fourier
-from echelon.excite.margins import Margin
-from echelon.excite.result import ExcitingTrajectory, Shown, Start
-from echelon.excite.showing import shown
-from echelon.excite.task import changed, task_of
-from echelon.excite.trajectory import Trajectory
-from echelon.excite.verification import margins_of
+from echelon.excite.exciting_trajectory import Conditioning, ExcitingTrajectory, Start
+from echelon.excite.problem.task import changed, task_of
+from echelon.excite.problem.trajectory import Fourier, Trajectory
+from echelon.excite.solve.design import designed
+from echelon.excite.verify import margins_of
+from echelon.excite.verify.conditioning import conditioning_of
+from echelon.excite.verify.margins import Margin
 from echelon.logs.finding import Finding, Severity
 from echelon.report.digits import significant
 from echelon.report.environment import plotly_source
@@ -55,7 +54,8 @@ def trajectory(robot: str = "double_pendulum", **changes: Any) -> ExcitingTrajec
     design = designed(task)
     run = design.trajectory(design.problem.start(np.random.default_rng(1)))
     return ExcitingTrajectory(
-        run, task.base, task.held, "d_optimal", shown(task, run), tuple(margins_of(run, task)), STARTS, FINDINGS,
+        run, task.base, task.held, "d_optimal", conditioning_of(task, run), tuple(margins_of(run, task)), STARTS,
+        FINDINGS,
         {"seed": 2015, "excitation": {"noise": {"all": 0.25}, "limits": {"effort": {"j1": inf}}}},
     )  # fmt: skip
 
@@ -192,7 +192,7 @@ def test_verdict_when_all_is_well(page: Page) -> None:
     assert found.safe
     assert "Every limit is kept at every time." in page.words
     assert "✗" not in page.words
-    for number in (found.shown.condition, found.shown.scaled_condition, found.shown.log_det):
+    for number in (found.conditioning.condition, found.conditioning.scaled_condition, found.conditioning.log_det):
         assert significant(number) in page.words
 
 
@@ -216,8 +216,8 @@ def test_no_limits_are_no_safety() -> None:
 
 def test_what_is_not_seen_is_said() -> None:
     found = trajectory()
-    blind = Shown(inf, inf, -inf, (inf,) * found.base.rank, ((3.0, inf), (6.0, inf)))
-    page = Page(preview_html(replace(found, shown=blind)))
+    blind = Conditioning(inf, inf, -inf, (inf,) * found.base.rank, ((3.0, inf), (6.0, inf)))
+    page = Page(preview_html(replace(found, conditioning=blind)))
     assert "does not show all base parameters" in page.words
     json.loads(page.scripts[0], parse_constant=lambda name: pytest.fail(name))
     assert not re.search(r"\b(nan|inf)\b", page.words)
@@ -263,7 +263,7 @@ def test_margins_that_are_not_numbers_count_as_broken() -> None:
 def test_deviations_are_those_of_the_result(html: str, page: Page) -> None:
     found = trajectory()
     rows = rows_of(html, "std-table")
-    assert [r[2] for r in rows] == [significant(std, 3) for std in found.shown.std]
+    assert [r[2] for r in rows] == [significant(std, 3) for std in found.conditioning.std]
     assert [r[3] for r in rows] == list(found.base.units)
     keys = re.findall(r'<th scope="row" class="name form" data-key="(.*?)"', html)
     assert keys == [str(expression) for expression in found.base.expressions]
@@ -280,7 +280,9 @@ def test_deviations_against_the_robot_file() -> None:
     values = tuple(replace(effect, value=1.0) for effect in found.base.mechanism.effects)
     base = replace(found.base, mechanism=replace(found.base.mechanism, bodies=bodies, effects=values))
     std = tuple(0.1 * abs(value) for value in base.values())
-    rows = rows_of(preview_html(replace(found, base=base, shown=replace(found.shown, std=std))), "std-table")
+    rows = rows_of(
+        preview_html(replace(found, base=base, conditioning=replace(found.conditioning, std=std))), "std-table"
+    )
     # MY2 is stated as 0.125 and is a base parameter of its own
     row = next(r for r, expression in zip(rows, base.expressions, strict=True) if str(expression) == "MY2")
     assert row[4:] == ["0.1250", "10"]
@@ -328,7 +330,7 @@ def test_missing_limits_are_named() -> None:
 
 def test_plotted_conditioning(page: Page) -> None:
     """Where it is infinite there is no point."""
-    kept = [moment for moment in trajectory().shown.over_time if np.isfinite(moment[1])]
+    kept = [moment for moment in trajectory().conditioning.over_time if np.isfinite(moment[1])]
     plotted = json.loads(page.scripts[0])["conditioning"]
     assert list(zip(plotted["time"], plotted["condition"], strict=True)) == kept
 
@@ -399,7 +401,7 @@ def test_loops_are_drawn_closed() -> None:
         task.mechanism.independent_velocities, task.units, Fourier(4.0, 1), np.array([[0.0], [0.3], [0.0]])
     )
     found = ExcitingTrajectory(
-        run, task.base, {}, "d_optimal", Shown(1.0, 1.0, 0.0, (1.0,) * task.base.rank, ()), (), (), (), {}
+        run, task.base, {}, "d_optimal", Conditioning(1.0, 1.0, 0.0, (1.0,) * task.base.rank, ()), (), (), (), {}
     )  # fmt: skip
     view = scene(found)
     lengths = np.linalg.norm(np.diff(view.origins, axis=1), axis=2)

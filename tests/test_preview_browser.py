@@ -144,7 +144,7 @@ def test_no_button_talks_to_a_server(driven: dict) -> None:
 
 
 def test_tables_are_sorted(driven: dict) -> None:
-    order = np.argsort(trajectory().shown.std) + 1
+    order = np.argsort(trajectory().conditioning.std) + 1
     assert driven["first"] == ["1", str(order[0]), str(order[-1])]
 
 

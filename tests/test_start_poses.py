@@ -9,14 +9,10 @@ import pytest
 
 from arms import body, place, tree
 from echelon.errors import InputError
-from echelon.excite.constraints.effort import effort_limits
-from echelon.excite.constraints.effort_bounds import EffortLimit
-from echelon.excite.constraints.effort_model import EffortModel
-from echelon.excite.constraints.frames import PointLimit, point_limits
-from echelon.excite.constraints.motion import MotionLimit
-from echelon.excite.constraints.state import StateConstraint
-from echelon.excite.limits import ResolvedLimits
-from echelon.excite.poses import broken, start_pose
+from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_limits
+from echelon.excite.problem.motion_limits import MotionLimit, ResolvedLimits
+from echelon.excite.problem.state_limits import PointLimit, StateConstraint, point_limits
+from echelon.excite.solve.design import broken, start_pose
 from echelon.mechanism.joint import rotation, translation
 from echelon.mechanism.mechanism import Mechanism
 from exciting import Floats

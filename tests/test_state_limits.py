@@ -11,13 +11,9 @@ import echelon as ec
 from echelon.base.model import BaseModel
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import InputError
-from echelon.excite.constraints.effort import effort_limits
-from echelon.excite.constraints.effort_bounds import EffortLimit
-from echelon.excite.constraints.effort_model import EffortModel
-from echelon.excite.constraints.frames import PointLimit, point_limits
-from echelon.excite.constraints.motion import MotionLimit
-from echelon.excite.constraints.narrowed import narrowed
-from echelon.excite.constraints.state import StateConstraint, StateLimits
+from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_limits
+from echelon.excite.problem.motion_limits import MotionLimit
+from echelon.excite.problem.state_limits import PointLimit, StateConstraint, StateLimits, point_limits, tightened
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Argument, Function
 from echelon.program.tape import Program
@@ -228,8 +224,8 @@ def test_a_limit_is_broken_where_it_is_although_others_vanish() -> None:
 
 def test_narrowed_constraints() -> None:
     inner = point_limits(ur10(), points())
-    first = narrowed(inner, np.array([0.1, 0.0, 0.2]), np.array([0.0, 0.3, 0.0]))
-    second = narrowed(first, np.array([0.1, 0.0, 0.0]), np.array([0.0, 0.1, 0.0]))
+    first = tightened(inner, np.array([0.1, 0.0, 0.2]), np.array([0.0, 0.3, 0.0]))
+    second = tightened(first, np.array([0.1, 0.0, 0.0]), np.array([0.0, 0.1, 0.0]))
     assert second.constraint is inner
     np.testing.assert_allclose(second.low, [0.3, -np.inf, -0.8])
     np.testing.assert_allclose(second.high, [1.2, 0.1, 1.0])

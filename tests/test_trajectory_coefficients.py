@@ -14,15 +14,20 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from echelon.errors import InputError
-from echelon.excite.families.basis import Basis, Recombined, resting_ends
-from echelon.excite.families.bsplines import Splines, uniform_splines
-from echelon.excite.families.fourier import Fourier
-from echelon.excite.families.sums import Sum
 from echelon.excite.files.coefficients import text_of, trajectory_from_json, trajectory_to_json
-from echelon.excite.files.reading import read_trajectory
-from echelon.excite.files.schema import trajectory_schema
-from echelon.excite.files.writing import write_trajectory
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.files.read_trajectory import read_trajectory
+from echelon.excite.files.trajectory_schema import trajectory_schema
+from echelon.excite.files.write_trajectory import write_trajectory
+from echelon.excite.problem.trajectory import (
+    Basis,
+    Fourier,
+    Recombined,
+    Splines,
+    Sum,
+    Trajectory,
+    resting_ends,
+    uniform_splines,
+)
 from motions import NAMES, UNITS, motion, smooth, states
 
 FAMILIES: dict[str, Basis] = {

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from echelon.errors import InputError
-from echelon.excite.families.bsplines import uniform_splines
 from echelon.excite.files.coefficients import trajectory_from_json, trajectory_to_json
-from echelon.excite.files.reading import read_trajectory
-from echelon.excite.files.writing import write_trajectory
+from echelon.excite.files.read_trajectory import read_trajectory
+from echelon.excite.files.write_trajectory import write_trajectory
+from echelon.excite.problem.trajectory import uniform_splines
 from motions import NAMES, UNITS, motion, smooth
 
 

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from echelon.errors import InputError, MissingExtraError
-from echelon.excite.families.bsplines import uniform_splines
-from echelon.excite.files import samples as samples_module
-from echelon.excite.files.reading import read_trajectory
-from echelon.excite.files.samples import sampled
-from echelon.excite.files.writing import write_trajectory
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.files import trajectory_samples as samples_module
+from echelon.excite.files.read_trajectory import read_trajectory
+from echelon.excite.files.trajectory_samples import sampled
+from echelon.excite.files.write_trajectory import write_trajectory
+from echelon.excite.problem.trajectory import Trajectory, uniform_splines
 from motions import NAMES, UNITS, motion, smooth, states
 
 SAMPLED = [".csv", ".parquet", ".yaml", ".mcap"]

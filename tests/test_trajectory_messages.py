@@ -14,11 +14,10 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from echelon.excite.families.fourier import Fourier
 from echelon.excite.files.joint_trajectory import yaml_text
-from echelon.excite.files.samples import sampled
-from echelon.excite.files.writing import write_trajectory
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.files.trajectory_samples import sampled
+from echelon.excite.files.write_trajectory import write_trajectory
+from echelon.excite.problem.trajectory import Fourier, Trajectory
 from motions import KIND, NAMES, UNITS, smooth
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)

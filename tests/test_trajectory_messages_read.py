@@ -12,7 +12,7 @@ import yaml
 from mcap.writer import Writer as McapWriter
 
 from echelon.errors import InputError
-from echelon.excite.files.reading import read_trajectory
+from echelon.excite.files.read_trajectory import read_trajectory
 from motions import KIND, NAMES, UNITS, WAVE, T
 
 

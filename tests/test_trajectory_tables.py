@@ -12,9 +12,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from echelon.errors import InputError
-from echelon.excite.files.reading import read_trajectory
-from echelon.excite.files.writing import write_trajectory
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.files.read_trajectory import read_trajectory
+from echelon.excite.files.write_trajectory import write_trajectory
+from echelon.excite.problem.trajectory import Trajectory
 from motions import NAMES, SPEED, UNITS, WAVE, T, smooth
 
 # -- our own -----------------------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 import echelon as ec
-from echelon.excite.families.fourier import Fourier
+from echelon.excite.problem.trajectory import Fourier
 
 Floats = npt.NDArray[np.float64]
 
@@ -151,11 +151,11 @@ def main() -> None:
         found = ec.exciting_trajectory(setup, starts=4, seed=1)
         print(f"{found.base.rank} base parameters of {len(found.base.mechanism.parameters)}")
         print(f"safe: {found.safe}; at their limits: {', '.join(margin.label for margin in found.active)}")
-        truth, predicted = true_values(found.base, folder), np.array(found.shown.std)
+        truth, predicted = true_values(found.base, folder), np.array(found.conditioning.std)
         fresh = run(random_motion(99), folder / "fresh.csv", None)
         print("\ntrajectory   log det   scaled condition   deviations: predicted   found   errors   prediction")
         for kind, trajectory in (("excited", found.trajectory), ("random", random_motion(1)), ("sines", sines())):
-            shown = ec.judged_trajectory(setup, trajectory).shown
+            shown = ec.judged_trajectory(setup, trajectory).conditioning
             result = ec.identify(setup, [run(trajectory, folder / f"{kind}.csv", 0)], validate_on=[fresh])
             mean = [typical(some / predicted) for some in (shown.std, result.estimate.std)]
             error = typical((result.estimate.values - truth) / predicted)

@@ -17,7 +17,7 @@ from echelon.errors import InputError
 from echelon.identification.setup import load_setup
 
 if TYPE_CHECKING:
-    from echelon.excite.result import ExcitingTrajectory
+    from echelon.excite.exciting_trajectory import ExcitingTrajectory
 
 TRAJECTORY, PREVIEW = "trajectory.json", "preview.html"
 FORMATS = ("csv", "parquet", "yaml", "mcap")
@@ -64,7 +64,7 @@ class ExciteRequest:
 def run_excite(request: ExciteRequest, *, as_json: bool) -> None:
     """Design a trajectory, write all files, and print the summary."""
     from echelon.excite.excite import exciting_trajectory
-    from echelon.excite.known import information_of_logs
+    from echelon.excite.problem.prior_information import information_of_logs
 
     started = perf_counter()
     _check_formats(request.formats)
@@ -93,9 +93,9 @@ def run_check(
 ) -> None:
     """Judge a trajectory made elsewhere; exit with 1 if it breaks a limit."""
     from echelon.excite.excite import judged_trajectory
-    from echelon.excite.files.reading import read_trajectory
-    from echelon.excite.task import changed as changed_entry
-    from echelon.excite.task import task_of
+    from echelon.excite.files.read_trajectory import read_trajectory
+    from echelon.excite.problem.task import changed as changed_entry
+    from echelon.excite.problem.task import task_of
     from echelon.report.preview.page import preview_html
 
     started = perf_counter()
@@ -124,8 +124,7 @@ def _check_formats(formats: Sequence[str]) -> None:
 def _files(found: ExcitingTrajectory, request: ExciteRequest) -> dict[str, str | bytes]:
     """Everything that is written, by name, so that nothing is written unless all of it can be."""
     from echelon.excite.files.coefficients import text_of
-    from echelon.excite.files.design import design_to_json
-    from echelon.excite.files.writing import trajectory_content
+    from echelon.excite.files.write_trajectory import design_to_json, trajectory_content
     from echelon.report.preview.page import preview_html
 
     files: dict[str, str | bytes] = {
@@ -142,7 +141,7 @@ def _say(found: ExcitingTrajectory, paths: Sequence[Path], started: float, *, as
     if as_json:
         import json
 
-        from echelon.excite.files.design import design_to_json
+        from echelon.excite.files.write_trajectory import design_to_json
 
         document = {**design_to_json(found), "files": [str(path) for path in paths]}
         show(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))

@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from echelon.errors import one_line
-from echelon.excite.result import ExcitingTrajectory
+from echelon.excite.exciting_trajectory import ExcitingTrajectory
 from echelon.logs.finding import Severity
 
 _LIMITS = 16
@@ -74,6 +74,9 @@ def _starts(found: ExcitingTrajectory) -> str:
 
 
 def _conditioning(found: ExcitingTrajectory) -> str:
-    shown, names = found.shown, {"d_optimal": "D-optimal", "a_optimal": "A-optimal", "condition": "condition number"}
+    shown, names = (
+        found.conditioning,
+        {"d_optimal": "D-optimal", "a_optimal": "A-optimal", "condition": "condition number"},
+    )
     numbers = f"condition number {shown.condition:.3g}, with scaled columns {shown.scaled_condition:.3g}"
     return f"{names[found.criterion]}; {numbers}; log det of the information {shown.log_det:.5g}"

@@ -274,7 +274,7 @@ def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print."
     elif which is Schema.IDENTIFIED:
         from echelon.results.identified_record import json_schema
     elif which is Schema.TRAJECTORY:
-        from echelon.excite.files.schema import trajectory_schema as json_schema
+        from echelon.excite.files.trajectory_schema import trajectory_schema as json_schema
     else:
         from echelon.results.record import json_schema
     show(json.dumps(json_schema(), indent=2))

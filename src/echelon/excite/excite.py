@@ -11,15 +11,15 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.excite.design import designed
-from echelon.excite.lazy import Solution
-from echelon.excite.result import ExcitingTrajectory, Shown, Start
-from echelon.excite.safety import safe
-from echelon.excite.showing import shown
-from echelon.excite.starts import solutions
-from echelon.excite.task import Task, changed, task_of
-from echelon.excite.trajectory import Trajectory
-from echelon.excite.verification import margins_of
+from echelon.excite.exciting_trajectory import ExcitingTrajectory, Start
+from echelon.excite.problem.task import Task, changed, task_of
+from echelon.excite.problem.trajectory import Trajectory
+from echelon.excite.solve.design import designed
+from echelon.excite.solve.safety import safe
+from echelon.excite.solve.solver import Solution
+from echelon.excite.solve.starts import solutions
+from echelon.excite.verify import margins_of
+from echelon.excite.verify.conditioning import Conditioning, conditioning_of
 from echelon.identification.settings import Setup
 from echelon.logs.finding import Finding, Severity
 from echelon.machine.kernel import processors
@@ -44,7 +44,7 @@ def exciting_trajectory(
         A robot with its sensors and, in the section ``excitation``, its limits; see :func:`echelon.load_setup`.
     known : array of shape (r, r), optional
         Information matrix of data at hand, Σ Wᵀ diag(1/σ²) W with the outputs' noise, which the trajectory is to
-        complement; see :func:`echelon.excite.known.information_of_logs`.
+        complement; see :func:`echelon.excite.problem.prior_information.information_of_logs`.
     jobs : int, optional
         Processes that work on the starts; as many as there are processors if omitted.
     on_step : callable, optional
@@ -69,7 +69,7 @@ def exciting_trajectory(
     >>> import echelon as ec
     >>> setup = ec.load_setup("examples/double_pendulum.yaml")
     >>> found = ec.exciting_trajectory(setup, duration=6, starts=1, limits={"velocity": 3, "position": [-2, 2]})
-    >>> found.safe, found.shown.condition < 10
+    >>> found.safe, found.conditioning.condition < 10
     (True, True)
     """
     step = on_step or (lambda _: None)
@@ -90,7 +90,7 @@ def exciting_trajectory(
     x, margins = safe(design, [s for s in found if s.x is not None])
     trajectory = design.trajectory(x)
     starts = tuple(Start(k, s.status, s.value, s.iterations, s.history) for k, s in enumerate(found))
-    seen = shown(task, trajectory, prior)
+    seen = conditioning_of(task, trajectory, prior)
     centre = dict(zip(task.mechanism.independent_velocities, design.centre.tolist(), strict=True))
     return ExcitingTrajectory(
         trajectory,
@@ -131,7 +131,7 @@ def judged_trajectory(setup: Setup, trajectory: Trajectory, **changes: Any) -> E
         moves, should = ", ".join(trajectory.coordinates), ", ".join(task.mechanism.independent_velocities)
         raise InputError(f"the trajectory moves {moves}; the set-up lets {should} move", source=setup.source)
     margins = tuple(margins_of(trajectory, task))
-    seen = shown(task, trajectory)
+    seen = conditioning_of(task, trajectory)
     return ExcitingTrajectory(
         trajectory,
         task.base,
@@ -154,7 +154,7 @@ def _information(known: npt.ArrayLike | None) -> Floats | None:
     return F
 
 
-def _warnings(task: Task, seen: Shown, starts: Sequence[Start]) -> list[Finding]:
+def _warnings(task: Task, seen: Conditioning, starts: Sequence[Start]) -> list[Finding]:
     """What makes a trajectory of little use."""
     texts = []
     if not isfinite(seen.scaled_condition):

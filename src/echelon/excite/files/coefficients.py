@@ -14,33 +14,16 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
-from echelon.excite.families.basis import Basis, Recombined
-from echelon.excite.families.bsplines import Splines
-from echelon.excite.families.fourier import Fourier
-from echelon.excite.families.sums import Sum
-from echelon.excite.files.problems import as_record
-from echelon.excite.trajectory import Trajectory
+from echelon.excite.files.trajectory_schema import as_record
+from echelon.excite.problem.trajectory import Basis, Fourier, Recombined, Splines, Sum, Trajectory
 
 if TYPE_CHECKING:
-    from echelon.excite.files.schema import FourierRecord, Motion, SplinesRecord, SumRecord
+    from echelon.excite.files.trajectory_schema import FourierRecord, Motion, SplinesRecord, SumRecord
 
 
 def trajectory_to_json(trajectory: Trajectory, **extra: Any) -> dict[str, Any]:
-    """A trajectory as JSON-able data, a document of :func:`echelon.excite.files.schema.trajectory_schema`.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-    **extra
-        JSON-able data to go with it, by key.
-
-    Raises
-    ------
-    InputError
-        If a coefficient is not finite, the basis is of no family that the format knows, or an extra key is one of
-        the format's.
-    """
-    from echelon.excite.files.schema import EXPLANATION, VERSION
+    """A trajectory as JSON-able data, a document of :func:`trajectory_schema`; extra keys go with it."""
+    from echelon.excite.files.trajectory_schema import EXPLANATION, VERSION
 
     coefficients = np.asarray(trajectory.coefficients, dtype=float)
     if not np.all(np.isfinite(coefficients)):
@@ -60,20 +43,7 @@ def trajectory_to_json(trajectory: Trajectory, **extra: Any) -> dict[str, Any]:
 
 
 def trajectory_from_json(data: Any, source: str) -> Trajectory:
-    """The trajectory that a document describes.
-
-    Parameters
-    ----------
-    data : object
-        The document as plain data: mappings, lists, numbers and texts.
-    source : str
-        File name for messages.
-
-    Raises
-    ------
-    InputError
-        If it is no document of the format, or does not agree with itself; names the element.
-    """
+    """The trajectory that a document describes."""
     record = as_record(data, source)
     names = tuple(record.coordinates)
     if len(set(names)) < len(names):
@@ -90,12 +60,7 @@ def trajectory_from_json(data: Any, source: str) -> Trajectory:
 
 
 def text_of(document: Mapping[str, Any]) -> str:
-    """A document as JSON text; equal documents give equal text.
-
-    Parameters
-    ----------
-    document : mapping
-    """
+    """A document as JSON text; equal documents give equal text."""
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -103,7 +68,7 @@ def text_of(document: Mapping[str, Any]) -> str:
 
 
 def _written(basis: Basis, coefficients: Floats, names: tuple[str, ...]) -> dict[str, Any]:
-    from echelon.excite.files.schema import SUM
+    from echelon.excite.files.trajectory_schema import SUM
 
     if isinstance(basis, Recombined):
         return _written(basis.inner, basis.matrix @ coefficients, names)
@@ -120,7 +85,7 @@ def _written(basis: Basis, coefficients: Floats, names: tuple[str, ...]) -> dict
 
 
 def _written_fourier(basis: Fourier, coefficients: Floats, names: tuple[str, ...]) -> dict[str, Any]:
-    from echelon.excite.files.schema import FOURIER
+    from echelon.excite.files.trajectory_schema import FOURIER
 
     columns = {
         name: {"constant": float(column[0]), "sin": column[1::2].tolist(), "cos": column[2::2].tolist()}
@@ -136,7 +101,7 @@ def _written_fourier(basis: Fourier, coefficients: Floats, names: tuple[str, ...
 
 
 def _written_splines(basis: Splines, coefficients: Floats, names: tuple[str, ...]) -> dict[str, Any]:
-    from echelon.excite.files.schema import SPLINES
+    from echelon.excite.files.trajectory_schema import SPLINES
 
     ends = [0.0] * basis.degree, [float(basis.duration)] * basis.degree
     return {

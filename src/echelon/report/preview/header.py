@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import isfinite
 from typing import Any
 
-from echelon.excite.margins import Margin
-from echelon.excite.result import ExcitingTrajectory
+from echelon.excite.verify.margins import Margin
+from echelon.excite.exciting_trajectory import ExcitingTrajectory
 from echelon.logs.finding import Severity
 from echelon.report.digits import significant
 
@@ -20,7 +20,7 @@ CRITERIA = {
 
 def context(found: ExcitingTrajectory) -> dict[str, Any]:
     """What the header shows."""
-    shown, mechanism = found.shown, found.base.mechanism
+    shown, mechanism = found.conditioning, found.base.mechanism
     findings = sorted(found.findings, key=lambda finding: finding.severity is not Severity.WARNING)
     return {
         "robot": mechanism.name,

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from math import isfinite, isnan
 from typing import Any
 
-from echelon.excite.margins import ACTIVE, Margin
-from echelon.excite.result import ExcitingTrajectory
+from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.excite.verify.margins import ACTIVE, Margin
 
 _ROOM = 0.1  # of the width of a picture, beside limits on both sides
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from echelon.errors import one_line
-from echelon.excite.constraints.motion import ORDERS
-from echelon.excite.result import ExcitingTrajectory
+from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.excite.problem.motion_limits import ORDERS
 from echelon.report.downsampling import envelope
 from echelon.report.preview.packed import packed
 

@@ -7,7 +7,7 @@ report, the page forbids its own requests to the network.
 from __future__ import annotations
 
 from echelon.errors import one_line
-from echelon.excite.result import ExcitingTrajectory
+from echelon.excite.exciting_trajectory import ExcitingTrajectory
 from echelon.report.environment import plotly_source, render
 from echelon.report.payload import script_safe
 from echelon.report.preview import header, limits, motion, scene, showing, starts

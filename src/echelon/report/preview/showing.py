@@ -8,7 +8,7 @@ from math import inf, isfinite
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.excite.result import ExcitingTrajectory
+from echelon.excite.exciting_trajectory import ExcitingTrajectory
 from echelon.report.closed_forms import ClosedForm, ClosedForms
 from echelon.report.digits import significant
 from echelon.report.environment import trusted
@@ -35,9 +35,9 @@ class Row:
 def context(found: ExcitingTrajectory) -> dict[str, Any]:
     """What the section shows beside its plot."""
     rows = _rows(found)
-    singular = [time for time, condition in found.shown.over_time if not isfinite(condition)]
+    singular = [time for time, condition in found.conditioning.over_time if not isfinite(condition)]
     return {
-        "shown": found.shown,
+        "shown": found.conditioning,
         "rows": rows,
         "known": any(row.value is not None for row in rows),
         "vague": sum(row.vague for row in rows),
@@ -50,7 +50,7 @@ def context(found: ExcitingTrajectory) -> dict[str, Any]:
 
 def payload(found: ExcitingTrajectory) -> dict[str, list[float]]:
     """Times and scaled condition numbers, where these are finite."""
-    kept = [(time, condition) for time, condition in found.shown.over_time if isfinite(condition)]
+    kept = [(time, condition) for time, condition in found.conditioning.over_time if isfinite(condition)]
     return {"time": [time for time, _ in kept], "condition": [condition for _, condition in kept]}
 
 
@@ -62,7 +62,7 @@ def _rows(found: ExcitingTrajectory) -> list[Row]:
         values = [None] * base.rank
     return [
         Row(form, unit, std, value, None if value is None else 100 * std / abs(value) if value else inf)
-        for form, unit, std, value in zip(ClosedForms(base).all(), base.units, found.shown.std, values, strict=True)
+        for form, unit, std, value in zip(ClosedForms(base).all(), base.units, found.conditioning.std, values, strict=True)
     ]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from echelon.excite.result import ExcitingTrajectory
+from echelon.excite.exciting_trajectory import ExcitingTrajectory
 
 
 def context(found: ExcitingTrajectory) -> dict[str, Any]:

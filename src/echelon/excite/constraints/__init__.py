@@ -1,1 +1,0 @@
-"""What a robot can do and where it may go."""

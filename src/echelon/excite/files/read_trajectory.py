@@ -1,0 +1,170 @@
+"""Reading trajectories that were made elsewhere.
+
+Samples give a spline of degree 5 through them, so that accelerations and jerks are continuous.  Its knots are sample
+times but for the two next to each end, which would leave it undetermined.  Velocities and accelerations that come with
+the samples are not needed; they show that the samples are dense and precise enough for the spline to be what was meant.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from echelon.arrays import Floats
+from echelon.errors import InputError, one_line
+from echelon.excite.files.coefficients import trajectory_from_json
+from echelon.excite.files.joint_trajectory import from_mcap, from_yaml
+from echelon.excite.files.trajectory_samples import FEWEST, Samples, read_samples
+from echelon.excite.problem.trajectory import DEGREE, DURATIONS, LARGEST, SHORTEST_STEP, Splines, Trajectory
+from echelon.inputs.content import read_content
+from echelon.inputs.json_text import parse_json
+from echelon.logs.files.access import existing_file
+
+GROSS = 0.2
+"""Root mean square of a difference, relative to that of what differs, that cannot come from interpolating."""
+
+_NAMES = ("positions", "velocities", "accelerations")
+
+
+def interpolated(samples: Samples, units: Sequence[str], source: str, row: str = "row") -> Trajectory:
+    """The quintic spline through samples, from time 0 on."""
+    _check_numbers(samples, source, row)
+    t = samples.t - samples.t[0]
+    _check_times(t, samples.t, source, row)
+    spline = make_interp_spline(t, samples.states[0], k=DEGREE)
+    # the spline's knots: inside, each once; at the ends, so often that the spline ends there
+    breaks = spline.t[DEGREE : len(spline.t) - DEGREE]
+    points: Floats = np.ascontiguousarray(spline.c, dtype=float)
+    _check_derivatives(samples, BSpline(spline.t, points, DEGREE), t, source)
+    return Trajectory(samples.coordinates, tuple(units), Splines(tuple(breaks.tolist())), points)
+
+
+def _check_numbers(samples: Samples, source: str, row: str) -> None:
+    count = len(samples.t)
+    if count < FEWEST:
+        raise InputError(f"holds {count} samples; a trajectory needs at least {FEWEST}", source=source)
+    columns = [("t", samples.t), *((samples.column(order, j), values) for order, j, values in samples.columns())]
+    for name, values in columns:
+        sound = np.abs(values) <= LARGEST
+        if not np.all(sound):
+            k = int(np.argmin(sound))
+            problem = f"is no finite number up to {LARGEST:.0e}, in SI units"
+            raise InputError(f"{values[k]} {problem}", source=source, element=f"column '{name}', {row} {k}")
+
+
+def _check_times(t: Floats, stated: Floats, source: str, row: str) -> None:
+    """Times rise, also after the first one is taken from them."""
+    rising = np.diff(t) >= SHORTEST_STEP
+    if not np.all(rising):
+        k = int(np.argmin(rising))
+        problem = f"{stated[k + 1]!s} s follows {stated[k]!s} s; times must rise"
+        raise InputError(problem, source=source, element=f"column 't', {row} {k + 1}")
+
+
+def _check_derivatives(samples: Samples, spline: BSpline, t: Floats, source: str) -> None:
+    """Velocities and accelerations that the file states; differences that rounding explains do not count."""
+    speeds, step = spline(t, nu=1), float(np.min(np.diff(t)))
+    stamps = samples.resolution + float(np.spacing(np.abs(samples.t).max()))
+    for order, j, stated in samples.columns():
+        if order == 0:
+            continue
+        found: Floats = spline(t, nu=order)[:, j]
+        rounding = 4 * float(np.spacing(np.abs(samples.states[0][:, j]).max())) + stamps * _rms(speeds[:, j])
+        difference, scale = _rms(stated - found), max(_rms(stated), _rms(found))
+        # of what the steps can show, the fastest oscillation makes the most of an error
+        if difference > GROSS * scale + rounding * (np.pi / step) ** order:
+            share = f"{100 * difference / scale:.0f} %"
+            problem = (
+                f"its {_NAMES[order]} are not those of the positions, from which they differ by {share} (rms): "
+                "steps are too long, positions have too few digits, or units differ"
+            )
+            raise InputError(problem, source=source, element=f"column '{samples.column(order, j)}'")
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+SUFFIXES = (".json", ".csv", ".parquet", ".yaml", ".mcap")
+"""Of the names of trajectories' files; .yml counts as .yaml."""
+
+
+def kind_of(path: str | os.PathLike[str]) -> str:
+    """The suffix that says what a file holds."""
+    suffix = Path(path).suffix.lower().replace(".yml", ".yaml")
+    if suffix not in SUFFIXES:
+        problem = f"'{suffix}' names no kind of trajectory; valid are {', '.join(SUFFIXES)}"
+        raise InputError(one_line(problem), source=os.fspath(path))
+    return suffix
+
+
+def read_trajectory(path: str | os.PathLike[str], coordinates: Sequence[str], units: Sequence[str]) -> Trajectory:
+    """A trajectory from a file.
+
+    Coefficients (JSON) give the motion itself.  Samples, of a table or a message, give the spline of degree 5 through
+    them, from time 0 on.
+
+    Parameters
+    ----------
+    path : path
+        JSON, CSV, Parquet, a JointTrajectory of ROS 2 as YAML, or MCAP with one, by suffix.
+    coordinates : sequence of str
+        Those that move, in the order of the trajectory's columns.
+    units : sequence of str
+        ``"rad"`` or ``"m"`` of each.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, its coordinates are others, its numbers are not finite or its times do not rise, or
+        what it states as velocities and accelerations is far from those of its positions.
+    MissingExtraError
+        If a package that reads it is not installed.
+    """
+    source = os.fspath(path)
+    trajectory = _read(path, coordinates, units)
+    with np.errstate(all="ignore"):
+        largest = max(float(np.max(trajectory.bounds(order))) for order in range(4))
+    if not (DURATIONS[0] <= trajectory.duration <= DURATIONS[1] and largest <= LARGEST):
+        problem = f"lasts {trajectory.duration:.3g} s and reaches {largest:.3g} in SI units: no robot moves so"
+        raise InputError(problem, source=source)
+    return trajectory
+
+
+def _read(path: str | os.PathLike[str], coordinates: Sequence[str], units: Sequence[str]) -> Trajectory:
+    kind, source = kind_of(path), os.fspath(path)
+    found = existing_file(path)
+    if kind == ".json":
+        trajectory = trajectory_from_json(parse_json(read_content(found), source), source)
+        return _arranged(trajectory, coordinates, units, source)
+    if kind == ".yaml":
+        return interpolated(from_yaml(read_content(found), source, coordinates), units, source, "point")
+    if kind == ".mcap":
+        return interpolated(from_mcap(path, coordinates), units, source, "point")
+    return interpolated(read_samples(path, coordinates, units), units, source)
+
+
+def _arranged(trajectory: Trajectory, coordinates: Sequence[str], units: Sequence[str], source: str) -> Trajectory:
+    """The same motion with its coordinates in the order asked for."""
+    there = ", ".join(f"'{one_line(name)}'" for name in trajectory.coordinates)
+    for name, unit in zip(coordinates, units, strict=True):
+        if name not in trajectory.coordinates:
+            problem = f"the coordinate '{name}' is missing; there are {there}"
+            raise InputError(problem, source=source, element="coordinates")
+        stated = trajectory.units[trajectory.coordinates.index(name)]
+        if stated != unit:
+            raise InputError(f"'{name}' is in {stated}; needs {unit}", source=source, element="units")
+    surplus = ", ".join(f"'{one_line(name)}'" for name in trajectory.coordinates if name not in coordinates)
+    if surplus:
+        problem = f"there is no coordinate for {surplus}; valid are {', '.join(map(repr, coordinates))}"
+        raise InputError(problem, source=source, element="coordinates")
+    order = [trajectory.coordinates.index(name) for name in coordinates]
+    return Trajectory(tuple(coordinates), tuple(units), trajectory.basis, trajectory.coefficients[:, order])

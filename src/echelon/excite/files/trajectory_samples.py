@@ -1,0 +1,208 @@
+"""Samples of a trajectory, and tables of them: a column for the time, three for each coordinate."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from echelon.arrays import Floats
+from echelon.errors import InputError, MissingExtraError, one_line
+from echelon.excite.problem.trajectory import Trajectory
+from echelon.logs.files.access import decoding
+from echelon.logs.files.open import open_log, read_table
+
+FEWEST = 6
+"""Samples that a quintic spline goes through."""
+
+PREFIXES = ("q", "qd", "qdd")
+"""Of names of columns, by the order of the derivative."""
+
+_MOST = 5_000_000
+_AT_ONCE = 4_000_000
+_ON_GRID = 1e-6
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A motion at some times."""
+
+    coordinates: tuple[str, ...]
+    t: Floats  # shape (N,); s
+    # shape (N, n); positions (rad, m), velocities and accelerations; the last two NaN in columns that are not
+    # known, or None
+    states: tuple[Floats, Floats | None, Floats | None]
+    resolution: float = 0.0  # steps of the time stamps, s; 0 if they are those of floats
+    names: tuple[str, ...] = ()  # what the columns of positions are called in the file, if not ``q_<name>``
+
+    def column(self, order: int, coordinate: int) -> str:
+        """The name of a column, ``"qd_j3"``."""
+        if order == 0 and self.names:
+            return self.names[coordinate]
+        return f"{PREFIXES[order]}_{self.coordinates[coordinate]}"
+
+    def columns(self) -> Iterator[tuple[int, int, Floats]]:
+        """All columns that are known: order of the derivative, place of the coordinate, and values."""
+        for order, values in enumerate(self.states):
+            if values is not None:
+                for j in range(len(self.coordinates)):
+                    if order == 0 or not np.all(np.isnan(values[:, j])):
+                        yield order, j, values[:, j]
+
+
+def sampled(trajectory: Trajectory, rate: float, repeats: int = 1) -> Samples:
+    """A trajectory at equal steps from its beginning to its end, both included.
+
+    Where the end is no multiple of the step, the last step is shorter.
+    """
+    check_repeats(trajectory, repeats)
+    if not (math.isfinite(rate) and rate > 0):
+        raise InputError(f"{rate!r} Hz is no sampling rate; it is a positive number", element="rate")
+    end = trajectory.duration * repeats
+    steps = end * rate
+    if steps > _MOST:
+        raise InputError(f"{rate:g} Hz gives {steps:.3g} samples; at most {_MOST} are written", element="rate")
+    whole = round(steps) if abs(steps - round(steps)) < _ON_GRID else math.floor(steps)
+    t = np.arange(whole + 1) / rate
+    t = np.append(t, end) if steps - whole >= _ON_GRID else np.append(t[:-1], end)
+    if len(t) < FEWEST:
+        problem = f"{rate:g} Hz gives {len(t)} samples in {end:g} s; at least {FEWEST} make a trajectory"
+        raise InputError(problem, element="rate")
+    q, qd, qdd = (_evaluated(trajectory, t, order) for order in range(3))
+    return Samples(trajectory.coordinates, t, (q, qd, qdd))
+
+
+def _evaluated(trajectory: Trajectory, t: Floats, order: int) -> Floats:
+    """In pieces, because all functions of a basis are evaluated at once."""
+    rows = max(1, _AT_ONCE // trajectory.basis.size)
+    return np.concatenate([trajectory(t[k : k + rows], order) for k in range(0, len(t), rows)])
+
+
+def check_repeats(trajectory: Trajectory, repeats: int) -> None:
+    """Only what ends as it began can follow itself."""
+    if repeats < 1:
+        raise InputError(f"{repeats} is no number of runs; it is 1 or more", element="repeats")
+    if repeats > 1 and not trajectory.basis.periodic:
+        problem = f"a motion that is not periodic cannot be run {repeats} times without a jump; valid is 1"
+        raise InputError(problem, element="repeats")
+
+
+TIME = "t"
+"""Name of the column of times, s."""
+
+_PER = ("", "/s", "/s²")
+_UNIT = b"unit"
+
+
+def csv_text(samples: Samples) -> str:
+    """A header and a line per sample, with 17 significant digits, from which every number reads back exactly."""
+    columns = _columns(samples)
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerow(columns)
+    np.savetxt(stream, np.column_stack(list(columns.values())), fmt="%.17g", delimiter=",")
+    return stream.getvalue()
+
+
+def parquet_bytes(samples: Samples, units: Sequence[str]) -> bytes:
+    """A Parquet file with the same columns, each with its unit in its metadata."""
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise MissingExtraError("pyarrow", "excite") from None
+    stated = _units(samples.coordinates, units)
+    columns = _columns(samples)
+    fields = [pa.field(name, pa.float64(), metadata={_UNIT: stated[name].encode()}) for name in columns]
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.table(list(columns.values()), schema=pa.schema(fields)), sink)
+    return bytes(sink.getvalue().to_pybytes())
+
+
+def read_samples(path: str | os.PathLike[str], coordinates: Sequence[str], units: Sequence[str]) -> Samples:
+    """Samples from a table with the columns ``t`` and, for each coordinate, ``q_<name>`` or its name alone.
+
+    Columns ``qd_<name>`` and ``qdd_<name>`` need not be there.
+    """
+    log = open_log(path)
+    positions = _positions(log.names, coordinates, log.source)
+    wanted = dict(zip(coordinates, positions, strict=True))
+    _check_surplus(log.names, wanted, log.source)
+    _check_units(path, log.source, _units(coordinates, units) | dict(zip(positions, units, strict=True)))
+    table = read_table(path, [name for name in log.names if name in _known(wanted)]).columns
+    unknown = np.full(len(table[TIME]), np.nan)
+
+    def stacked(order: int) -> Floats:
+        return np.column_stack([table.get(f"{PREFIXES[order]}_{name}", unknown) for name in coordinates])
+
+    states = np.column_stack([table[column] for column in positions]), stacked(1), stacked(2)
+    return Samples(tuple(coordinates), table[TIME], states, names=tuple(positions))
+
+
+def _columns(samples: Samples) -> dict[str, Floats]:
+    found = {TIME: samples.t}
+    return found | {samples.column(order, j): values for order, j, values in samples.columns()}
+
+
+def _units(coordinates: Sequence[str], units: Sequence[str]) -> dict[str, str]:
+    found = {TIME: "s"}
+    for prefix, per in zip(PREFIXES, _PER, strict=True):
+        found |= {f"{prefix}_{name}": unit + per for name, unit in zip(coordinates, units, strict=True)}
+    return found
+
+
+def _positions(names: Sequence[str], coordinates: Sequence[str], source: str) -> list[str]:
+    """Columns with positions: all with a prefix, or all without."""
+    if TIME not in names:
+        problem = f"the column of times is missing; there are {_listed(names)}"
+        raise InputError(problem, source=source, element=f"column '{TIME}'")
+    prefixed = [f"{PREFIXES[0]}_{name}" for name in coordinates]
+    if all(column in names for column in prefixed):
+        return prefixed
+    if all(name in names and name != TIME for name in coordinates):
+        return list(coordinates)
+    style = prefixed if any(column in names for column in prefixed) else coordinates
+    lacking = next(k for k, column in enumerate(style) if column not in names or column == TIME)
+    problem = f"no column '{prefixed[lacking]}' or '{coordinates[lacking]}'; there are {_listed(names)}"
+    raise InputError(one_line(problem), source=source, element=f"coordinate '{coordinates[lacking]}'")
+
+
+def _known(wanted: dict[str, str]) -> set[str]:
+    """Columns that mean something."""
+    derivatives = {f"{prefix}_{name}" for prefix in PREFIXES[1:] for name in wanted}
+    return {TIME, *wanted.values(), *derivatives}
+
+
+def _check_surplus(names: Sequence[str], wanted: dict[str, str], source: str) -> None:
+    surplus = [name for name in names if name not in _known(wanted)]
+    if surplus:
+        problem = (
+            f"there is no coordinate for {_listed(surplus)}; valid are '{TIME}', and "
+            f"q_<name>, qd_<name> and qdd_<name> of {_listed(list(wanted))}"
+        )
+        raise InputError(problem, source=source, element="columns")
+
+
+def _check_units(path: str | os.PathLike[str], source: str, valid: dict[str, str]) -> None:
+    """Units in the metadata of a Parquet file, where they are stated."""
+    with open(path, "rb") as stream:
+        if stream.read(4) != b"PAR1":
+            return
+    import pyarrow.parquet as pq
+
+    with decoding(source, "a Parquet file"):
+        schema = pq.read_schema(path)
+    for field in schema:
+        stated = (field.metadata or {}).get(_UNIT)
+        if stated is not None and field.name in valid and stated.decode(errors="replace") != valid[field.name]:
+            problem = f"is in {one_line(stated.decode(errors='replace'))}; needs {valid[field.name]}"
+            raise InputError(problem, source=source, element=f"column '{field.name}'")
+
+
+def _listed(names: Sequence[str], most: int = 12) -> str:
+    shown = ", ".join(f"'{one_line(name)}'" for name in names[:most])
+    return shown + (", …" if len(names) > most else "")

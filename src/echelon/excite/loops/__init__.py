@@ -1,1 +1,0 @@
-"""Mechanisms with loops: whole states from independent ones, and what is asked of them."""

@@ -1,0 +1,224 @@
+"""Clearances as constraints of the state: smallest distances between bodies, and their exact derivatives.
+
+The distance of two convex solids changes as that of their nearest points does when these ride on the bodies: moving
+along the surfaces changes nothing in first order.  So its derivative is n · (∂p₂/∂q − ∂p₁/∂q) with the unit normal n
+from the first to the second, and with the derivatives of the frames it is exact.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.arrays import Floats, Integers
+from echelon.dynamics.kinematics import Kinematics
+from echelon.errors import InputError
+from echelon.excite.problem.distances import Engine, checked_pairs, owner_name
+from echelon.excite.problem.shapes import Balls, Owner, Shape
+from echelon.excite.problem.state_limits import Slopes
+from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.mechanism import GROUND, Mechanism
+
+REACH = 0.2
+"""How far beyond the clearance distances are measured, m: enough to be warned before a limit is near."""
+
+_TOUCHING = 1e-12  # m, below which points do not tell a normal
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """For every state and pair of owners, its nearest pair of shapes."""
+
+    distances: Floats  # shape (N, m); m, at most the reach
+    pairs: Integers  # shape (N, m); which pair of shapes it is
+    points: Floats  # shape (N, m, 2, 3); on the first and the second, in the base frame, m; zero beyond the reach
+    places: Floats  # shape (N, shapes, 3, 4); frames of the shapes
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """Bodies stay a distance apart; a :class:`echelon.excite.problem.state_limits.StateConstraint`.
+
+    Made by :func:`clearance_of`.
+    """
+
+    mechanism: Mechanism
+    shapes: tuple[Shape, ...]
+    pairs: Integers  # shape (P, 2); indices of shapes that are checked, pairs of the same owners next to each other
+    clearance: float  # Least distance, m
+    reach: float  # larger distances are not told apart: values stop here and slopes are zero, m
+    symbols: Mapping[str, float] | None = None  # values of geometry symbols
+    notes: tuple[str, ...] = ()  # which pairs were left out because they touch at the reference pose
+
+    @cached_property
+    def owners(self) -> tuple[tuple[Owner, Owner], ...]:
+        """Pairs of bodies, or of an obstacle and a body: what the values belong to."""
+        return tuple(dict.fromkeys(self._owners))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """``"distance of link2 and link5"``; what does not move comes last: ``"distance of link3 and table"``."""
+        moving_first = (pair[::-1] if pair[0][0] == GROUND else pair for pair in self.owners)
+        names = [[owner_name(self.mechanism, owner) for owner in pair] for pair in moving_first]
+        return tuple(f"distance of {first} and {second}" for first, second in names)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Metres."""
+        return ("m",) * len(self.owners)
+
+    @property
+    def low(self) -> Floats:
+        """The clearance, shape (m,)."""
+        return np.full(len(self.owners), self.clearance)
+
+    @property
+    def high(self) -> Floats:
+        """None: ∞, shape (m,)."""
+        return np.full(len(self.owners), np.inf)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Copies make their own engine: it belongs to one process."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:  # noqa: ARG002
+        """Smallest distances of the pairs of owners, shape (N, m)."""
+        return self.nearest(q).distances
+
+    def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:  # noqa: ARG002
+        """Derivatives of the distances by the positions, zero beyond the reach, shape (N, m, n)."""
+        found = self.nearest(q)
+        states, columns = np.nonzero(found.distances < self.reach)
+        slopes = np.zeros((*found.distances.shape, np.shape(q)[1]))
+        if len(states):
+            frames, moved = self.kinematics.frames(q), self.kinematics.slopes(q)
+            points, distances = found.points[states, columns], found.distances[states, columns]
+            normals = _normals(points, distances)
+            for side, sign in ((0, -1.0), (1, 1.0)):
+                carriers = np.array([pair[side][0] for pair in self.owners])[columns]
+                some = np.flatnonzero(carriers >= 0)  # the world does not move
+                at, on, n = states[some], carriers[some], sign * normals[some]
+                arms = points[some, side] - frames[at, on, :, 3]
+                inside = np.einsum("kij,ki->kj", frames[at, on, :, :3], arms)
+                lever = np.concatenate([inside, np.ones((len(some), 1))], axis=1)
+                slopes[at, columns[some]] += np.einsum("ki,kicj,kc->kj", n, moved[at, on], lever)
+        return slopes, None, None
+
+    def nearest(self, q: Floats) -> Nearest:
+        """The nearest shapes of all pairs of owners."""
+        known = next((found for at, found in tuple(self._last) if np.array_equal(at, q)), None)
+        if known is None:
+            known = self._nearest(q)
+            self._last.append((np.array(q), known))
+        return known
+
+    def _nearest(self, q: Floats) -> Nearest:
+        places = self.places(q)
+        asked = np.argwhere(self.balls.gaps(places, self.pairs) < self.reach)
+        measured = self.engine.measure(places, np.column_stack([asked[:, 0], self.pairs[asked[:, 1]]]), self.reach)
+        distances = np.full((len(places), len(self.pairs)), self.reach)
+        distances[asked[:, 0], asked[:, 1]] = np.minimum(measured.distances, self.reach)
+        points = np.zeros((*distances.shape, 2, 3))
+        points[asked[:, 0], asked[:, 1]] = measured.points
+        if not self.owners:
+            return Nearest(distances, np.zeros(distances.shape, dtype=np.intp), points, places)
+        ends = [*self.starts[1:].tolist(), len(self.pairs)]
+        least = np.column_stack(
+            [a + distances[:, a:b].argmin(axis=1) for a, b in zip(self.starts.tolist(), ends, strict=True)]
+        )
+        rows = np.arange(len(places))[:, None]
+        return Nearest(distances[rows, least], least, points[rows, least], places)
+
+    def places(self, q: Floats) -> Floats:
+        """Frames of all shapes in the base frame, shape (N, shapes, 3, 4)."""
+        return self.engine.places(self.kinematics.frames(q))
+
+    # -- parts -----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _last(self) -> deque[tuple[Floats, Nearest]]:
+        """Positions with what is nearest there: at the samples that a solver knows of, and at all."""
+        return deque(maxlen=2)
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Frames of the bodies."""
+        return Kinematics(self.mechanism, self.symbols)
+
+    @cached_property
+    def engine(self) -> Engine:
+        """What measures distances."""
+        return Engine(self.shapes)
+
+    @cached_property
+    def balls(self) -> Balls:
+        """Balls that hold the shapes."""
+        return Balls(self.shapes)
+
+    @cached_property
+    def groups(self) -> Integers:
+        """For every pair of shapes, the index of its pair of owners, shape (P,)."""
+        index = {pair: k for k, pair in enumerate(self.owners)}
+        return np.array([index[pair] for pair in self._owners], dtype=np.intp)
+
+    @cached_property
+    def starts(self) -> Integers:
+        """The first pair of shapes of every pair of owners, shape (m,)."""
+        return np.searchsorted(self.groups, np.arange(len(self.owners)))
+
+    @property
+    def _owners(self) -> list[tuple[Owner, Owner]]:
+        """Of every pair of shapes."""
+        return [(self.shapes[i].owner, self.shapes[j].owner) for i, j in self.pairs.tolist()]
+
+
+def clearance_of(
+    mechanism: Mechanism,
+    shapes: Sequence[Shape],
+    clearance: float,
+    exclude: Sequence[tuple[str, str]] = (),
+    *,
+    reach: float | None = None,
+    symbols: Mapping[str, float] | None = None,
+    reference: npt.ArrayLike | None = None,
+    ignore_touching: bool = False,
+) -> Clearance:
+    """The constraint that bodies stay a distance apart from each other and from what is around them."""
+    if not (np.isfinite(clearance) and clearance >= 0):
+        raise InputError(f"the clearance must be a distance in m, 0 or more, got {clearance}")
+    farthest = clearance + REACH if reach is None else reach
+    if not (np.isfinite(farthest) and farthest > clearance):
+        raise InputError(f"the reach must be larger than the clearance of {clearance} m, got {farthest}")
+    balls = [motion.name for motion in mechanism.motions if motion.kind is MotionKind.BALL]
+    if balls:
+        raise InputError(f"clearances are for joints with single coordinates; '{balls[0]}' rotates freely")
+    pairs = checked_pairs(mechanism, shapes, exclude)
+    found = Clearance(mechanism, tuple(shapes), pairs, float(clearance), float(farthest), symbols)
+    return _without_touching(found, reference) if ignore_touching else found
+
+
+def _without_touching(clearance: Clearance, reference: npt.ArrayLike | None) -> Clearance:
+    count = len(clearance.mechanism.positions)
+    pose = np.zeros(count) if reference is None else np.asarray(reference, dtype=float)
+    if pose.shape != (count,):
+        raise InputError(f"the reference pose needs {count} positions, got shape {pose.shape}")
+    places, pairs = clearance.places(pose[None]), clearance.pairs
+    asked = np.column_stack([np.zeros(len(pairs), dtype=np.intp), pairs])
+    near = clearance.engine.measure(places, asked, clearance.reach).distances < clearance.clearance
+    names = [(clearance.shapes[i].name, clearance.shapes[j].name) for i, j in pairs[near].tolist()]
+    notes = tuple(f"'{a}' and '{b}' are not checked: they are too near at the reference pose" for a, b in names)
+    return replace(clearance, pairs=pairs[~near], notes=notes)
+
+
+def _normals(points: Floats, distances: Floats) -> Floats:
+    """Unit vectors from the first to the second body; zero where shapes just touch and have no derivative."""
+    apart = points[:, 1] - points[:, 0]
+    lengths = np.linalg.norm(apart, axis=1, keepdims=True)
+    # of overlapping shapes the points lie the other way round
+    signs = np.where(distances < 0, -1.0, 1.0)[:, None]
+    return np.where(lengths > _TOUCHING, signs * apart / np.maximum(lengths, _TOUCHING), 0.0)

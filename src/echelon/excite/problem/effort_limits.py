@@ -1,0 +1,280 @@
+"""Limits of torques and forces, predicted by a model that is known beforehand.
+
+The model is either the inertial values of a file, or base parameters of an identification with their covariance; then
+a multiple of the predicted standard deviation is kept free as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.arrays import Floats
+from echelon.base.derive import base_parameters
+from echelon.dynamics.arguments import STATE, geometry_values
+from echelon.dynamics.functions import robot_function
+from echelon.errors import InputError
+from echelon.excite.problem.information import StateRegressor
+from echelon.excite.problem.state_limits import Slopes, StateLimits, enclosures_of
+from echelon.formats.schema_excite import ExcitationEntry
+from echelon.identification.physics.prior import prior_from
+from echelon.identification.settings import Setup
+from echelon.logs.finding import Finding, Severity
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.output import ActuatorForce, JointForce, Output, plain
+from echelon.program.function import Argument, Function
+from echelon.program.intervals import Interval
+from echelon.results.identified import load_identified
+
+SIGNS = ("plus", "minus")
+"""Of the deviations, in the order of :meth:`EffortModel.extremes`."""
+
+_LEAST = 1e-6
+"""N·m or N, which are added to every deviation in squares: a root has no derivative at zero."""
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class EffortModel:
+    """Parameters by which efforts x̄ᵀζ are predicted, x̄ a row of the regressor."""
+
+    values: Floats  # shape (c,); ζ, SI units
+    # columns of the regressor that they belong to, while all other parameters count as zero: the pivots for base
+    # parameters.  All standard parameters if omitted.
+    columns: Sequence[int] | None = None
+    covariance: Floats | None = None  # shape (c, c); Σ, of the values, where these were identified
+    deviations: float = 0.0  # how many standard deviations √(x̄ᵀ Σ x̄) of a predicted effort are kept free
+
+    @property
+    def certain(self) -> bool:
+        """Whether efforts are taken as predicted."""
+        return self.covariance is None or not self.deviations
+
+    def places(self, mechanism: Mechanism) -> Sequence[int]:
+        """Columns of a mechanism's regressor."""
+        return range(len(mechanism.parameters)) if self.columns is None else self.columns
+
+    def part(self, columns: npt.NDArray[np.intp]) -> EffortModel:
+        """The model of some of the values."""
+        covariance = None if self.covariance is None else self.covariance[np.ix_(columns, columns)]
+        return EffortModel(self.values[columns], None, covariance, self.deviations)
+
+    def extremes(self, x: Floats) -> Floats:
+        """Efforts plus, then minus the deviations that are kept free, shape (N, 2)."""
+        mean, free = x @ self.values, self.deviations * self._std(x)
+        return np.stack([mean + free, mean - free], axis=1)
+
+    def adjoints(self, x: Floats) -> Floats:
+        """Derivatives of :meth:`extremes` by x, shape (2, N, c)."""
+        free = self.deviations * (x @ self._factor) @ self._factor.T / self._std(x)[:, None]
+        return np.stack([self.values + free, self.values - free])
+
+    def enclosed(self, x: Interval) -> Interval:
+        """Bounds of :meth:`extremes` while x stays in intervals, each of shape (cells, 2)."""
+        middle, radius = (x[0] + x[1]) / 2, (x[1] - x[0]) / 2
+        radius = radius + _ROUNDING * np.abs(middle)
+        mean, wide = middle @ self.values, radius @ np.abs(self.values)
+        along, across = np.abs(middle @ self._factor), radius @ np.abs(self._factor)
+        least = self.deviations * np.linalg.norm(np.maximum(along - across, 0.0), axis=1)
+        most = self.deviations * np.sqrt(np.sum((along + across) ** 2, axis=1) + _LEAST**2)
+        low = np.stack([mean - wide + least, mean - wide - most], axis=1)
+        high = np.stack([mean + wide + most, mean + wide - least], axis=1)
+        return low, high
+
+    def _std(self, x: Floats) -> Floats:
+        found: Floats = np.sqrt(np.sum((x @ self._factor) ** 2, axis=1) + _LEAST**2)
+        return found
+
+    @cached_property
+    def _factor(self) -> Floats:
+        """L with L Lᵀ = Σ, without directions in which nothing varies."""
+        assert self.covariance is not None
+        sizes = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        units = np.where(sizes > 0, sizes, 1.0)
+        values, vectors = np.linalg.eigh(self.covariance / np.outer(units, units))
+        kept = values > 0
+        found: Floats = units[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+        return found
+
+
+@dataclass(frozen=True)
+class EffortLimit:
+    """The largest torque or force of a drive or joint."""
+
+    name: str  # actuator, or joint coordinate on the joint's side of its drive
+    unit: str
+    limit: float  # N·m or N, both directions
+
+
+@dataclass(frozen=True, eq=False)
+class EffortBounds:
+    """Bounds of predicted efforts: one function for each, or two where deviations are kept free."""
+
+    labels: tuple[str, ...]
+    units: tuple[str, ...]
+    low: Floats  # shape (m,)
+    high: Floats  # shape (m,)
+
+    @staticmethod
+    def of(limits: Sequence[EffortLimit], model: EffortModel, margin: float) -> EffortBounds:
+        """Bounds of what a model predicts."""
+        labels = tuple(f"{'force' if limit.unit == 'N' else 'torque'} of {limit.name}" for limit in limits)
+        units = tuple(limit.unit for limit in limits)
+        high = np.array([limit.limit for limit in limits]) * (1 - margin)
+        if model.certain:
+            return EffortBounds(labels, units, -high, high)
+        labels = tuple(f"{label} {sign} {model.deviations:g} deviations" for label in labels for sign in SIGNS)
+        none = np.full(len(high), np.inf)
+        low, most = np.column_stack([-none, -high]).ravel(), np.column_stack([high, none]).ravel()
+        return EffortBounds(labels, tuple(unit for unit in units for _ in SIGNS), low, most)
+
+
+def effort_limits(
+    mechanism: Mechanism,
+    limits: Sequence[EffortLimit],
+    model: EffortModel,
+    margin: float,
+    smooth: float | None,
+    symbols: Mapping[str, float] | None = None,
+) -> StateLimits | UncertainEfforts:
+    """Limits of efforts as constraints of the state."""
+    check_model(mechanism, model)
+    measured = replace(mechanism, measured=tuple(effort_output(mechanism, limit) for limit in limits), reading=None)
+    bounds = EffortBounds.of(limits, model, margin)
+    if not model.certain:
+        return UncertainEfforts(measured, model, bounds, smooth, symbols)
+    function = robot_function("inverse_dynamics", measured, model.places(mechanism))
+    uniform = {"parameters": model.values, **geometry_values(mechanism, function.arguments, symbols)}
+    return StateLimits(function, uniform, bounds.labels, bounds.units, bounds.low, bounds.high, smooth)
+
+
+def check_model(mechanism: Mechanism, model: EffortModel) -> None:
+    """Refuse a model that leaves parameters open."""
+    columns = zip(model.places(mechanism), model.values, strict=True)
+    lacking = [mechanism.parameters[k] for k, value in columns if not np.isfinite(value)]
+    if lacking:
+        raise InputError(f"limits of torques need a prior model; {', '.join(lacking[:6])} have no values")
+
+
+def effort_output(mechanism: Mechanism, limit: EffortLimit) -> Output:
+    """The effort of an actuator, or of a coordinate that none of its name drives, as an output."""
+    drives = {actuator.name for actuator in mechanism.transmission.actuators}
+    channel = ActuatorForce(limit.name) if limit.name in drives else JointForce(limit.name)
+    return plain(limit.name, limit.unit, channel)
+
+
+class UncertainEfforts:
+    """Two functions for each effort; a :class:`echelon.excite.problem.state_limits.StateConstraint`."""
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        model: EffortModel,
+        bounds: EffortBounds,
+        smooth: float | None,
+        symbols: Mapping[str, float] | None,
+    ) -> None:
+        self.labels, self.units, self.low, self.high = bounds.labels, bounds.units, bounds.low, bounds.high
+        self._regressor = StateRegressor(mechanism, model.places(mechanism), smooth, symbols)
+        self._rows = [(row.entries, model.part(row.columns)) for row in self._regressor.rows]
+        self._uniform = geometry_values(mechanism, self._regressor.recorded.arguments, symbols)
+
+    def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
+        """The functions at states of shape (N, n), shape (N, 2m)."""
+        entries = self._regressor.entries(dict(zip(STATE, (q, qd, qdd), strict=True)))
+        return np.hstack([model.extremes(entries[:, mine]) for mine, model in self._rows])
+
+    def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
+        """Their derivatives by q, q̇ and q̈, each of shape (N, 2m, n)."""
+        state = dict(zip(STATE, (q, qd, qdd), strict=True))
+        entries, found = self._regressor.entries(state), []
+        for mine, model in self._rows:
+            for part in model.adjoints(entries[:, mine]):
+                adjoint = np.zeros_like(entries)
+                adjoint[:, mine] = part
+                found.append(self._regressor.pulled(state, adjoint))
+        by_q, by_qd, by_qdd = (np.stack(parts, axis=1) for parts in zip(*found, strict=True))
+        return by_q, by_qd, by_qdd
+
+    @property
+    def recorded(self) -> Function:
+        """The regressor, without smoothing."""
+        return self._regressor.recorded
+
+    def enclosures(self, ranges: Mapping[str, Interval], known: Sequence[Argument] = ()) -> Interval:
+        """Bounds of the functions while states stay in intervals, without smoothing, shape (cells, 2m)."""
+        low, high = enclosures_of(self.recorded, self._uniform, ranges, known)
+        parts = [model.enclosed((low[:, mine], high[:, mine])) for mine, model in self._rows]
+        return np.hstack([part for part, _ in parts]), np.hstack([part for _, part in parts])
+
+
+def effort_model(
+    setup: Setup, entry: ExcitationEntry, mechanism: Mechanism, limits: Sequence[EffortLimit]
+) -> tuple[EffortModel | None, list[Finding]]:
+    """The model that predicts efforts, and what is to be said about it."""
+    if entry.model is not None:
+        return _identified(setup, entry, mechanism, limits), []
+    return _standard(setup, entry, mechanism)
+
+
+def _identified(
+    setup: Setup, entry: ExcitationEntry, mechanism: Mechanism, limits: Sequence[EffortLimit]
+) -> EffortModel:
+    """Base parameters in the place of the pivots, with their covariance."""
+    assert entry.model is not None
+    found = load_identified(Path(setup.source).parent / entry.model)
+    whole = base_parameters(setup.mechanism, seed=setup.settings.seed)
+    ours, theirs = (tuple(map(str, base.expressions)) for base in (whole, found.base))
+    if ours != theirs:
+        problem = f"the model {entry.model} has other base parameters than this robot with its sensors"
+        raise InputError(problem, source=setup.source, element="excitation.model")
+    try:
+        check_determined(setup.mechanism, limits, whole.rank, setup.settings.seed)
+    except InputError as error:
+        raise InputError(error.problem, source=setup.source, element="excitation.model") from None
+    parameters = list(mechanism.parameters)
+    columns = [parameters.index(setup.mechanism.parameters[pivot]) for pivot in whole.matrix.pivots]
+    covariance = np.array(found.document["estimate"]["covariance"], dtype=float)
+    return EffortModel(found.values, columns, covariance, entry.deviations)
+
+
+def check_determined(mechanism: Mechanism, limits: Sequence[EffortLimit], rank: int, seed: int) -> None:
+    """Refuse efforts that depend on more than the outputs see: their rows would add to the rank."""
+    efforts = (effort_output(mechanism, limit) for limit in limits)
+    named = tuple(replace(output, name=f"effort of {output.name}") for output in efforts)
+    both = replace(mechanism, measured=(*mechanism.outputs, *named), reading=None)
+    if base_parameters(both, seed=seed).rank > rank:
+        raise InputError("the identified model does not determine all torques and forces that are limited")
+
+
+def _standard(setup: Setup, entry: ExcitationEntry, mechanism: Mechanism) -> tuple[EffortModel | None, list[Finding]]:
+    """Standard parameters of the prior; friction without a value counts as none."""
+    names = setup.mechanism.parameters
+    if setup.prior is not None:
+        whole = base_parameters(setup.mechanism, seed=setup.settings.seed)
+        given = dict(zip(names, prior_from(whole, setup.prior).values.tolist(), strict=True))
+    else:
+        stated = zip(names, setup.mechanism.standard_values(), strict=True)
+        given = {name: np.nan if value is None else value for name, value in stated}
+    values = np.array([given[name] for name in mechanism.parameters])
+    inertial = np.array([column.body is not None for column in mechanism.columns])
+    if np.isnan(values[inertial]).any():
+        if entry.limits.effort:
+            problem = (
+                "limits of torques need inertial values: state them, an identified model under excitation: model, "
+            )
+            raise InputError(
+                problem + "or a file under identification: prior", source=setup.source, element="effort limits"
+            )
+        text = "torques are not limited, because the robot file states no inertial values to predict them with"
+        return None, [Finding(Severity.WARNING, "effort", setup.source, text)]
+    findings = []
+    if np.isnan(values).any():
+        text = "friction has no values in the prior model: it is left to the margin of the torque limits"
+        findings.append(Finding(Severity.NOTE, "effort", setup.source, text))
+    return EffortModel(np.nan_to_num(values)), findings

@@ -1,0 +1,232 @@
+"""Shapes: convex solids that ride on the bodies of a mechanism, or stand in the world, and what they reach.
+
+All are convex, so that two of them have one smallest distance with a normal, and its derivative is that of two points.
+Two convex solids are at least as far apart as any two parallel planes between them.  For a direction n from the first
+to the second, −h₁(n) − h₂(−n) is the distance of such planes, with the supports h in closed form; it is a lower bound
+of the (signed) distance, whatever n was.  With the normal that a distance routine found it is the distance itself, so
+the routine's rounding, early ends and faults make a bound weaker, but never wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.arrays import Floats, Integers
+from echelon.errors import InputError
+from echelon.mechanism.mechanism import GROUND
+
+_RIGID = 1e-9  # how far a rotation matrix may be from orthogonal
+
+
+class Kind(StrEnum):
+    """Kinds of shapes."""
+
+    SPHERE = "sphere"
+    CAPSULE = "capsule"
+    CYLINDER = "cylinder"
+    BOX = "box"
+    ELLIPSOID = "ellipsoid"
+    PLANE = "plane"
+    MESH = "mesh"
+
+
+_SIZES = {
+    Kind.SPHERE: ("radius",),
+    Kind.CAPSULE: ("radius", "half length"),
+    Kind.CYLINDER: ("radius", "half length"),
+    Kind.BOX: ("half length in x", "half length in y", "half length in z"),
+    Kind.ELLIPSOID: ("semi-axis x", "semi-axis y", "semi-axis z"),
+    Kind.PLANE: (),
+    Kind.MESH: (),
+}
+
+
+Owner = tuple[int, str]
+"""A body, −1 for the world, and the name of an obstacle; no name for all that belongs to the robot."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A convex solid."""
+
+    name: str  # for messages and exclusions
+    body: int  # index of the body that carries it, −1 for the world
+    # capsules and cylinders lie along z; a plane is the half-space below z = 0 and belongs to the world; a mesh
+    # stands for the convex hull of its vertices
+    kind: Kind
+    # m: the radius of a sphere; radius and half length of a capsule (without its caps) or cylinder; half lengths of
+    # a box; semi-axes of an ellipsoid; empty for planes and meshes
+    size: tuple[float, ...]
+    placement: Floats  # shape (4, 4); the shape's frame in that of its body
+    vertices: Floats | None = None  # shape (k, 3); of a mesh, in the shape's frame, m
+    link: str = ""  # the link of a file that it came with, if any
+    # whether it is no part of the robot, so that no body may touch it, and distances to it bear its name
+    obstacle: bool = False
+
+    def __post_init__(self) -> None:
+        names = _SIZES[self.kind]
+        if len(self.size) != len(names):
+            wanted = f"{len(names)} sizes ({', '.join(names)})" if names else "no sizes"
+            raise self._error(f"a {self.kind} has {wanted}, got {len(self.size)}")
+        for name, value in zip(names, self.size, strict=True):
+            if not (np.isfinite(value) and value > 0):
+                raise self._error(f"the {name} must be a positive number, got {value}")
+        if self.kind is Kind.PLANE and self.body != GROUND:
+            raise self._error("a plane is endless: it can only belong to the world")
+        self._check_placement()
+        self._check_vertices()
+
+    @property
+    def owner(self) -> Owner:
+        """What distances of it are distances of: its body, or an obstacle by its name."""
+        return self.body, self.name if self.obstacle else ""
+
+    def _check_placement(self) -> None:
+        if self.placement.shape != (4, 4) or not np.all(np.isfinite(self.placement)):
+            raise self._error("the placement must be a 4 × 4 matrix of finite numbers")
+        rotation = self.placement[:3, :3]
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > _RIGID or np.linalg.det(rotation) < 0:
+            raise self._error("the placement's rotation is not a rotation matrix")
+
+    def _check_vertices(self) -> None:
+        if (self.kind is Kind.MESH) != (self.vertices is not None):
+            raise self._error("a mesh needs vertices, and no other shape has any")
+        if self.vertices is not None and (
+            self.vertices.ndim != 2
+            or self.vertices.shape[1] != 3
+            or len(self.vertices) < 4
+            or not np.all(np.isfinite(self.vertices))
+        ):
+            raise self._error("a mesh needs at least four vertices with three finite coordinates each")
+
+    def _error(self, problem: str) -> InputError:
+        return InputError(problem, element=f"shape '{self.name}'")
+
+
+def placed(rotation: npt.ArrayLike | None = None, translation: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Floats:
+    """A placement as a 4 × 4 matrix."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.eye(3) if rotation is None else rotation
+    matrix[:3, 3] = translation
+    return matrix
+
+
+def z_along(direction: npt.ArrayLike) -> Floats:
+    """A rotation whose third column has a direction."""
+    z = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
+    # the coordinate axis that is furthest from z
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+_DIRECTIONS = np.array([d for d in product((-1, 0, 1), repeat=3) if any(d)], dtype=float)
+_UP = np.array([0.0, 0.0, 1.0])
+_TOUCHING = 1e-9  # m, of witness points that are too near each other to tell a normal
+
+
+def support(shape: Shape, directions: Floats) -> Floats:
+    """The largest n · x over a solid, from the origin of its own frame, shape (K,)."""
+    n = directions
+    if shape.vertices is not None:
+        return np.asarray((n @ shape.vertices.T).max(axis=1))
+    size = np.array(shape.size)
+    if shape.kind is Kind.SPHERE:
+        return np.full(len(n), size[0])
+    if shape.kind is Kind.CAPSULE:
+        return np.asarray(size[0] + size[1] * np.abs(n[:, 2]))
+    if shape.kind is Kind.CYLINDER:
+        return np.asarray(size[0] * np.hypot(n[:, 0], n[:, 1]) + size[1] * np.abs(n[:, 2]))
+    if shape.kind is Kind.BOX:
+        return np.asarray(np.abs(n) @ size)
+    return np.asarray(np.linalg.norm(n * size, axis=1))
+
+
+def ball(shape: Shape) -> tuple[Floats, float]:
+    """A ball that holds a shape."""
+    rotation, origin = shape.placement[:3, :3], shape.placement[:3, 3]
+    if shape.kind is Kind.PLANE:
+        return origin, float("inf")
+    if shape.vertices is not None:
+        middle = (shape.vertices.min(axis=0) + shape.vertices.max(axis=0)) / 2
+        return origin + rotation @ middle, float(np.linalg.norm(shape.vertices - middle, axis=1).max())
+    size = np.array(shape.size)
+    radius = {
+        Kind.SPHERE: size[0],
+        Kind.CAPSULE: size.sum(),
+        Kind.CYLINDER: np.linalg.norm(size),
+        Kind.BOX: np.linalg.norm(size),
+        Kind.ELLIPSOID: size.max(),
+    }[shape.kind]
+    return origin, float(radius)
+
+
+def extent(shape: Shape) -> float:
+    """A bound of the distance of any point of a shape from its body's origin, m; infinite for a plane."""
+    rotation, origin = shape.placement[:3, :3], shape.placement[:3, 3]
+    if shape.vertices is not None:
+        return float(np.linalg.norm(shape.vertices @ rotation.T + origin, axis=1).max())
+    if shape.kind is Kind.CAPSULE:
+        radius, half = shape.size
+        return radius + max(float(np.linalg.norm(origin + side * half * rotation[:, 2])) for side in (-1, 1))
+    if shape.kind is Kind.BOX:
+        corners = np.array(list(product((-1, 1), repeat=3))) * shape.size
+        return float(np.linalg.norm(corners @ rotation.T + origin, axis=1).max())
+    return float(np.linalg.norm(origin)) + ball(shape)[1]
+
+
+class Balls:
+    """Balls that hold some shapes, for quick bounds."""
+
+    def __init__(self, shapes: Sequence[Shape]) -> None:
+        found = [ball(shape) for shape in shapes]
+        self.radii = np.array([radius for _, radius in found])
+        finite = self.radii[np.isfinite(self.radii)]
+        self.size = float(2 * finite.max(initial=0.0))
+        # in the shapes' own frames
+        self.centres = np.array(
+            [s.placement[:3, :3].T @ (c - s.placement[:3, 3]) for s, (c, _) in zip(shapes, found, strict=True)]
+        ).reshape(-1, 3)
+
+    def gaps(self, places: Floats, pairs: Integers) -> Floats:
+        """Lower bounds of distances; exact between spheres, and between a sphere and a plane, shape (N, P)."""
+        first, second = pairs.T
+        centres = np.einsum("nsij,sj->nsi", places[..., :3], self.centres) + places[..., 3]
+        apart = centres[:, second] - centres[:, first]
+        flat = np.isinf(self.radii)[first]
+        heights = np.einsum("npi,npi->np", places[..., 2][:, first], apart)
+        between = np.where(flat, heights, np.linalg.norm(apart, axis=2))
+        return np.asarray(between - np.where(flat, 0.0, self.radii[first]) - self.radii[second])
+
+
+def plane_gaps(first: Shape, second: Shape, places: tuple[Floats, Floats], points: Floats) -> Floats:
+    """Lower bounds of signed distances by a pair of parallel planes between two shapes."""
+    if first.kind is Kind.PLANE:
+        return _between(first, second, places, places[0][:, :, 2])
+    apart = points[:, 1] - points[:, 0]
+    lengths = np.linalg.norm(apart, axis=1, keepdims=True)
+    normals = np.where(lengths > _TOUCHING, apart / np.maximum(lengths, _TOUCHING), _UP)
+    # the points of overlapping shapes lie the other way round
+    found = np.maximum(_between(first, second, places, normals), _between(first, second, places, -normals))
+    untold = np.flatnonzero(lengths[:, 0] <= _TOUCHING)
+    if len(untold):
+        some = (places[0][untold], places[1][untold])
+        for guess in _DIRECTIONS:
+            normals = np.broadcast_to(guess / np.linalg.norm(guess), (len(untold), 3))
+            found[untold] = np.maximum(found[untold], _between(first, second, some, normals))
+    return found
+
+
+def _between(first: Shape, second: Shape, places: tuple[Floats, Floats], normals: Floats) -> Floats:
+    """Distances of the planes with given normals that touch two shapes from between; a plane has its own normal."""
+    total = np.einsum("ni,ni->n", normals, places[1][:, :, 3] - places[0][:, :, 3])
+    for shape, place, side in ((first, places[0], normals), (second, places[1], -normals)):
+        if shape.kind is not Kind.PLANE:
+            total = total - support(shape, np.einsum("nij,ni->nj", place[:, :, :3], side))
+    return np.asarray(total)

@@ -1,0 +1,352 @@
+"""Trajectories: combinations of functions of time, the same functions for every coordinate.
+
+Every family (a :class:`Basis`) is linear in its coefficients.  So limits of positions, velocities, accelerations and
+jerks are linear constraints, derivatives are exact, and conditions at the ends are a change of the basis.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import BSpline
+from scipy.linalg import qr, solve
+
+from echelon.arrays import Floats
+from echelon.errors import InputError
+
+
+class Basis(ABC):
+    """Functions of time."""
+
+    duration: float  # motions are defined from 0 to it, s
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Number of functions."""
+
+    @property
+    @abstractmethod
+    def frequency(self) -> float:
+        """Highest frequency that matters, Hz: what a grid of samples must resolve."""
+
+    @property
+    @abstractmethod
+    def periodic(self) -> bool:
+        """Whether a motion can follow itself without a jump of any derivative."""
+
+    @abstractmethod
+    def values(self, t: Floats, order: int = 0) -> Floats:
+        """Derivatives of all functions, shape (N, size)."""
+
+    def motion(self, t: Floats, coefficients: Floats, order: int = 0) -> Floats:
+        """Derivatives of combinations, shape (N, n)."""
+        found: Floats = self.values(t, order) @ coefficients
+        return found
+
+    @abstractmethod
+    def bounds(self, coefficients: Floats, order: int) -> Floats:
+        """Bounds that no derivative of a combination exceeds at any time, by its coefficients alone, shape (n,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recombined(Basis):
+    """Combinations of the functions of another basis."""
+
+    inner: Basis
+    matrix: Floats  # shape (inner.size, size); columns are the new functions in terms of the inner ones
+
+    @property
+    def duration(self) -> float:  # type: ignore[override]
+        """That of the inner basis."""
+        return self.inner.duration
+
+    @property
+    def size(self) -> int:
+        """Number of functions."""
+        return int(self.matrix.shape[1])
+
+    @property
+    def frequency(self) -> float:
+        """That of the inner basis."""
+        return self.inner.frequency
+
+    @property
+    def periodic(self) -> bool:
+        """That of the inner basis."""
+        return self.inner.periodic
+
+    def values(self, t: Floats, order: int = 0) -> Floats:
+        """Derivatives of all functions."""
+        found: Floats = self.inner.values(t, order) @ self.matrix
+        return found
+
+    def motion(self, t: Floats, coefficients: Floats, order: int = 0) -> Floats:
+        """Derivatives of combinations."""
+        return self.inner.motion(t, self.matrix @ coefficients, order)
+
+    def bounds(self, coefficients: Floats, order: int) -> Floats:
+        """Bounds of a derivative."""
+        return self.inner.bounds(self.matrix @ coefficients, order)
+
+
+def resting_ends(basis: Basis) -> Recombined:
+    """The combinations that begin and end at rest: no velocity, no acceleration, so that a robot can start from them.
+
+    Functions are scaled to a velocity of 1 at most on average, so that coefficients of slow and fast ones compare.
+    """
+    ends = np.array([0.0, basis.duration])
+    conditions = np.vstack([basis.values(ends, 1), basis.values(ends, 2)])
+    free = Recombined(basis, _solutions(conditions))
+    speeds = np.sqrt(np.mean(free.values(np.linspace(0, basis.duration, 8 * basis.size), 1) ** 2, axis=0))
+    return Recombined(basis, free.matrix / np.where(speeds > 1e-9 * speeds.max(initial=1.0), speeds, 1.0))
+
+
+def _solutions(conditions: Floats) -> Floats:
+    """Columns that span {x : conditions · x = 0}, each with one free unknown at 1; the same on every platform."""
+    scaled = conditions / np.maximum(np.abs(conditions).max(axis=1, keepdims=True), 1e-300)
+    _, triangle, order = qr(scaled, pivoting=True, mode="economic")
+    diagonal = np.abs(np.diag(triangle))
+    rank = int(np.sum(diagonal > 1e-10 * diagonal.max(initial=0.0)))
+    size = conditions.shape[1]
+    free = np.sort(order[rank:])
+    bound = order[:rank]
+    columns = np.zeros((size, size - rank))
+    columns[free, np.arange(size - rank)] = 1.0
+    if rank:
+        inside = triangle[:rank]
+        place = {column: k for k, column in enumerate(order.tolist())}
+        right = inside[:, [place[column] for column in free.tolist()]]
+        columns[bound] = -solve(inside[:, :rank], right)
+    return columns
+
+
+@dataclass(frozen=True)
+class Fourier(Basis):
+    """1, sin(ωt), cos(ωt), sin(2ωt), … of a period (J. Swevers et al., IEEE Trans. Robotics and Automation, 1997)."""
+
+    duration: float  # the period 2π/ω, s
+    harmonics: int
+
+    @property
+    def size(self) -> int:
+        """One constant, two functions per harmonic."""
+        return 1 + 2 * self.harmonics
+
+    @property
+    def frequency(self) -> float:
+        """Of the last harmonic, Hz."""
+        return self.harmonics / self.duration
+
+    @property
+    def periodic(self) -> bool:
+        """Always."""
+        return True
+
+    def values(self, t: Floats, order: int = 0) -> Floats:
+        """Derivatives of all functions, shape (N, size)."""
+        found = np.zeros((len(t), self.size))
+        found[:, 0] = float(order == 0)
+        for k, rate in enumerate(self._rates):
+            # every derivative turns by a quarter
+            angle = rate * t + order * np.pi / 2
+            found[:, 1 + 2 * k] = rate**order * np.sin(angle)
+            found[:, 2 + 2 * k] = rate**order * np.cos(angle)
+        return found
+
+    def bounds(self, coefficients: Floats, order: int) -> Floats:
+        """Sum of the amplitudes, shape (n,)."""
+        pairs = coefficients[1:].reshape(self.harmonics, 2, -1)
+        amplitudes: Floats = np.vstack([np.abs(coefficients[:1]), np.linalg.norm(pairs, axis=1)])
+        rates: Floats = np.append(0.0, self._rates)
+        total: Floats = np.asarray(rates**order) @ amplitudes
+        return total
+
+    @property
+    def _rates(self) -> Floats:
+        found: Floats = 2 * np.pi / self.duration * np.arange(1.0, self.harmonics + 1)
+        return found
+
+
+DEGREE = 5
+"""Quintic: jerks are continuous."""
+
+
+@dataclass(frozen=True)
+class Splines(Basis):
+    """B-splines with given breakpoints, all derivatives of interest continuous inside."""
+
+    breaks: tuple[float, ...]  # from 0 to the duration, s
+    degree: int = DEGREE  # at least 5: jerks of lower ones jump, and nothing bounds what they do between samples
+
+    def __post_init__(self) -> None:
+        if self.degree < DEGREE:
+            raise InputError(f"splines have degree {DEGREE} at least, so that jerks are continuous; got {self.degree}")
+
+    @property
+    def duration(self) -> float:  # type: ignore[override]
+        """The last breakpoint."""
+        return self.breaks[-1]
+
+    @property
+    def size(self) -> int:
+        """Pieces and degree together."""
+        return len(self.breaks) - 1 + self.degree
+
+    @property
+    def frequency(self) -> float:
+        """Of a motion that turns in every piece, Hz."""
+        return 0.5 / float(np.min(np.diff(self.breaks)))
+
+    @property
+    def periodic(self) -> bool:
+        """A spline does not end as it began."""
+        return False
+
+    def values(self, t: Floats, order: int = 0) -> Floats:
+        """Derivatives of all functions, shape (N, size)."""
+        return self.motion(t, np.eye(self.size), order)
+
+    def motion(self, t: Floats, coefficients: Floats, order: int = 0) -> Floats:
+        """Derivatives of combinations; at every time few functions are not zero."""
+        if order > self.degree:
+            return np.zeros((len(t), coefficients.shape[1]))
+        spline = BSpline(self._knots, coefficients, self.degree)
+        found: Floats = np.asarray(spline(np.clip(t, 0.0, self.duration), nu=order))
+        return found
+
+    def bounds(self, coefficients: Floats, order: int) -> Floats:
+        """The largest control point of the derivative, in whose convex hull it stays, shape (n,)."""
+        if order > self.degree:
+            return np.zeros(coefficients.shape[1])
+        points: Floats = np.asarray(coefficients)
+        knots, degree = self._knots, self.degree
+        for _ in range(order):
+            spans = knots[degree + 1 : degree + len(points)] - knots[1 : len(points)]
+            points = degree * np.diff(points, axis=0) / spans[:, None]
+            knots, degree = knots[1:-1], degree - 1
+        largest: Floats = np.abs(points).max(axis=0)
+        return largest
+
+    @property
+    def _knots(self) -> Floats:
+        return np.concatenate([[0.0] * self.degree, self.breaks, [self.duration] * self.degree])
+
+
+def uniform_splines(duration: float, pieces: int) -> Splines:
+    """B-splines of pieces of one length."""
+    return Splines(tuple(np.linspace(0.0, duration, pieces + 1).tolist()))
+
+
+@dataclass(frozen=True)
+class Sum(Basis):
+    """All functions of several bases of one duration."""
+
+    parts: tuple[Basis, ...]
+
+    @property
+    def duration(self) -> float:  # type: ignore[override]
+        """That of the parts."""
+        return self.parts[0].duration
+
+    @property
+    def size(self) -> int:
+        """Of all parts."""
+        return sum(part.size for part in self.parts)
+
+    @property
+    def frequency(self) -> float:
+        """The highest of the parts, Hz."""
+        return max(part.frequency for part in self.parts)
+
+    @property
+    def periodic(self) -> bool:
+        """If all parts are."""
+        return all(part.periodic for part in self.parts)
+
+    def values(self, t: Floats, order: int = 0) -> Floats:
+        """Derivatives of all functions, shape (N, size)."""
+        return np.hstack([part.values(t, order) for part in self.parts])
+
+    def bounds(self, coefficients: Floats, order: int) -> Floats:
+        """Sum of the bounds of the parts, shape (n,)."""
+        cuts = np.cumsum([part.size for part in self.parts])[:-1]
+        total = np.zeros(coefficients.shape[1])
+        for part, some in zip(self.parts, np.split(coefficients, cuts), strict=True):
+            total += part.bounds(some, order)
+        return total
+
+
+DURATIONS = (1e-6, 1e6)
+"""Shortest and longest motion of a robot, s: beyond, powers of frequencies leave double precision."""
+
+SHORTEST_STEP = 1e-9
+"""Between samples, s; clocks count no finer."""
+
+LARGEST = 1e12
+"""Position, velocity, acceleration or jerk, SI, that no robot comes near to."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A motion of some coordinates.
+
+    Attributes
+    ----------
+    coordinates : tuple of str
+        Names, in the order of the columns.
+    units : tuple of str
+        ``"rad"`` or ``"m"``.
+    basis : Basis
+    coefficients : array of shape (basis.size, n)
+    """
+
+    coordinates: tuple[str, ...]
+    units: tuple[str, ...]
+    basis: Basis
+    coefficients: Floats
+
+    @property
+    def duration(self) -> float:
+        """S."""
+        return self.basis.duration
+
+    def __call__(self, t: npt.ArrayLike, order: int = 0) -> Floats:
+        """Positions at times, or derivatives of them.
+
+        Parameters
+        ----------
+        t : array of shape (N,)
+            s; of a periodic motion also beyond its duration.
+        order : int
+            0 for positions (rad, m), 1 for velocities, 2 for accelerations, 3 for jerks.
+
+        Returns
+        -------
+        array of shape (N, n)
+        """
+        return self.basis.motion(np.atleast_1d(np.asarray(t, dtype=float)), self.coefficients, order)
+
+    def bounds(self, order: int) -> Floats:
+        """What the derivatives of an order never exceed, shape (n,)."""
+        return self.basis.bounds(self.coefficients, order)
+
+    def times(self, rate: float, repeats: int = 1) -> Floats:
+        """Sampling times from 0 to the end, both included.
+
+        Parameters
+        ----------
+        rate : float
+            Hz.
+        repeats : int
+            How often a periodic motion is run.
+        """
+        count = round(self.duration * repeats * rate)
+        return np.arange(count + 1) / rate
+
+    def states(self, t: npt.ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """Positions, velocities and accelerations, each of shape (N, n)."""
+        return self(t), self(t, 1), self(t, 2)

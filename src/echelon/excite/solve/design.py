@@ -1,0 +1,227 @@
+"""The design: the pose about which motions start, the family of motions, and the problem that the solver gets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+from echelon.arrays import Floats
+from echelon.errors import InputError
+from echelon.excite.problem.closed_loops import state_regressor
+from echelon.excite.problem.information import Criterion, Information, sample_times
+from echelon.excite.problem.motion_limits import ResolvedLimits
+from echelon.excite.problem.optimisation import LoopProblem, Problem
+from echelon.excite.problem.state_limits import StateConstraint
+from echelon.excite.problem.task import Task, names_of
+from echelon.excite.problem.trajectory import Basis, Fourier, Sum, Trajectory, resting_ends, uniform_splines
+from echelon.formats.schema_excite import ExcitationEntry
+from echelon.hints import nearest_of
+
+_TRIED = 512  # poses
+_REFINED = 24  # the best of them, from which broken limits are minimised
+_KEPT = 1e-9  # what rounding may leave of a broken limit, relative to its size
+_NEARBY = 0.1  # share of a coordinate's range to either side within which poses are nearby
+_AROUND = 32  # poses nearby that are looked at
+_NARROW = 0.1  # share of them that may break a limit before more room is looked for
+_STEPS, _SWEEPS = 9, 3  # places that are tried for a coordinate, and how often
+
+
+def start_pose(wanted: Floats, limits: ResolvedLimits, constraints: Sequence[StateConstraint], seed: int) -> Floats:
+    """A pose at rest that keeps all limits: the middle of the ranges if that is one with room to move about it."""
+    low, high = limits.low, limits.high
+    pose: Floats = np.where(np.isnan(wanted), limits.middle, wanted)
+    outside = np.flatnonzero((pose < low) | (pose > high))
+    if len(outside):
+        name = next(limit.name for limit in limits.motion if limit.order == 0 and limit.weights[outside[0]])
+        raise InputError(f"the centre of '{name}' is outside of its position limits", element="centre")
+    free, over = np.isnan(wanted), broken(pose[None], constraints)[0]
+    if over.any() and not free.any():
+        names = _names(constraints, over)
+        raise InputError(f"the pose at which motions start breaks the limits of {names}", element="centre")
+    low, high = np.where(np.isfinite(low), low, pose - np.pi), np.where(np.isfinite(high), high, pose + np.pi)
+    if over.any():
+        pose = _searched(pose, free, low, high, constraints, seed)
+    return _roomier(pose, free, low, high, constraints, seed)
+
+
+def broken(poses: Floats, constraints: Sequence[StateConstraint]) -> Floats:
+    """How far each function is beyond its limits at rest, 0 if it is not: shape (poses, functions)."""
+    still = np.zeros_like(poses)
+    parts = [np.zeros((len(poses), 0))]
+    for constraint in constraints:
+        values = constraint.values(poses, still, still)
+        over = np.maximum(np.maximum(constraint.low - values, values - constraint.high), 0.0)
+        size = np.where(np.isfinite(constraint.high), np.abs(constraint.high), np.abs(constraint.low))
+        parts.append(np.where(over > _KEPT * np.maximum(size, 1.0), over, 0.0))
+    return np.hstack(parts)
+
+
+def _searched(
+    pose: Floats,
+    free: npt.NDArray[np.bool_],
+    low: Floats,
+    high: Floats,
+    constraints: Sequence[StateConstraint],
+    seed: int,
+) -> Floats:
+    unit = np.random.default_rng(seed).random((_TRIED, len(pose)))
+    poses = np.where(free, low + (high - low) * unit, pose)
+    over = broken(poses, constraints)
+    # of the poses that keep everything the one nearest to the middle
+    good = np.flatnonzero(~over.any(axis=1))
+    if len(good):
+        away = np.linalg.norm((poses[good] - pose) / np.maximum(high - low, 1e-300), axis=1)
+        return np.asarray(poses[good[int(np.argmin(away))]])
+    scale = np.maximum(over.max(axis=0), 1e-300)
+    for k in np.argsort(np.sum(over / scale, axis=1))[:_REFINED]:
+        found = _refined(poses[k], free, low, high, constraints, scale)
+        if not broken(found[None], constraints)[0].any():
+            return found
+    raise InputError(_conflict(over > 0, constraints), element="limits")
+
+
+def _refined(
+    pose: Floats,
+    free: npt.NDArray[np.bool_],
+    low: Floats,
+    high: Floats,
+    constraints: Sequence[StateConstraint],
+    scale: Floats,
+) -> Floats:
+    """The pose moved to where less is broken."""
+
+    def residuals(x: Floats) -> Floats:
+        full = pose.copy()
+        full[free] = x
+        found: Floats = broken(full[None], constraints)[0] / scale
+        return found
+
+    found = least_squares(residuals, np.clip(pose[free], low[free], high[free]), bounds=(low[free], high[free]))
+    result = pose.copy()
+    result[free] = found.x
+    return result
+
+
+def _roomier(
+    pose: Floats,
+    free: npt.NDArray[np.bool_],
+    low: Floats,
+    high: Floats,
+    constraints: Sequence[StateConstraint],
+    seed: int,
+) -> Floats:
+    """The pose, or if it is in a narrow place another: coordinates one by one where fewer poses nearby break limits.
+
+    A motion about a pose beside a limit can hardly be drawn back, nor that limit drawn in.
+    """
+    near = _NEARBY * (high - low)
+    around = near * np.random.default_rng(seed).uniform(-1, 1, (_AROUND, len(pose)))
+
+    def crowded(poses: Floats) -> npt.NDArray[np.intp]:
+        """How many poses nearby break each limit, shape (poses, functions)."""
+        found = broken((poses[:, None] + around).reshape(-1, len(pose)), constraints) > 0
+        return np.asarray(found.reshape(len(poses), _AROUND, -1).sum(axis=1))
+
+    if crowded(pose[None]).max(initial=0) <= _NARROW * _AROUND:
+        return pose
+    for _ in range(_SWEEPS):
+        before = pose
+        for j in np.flatnonzero(free):
+            tried = np.tile(pose, (_STEPS + 1, 1))
+            tried[1:, j] = np.linspace(low[j] + near[j], high[j] - near[j], _STEPS)
+            good = tried[~broken(tried, constraints).any(axis=1)]
+            pose = good[np.lexsort((np.abs(good - pose)[:, j], crowded(good).sum(axis=1)))[0]]
+        if np.array_equal(pose, before):
+            break
+    return pose
+
+
+def _conflict(over: npt.NDArray[np.bool_], constraints: Sequence[StateConstraint]) -> str:
+    """Which limits no pose keeps, alone or in pairs."""
+    labels = _labels(constraints)
+    start = f"none of {len(over)} poses within the position limits keeps"
+    never = [labels[k] for k in np.flatnonzero(over.all(axis=0))]
+    if never:
+        return f"{start} the limits of {', '.join(never[:6])}"
+    for i, j in combinations(np.flatnonzero(over.any(axis=0)).tolist(), 2):
+        if np.all(over[:, i] | over[:, j]):
+            return f"{start} the limits of {labels[i]} and of {labels[j]} together"
+    some = [labels[k] for k in np.flatnonzero(over.any(axis=0))]
+    return f"{start} all limits together: {', '.join(some[:8])}"
+
+
+def _labels(constraints: Sequence[StateConstraint]) -> list[str]:
+    return [label for constraint in constraints for label in constraint.labels]
+
+
+def _names(constraints: Sequence[StateConstraint], over: Floats) -> str:
+    return ", ".join(label for label, value in zip(_labels(constraints), over, strict=True) if value > 0)
+
+
+DURATION = 8.0
+"""Seconds, where none is stated."""
+_FEWEST, _MOST, _FUNCTIONS = 3, 7, 56
+"""Harmonics where none are stated: so many that all coordinates together have about that many, within these ends."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """What is to be optimised."""
+
+    task: Task
+    centre: Floats  # shape (n,); where motions start
+    problem: Problem
+
+    def trajectory(self, x: Floats) -> Trajectory:
+        """The trajectory with these coefficients."""
+        names = self.task.mechanism.independent_velocities
+        return Trajectory(names, self.task.units, self.problem.basis, x.reshape(self.problem.shape))
+
+
+def designed(task: Task, known: Floats | None = None) -> Design:
+    """Decide what the solver needs."""
+    entry, base, limits = task.entry, task.base, task.limits
+    centre = start_pose(_stated_centre(task), limits, task.constraints, entry.seed)
+    prior = np.zeros((base.rank, base.rank)) if known is None else known
+    if prior.shape != (base.rank, base.rank):
+        raise InputError(f"known has shape {prior.shape}; the robot has {base.rank} base parameters")
+    n = len(base.mechanism.independent_velocities)
+    basis = resting_ends(family(entry, n))
+    regressor = state_regressor(base.mechanism, base.matrix.pivots, task.smooth)
+    times = sample_times(basis.duration, entry.rate)
+    information = Information(regressor, basis, times, task.weights, prior)
+    criterion = Criterion(entry.criterion, np.ones(base.rank))
+    made = LoopProblem if base.mechanism.closures else Problem
+    problem = made(basis, n, information, criterion, limits.motion, task.constraints, centre)
+    if entry.criterion == "a_optimal":
+        problem = replace(problem, criterion=Criterion("a_optimal", _sizes(problem, entry.seed)))
+    return Design(task, centre, problem)
+
+
+def _stated_centre(task: Task) -> Floats:
+    names = list(task.mechanism.independent_velocities)
+    for name in task.entry.centre:
+        if name not in names and name not in names_of(task.setup.mechanism):
+            problem = f"there is no coordinate '{name}'{nearest_of(name, names)}"
+            raise InputError(problem, source=task.setup.source, element="centre")
+    return np.array([task.entry.centre.get(name, np.nan) for name in names])
+
+
+def _sizes(problem: Problem, seed: int) -> Floats:
+    """Units in which every parameter contributes alike to a random motion, so that variances can be added up."""
+    seen = problem.information(problem.start(np.random.default_rng(seed)).reshape(problem.shape))
+    sizes = np.sqrt(np.diag(seen.F))
+    return np.asarray(1 / np.where(sizes > 0, sizes, 1.0))
+
+
+def family(entry: ExcitationEntry, count: int) -> Basis:
+    """The family of motions that a set-up asks for, with any ends."""
+    duration = DURATION if entry.duration is None else entry.duration
+    harmonics = min(max(_FUNCTIONS // count, _FEWEST), _MOST) if entry.harmonics is None else entry.harmonics
+    series, splines = Fourier(duration, harmonics), uniform_splines(duration, entry.pieces)
+    return {"fourier": series, "bspline": splines, "sum": Sum((series, splines))}[entry.family]

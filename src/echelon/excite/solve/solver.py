@@ -1,0 +1,267 @@
+"""One start of the solver: IPOPT through CasADi, with exact gradients and constraint generation.
+
+Most limits of accelerations, jerks and torques never bind, and every one costs the solver a row at every sample.  So
+the first problem has limits of positions and velocities only; limits that its solution breaks are added, and the search
+goes on from the best motion that keeps everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from echelon.arrays import Floats
+from echelon.errors import MissingExtraError
+from echelon.excite.problem.optimisation import BROKEN, Problem, beyond
+from echelon.machine.threads import one_thread
+
+_OPTIONS = {
+    "ipopt.hessian_approximation": "limited-memory",
+    "ipopt.limited_memory_max_history": 8,
+    "ipopt.mu_strategy": "adaptive",
+    "ipopt.linear_solver": "mumps",
+    # quasi-definite systems need no scaling, which takes as long as their factorisation
+    "ipopt.mumps_permuting_scaling": 0,
+    "ipopt.mumps_scaling": 0,
+    "ipopt.sb": "yes",
+    "ipopt.print_level": 0,
+    "ipopt.honor_original_bounds": "yes",
+    "print_time": False,
+}
+
+
+_CREEPING = 0.25
+"""Share of the tolerance below which relative changes of the criterion count as none."""
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """When a start ends."""
+
+    # of optimality; ten times as much does where the criterion does not get better by a quarter of it
+    tolerance: float = 2e-4
+    # at most so many; what is best by then is the result, the same one however busy the machine is
+    iterations: int = 500
+
+
+@dataclass(frozen=True, eq=False)
+class Ended:
+    """Where the solver ended."""
+
+    x: Floats  # shape (problem.size,); the last iterate, which keeps the limits that the solver knew of if it converged
+    status: str  # ``"converged"``, ``"iterations"``, ``"infeasible"`` or the solver's own word
+    iterations: int
+
+
+_STATUS = {
+    "Solve_Succeeded": "converged",
+    "Solved_To_Acceptable_Level": "converged",
+    "Maximum_Iterations_Exceeded": "iterations",
+    "Infeasible_Problem_Detected": "infeasible",
+}
+
+
+@dataclass
+class Best:
+    """The best motion so far."""
+
+    problem: Problem  # whose limits it keeps, all of them, whatever the solver knows of
+    x: Floats | None = None
+    value: float = np.inf
+    history: list[float] = field(default_factory=list)  # values, each time a better one was found
+
+    def offer(self, x: Floats, value: float) -> None:
+        """Take a motion if it is better and keeps all limits at the samples."""
+        if value < self.value and self.problem.violation(x) <= BROKEN:
+            self.x, self.value = x.copy(), value
+            self.history.append(value)
+
+
+class _Known:
+    """The last evaluation, because a solver asks for derivatives where it asked for a value, but not everywhere."""
+
+    def __init__(self, function: Callable[[Floats], Any]) -> None:
+        self._function, self._x, self._found = function, np.zeros(0), None
+
+    def __call__(self, x: Floats) -> Any:
+        if not np.array_equal(x, self._x):
+            self._found, self._x = self._function(x), x.copy()
+        return self._found
+
+
+def solve(problem: Problem, start: Floats, options: SolverOptions, best: Best) -> Ended:
+    """Minimise from one starting point."""
+    casadi = _casadi()
+    evaluate = _Known(problem.value_and_gradient)
+    A, low, high = problem.linear
+    least, most = problem.bounds
+    x = casadi.MX.sym("x", problem.size)
+    objective = _callback(casadi, "criterion", problem.size, 1, evaluate)
+    parts = [casadi.mtimes(_sparse(casadi, A), x)]
+    if least.size:
+        both = _Known(lambda v: (problem.constrained(v), lambda: problem.slopes(v)))
+        constraints = _callback(casadi, "constraints", problem.size, least.size, both)
+        parts.append(constraints(x))
+    ends = np.concatenate([low, least]), np.concatenate([high, most])
+    watch = _watch(casadi, problem.size, ends, best)
+    settings = _OPTIONS | {
+        "ipopt.tol": options.tolerance,
+        "ipopt.acceptable_tol": 10 * options.tolerance,
+        "ipopt.acceptable_obj_change_tol": _CREEPING * options.tolerance,
+        "ipopt.acceptable_iter": 5,
+        "ipopt.constr_viol_tol": BROKEN / 10,
+        "ipopt.acceptable_constr_viol_tol": BROKEN / 10,
+        "ipopt.max_iter": options.iterations,
+        "iteration_callback": watch,
+    }
+    limited = casadi.densify(casadi.vertcat(*parts))  # some may be constantly zero
+    solver = casadi.nlpsol("excite", "ipopt", {"x": x, "f": objective(x), "g": limited}, settings)
+    result = solver(x0=start, lbg=ends[0], ubg=ends[1])
+    found = np.asarray(result["x"]).ravel()
+    best.offer(found, evaluate(found)[0])
+    stats = solver.stats()
+    status = _STATUS.get(stats["return_status"], stats["return_status"].replace("_", " ").lower())
+    return Ended(found, status, int(stats["iter_count"]))
+
+
+def _casadi() -> Any:
+    try:
+        return import_module("casadi")
+    except ImportError:
+        raise MissingExtraError("casadi", "excite") from None
+
+
+def _sparse(casadi: Any, matrix: Any) -> Any:
+    columns = matrix.tocsc()
+    pattern = casadi.Sparsity(*columns.shape, columns.indptr.tolist(), columns.indices.tolist())
+    return casadi.DM(pattern, columns.data)
+
+
+def _callback(casadi: Any, name: str, unknowns: int, size: int, evaluate: Callable[[Floats], Any]) -> Any:
+    """A function of ours with its Jacobian, for CasADi."""
+
+    class Jacobian(casadi.Callback):  # type: ignore[misc]
+        def __init__(self, name: str, options: Any) -> None:
+            casadi.Callback.__init__(self)
+            self.construct(name, options)
+
+        def get_n_in(self) -> int:
+            return 2
+
+        def get_sparsity_in(self, i: int) -> Any:
+            return casadi.Sparsity.dense(unknowns if i == 0 else size, 1)
+
+        def get_sparsity_out(self, _: int) -> Any:
+            return casadi.Sparsity.dense(size, unknowns)
+
+        def eval(self, given: Any) -> Any:
+            return [np.reshape(evaluate(np.asarray(given[0]).ravel())[1](), (size, unknowns))]
+
+    class Value(casadi.Callback):  # type: ignore[misc]
+        def __init__(self) -> None:
+            casadi.Callback.__init__(self)
+            self.construct(name, {})
+
+        def get_sparsity_in(self, _: int) -> Any:
+            return casadi.Sparsity.dense(unknowns, 1)
+
+        def get_sparsity_out(self, _: int) -> Any:
+            return casadi.Sparsity.dense(size, 1)
+
+        def eval(self, given: Any) -> Any:
+            return [evaluate(np.asarray(given[0]).ravel())[0]]
+
+        def has_jacobian(self) -> bool:
+            return True
+
+        def get_jacobian(self, name: str, _in: Any, _out: Any, options: Any) -> Any:
+            self._jacobian = Jacobian(name, options)
+            return self._jacobian
+
+    return Value()
+
+
+def _watch(casadi: Any, unknowns: int, ends: tuple[Floats, Floats], best: Best) -> Any:
+    """What follows the iterations and remembers the best."""
+    rows = len(ends[0])
+    sizes = {"x": unknowns, "f": 1, "g": rows, "lam_x": unknowns, "lam_g": rows, "lam_p": 0}
+
+    class Watch(casadi.Callback):  # type: ignore[misc]
+        def __init__(self) -> None:
+            casadi.Callback.__init__(self)
+            self.construct("watch", {})
+
+        def get_n_in(self) -> int:
+            return int(casadi.nlpsol_n_out())
+
+        def get_n_out(self) -> int:
+            return 1
+
+        def get_name_in(self, i: int) -> str:
+            return str(casadi.nlpsol_out(i))
+
+        def get_sparsity_in(self, i: int) -> Any:
+            return casadi.Sparsity.dense(sizes[casadi.nlpsol_out(i)], 1)
+
+        def eval(self, given: Any) -> Any:
+            # a motion that breaks limits the solver knows of need not be asked about all others
+            if beyond(np.asarray(given[2]).ravel(), *ends).max(initial=-np.inf) <= BROKEN:
+                best.offer(np.asarray(given[0]).ravel(), float(given[1]))
+            return [0]  # go on
+
+    return Watch()
+
+
+_ROUNDS = 8
+_DRAWN_BACK = (0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5)
+"""Shares of a motion that breaks limits, of which the largest that keeps them is worth more than none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where a start ended."""
+
+    x: Floats | None  # the best coefficients that kept all limits at the samples; None if none did
+    value: float  # their criterion
+    status: str  # see :class:`echelon.excite.solve.solver.Ended`
+    iterations: int
+    history: tuple[float, ...]  # the criterion of the best motion so far, each time it became better: descending
+
+
+def constraint_generation(
+    problem: Problem, start: Floats, options: SolverOptions, near: Floats | None = None
+) -> Solution:
+    """Minimise from one starting point."""
+    with one_thread():
+        best = Best(problem)
+        start = problem.inside(start)  # the centre keeps all limits, so that there is something to fall back on
+        best.offer(start, problem.value(start))
+        if near is not None:
+            _draw_back(problem, near, best)
+        part, iterations, status = problem.first() if near is None else problem.asking(near), 0, ""
+        for _ in range(_ROUNDS):
+            left = replace(options, iterations=max(options.iterations - iterations, 1))
+            ended = solve(part, start, left, best)
+            iterations, status = iterations + ended.iterations, ended.status
+            _draw_back(problem, ended.x, best)
+            more = problem.extended(part, ended.x)
+            if more is None or iterations >= options.iterations:
+                break
+            part = more
+            start = problem.shrunk(ended.x, 0.9) if best.x is None else best.x
+    return Solution(best.x, best.value, status, iterations, tuple(best.history))
+
+
+def _draw_back(problem: Problem, x: Floats, best: Best) -> None:
+    """Offer the motion drawn towards its centre, if it breaks limits: little may be missing."""
+    if problem.violation(x) <= BROKEN:
+        return
+    for share in _DRAWN_BACK:
+        found = problem.shrunk(x, share)
+        if problem.violation(found) <= BROKEN:
+            best.offer(found, problem.value(found))
+            return
