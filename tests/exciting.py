@@ -17,10 +17,9 @@ from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effor
 from echelon.excite.problem.state_limits import PointLimit, StateLimits, point_limits
 from echelon.excite.problem.trajectory import (
     Basis,
+    Combined,
     Fourier,
-    Recombined,
     Splines,
-    Sum,
     Trajectory,
     resting_ends,
     uniform_splines,
@@ -47,11 +46,11 @@ def families(duration: float = 4.0) -> dict[str, Basis]:
         "fourier": series,
         "bspline": splines,
         "uneven": uneven,
-        "sum": Sum((series, splines)),
-        "recombined": Recombined(series, mixed),
+        "sum": Combined((series, splines)),
+        "recombined": Combined((series,), mixed),
         "fourier at rest": resting_ends(series),
         "bspline at rest": resting_ends(splines),
-        "sum at rest": resting_ends(Sum((series, splines))),
+        "sum at rest": resting_ends(Combined((series, splines))),
     }
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from echelon.excite import criteria
+from echelon.excite.problem import information as criteria
 from echelon.excite.problem.information import Criterion, Name, condition_number, log_det
 from exciting import Floats, slope_along
 

@@ -219,7 +219,3 @@ def test_symbols_without_values_are_refused() -> None:
     base = ec.base_parameters(ec.load(EXAMPLES / "stanford.yaml"))
     with pytest.raises(InputError, match="d2"):
         StateRegressor(base.mechanism, base.matrix.pivots)
-    other = StateRegressor(base.mechanism, base.matrix.pivots, symbols={"d2": 0.15})
-    state = states(base)
-    expected = base.regressor(**state, symbols={"d2": 0.15})
-    np.testing.assert_allclose(dense(base, other, other.entries(state)), expected, atol=1e-10)

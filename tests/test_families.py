@@ -10,10 +10,9 @@ from scipy.linalg import null_space, orth, subspace_angles
 
 from echelon.excite.problem.trajectory import (
     Basis,
+    Combined,
     Fourier,
-    Recombined,
     Splines,
-    Sum,
     Trajectory,
     resting_ends,
     uniform_splines,
@@ -214,7 +213,7 @@ def test_dimension_does_not_depend_on_units(duration: float, harmonics: int) -> 
     series = Fourier(duration, harmonics)
     assert resting_ends(series).size == 2 * harmonics - 1
     assert resting_ends(uniform_splines(duration, harmonics + 4)).size == harmonics + 5
-    assert resting_ends(Sum((series, uniform_splines(duration, 4)))).size == 2 * harmonics + 1 + 9 - 4
+    assert resting_ends(Combined((series, uniform_splines(duration, 4)))).size == 2 * harmonics + 1 + 9 - 4
 
 
 def test_the_same_every_time() -> None:
@@ -255,7 +254,7 @@ def test_recombinations_can_be_recombined() -> None:
     rng = np.random.default_rng(0)
     series = Fourier(2.0, 2)
     first, second = rng.normal(size=(5, 4)), rng.normal(size=(4, 3))
-    twice = Recombined(Recombined(series, first), second)
+    twice = Combined((Combined((series,), first),), second)
     t = np.linspace(0, 2, 9)
     np.testing.assert_allclose(twice.values(t, 1), series.values(t, 1) @ (first @ second), atol=1e-12)
     coefficients = rng.normal(size=(3, 2))

@@ -20,10 +20,9 @@ from echelon.excite.files.trajectory_schema import trajectory_schema
 from echelon.excite.files.write_trajectory import write_trajectory
 from echelon.excite.problem.trajectory import (
     Basis,
+    Combined,
     Fourier,
-    Recombined,
     Splines,
-    Sum,
     Trajectory,
     resting_ends,
     uniform_splines,
@@ -34,8 +33,8 @@ FAMILIES: dict[str, Basis] = {
     "fourier": Fourier(2.5, 3),
     "splines": Splines((0.0, 0.4, 1.5, 1.7, 2.5)),
     "septic": Splines((0.0, 1.0, 2.5), 7),
-    "sum": Sum((Fourier(2.5, 2), uniform_splines(2.5, 4))),
-    "nested": Sum((resting_ends(Fourier(2.5, 4)), Sum((Fourier(2.5, 1), uniform_splines(2.5, 1))))),
+    "sum": Combined((Fourier(2.5, 2), uniform_splines(2.5, 4))),
+    "nested": Combined((resting_ends(Fourier(2.5, 4)), Combined((Fourier(2.5, 1), uniform_splines(2.5, 1))))),
     "resting": resting_ends(resting_ends(uniform_splines(2.5, 9))),
 }
 
@@ -142,6 +141,6 @@ def test_a_family_that_the_format_does_not_know_is_refused() -> None:
 
 def test_recombined_parts_are_written_by_name() -> None:
     """No matrix of the project's own appears in a file."""
-    document = trajectory_to_json(motion(Recombined(Fourier(1.0, 1), np.array([[1.0], [2.0], [0.0]]))))
+    document = trajectory_to_json(motion(Combined((Fourier(1.0, 1),), np.array([[1.0], [2.0], [0.0]]))))
     own = document["motion"]["coefficients"]["j1"]
     assert (own["sin"], own["cos"]) == ([2 * own["constant"]], [0.0])

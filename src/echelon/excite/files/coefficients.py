@@ -8,38 +8,41 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
-from echelon.excite.files.trajectory_schema import as_record
-from echelon.excite.problem.trajectory import Basis, Fourier, Recombined, Splines, Sum, Trajectory
-
-if TYPE_CHECKING:
-    from echelon.excite.files.trajectory_schema import FourierRecord, Motion, SplinesRecord, SumRecord
+from echelon.excite.files.trajectory_schema import (
+    VERSION,
+    FourierCoefficients,
+    FourierRecord,
+    Motion,
+    SplinesRecord,
+    SumRecord,
+    TrajectoryRecord,
+    as_record,
+)
+from echelon.excite.problem.trajectory import Basis, Combined, Fourier, Splines, Trajectory
 
 
 def trajectory_to_json(trajectory: Trajectory, **extra: Any) -> dict[str, Any]:
     """A trajectory as JSON-able data, a document of :func:`trajectory_schema`; extra keys go with it."""
-    from echelon.excite.files.trajectory_schema import EXPLANATION, VERSION
-
-    coefficients = np.asarray(trajectory.coefficients, dtype=float)
+    names, coefficients = trajectory.coordinates, np.asarray(trajectory.coefficients, dtype=float)
     if not np.all(np.isfinite(coefficients)):
-        name = trajectory.coordinates[int(np.argmin(np.isfinite(coefficients).all(axis=0)))]
+        name = names[int(np.argmin(np.isfinite(coefficients).all(axis=0)))]
         raise InputError("a coefficient is not finite, so that no file can hold it", element=f"coordinate '{name}'")
-    document = {
-        "echelon_trajectory": VERSION,
-        "explanation": EXPLANATION,
-        "coordinates": list(trajectory.coordinates),
-        "units": list(trajectory.units),
-        "motion": _written(trajectory.basis, coefficients, trajectory.coordinates),
-    }
     for key in extra:
-        if key in document:
+        if key in TrajectoryRecord.model_fields:
             raise InputError("is a key of the format itself; choose another name", element=f"key '{key}'")
-    return document | extra
+    record = TrajectoryRecord.model_construct(
+        echelon_trajectory=VERSION,
+        coordinates=list(names),
+        units=list(trajectory.units),
+        motion=_written(trajectory.basis, coefficients, names),
+    )
+    return record.model_dump() | extra
 
 
 def trajectory_from_json(data: Any, source: str) -> Trajectory:
@@ -67,50 +70,26 @@ def text_of(document: Mapping[str, Any]) -> str:
 # -- writing -----------------------------------------------------------------------------------------------------------
 
 
-def _written(basis: Basis, coefficients: Floats, names: tuple[str, ...]) -> dict[str, Any]:
-    from echelon.excite.files.trajectory_schema import SUM
-
-    if isinstance(basis, Recombined):
-        return _written(basis.inner, basis.matrix @ coefficients, names)
-    if isinstance(basis, Sum):
-        cuts = np.cumsum([part.size for part in basis.parts])[:-1]
-        pieces = np.split(coefficients, cuts)
-        parts = [_written(part, piece, names) for part, piece in zip(basis.parts, pieces, strict=True)]
-        return {"family": "sum", "meaning": SUM, "parts": parts}
+def _written(basis: Basis, coefficients: Floats, names: tuple[str, ...]) -> Motion:
+    columns = dict(zip(names, coefficients.T, strict=True))
+    if isinstance(basis, Combined):
+        parts = [_written(part, own, names) for part, own in basis.split(coefficients)]
+        return parts[0] if len(parts) == 1 else SumRecord(family="sum", parts=parts)
     if isinstance(basis, Fourier):
-        return _written_fourier(basis, coefficients, names)
+        found = {
+            name: FourierCoefficients(constant=float(c[0]), sin=c[1::2].tolist(), cos=c[2::2].tolist())
+            for name, c in columns.items()
+        }
+        return FourierRecord.model_construct(
+            family="fourier", duration=float(basis.duration), harmonics=basis.harmonics, coefficients=found
+        )
     if isinstance(basis, Splines):
-        return _written_splines(basis, coefficients, names)
+        knots = [0.0] * basis.degree, map(float, basis.breaks), [float(basis.duration)] * basis.degree
+        points = {name: column.tolist() for name, column in columns.items()}
+        return SplinesRecord(
+            family="splines", degree=basis.degree, knots=[k for part in knots for k in part], control_points=points
+        )
     raise InputError(f"the format knows no motions of the family {type(basis).__name__}; write samples instead")
-
-
-def _written_fourier(basis: Fourier, coefficients: Floats, names: tuple[str, ...]) -> dict[str, Any]:
-    from echelon.excite.files.trajectory_schema import FOURIER
-
-    columns = {
-        name: {"constant": float(column[0]), "sin": column[1::2].tolist(), "cos": column[2::2].tolist()}
-        for name, column in zip(names, coefficients.T, strict=True)
-    }
-    return {
-        "family": "fourier",
-        "meaning": FOURIER,
-        "duration": float(basis.duration),
-        "harmonics": basis.harmonics,
-        "coefficients": columns,
-    }
-
-
-def _written_splines(basis: Splines, coefficients: Floats, names: tuple[str, ...]) -> dict[str, Any]:
-    from echelon.excite.files.trajectory_schema import SPLINES
-
-    ends = [0.0] * basis.degree, [float(basis.duration)] * basis.degree
-    return {
-        "family": "splines",
-        "meaning": SPLINES,
-        "degree": basis.degree,
-        "knots": [*ends[0], *(float(knot) for knot in basis.breaks), *ends[1]],
-        "control_points": {name: column.tolist() for name, column in zip(names, coefficients.T, strict=True)},
-    }
 
 
 # -- reading -----------------------------------------------------------------------------------------------------------
@@ -131,7 +110,7 @@ def _read_sum(record: SumRecord, names: tuple[str, ...], path: str) -> tuple[Bas
         if duration != durations[0]:
             problem = f"lasts {duration!r} s, the first part {durations[0]!r} s; parts of a sum last equally long"
             raise InputError(problem, element=f"{path}.parts[{k}]")
-    return Sum(tuple(basis for basis, _ in found)), np.vstack([coefficients for _, coefficients in found])
+    return Combined(tuple(basis for basis, _ in found)), np.vstack([coefficients for _, coefficients in found])
 
 
 def _read_fourier(record: FourierRecord, names: tuple[str, ...], path: str) -> tuple[Basis, Floats]:

@@ -6,10 +6,11 @@ needs the file and nothing else.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel as Schema
-from pydantic import ConfigDict, Discriminator, Field
+from pydantic import ConfigDict, Discriminator, Field, ValidationError
+from pydantic_core import ErrorDetails
 
 from echelon.errors import InputError, one_line
 from echelon.excite.problem.trajectory import DURATIONS
@@ -99,21 +100,12 @@ def trajectory_schema() -> dict[str, Any]:
     return TrajectoryRecord.model_json_schema()
 
 
-if TYPE_CHECKING:
-    from pydantic_core import ErrorDetails
-
-    from echelon.excite.files.trajectory_schema import TrajectoryRecord
-
 _KEY = "echelon_trajectory"
 _FAMILIES = ("fourier", "splines", "sum")
 
 
 def as_record(data: Any, source: str) -> TrajectoryRecord:
     """A document, checked against its schema."""
-    from pydantic import ValidationError
-
-    from echelon.excite.files.trajectory_schema import VERSION, TrajectoryRecord
-
     if not isinstance(data, dict) or _KEY not in data:
         problem = f'is no trajectory: the document of one is an object that begins with "{_KEY}": {VERSION}'
         raise InputError(problem, source=source)

@@ -8,7 +8,7 @@ from the first to the second, and with the derivatives of the frames it is exact
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -52,7 +52,6 @@ class Clearance:
     pairs: Integers  # shape (P, 2); indices of shapes that are checked, pairs of the same owners next to each other
     clearance: float  # Least distance, m
     reach: float  # larger distances are not told apart: values stop here and slopes are zero, m
-    symbols: Mapping[str, float] | None = None  # values of geometry symbols
     notes: tuple[str, ...] = ()  # which pairs were left out because they touch at the reference pose
 
     @cached_property
@@ -148,7 +147,7 @@ class Clearance:
     @cached_property
     def kinematics(self) -> Kinematics:
         """Frames of the bodies."""
-        return Kinematics(self.mechanism, self.symbols)
+        return Kinematics(self.mechanism)
 
     @cached_property
     def engine(self) -> Engine:
@@ -184,7 +183,6 @@ def clearance_of(
     exclude: Sequence[tuple[str, str]] = (),
     *,
     reach: float | None = None,
-    symbols: Mapping[str, float] | None = None,
     reference: npt.ArrayLike | None = None,
     ignore_touching: bool = False,
 ) -> Clearance:
@@ -198,7 +196,7 @@ def clearance_of(
     if balls:
         raise InputError(f"clearances are for joints with single coordinates; '{balls[0]}' rotates freely")
     pairs = checked_pairs(mechanism, shapes, exclude)
-    found = Clearance(mechanism, tuple(shapes), pairs, float(clearance), float(farthest), symbols)
+    found = Clearance(mechanism, tuple(shapes), pairs, float(clearance), float(farthest))
     return _without_touching(found, reference) if ignore_touching else found
 
 

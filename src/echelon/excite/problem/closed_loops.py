@@ -31,15 +31,10 @@ LOST, SEEN = 0.05, 0.1
 """Openness, as a share of :attr:`LoopMotion.reference`, below which samples do not count and above which they do."""
 
 
-def state_regressor(
-    mechanism: Mechanism,
-    pivots: Sequence[int],
-    smooth: float | None = None,
-    symbols: Mapping[str, float] | None = None,
-) -> StateRegressor:
+def state_regressor(mechanism: Mechanism, pivots: Sequence[int], smooth: float | None = None) -> StateRegressor:
     """The regressor of a mechanism as a function of its independent coordinates."""
     made = LoopRegressor if mechanism.closures else StateRegressor
-    return made(mechanism, pivots, smooth, symbols)
+    return made(mechanism, pivots, smooth)
 
 
 def check_loops(mechanism: Mechanism, move: Sequence[str] | None, hold: Collection[str], source: str) -> None:
@@ -68,15 +63,9 @@ class LoopRegressor(StateRegressor):
     Its states q, q̇ and q̈ are those of the independent coordinates, each of shape (N, k).
     """
 
-    def __init__(
-        self,
-        mechanism: Mechanism,
-        pivots: Sequence[int],
-        smooth: float | None = None,
-        symbols: Mapping[str, float] | None = None,
-    ) -> None:
-        super().__init__(mechanism, pivots, smooth, symbols)
-        self.motion = LoopMotion(mechanism, symbols)
+    def __init__(self, mechanism: Mechanism, pivots: Sequence[int], smooth: float | None = None) -> None:
+        super().__init__(mechanism, pivots, smooth)
+        self.motion = LoopMotion(mechanism)
         self.motion.virtual_velocities(self.motion.pose[None])  # refuses outputs that the motion does not determine
 
     def entries(self, state: Mapping[str, Floats]) -> Floats:
@@ -88,7 +77,7 @@ class LoopRegressor(StateRegressor):
         """Derivatives by q, q̇ and q̈, each of shape (N, k), from those by the entries, of shape (N, size)."""
         closed = self.motion.positioned(state["q"])
         whole, (counted, slope) = {**state, "q": closed.q}, self._counted(closed)
-        given = {**whole, **self._symbols, ADJOINT: adjoint * counted[:, None]}
+        given = {**whole, **self._geometry, ADJOINT: adjoint * counted[:, None]}
         found = closed.counted(self._pullback(given))
         places, count = closed.q.shape[1], state["qd"].shape[1]
         by_q, by_qd, by_qdd = np.split(found, [places, places + count], axis=1)
@@ -136,15 +125,14 @@ class LoopEfforts:
         model: EffortModel,
         margin: float,
         smooth: float | None,
-        symbols: Mapping[str, float] | None = None,
     ) -> None:
-        self.constraint = effort_limits(mechanism, limits, model, margin, smooth, symbols)
+        self.constraint = effort_limits(mechanism, limits, model, margin, smooth)
         self.labels, self.units = self.constraint.labels, self.constraint.units
         self.low, self.high = self.constraint.low, self.constraint.high
         outputs = tuple(effort_output(mechanism, limit) for limit in limits)
         measured = replace(mechanism, measured=outputs, reading=None)
         self.bounded_nodes = _bounded_nodes(measured, self.constraint.recorded.program)
-        self.chosen_speeds = ClosedMotion(measured, symbols).chosen_speeds
+        self.chosen_speeds = ClosedMotion(measured).chosen_speeds
 
     def values(self, motion: LoopMotion, closed: Closed) -> Floats:
         """The efforts, shape (N, m)."""

@@ -140,16 +140,15 @@ def effort_limits(
     model: EffortModel,
     margin: float,
     smooth: float | None,
-    symbols: Mapping[str, float] | None = None,
 ) -> StateLimits | UncertainEfforts:
     """Limits of efforts as constraints of the state."""
     check_model(mechanism, model)
     measured = replace(mechanism, measured=tuple(effort_output(mechanism, limit) for limit in limits), reading=None)
     bounds = EffortBounds.of(limits, model, margin)
     if not model.certain:
-        return UncertainEfforts(measured, model, bounds, smooth, symbols)
+        return UncertainEfforts(measured, model, bounds, smooth)
     function = robot_function("inverse_dynamics", measured, model.places(mechanism))
-    uniform = {"parameters": model.values, **geometry_values(mechanism, function.arguments, symbols)}
+    uniform = {"parameters": model.values, **geometry_values(mechanism, function.arguments)}
     return StateLimits(function, uniform, bounds.labels, bounds.units, bounds.low, bounds.high, smooth)
 
 
@@ -171,18 +170,11 @@ def effort_output(mechanism: Mechanism, limit: EffortLimit) -> Output:
 class UncertainEfforts:
     """Two functions for each effort; a :class:`echelon.excite.problem.state_limits.StateConstraint`."""
 
-    def __init__(
-        self,
-        mechanism: Mechanism,
-        model: EffortModel,
-        bounds: EffortBounds,
-        smooth: float | None,
-        symbols: Mapping[str, float] | None,
-    ) -> None:
+    def __init__(self, mechanism: Mechanism, model: EffortModel, bounds: EffortBounds, smooth: float | None) -> None:
         self.labels, self.units, self.low, self.high = bounds.labels, bounds.units, bounds.low, bounds.high
-        self._regressor = StateRegressor(mechanism, model.places(mechanism), smooth, symbols)
+        self._regressor = StateRegressor(mechanism, model.places(mechanism), smooth)
         self._rows = [(row.entries, model.part(row.columns)) for row in self._regressor.rows]
-        self._uniform = geometry_values(mechanism, self._regressor.recorded.arguments, symbols)
+        self._uniform = geometry_values(mechanism, self._regressor.recorded.arguments)
 
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """The functions at states of shape (N, n), shape (N, 2m)."""

@@ -42,20 +42,14 @@ class Rows:
 class StateRegressor:
     """The entries of a reduced regressor at states, and their pullback, in machine code."""
 
-    def __init__(
-        self,
-        mechanism: Mechanism,
-        pivots: Sequence[int],
-        smooth: float | None = None,
-        symbols: Mapping[str, float] | None = None,
-    ) -> None:
+    def __init__(self, mechanism: Mechanism, pivots: Sequence[int], smooth: float | None = None) -> None:
         function = _ordered(robot_function("regressor", mechanism, pivots))
         if any(argument.name == "inputs" for argument in function.arguments):
             labels = next(a.labels for a in function.arguments if a.name == "inputs")
             raise InputError(f"effects need the measured inputs of {', '.join(labels)}, which no trajectory fixes")
         self.recorded = function  # without smoothing
         self.function = function if smooth is None else smooth_function(function, smooth)
-        self._symbols = geometry_values(mechanism, self.function.arguments, symbols)
+        self._geometry = geometry_values(mechanism, self.function.arguments)
         self._entries = Kernel(self.function, sparse=True)
         self._pullback = Kernel(pullback(self.function))
 
@@ -73,11 +67,11 @@ class StateRegressor:
 
     def entries(self, state: Mapping[str, Floats]) -> Floats:
         """Values of all entries, shape (N, size)."""
-        return self._entries({**state, **self._symbols})
+        return self._entries({**state, **self._geometry})
 
     def pulled(self, state: Mapping[str, Floats], adjoint: Floats) -> tuple[Floats, Floats, Floats]:
         """Derivatives by q, q̇ and q̈, each of its shape, from those by the entries, of shape (N, size)."""
-        found = self._pullback({**state, **self._symbols, ADJOINT: adjoint})
+        found = self._pullback({**state, **self._geometry, ADJOINT: adjoint})
         sizes = [len(argument) for argument in self.function.arguments if argument.name in STATE]
         by_q, by_qd, by_qdd = np.split(found, np.cumsum(sizes)[:-1], axis=1)
         return by_q, by_qd, by_qdd

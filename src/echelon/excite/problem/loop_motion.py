@@ -44,7 +44,7 @@ Index = tuple[int, ...]
 class ClosureBounds:
     """Closure equations of a mechanism, those that count, in units of lengths and speeds."""
 
-    def __init__(self, mechanism: Mechanism, symbols: Mapping[str, float] | None = None) -> None:
+    def __init__(self, mechanism: Mechanism) -> None:
         program = Program()
         motion = DependentMotion(mechanism, program)
         place = {row: k for k, row in enumerate(motion.row_units)}
@@ -56,8 +56,8 @@ class ClosureBounds:
         self._qd = Argument("qd", nodes, mechanism.velocities, ("SI",) * len(nodes))
         self.units = np.array([float(unit) for unit in motion.units.values()])
         self._row_units = np.array([float(unit) for unit in motion.row_units.values()])
-        self._jacobian = _Code("closure_jacobian", jacobian, (), mechanism, program, symbols)
-        self._bias = _Code("closure_bias", bias, (self._qd,), mechanism, program, symbols)
+        self._jacobian = _Code("closure_jacobian", jacobian, (), mechanism, program)
+        self._bias = _Code("closure_bias", bias, (self._qd,), mechanism, program)
 
     def jacobian(self, q: Floats) -> Floats:
         """The Jacobian by velocity coordinates, shape (N, equations, velocities)."""
@@ -88,14 +88,13 @@ class _Code:
         more: tuple[Argument, ...],
         mechanism: Mechanism,
         program: Program,
-        symbols: Mapping[str, float] | None,
     ) -> None:
         nodes = {index: value.node for index, value in values.items() if not value.is_zero}
         arguments = (*Arguments(mechanism, program, {}).of(["q", "symbols"], nodes.values()), *more)
         rank = max((len(index) for index in nodes), default=1)
         axes = tuple(tuple(map(str, range(1 + max(i[k] for i in nodes)))) if nodes else () for k in range(rank))
         self.places = np.array(list(nodes), dtype=np.intp).reshape(-1, rank).T
-        self.geometry = geometry_values(mechanism, arguments, symbols)
+        self.geometry = geometry_values(mechanism, arguments)
         self._function = Function(name, program, arguments, nodes, axes)
         self.kernel = Kernel(self._function, sparse=True)
 
@@ -149,10 +148,10 @@ class LoopPositions(CompiledAssembly):
 
     functions: ClassVar[tuple[Builder, ...]] = (*CompiledAssembly.functions, openness)
 
-    def __init__(self, mechanism: Mechanism, symbols: Mapping[str, float] | None = None) -> None:
+    def __init__(self, mechanism: Mechanism) -> None:
         mechanism = replace(mechanism, reading=None)  # how a file was read is of no use to another process
-        super().__init__(mechanism, symbols)
-        self.bounds = ClosureBounds(mechanism, symbols)
+        super().__init__(mechanism)
+        self.bounds = ClosureBounds(mechanism)
         self._last: dict[int, tuple[Floats, Closed]] = {}
 
     def __getstate__(self) -> dict[str, object]:
@@ -302,7 +301,7 @@ class LoopMotion(LoopPositions):
         """Machine code of the pullbacks, with the geometry that it takes."""
         builders = (closed_velocities, closed_accelerations, openness, _position_rates)
         made = {function.name: pullback(function) for function in (build(self.mechanism, ()) for build in builders)}
-        return {n: (Kernel(f), geometry_values(self.mechanism, f.arguments, self.symbols)) for n, f in made.items()}
+        return {n: (Kernel(f), geometry_values(self.mechanism, f.arguments)) for n, f in made.items()}
 
 
 def _position_rates(mechanism: Mechanism, _pivots: object) -> Function:

@@ -224,9 +224,7 @@ class PointLimit:
     high: float  # m; infinite for none
 
 
-def point_limits(
-    mechanism: Mechanism, limits: Sequence[PointLimit], symbols: Mapping[str, float] | None = None
-) -> StateLimits:
+def point_limits(mechanism: Mechanism, limits: Sequence[PointLimit]) -> StateLimits:
     """Limits of points as constraints of the state."""
     program = Program()
     frames = body_frames(Recorder(mechanism, program))
@@ -243,7 +241,7 @@ def point_limits(
             entries[(row,)] = value.node
     arguments = Arguments(mechanism, program, {}).of(("q", "symbols"), entries.values())
     function = Function("points", program, arguments, entries, (_axis(limits),))
-    uniform = geometry_values(mechanism, arguments, symbols)
+    uniform = geometry_values(mechanism, arguments)
     low, high = np.array([limit.low for limit in limits]), np.array([limit.high for limit in limits])
     return StateLimits(function, uniform, _axis(limits), ("m",) * len(limits), low, high)
 

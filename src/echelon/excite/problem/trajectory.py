@@ -53,56 +53,62 @@ class Basis(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class Recombined(Basis):
-    """Combinations of the functions of another basis."""
+class Combined(Basis):
+    """Combinations of the functions of some bases of one duration: all of them side by side without a matrix."""
 
-    inner: Basis
-    matrix: Floats  # shape (inner.size, size); columns are the new functions in terms of the inner ones
+    parts: tuple[Basis, ...]
+    matrix: Floats | None = None  # shape (functions, size); columns are the new functions in terms of the parts'
 
     @property
     def duration(self) -> float:  # type: ignore[override]
-        """That of the inner basis."""
-        return self.inner.duration
+        """That of the parts."""
+        return self.parts[0].duration
 
     @property
     def size(self) -> int:
         """Number of functions."""
-        return int(self.matrix.shape[1])
+        return sum(part.size for part in self.parts) if self.matrix is None else int(self.matrix.shape[1])
 
     @property
     def frequency(self) -> float:
-        """That of the inner basis."""
-        return self.inner.frequency
+        """The highest of the parts, Hz."""
+        return max(part.frequency for part in self.parts)
 
     @property
     def periodic(self) -> bool:
-        """That of the inner basis."""
-        return self.inner.periodic
+        """If all parts are."""
+        return all(part.periodic for part in self.parts)
 
     def values(self, t: Floats, order: int = 0) -> Floats:
-        """Derivatives of all functions."""
-        found: Floats = self.inner.values(t, order) @ self.matrix
-        return found
+        """Derivatives of all functions, shape (N, size)."""
+        found: Floats = np.hstack([part.values(t, order) for part in self.parts])
+        return found if self.matrix is None else found @ self.matrix
 
     def motion(self, t: Floats, coefficients: Floats, order: int = 0) -> Floats:
-        """Derivatives of combinations."""
-        return self.inner.motion(t, self.matrix @ coefficients, order)
+        """Derivatives of combinations, shape (N, n)."""
+        return sum((part.motion(t, own, order) for part, own in self.split(coefficients)), np.zeros(()))
 
     def bounds(self, coefficients: Floats, order: int) -> Floats:
-        """Bounds of a derivative."""
-        return self.inner.bounds(self.matrix @ coefficients, order)
+        """Sum of the bounds of the parts, shape (n,)."""
+        return sum((part.bounds(own, order) for part, own in self.split(coefficients)), np.zeros(()))
+
+    def split(self, coefficients: Floats) -> list[tuple[Basis, Floats]]:
+        """The parts with their own coefficients."""
+        whole = coefficients if self.matrix is None else self.matrix @ coefficients
+        cuts = np.cumsum([part.size for part in self.parts])[:-1]
+        return list(zip(self.parts, np.split(whole, cuts), strict=True))
 
 
-def resting_ends(basis: Basis) -> Recombined:
+def resting_ends(basis: Basis) -> Combined:
     """The combinations that begin and end at rest: no velocity, no acceleration, so that a robot can start from them.
 
     Functions are scaled to a velocity of 1 at most on average, so that coefficients of slow and fast ones compare.
     """
     ends = np.array([0.0, basis.duration])
     conditions = np.vstack([basis.values(ends, 1), basis.values(ends, 2)])
-    free = Recombined(basis, _solutions(conditions))
+    free = Combined((basis,), _solutions(conditions))
     speeds = np.sqrt(np.mean(free.values(np.linspace(0, basis.duration, 8 * basis.size), 1) ** 2, axis=0))
-    return Recombined(basis, free.matrix / np.where(speeds > 1e-9 * speeds.max(initial=1.0), speeds, 1.0))
+    return Combined((basis,), free.matrix / np.where(speeds > 1e-9 * speeds.max(initial=1.0), speeds, 1.0))
 
 
 def _solutions(conditions: Floats) -> Floats:
@@ -239,45 +245,6 @@ class Splines(Basis):
 def uniform_splines(duration: float, pieces: int) -> Splines:
     """B-splines of pieces of one length."""
     return Splines(tuple(np.linspace(0.0, duration, pieces + 1).tolist()))
-
-
-@dataclass(frozen=True)
-class Sum(Basis):
-    """All functions of several bases of one duration."""
-
-    parts: tuple[Basis, ...]
-
-    @property
-    def duration(self) -> float:  # type: ignore[override]
-        """That of the parts."""
-        return self.parts[0].duration
-
-    @property
-    def size(self) -> int:
-        """Of all parts."""
-        return sum(part.size for part in self.parts)
-
-    @property
-    def frequency(self) -> float:
-        """The highest of the parts, Hz."""
-        return max(part.frequency for part in self.parts)
-
-    @property
-    def periodic(self) -> bool:
-        """If all parts are."""
-        return all(part.periodic for part in self.parts)
-
-    def values(self, t: Floats, order: int = 0) -> Floats:
-        """Derivatives of all functions, shape (N, size)."""
-        return np.hstack([part.values(t, order) for part in self.parts])
-
-    def bounds(self, coefficients: Floats, order: int) -> Floats:
-        """Sum of the bounds of the parts, shape (n,)."""
-        cuts = np.cumsum([part.size for part in self.parts])[:-1]
-        total = np.zeros(coefficients.shape[1])
-        for part, some in zip(self.parts, np.split(coefficients, cuts), strict=True):
-            total += part.bounds(some, order)
-        return total
 
 
 DURATIONS = (1e-6, 1e6)

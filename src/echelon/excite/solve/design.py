@@ -18,7 +18,7 @@ from echelon.excite.problem.motion_limits import ResolvedLimits
 from echelon.excite.problem.optimisation import LoopProblem, Problem
 from echelon.excite.problem.state_limits import StateConstraint
 from echelon.excite.problem.task import Task, names_of
-from echelon.excite.problem.trajectory import Basis, Fourier, Sum, Trajectory, resting_ends, uniform_splines
+from echelon.excite.problem.trajectory import Basis, Combined, Fourier, Trajectory, resting_ends, uniform_splines
 from echelon.formats.schema_excite import ExcitationEntry
 from echelon.hints import nearest_of
 
@@ -224,4 +224,4 @@ def family(entry: ExcitationEntry, count: int) -> Basis:
     duration = DURATION if entry.duration is None else entry.duration
     harmonics = min(max(_FUNCTIONS // count, _FEWEST), _MOST) if entry.harmonics is None else entry.harmonics
     series, splines = Fourier(duration, harmonics), uniform_splines(duration, entry.pieces)
-    return {"fourier": series, "bspline": splines, "sum": Sum((series, splines))}[entry.family]
+    return {"fourier": series, "bspline": splines, "sum": Combined((series, splines))}[entry.family]

@@ -1,6 +1,6 @@
 """Several starts of the solver, each in a process of its own.
 
-Processes are started as ``python -m echelon.excite.solve.starts`` with a pickled problem on their input: unlike those of
+Processes are started as ``python -m`` this module with a pickled problem on their input: unlike those of
 multiprocessing they never import the caller's script a second time.
 """
 

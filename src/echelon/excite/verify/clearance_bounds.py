@@ -11,7 +11,7 @@ bounds are rigorous.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -33,13 +33,13 @@ from echelon.mechanism.values import placement_matrix, symbol_values
 class MotionBounds:
     """MotionBounds of a mechanism's joints."""
 
-    def __init__(self, mechanism: Mechanism, positions: Floats, symbols: Mapping[str, float] | None = None) -> None:
+    def __init__(self, mechanism: Mechanism, positions: Floats) -> None:
         self.mechanism = mechanism
         self._column = {name: k for k, name in enumerate(mechanism.velocities)}
         used = {s for body in mechanism.bodies for s in body.joint.symbols()}
         functions = [function for coupling in mechanism.couplings for _, function in coupling.terms]
         used |= {s for function in functions for value in function.expressions for s in value.symbols()}
-        self._symbols = symbol_values(mechanism, sorted(used), symbols)
+        self._symbols = symbol_values(mechanism, sorted(used))
         self._weights = {m.name: self._weighted(m.name, positions) for m in mechanism.motions}
         self._most = {name: float(weights @ positions) for name, weights in self._weights.items()}
 
@@ -159,7 +159,7 @@ class _Search:
     def __init__(self, clearance: Clearance, trajectory: Travel, tolerance: float) -> None:
         self.clearance, self.trajectory, self.tolerance = clearance, trajectory, tolerance
         self.most = [trajectory.bounds(order) for order in range(3)]
-        levers = MotionBounds(clearance.mechanism, self.most[0], clearance.symbols)
+        levers = MotionBounds(clearance.mechanism, self.most[0])
         shapes, pairs = clearance.shapes, clearance.pairs.tolist()
         n = len(clearance.mechanism.velocities)
         self.levers = np.array([levers.between(shapes[i], shapes[j]) for i, j in pairs]).reshape(-1, n)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import isfinite
 from typing import Any
 
-from echelon.excite.verify.margins import Margin
 from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.excite.verify.margins import Margin
 from echelon.logs.finding import Severity
 from echelon.report.digits import significant
 

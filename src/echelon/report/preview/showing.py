@@ -62,7 +62,9 @@ def _rows(found: ExcitingTrajectory) -> list[Row]:
         values = [None] * base.rank
     return [
         Row(form, unit, std, value, None if value is None else 100 * std / abs(value) if value else inf)
-        for form, unit, std, value in zip(ClosedForms(base).all(), base.units, found.conditioning.std, values, strict=True)
+        for form, unit, std, value in zip(
+            ClosedForms(base).all(), base.units, found.conditioning.std, values, strict=True
+        )
     ]
 
 
