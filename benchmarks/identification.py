@@ -26,7 +26,7 @@ from echelon.identification.identify import identify
 from echelon.identification.rows.batches import stacked
 from echelon.identification.settings import Setup
 from echelon.identification.setup import load_setup
-from echelon.logs.preparation import Preparation
+from echelon.logs.preparation.settings import Preparation
 
 ROOT = Path(__file__).parent.parent
 RATE, JOINTS = 1000.0, 7

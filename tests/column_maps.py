@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.formats.load import load
-from echelon.logs.column_map import Channel
+from echelon.logs.columns.column_map import Channel
 
 Floats = npt.NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from echelon.identification.physics.result import Feasibility, PhysicalFit
 from echelon.identification.result import Identification
 from echelon.identification.validation.validation import Score, Trace, Validation
 from echelon.logs.finding import Finding, Severity
-from echelon.logs.preparation import Preparation
+from echelon.logs.preparation.settings import Preparation
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 

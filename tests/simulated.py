@@ -16,7 +16,7 @@ import echelon as ec
 from echelon.base.model import BaseModel
 from echelon.identification.settings import Setup
 from echelon.identification.setup import load_setup
-from echelon.logs.samples import Samples
+from echelon.logs.recording import Samples
 from echelon.mechanism.mechanism import Mechanism
 from simulated_logs import write_log
 from simulated_models import FREE, Drive, Floats, Part, described, mjcf, solids, urdf

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 import echelon as ec
 from echelon.identification.settings import Settings, Setup
-from echelon.logs.column_map import Channel, ColumnMap
-from echelon.logs.preparation import Preparation
+from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.preparation.settings import Preparation
 
 ROOT = Path(__file__).parent.parent
 RATE = 200.0

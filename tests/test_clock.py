@@ -13,10 +13,9 @@ from scipy.spatial.transform import Rotation
 
 import echelon as ec
 from echelon.logs.finding import Finding
+from echelon.logs.preparation.segments import FEWEST, segments
 from echelon.logs.recording import Recording
-from echelon.logs.segments import FEWEST, segments
-from echelon.signals.clock import regularity, round_rate, stretches
-from echelon.signals.resample import grid, interpolated, low_passed
+from echelon.signals.clock import grid, interpolated, low_passed, regularity, round_rate, stretches
 
 Floats = npt.NDArray[np.float64]
 

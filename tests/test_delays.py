@@ -10,8 +10,8 @@ import pytest
 
 import echelon as ec
 from echelon.identification.delays import with_delays
-from echelon.logs.choices import chosen
-from echelon.logs.preparation import Preparation
+from echelon.logs.preparation.choices import chosen
+from echelon.logs.preparation.settings import Preparation
 from echelon.logs.recording import Segment
 
 ROOT = Path(__file__).parent.parent

@@ -9,9 +9,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from echelon.errors import InputError
-from echelon.signals.filters import NEAR, butterworth, chebyshev, lowpass
-from echelon.signals.finite import finite
-from echelon.signals.reduction import Stages, reduction
+from echelon.signals.filters import NEAR, Stages, butterworth, chebyshev, finite, lowpass, reduction
 
 RATE = 1000.0
 INF = float("inf")

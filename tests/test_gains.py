@@ -17,8 +17,8 @@ from echelon.identification.gains.gains import drive_gains, gain_names
 from echelon.identification.gains.payload import JoinedRows, Payload, loaded_rows, with_zeros
 from echelon.identification.rows.model_rows import ModelRows
 from echelon.identification.settings import Setup
-from echelon.logs.column_map import Channel, ColumnMap
-from echelon.logs.samples import Samples
+from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.recording import Samples
 from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.joint import translation
 from rows import ArrayRows

@@ -16,7 +16,7 @@ from echelon.excite.files.coefficients import trajectory_to_json
 from echelon.excite.files.read_trajectory import read_trajectory
 from echelon.identification.excitation.excitation import without_rounding
 from echelon.identification.predict import Prediction
-from echelon.logs.files.messages import nanoseconds
+from echelon.logs.files.message_columns import nanoseconds
 from echelon.regressor.loops import poses
 from echelon.results.identified import load_identified
 from echelon.results.preparation_record import ColumnMapRecord, PreparationRecord

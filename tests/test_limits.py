@@ -26,7 +26,7 @@ from echelon.inputs.json_text import parse_json
 from echelon.inputs.limits import COLUMNS, DEPTH, LIMITS, Limit, limits_table
 from echelon.inputs.xml_text import parse_xml
 from echelon.inputs.yaml_text import parse_yaml
-from echelon.logs.files.open import open_log, read_table
+from echelon.logs.files.open_log import open_log, read_table
 from fuzz.child import run_alone
 
 SECONDS = 10

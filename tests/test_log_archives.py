@@ -12,10 +12,9 @@ import scipy.io
 from scipy.sparse import issparse
 
 from echelon.errors import InputError
-from echelon.logs.files.mat import MatFile
-from echelon.logs.files.mat_elements import Group, Unread, Value, variables
-from echelon.logs.files.npz import NpzFile
-from echelon.logs.files.open import open_log
+from echelon.logs.files.mat_file import Group, MatFile, Unread, Value, variables
+from echelon.logs.files.numpy_file import NpzFile
+from echelon.logs.files.open_log import open_log
 from log_tables import joined, same, text
 
 RANDOM = np.random.default_rng(5)

@@ -17,9 +17,9 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from echelon.errors import InputError, MissingExtraError
-from echelon.logs.files.bag import BagFile
-from echelon.logs.files.open import log_paths, open_log, read_table
-from echelon.logs.table import Table
+from echelon.logs.files.bag_file import BagFile
+from echelon.logs.files.log_file import Table
+from echelon.logs.files.open_log import log_paths, open_log, read_table
 
 START = 1_700_000_000_123_456_789
 STORE = get_typestore(Stores.ROS2_HUMBLE)

@@ -10,9 +10,9 @@ import pytest
 import echelon as ec
 from column_maps import PENDULUM, channels, random_columns
 from echelon.formats.load import load
-from echelon.logs.channels import needed_columns, recording
-from echelon.logs.column_map import Channel, ColumnMap
-from echelon.logs.table import Table
+from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.columns.conversion import needed_columns, recording
+from echelon.logs.files.log_file import Table
 
 GRIPPER = load("examples/gripper_coupled.yaml")
 TREE = load("examples/floating_tree.yaml")

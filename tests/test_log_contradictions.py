@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from echelon.logs.faults import examine
+from echelon.logs.faults.examine import examine
 from echelon.logs.recording import Recording
 from faulty_logs import ARM, COUNT, RATE, changed, clean, one
 

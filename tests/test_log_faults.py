@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 
 import echelon as ec
 from echelon.formats.load import load
-from echelon.logs.faults import examine
+from echelon.logs.faults.examine import examine
+from echelon.logs.faults.plausibility import check_plausible
+from echelon.logs.faults.standstill import runs
 from echelon.logs.finding import Severity
-from echelon.logs.plausibility import check_plausible
+from echelon.logs.preparation.segments import segments
 from echelon.logs.recording import Recording
-from echelon.logs.segments import segments
-from echelon.logs.standstill import runs
 from faulty_logs import ARM, COUNT, RATE, changed, clean, one
 
 TREE = load("examples/floating_tree.yaml")

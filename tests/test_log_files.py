@@ -21,8 +21,8 @@ import pytest
 import scipy.io
 
 from echelon.errors import InputError, MissingExtraError
-from echelon.logs.files.open import log_paths, open_log, read_table
-from echelon.logs.files.parquet import ParquetFile
+from echelon.logs.files.open_log import log_paths, open_log, read_table
+from echelon.logs.files.parquet_file import ParquetFile
 from log_tables import joined, same, text
 
 ROOT = Path(__file__).parent.parent

@@ -11,9 +11,9 @@ import pytest
 import echelon as ec
 from column_maps import MOTORS, TX40, Floats, N, channels, random_columns
 from echelon.formats.load import load
-from echelon.logs.channels import recording
-from echelon.logs.column_map import Channel, ColumnMap
-from echelon.logs.table import Table
+from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.columns.conversion import recording
+from echelon.logs.files.log_file import Table
 
 COUPLED = load("examples/coupled_arm.yaml")
 

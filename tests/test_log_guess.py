@@ -6,10 +6,10 @@ import pytest
 
 import echelon as ec
 from column_maps import MOTORS, PENDULUM, TX40, random_columns
-from echelon.logs.channels import recording
-from echelon.logs.column_map import Channel
-from echelon.logs.guess import columns_text, guess_columns
-from echelon.logs.table import Table
+from echelon.logs.columns.column_guess import columns_text, guess_columns
+from echelon.logs.columns.column_map import Channel
+from echelon.logs.columns.conversion import recording
+from echelon.logs.files.log_file import Table
 
 SPELLINGS = [
     "t q1 q2 tau1 tau2",

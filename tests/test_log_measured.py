@@ -15,12 +15,12 @@ import pytest
 import echelon as ec
 from column_maps import PENDULUM, TX40, Floats, N
 from echelon.formats.load import load
-from echelon.logs.channels import recording
-from echelon.logs.faults import examine
-from echelon.logs.guess import guess_columns
-from echelon.logs.plausibility import check_plausible
-from echelon.logs.segments import segments
-from echelon.logs.table import Table
+from echelon.logs.columns.column_guess import guess_columns
+from echelon.logs.columns.conversion import recording
+from echelon.logs.faults.examine import examine
+from echelon.logs.faults.plausibility import check_plausible
+from echelon.logs.files.log_file import Table
+from echelon.logs.preparation.segments import segments
 
 DATA = Path(os.environ.get("ECHELON_DATA", Path(__file__).parent.parent.parent / "shared" / "data"))
 

@@ -10,8 +10,8 @@ import pytest
 
 import echelon as ec
 from echelon.formats.load import load
-from echelon.logs.column_map import Channel, ColumnMap
-from echelon.logs.plausibility import check_plausible, surplus_columns
+from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.faults.plausibility import check_plausible, surplus_columns
 from echelon.logs.recording import Recording
 from faulty_logs import ARM, RATE, changed, clean
 

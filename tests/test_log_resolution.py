@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from echelon.logs.faults import examine
+from echelon.logs.faults.examine import examine
+from echelon.logs.faults.standstill import resolution
 from echelon.logs.finding import Severity
 from echelon.logs.recording import Recording
-from echelon.logs.standstill import resolution
 from faulty_logs import ARM, COUNT, RATE, changed, clean, one
 
 

@@ -12,8 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from echelon.errors import InputError
-from echelon.logs.files.csv import CsvFile
-from echelon.logs.files.open import read_table
+from echelon.logs.files.csv_file import CsvFile
+from echelon.logs.files.open_log import read_table
 from log_tables import joined, same, text
 
 

@@ -7,9 +7,9 @@ import pytest
 
 import echelon as ec
 from column_maps import PENDULUM, channels
-from echelon.logs.channels import recording
-from echelon.logs.column_map import Channel, ColumnMap
-from echelon.logs.table import Table
+from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.columns.conversion import recording
+from echelon.logs.files.log_file import Table
 
 
 def bag(shift: float = 0.0) -> Table:

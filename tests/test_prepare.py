@@ -12,12 +12,10 @@ from scipy.spatial.transform import Rotation
 
 import echelon as ec
 from echelon.errors import InputError
-from echelon.logs.choices import at_rate, chosen
-from echelon.logs.preparation import Preparation
-from echelon.logs.prepare import prepare
+from echelon.logs.preparation.choices import chosen
+from echelon.logs.preparation.prepare import PreparationPlan, prepare, rubs, speed_rows
+from echelon.logs.preparation.settings import Preparation, at_rate
 from echelon.logs.recording import Segment
-from echelon.logs.settled import Settled
-from echelon.logs.speeds import rubs, speed_rows
 
 ROOT = Path(__file__).parent.parent
 DATA = Path(os.environ.get("ECHELON_DATA", ROOT.parent / "shared" / "data"))
@@ -142,7 +140,7 @@ def test_trim_and_too_little_data(pendulum: ec.Mechanism) -> None:
     plain, trimmed = (prepare(segment, replace(FIXED, trim=trim), pendulum) for trim in (0.0, 1.5))
     assert trimmed.start == pytest.approx(plain.start + 1.5)
     assert len(plain) - len(trimmed) == 2 * 750
-    needed = Settled(FIXED, pendulum, RATE).needed
+    needed = PreparationPlan(FIXED, pendulum, RATE).needed
     short = Segment("run.csv", 0.0, RATE, {"q": q[: needed - 1]})
     with pytest.raises(InputError, match=rf"run\.csv: .* has {needed - 1} samples.* need {needed} "):
         prepare(short, FIXED, pendulum)

@@ -21,7 +21,7 @@ from echelon.identification.rows.plan import Plan
 from echelon.identification.settings import Setup
 from echelon.identification.setup import load_setup
 from echelon.identification.validation.validation import Validation, validate
-from echelon.logs.preparation import Preparation
+from echelon.logs.preparation.settings import Preparation
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples"

@@ -10,7 +10,7 @@ import pytest
 import echelon as ec
 from echelon.identification.settings import Setup
 from echelon.identification.setup import load_setup
-from echelon.logs.column_map import Channel
+from echelon.logs.columns.column_map import Channel
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted([*(ROOT / "examples" / "logs").glob("*.yaml"), ROOT / "examples" / "tx40.yaml"])

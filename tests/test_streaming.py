@@ -26,7 +26,7 @@ from echelon.identification.rows.ahead import ahead
 from echelon.identification.rows.batches import BATCHES, Batcher, grouped, total
 from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.taking import take
-from echelon.logs.preparation import Preparation
+from echelon.logs.preparation.settings import Preparation
 from echelon.observe.slim import slim_qr
 from swinging import PREPARATION, pendulum, write_log, write_logs
 

@@ -26,8 +26,8 @@ from echelon.identification.estimators.least_squares import ols
 from echelon.identification.estimators.weighted import irls, wls
 from echelon.identification.identify import identify
 from echelon.identification.rows.model_rows import ModelRows
-from echelon.logs.preparation import Preparation
-from echelon.logs.prepare import prepare
+from echelon.logs.preparation.prepare import prepare
+from echelon.logs.preparation.settings import Preparation
 from echelon.logs.recording import Segment
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation

@@ -20,7 +20,7 @@ from echelon.identification.validation.correlation import LAGS, Correlations, Co
 from echelon.identification.validation.traces import TraceKeeper, thinned
 from echelon.identification.validation.validation import Score, Trace, Validation, validate
 from echelon.identification.validation.verdict import Grade, grade, overall_verdict, verdict
-from echelon.logs.samples import Samples
+from echelon.logs.recording import Samples
 from rows import ArrayRows
 
 

@@ -17,13 +17,12 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.identification.rows.model_rows import ModelRows, rows_taken
-from echelon.logs.preparation import Preparation
-from echelon.logs.prepare import prepare
-from echelon.logs.recording import Segment
-from echelon.logs.samples import Samples
+from echelon.logs.preparation.prepare import prepare
+from echelon.logs.preparation.settings import Preparation
+from echelon.logs.recording import Samples, Segment
 from echelon.observe.slim import slim_qr
 from echelon.observe.triangle import column_norms
-from echelon.signals.delays import shift_reach, shifted
+from echelon.signals.clock import shift_reach, shifted
 
 _LONGEST = 0.02
 """Longest delay that is looked for, s: beyond it the log is at fault."""

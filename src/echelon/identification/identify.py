@@ -40,7 +40,7 @@ from echelon.identification.setup import stated_bounds
 from echelon.identification.survey import Survey, survey
 from echelon.identification.validation.validation import Validation
 from echelon.identification.validation.verdict import overall_verdict
-from echelon.logs.files.open import log_paths
+from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import Finding, Severity
 from echelon.machine.threads import one_thread
 from echelon.observe.observation import Observation

@@ -12,7 +12,7 @@ from echelon.identification.excitation.excitation import Excitation
 from echelon.identification.physics.result import Feasibility, PhysicalFit
 from echelon.identification.validation.validation import Validation
 from echelon.logs.finding import Finding
-from echelon.logs.preparation import Preparation
+from echelon.logs.preparation.settings import Preparation
 
 if TYPE_CHECKING:
     from echelon.base.model import BaseModel

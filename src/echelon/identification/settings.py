@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-from echelon.logs.column_map import ColumnMap
-from echelon.logs.preparation import Preparation
+from echelon.logs.columns.column_map import ColumnMap
+from echelon.logs.preparation.settings import Preparation
 from echelon.mechanism.mechanism import Mechanism
 from echelon.seeds import DEFAULT_SEED
 

@@ -15,7 +15,7 @@ from echelon.identification.physics.bounds import Bounds
 from echelon.identification.settings import Settings, Setup
 from echelon.identification.setup_columns import stated_columns
 from echelon.inputs.content import read_content
-from echelon.logs.preparation import Preparation
+from echelon.logs.preparation.settings import Preparation
 from echelon.mechanism.effect import Effect, Side, ready_made
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism

@@ -10,7 +10,7 @@ from echelon.exact.expressions import PI, parse
 from echelon.exact.polynomial import float_generators, symbol_of
 from echelon.formats.description_text import Document
 from echelon.hints import nearest, nearest_of
-from echelon.logs.column_map import Channel, ColumnMap
+from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import known_values
 

@@ -10,11 +10,11 @@ from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.delays import with_delays
 from echelon.identification.settings import Setup
-from echelon.logs.choices import chosen
-from echelon.logs.column_map import ColumnMap
+from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import Finding, Severity
-from echelon.logs.preparation import Preparation
-from echelon.logs.reading import LogPiece, read_log
+from echelon.logs.preparation.choices import chosen
+from echelon.logs.preparation.settings import Preparation
+from echelon.logs.read_log import LogPiece, read_log
 from echelon.logs.recording import Segment
 
 _LOGS = 64

@@ -1,9 +1,12 @@
-"""Findings: what is wrong with a log, or worth knowing, and where."""
+"""Findings: what is wrong with a log, or worth knowing, and where; and the wording that they share."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
+
+_SHOWN = 12
 
 
 class Severity(StrEnum):
@@ -35,3 +38,14 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.where}: {self.text}" if self.where else self.text
+
+
+def listed(names: Iterable[str]) -> str:
+    """Some names, cut short where they are many."""
+    words = list(dict.fromkeys(names))
+    return (", ".join(words[:_SHOWN]) + (f", … ({len(words)} in all)" if len(words) > _SHOWN else "")) or "none"
+
+
+def seconds(time: float) -> str:
+    """A time stamp to the microsecond, also where it counts from 1970."""
+    return f"{time:.6f}".rstrip("0").rstrip(".")

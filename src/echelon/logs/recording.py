@@ -1,56 +1,38 @@
-"""A log in the robot's terms: joint side, SI units."""
+"""A log in the robot's terms (joint side, SI units): as it was logged, as uniform segments, and as prepared samples."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from echelon.arrays import Floats
+from echelon.arrays import Flags, Floats
+
+if TYPE_CHECKING:
+    from echelon.signals.filters import Reduction
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Channels against time stamps, as they were logged.
+    """Channels against time stamps, as they were logged."""
 
-    Attributes
-    ----------
-    source : str
-        Name of the file, for messages.
-    time : array of shape (N,)
-        Time stamps, s; they may jitter and leave gaps.
-    signals : mapping of str to array of shape (N, columns)
-        ``q`` (``mechanism.positions``); where logged ``qd``, ``qdd`` (``mechanism.velocities``), ``y``
-        (``mechanism.outputs``) and ``reference`` (as ``q``).
-    inputs : mapping of str to array of shape (N,)
-        Measured inputs that effects use.
-    """
-
-    source: str
-    time: Floats
+    source: str  # name of the file, for messages
+    time: Floats  # s, shape (N,); they may jitter and leave gaps
+    # shape (N, columns); ``q`` (``mechanism.positions``); where logged ``qd``, ``qdd`` (``mechanism.velocities``),
+    # ``y`` (``mechanism.outputs``) and ``reference`` (as ``q``)
     signals: Mapping[str, Floats]
-    inputs: Mapping[str, Floats] = field(default_factory=dict)
+    inputs: Mapping[str, Floats] = field(default_factory=dict)  # shape (N,); measured inputs that effects use
 
 
 @dataclass(frozen=True)
 class Segment:
-    """An uninterrupted stretch of a recording on a uniform clock.
-
-    Attributes
-    ----------
-    source : str
-    start : float
-        Time of the first sample, s.
-    rate : float
-        Samples per second.
-    signals, inputs : mappings
-        As of :class:`Recording`; row k belongs to the time ``start + k / rate``.
-    """
+    """An uninterrupted stretch of a recording on a uniform clock."""
 
     source: str
-    start: float
-    rate: float
+    start: float  # time of the first sample, s
+    rate: float  # samples per second
     signals: Mapping[str, Floats]
     inputs: Mapping[str, Floats] = field(default_factory=dict)
 
@@ -62,3 +44,32 @@ class Segment:
         """Times of the samples, s, shape (N,)."""
         times: Floats = self.start + np.arange(len(self)) / self.rate
         return times
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A prepared segment, or a window of one."""
+
+    source: str
+    start: float  # time of the first sample, s, and samples per second
+    rate: float
+    q: Floats  # shape (N, …); states, as the regressor takes them
+    qd: Floats
+    qdd: Floats
+    y: Floats | None  # shape (N, outputs); measured outputs, not yet reduced
+    inputs: Mapping[str, Floats] = field(default_factory=dict)  # shape (N,)
+    # low-pass and decimation that the regressor's columns and y still have to pass, both alike
+    reduction: Reduction | None = None
+    # samples (before reduction) that count: what lies outside is there for filters only, or spoilt by them
+    first: int = 0
+    stop: int | None = None
+    moving: Flags | None = None  # shape (N, outputs); where rows of an output count; everywhere if None
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """The samples as a log that :meth:`echelon.BaseModel.accumulate` takes, without reduction."""
+        found: dict[str, Any] = {"q": self.q, "qd": self.qd, "qdd": self.qdd, "inputs": dict(self.inputs)}
+        return found if self.y is None else {**found, "y": self.y}

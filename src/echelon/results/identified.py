@@ -18,8 +18,8 @@ from echelon.identification.result import Identification
 from echelon.identification.rows.plan import Plan
 from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json
-from echelon.logs.column_map import ColumnMap
-from echelon.logs.preparation import Preparation
+from echelon.logs.columns.column_map import ColumnMap
+from echelon.logs.preparation.settings import Preparation
 from echelon.results.identified_document import identification_document
 from echelon.results.saved import from_json
 

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, ConfigDict, Field
 from pydantic import BaseModel as Schema
 
-from echelon.logs.column_map import Channel, ColumnMap
-from echelon.logs.preparation import Preparation
+from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.preparation.settings import Preparation
 
 Positive = Annotated[float, Field(gt=0)]
 CutOff = Annotated[Positive | Literal["inf"] | None, AfterValidator(lambda c: c if c is None else float(c))]

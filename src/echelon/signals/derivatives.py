@@ -2,7 +2,12 @@
 
 Three ways, because logs differ.  Central differences after a zero-phase low-pass are the field's custom and good when
 the rate is far above the band.  Savitzky–Golay fits a polynomial to every window, which smooths and differentiates at
-once.  A periodic motion is a Fourier series: its derivatives are exact, and all periods vote.
+once.  A periodic motion is a Fourier series: its derivatives are exact, and all periods count.
+
+Orientations are unit quaternions.  A quaternion and its negative are the same orientation, and logs jump between them:
+the sign is made continuous first.  Then the four entries are filtered and differentiated like any signals.  What the
+filter does to their length is undone by dividing by it; for motions far below the cut-off this is the smoothing on the
+manifold itself, since the two differ by a term of third order in the angle turned within the filter's memory.
 """
 
 from __future__ import annotations
@@ -25,33 +30,14 @@ CENTRAL_REACH = 2
 
 _BLOCK = 1 << 14
 
+_FAR_FROM_UNIT = 0.1
+"""Largest deviation of a quaternion's length from 1 that rounding of a log can explain."""
+
 
 def central(values: Floats, rate: float) -> Motion:
-    """Derivatives by central differences, and one-sided ones of second order at the ends.
+    """Values (N, …) and two derivatives by central differences, with one-sided ones of second order at the ends.
 
     The second derivative is the first one differentiated again, so that both are attenuated alike.
-
-    Parameters
-    ----------
-    values : array of shape (N, …)
-    rate : float
-        Samples per second.
-
-    Returns
-    -------
-    x, xd, xdd : arrays of shape (N, …)
-
-    Raises
-    ------
-    InputError
-        If there are fewer than three samples.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> x, xd, xdd = central(np.arange(6) ** 2.0, rate=1)
-    >>> xd.tolist(), xdd.tolist()
-    ([0.0, 2.0, 4.0, 6.0, 8.0, 10.0], [2.0, 2.0, 2.0, 2.0, 2.0, 2.0])
     """
     values = np.asarray(values, dtype=np.float64)
     if len(values) < 3:
@@ -61,32 +47,10 @@ def central(values: Floats, rate: float) -> Motion:
 
 
 def savitzky_golay_window(cutoff: float, rate: float, degree: int = DEGREE) -> int:
-    """Samples of the window of a Savitzky–Golay filter that takes 3 dB at a frequency.
+    """Samples, an odd number, of the window of a Savitzky–Golay filter that takes 3 dB at the cut-off, Hz.
 
-    Schafer's formula (IEEE Signal Processing Magazine 28(4), 2011): with n the degree and 2M + 1 samples,
+    Schafer's formula (IEEE Signal Processing Magazine 28(4), 2011) for even degrees n and 2M + 1 samples:
     cut-off = (n + 1) / (3.2 M − 4.6) of half the rate, right to a tenth.
-
-    Parameters
-    ----------
-    cutoff, rate : float
-        Hz, and samples per second.
-    degree : int
-        Of the polynomials; the formula is for even ones.
-
-    Returns
-    -------
-    int
-        Odd, and large enough for the degree.
-
-    Raises
-    ------
-    InputError
-        If the cut-off is not between zero and half the rate.
-
-    Examples
-    --------
-    >>> savitzky_golay_window(cutoff=20, rate=1000)
-    81
     """
     check_cutoff(cutoff, rate)
     half = round(((degree + 1) * rate / (2 * cutoff) + 4.6) / 3.2)
@@ -94,27 +58,7 @@ def savitzky_golay_window(cutoff: float, rate: float, degree: int = DEGREE) -> i
 
 
 def savitzky_golay(values: Floats, rate: float, cutoff: float, degree: int = DEGREE) -> Motion:
-    """Smoothed values and derivatives from polynomials that are fitted to a window around every sample.
-
-    Parameters
-    ----------
-    values : array of shape (N, …)
-    rate : float
-        Samples per second.
-    cutoff : float
-        Where smoothing takes 3 dB, Hz; see :func:`savitzky_golay_window`.
-    degree : int
-
-    Returns
-    -------
-    x, xd, xdd : arrays of shape (N, …)
-        At the ends from the polynomials of the first and last whole window.
-
-    Raises
-    ------
-    InputError
-        If the cut-off is impossible or there are fewer samples than the window has.
-    """
+    """Smoothed values (N, …) and two derivatives from polynomials through a window around every sample."""
     from scipy.signal import savgol_filter
 
     window = savitzky_golay_window(cutoff, rate, degree)
@@ -134,28 +78,9 @@ def savitzky_golay(values: Floats, rate: float, cutoff: float, degree: int = DEG
 
 
 def fourier(values: Floats, rate: float, period: float, cutoff: float = np.inf) -> Motion:
-    """Values and derivatives of the Fourier series that fits a periodic signal best.
+    """Values (N, …) and two derivatives of the Fourier series that fits a signal of this period, s, best.
 
-    The signal may cover any time from one period on, and a period need not be a whole number of samples.
-
-    Parameters
-    ----------
-    values : array of shape (N, …)
-    rate : float
-        Samples per second.
-    period : float
-        Seconds.
-    cutoff : float
-        Highest harmonic's frequency, Hz; at most just below half the rate.
-
-    Returns
-    -------
-    x, xd, xdd : arrays of shape (N, …)
-
-    Raises
-    ------
-    InputError
-        If the samples do not cover a period.
+    The signal covers at least a period, which need not be a whole number of samples.  The cut-off, Hz, ends the series.
     """
     values = np.asarray(values, dtype=np.float64)
     table = values.reshape(len(values), -1)
@@ -200,3 +125,39 @@ def _differentiated(series: Floats, omega: Floats, order: int) -> Floats:
     if order == 1:
         return np.vstack([0 * constant, w * sines, -w * cosines])
     return np.vstack([0 * constant, -(w**2) * cosines, -(w**2) * sines])
+
+
+def continuous(q: Floats, before: Floats | None = None) -> Floats:
+    """Unit quaternions (N, 4) as w, x, y, z, whose sign does not jump, nor from the one before."""
+    length = np.linalg.norm(q, axis=1)
+    wrong = np.flatnonzero(~(np.abs(length - 1) < _FAR_FROM_UNIT))
+    if len(wrong):
+        worst = f"sample {wrong[0]} has a quaternion of length {length[wrong[0]]:.3g}"
+        raise InputError(f"{worst}: expected unit quaternions (w, x, y, z)")
+    unit = q / length[:, None]
+    first = unit[0] if before is None else before
+    inner = np.einsum("ij,ij->i", unit, np.vstack([first, unit[:-1]]))
+    signs = np.cumprod(np.where(inner < 0, -1.0, 1.0))
+    return np.asarray(unit * signs[:, None], dtype=np.float64)
+
+
+def multiply(a: Floats, b: Floats) -> Floats:
+    """Products of quaternions, shape (N, 4); the rotation b comes first."""
+    w, v = a[..., :1], a[..., 1:]
+    u, t = b[..., :1], b[..., 1:]
+    scalar = w * u - np.sum(v * t, axis=-1, keepdims=True)
+    return np.concatenate([scalar, w * t + u * v + np.cross(v, t)], axis=-1)
+
+
+def body_rates(q: Floats, qd: Floats, qdd: Floats) -> tuple[Floats, Floats, Floats]:
+    """Unit quaternions (N, 4), angular velocities and accelerations (N, 3), rad/s, rad/s², in the moved body's axes.
+
+    ω = 2 q* ⊗ q̇ and its derivative, of which the parts along q, that is changes of length, count for nothing.
+    """
+    square = np.sum(q * q, axis=1, keepdims=True)
+    conjugate = q * np.array([1.0, -1.0, -1.0, -1.0])
+    first = multiply(conjugate, qd) / square
+    second = multiply(conjugate, qdd) / square
+    growth = 2 * first[:, :1]
+    omega = 2 * first[:, 1:]
+    return q / np.sqrt(square), omega, 2 * second[:, 1:] - growth * omega

@@ -1,26 +1,34 @@
-"""Zero-phase low-pass filters: recursive ones that run forwards and then backwards.
+"""Filters without phase: over positions, and over both sides of the equation.
 
-Butterworth for signals, because its pass-band is flat, so that amplitudes and with them parameters stay; forwards and
-backwards because positions, velocities and torques must keep their common time.  Sections of second order because one
-polynomial of order 4 already loses its digits at a cut-off of a thousandth of the rate.  As everywhere in the field a
-cut-off is that of one pass (−3 dB), so that both together take 6 dB there.
+Recursive filters run forwards and then backwards, because positions, velocities and torques must keep their common
+time.  Butterworth for signals, because its pass-band is flat, so that amplitudes and with them parameters stay.
+Sections of second order because one polynomial of order 4 already loses its digits at a cut-off of a thousandth of the
+rate.  As everywhere in the field a cut-off is that of one pass (−3 dB), so that both together take 6 dB there.  How
+far a result depends on its neighbours has a closed form: the response to an impulse is Σ c p^|lag| over the poles p,
+with residues c of H(z) H(1/z), and so is its tail.
 
-How far a result depends on its neighbours has a closed form: the response to an impulse is Σ c p^|lag| over the poles
-p, with residues c of H(z) H(1/z), and so is its tail.
+A model that is linear in its parameters stays true when every column of the regressor and the outputs pass the same
+linear filter (Gautier's parallel filter); noise above the band of the motion goes, and so does the work.  The usual
+choice is a symmetric finite filter that is computed only where samples remain: a block of results is a banded matrix
+times a block of the signal, so a million samples of 250 columns take about half a second on one processor.  Kaiser's
+window, because its length has a formula and its attenuation can be asked for.  Recursive filters are there to repeat
+what others did.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from math import isfinite
+from functools import cached_property
+from math import ceil, isfinite, prod
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
+from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
 
 Complexes = npt.NDArray[np.complex128]
@@ -37,30 +45,33 @@ NEAR = 1e-2
 _ORIGIN = 1e-9
 """Radius within which a pole forgets everything in one sample; exactly zero has no residue of the same form."""
 
+ATTENUATION = 80.0
+"""Of what lies above the band, dB: noise is rarely a ten-thousandth of the signal."""
+WIDEST = 0.5
+"""Widest transition from what passes to what does not, as a share of the cut-off."""
+_ROWS = 8
+"""Results of a block, at least; more than a third of the filter's length is mostly zeros."""
+_QUICK = 1 << 18
+"""Products of a block: beyond as many, libraries use several threads, which cost more than they gain where others need
+the processors too, such as the thread that reads the next piece of a log."""
+PASSED = 0.8
+"""Share of the band below half the rate after decimation that is kept where no cut-off is given."""
+_MOST_TAPS = 40
+"""Products per sample and column beyond which two filters are worth it."""
+_ROOM = 5.0
+"""Rate after the first of two filters, relative to the cut-off: wide enough for a short first filter."""
+
 
 @dataclass(frozen=True, eq=False)
 class ZeroPhase:
-    """A recursive filter that runs forwards and backwards.
+    """A recursive filter that runs forwards and backwards."""
 
-    Attributes
-    ----------
-    zeros, poles : complex arrays
-        Of one pass, in the z-plane.
-    gain : float
-    """
-
-    zeros: Complexes
+    zeros: Complexes  # of one pass, in the z-plane
     poles: Complexes
     gain: float
 
     def reach(self, influence: float = FAR) -> int:
-        """Samples on either side of a result, beyond which all others together count for less than this.
-
-        Parameters
-        ----------
-        influence : float
-            Share of the largest sample.
-        """
+        """Samples on either side, beyond which all others together count for less than this share of the largest."""
         size = np.abs(self.poles)
         weights = np.abs(self._residues()) / (1 - size)
         low, high = 0, 1
@@ -72,17 +83,7 @@ class ZeroPhase:
         return high
 
     def apply(self, values: Floats, padding: int | None = None, every: int = 1) -> Floats:
-        """The filtered values.
-
-        Parameters
-        ----------
-        values : array of shape (N, …)
-            Filtered along the first axis.
-        padding : int, optional
-            Samples by which a signal is continued at its ends, turned about its end point; scipy's choice if None.
-        every : int
-            Of how many samples one is kept.
-        """
+        """The filtered values (N, …), every k-th of them; ``padding`` samples continue each end, turned about it."""
         from scipy.signal import sosfiltfilt, zpk2sos
 
         sections = zpk2sos(self.zeros, self.poles, self.gain)  # type: ignore[arg-type]  # complex, as they must be
@@ -113,18 +114,10 @@ def _at_origin(sections: Floats) -> int:
 
 
 def by_channel(function: Callable[[Floats], Floats], values: Floats, every: int = 1) -> Floats:
-    """Apply a function along time to every channel, on all processors.
+    """Apply a function of rows (channels, N) along time to values (N, …), on all processors.
 
     Channels are laid along time in memory for it: recursions then read one number after another, and they free the
     interpreter while they run.
-
-    Parameters
-    ----------
-    function : callable
-        From an array of shape (channels, N) to one of the same shape; must not change its argument.
-    values : array of shape (N, …)
-    every : int
-        Of how many rows of the result one is kept.
     """
     values = np.asarray(values, dtype=np.float64)
     table = values.reshape(len(values), -1)
@@ -147,22 +140,7 @@ def by_channel(function: Callable[[Floats], Floats], values: Floats, every: int 
 
 
 def butterworth(cutoff: float, rate: float, order: int = 4) -> ZeroPhase:
-    """A Butterworth low-pass that runs forwards and backwards.
-
-    Parameters
-    ----------
-    cutoff : float
-        Where one pass takes 3 dB, Hz.
-    rate : float
-        Samples per second.
-    order : int
-        Of one pass.
-
-    Raises
-    ------
-    InputError
-        If the cut-off is not between zero and half the rate, or the order not between 1 and 12.
-    """
+    """A Butterworth low-pass forwards and backwards; one pass takes 3 dB at the cut-off, Hz."""
     from scipy.signal import butter
 
     check_cutoff(cutoff, rate)
@@ -173,20 +151,7 @@ def butterworth(cutoff: float, rate: float, order: int = 4) -> ZeroPhase:
 
 
 def chebyshev(edge: float, rate: float) -> ZeroPhase:
-    """A Chebyshev low-pass of order 8 with 0.05 dB ripple, forwards and backwards, as programs decimate with.
-
-    Parameters
-    ----------
-    edge : float
-        End of the pass-band, Hz.
-    rate : float
-        Samples per second.
-
-    Raises
-    ------
-    InputError
-        If the edge is not between zero and half the rate.
-    """
+    """A Chebyshev low-pass of order 8 with 0.05 dB ripple, forwards and backwards; ``edge`` ends the pass-band, Hz."""
     from scipy.signal import cheby1
 
     check_cutoff(edge, rate)
@@ -195,34 +160,7 @@ def chebyshev(edge: float, rate: float) -> ZeroPhase:
 
 
 def lowpass(values: Floats, cutoff: float, rate: float, order: int = 4) -> Floats:
-    """Butterworth low-pass without delay.
-
-    At its ends a signal is continued by itself, turned about the end point, for as long as that matters.
-
-    Parameters
-    ----------
-    values : array of shape (N, …)
-        Filtered along the first axis.
-    cutoff : float
-        Of one pass, Hz; ``inf`` for no filter.
-    rate : float
-        Samples per second.
-    order : int
-        Of one pass.
-
-    Raises
-    ------
-    InputError
-        If the cut-off is not between zero and half the rate.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> t = np.arange(2000) / 1000
-    >>> slow, fast = np.sin(2 * np.pi * 2 * t), np.sin(2 * np.pi * 200 * t)
-    >>> float(np.abs(lowpass(slow + fast, cutoff=40, rate=1000) - slow)[100:-100].max()) < 1e-4
-    True
-    """
+    """Butterworth low-pass of values (N, …) without delay; cut-off in Hz, ``inf`` for no filter."""
     if cutoff == np.inf:
         return np.array(values, dtype=np.float64)
     both = butterworth(cutoff, rate, order)
@@ -230,15 +168,208 @@ def lowpass(values: Floats, cutoff: float, rate: float, order: int = 4) -> Float
 
 
 def check_cutoff(cutoff: float, rate: float) -> None:
-    """Refuse a cut-off that no filter at this rate can have.
-
-    Raises
-    ------
-    InputError
-        If the cut-off is not between a millionth of and half the rate.
-    """
+    """Refuse a cut-off, Hz, that is not between a millionth of the rate and half of it."""
     if not (isfinite(cutoff) and LOWEST * rate <= cutoff < rate / 2):
         raise InputError(
             f"a cut-off of {cutoff:g} Hz is impossible at {rate:g} samples per second: expected more than "
             f"{LOWEST * rate:g} Hz and less than {rate / 2:g} Hz, or inf for no filter"
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Finite:
+    """A symmetric finite filter, computed where samples remain."""
+
+    taps: Floats  # shape (2 reach + 1,); symmetric, with sum 1
+    factor: int = 1
+
+    @property
+    def reach(self) -> int:
+        """Samples on either side that a result depends on."""
+        return len(self.taps) // 2
+
+    def kept(self, count: int) -> Integers:
+        """Which of so many samples remain."""
+        return np.arange(0, count, self.factor, dtype=np.intp)
+
+    def apply(self, values: Floats) -> Floats:
+        """The filtered values at the samples that remain, shape (N, …) to (kept, …).
+
+        Near its ends, where a part of the filter lies outside the signal, the part inside is scaled to sum 1: a mean of
+        what is there.  Both sides of an equation are still filtered alike, so no row is spoilt.
+        """
+        values = np.asarray(values, dtype=np.float64)
+        table = values.reshape(len(values), -1)
+        results = len(self.kept(len(values)))
+        found = np.empty((results, table.shape[1]))
+        rows = len(self._band)
+        width = max(1, _QUICK // self._band.size)
+        for first in range(0, results, rows):
+            last = min(first + rows, results)
+            start = first * self.factor - self.reach
+            stop = (last - 1) * self.factor + self.reach + 1
+            band = self._band[: last - first, : stop - start]
+            if start < 0 or stop > len(table):
+                band = band[:, max(0, -start) : len(table) - start]
+                band = band / band.sum(axis=1, keepdims=True)
+            part = table[max(0, start) : stop]
+            for left in range(0, table.shape[1], width):
+                some = slice(left, left + width)
+                np.matmul(band, part[:, some], out=found[first:last, some])
+        return found.reshape(results, *values.shape[1:])
+
+    @cached_property
+    def _band(self) -> Floats:
+        """The filter as a banded matrix for a block of results, a quarter of it zero."""
+        rows = max(_ROWS, len(self.taps) // self.factor // 3)
+        band = np.zeros((rows, (rows - 1) * self.factor + len(self.taps)))
+        for row in range(rows):
+            band[row, row * self.factor : row * self.factor + len(self.taps)] = self.taps
+        return band
+
+
+def finite(
+    cutoff: float, rate: float, factor: int = 1, attenuation: float = ATTENUATION, *, width: float | None = None
+) -> Finite:
+    """A symmetric finite low-pass by Kaiser's window, with decimation.
+
+    The pass-band ends at the cut-off, Hz.  The stop-band (``attenuation``, dB) begins ``width`` Hz above it; by default
+    that is half the cut-off, or as much as decimation leaves.
+    """
+    from scipy.signal import firwin, kaiser_beta
+
+    check_cutoff(cutoff, rate / factor)
+    if width is None:
+        width = min(WIDEST * cutoff, rate / factor - 2 * cutoff)
+    if width < LOWEST * rate:
+        raise InputError(f"a filter whose edge is {width:g} Hz wide is too long at {rate:g} samples per second")
+    half = ceil((attenuation - 7.95) / (2.285 * 2 * np.pi * width / rate) / 2)  # Kaiser's formula
+    taps = firwin(2 * half + 1, cutoff + width / 2, window=("kaiser", kaiser_beta(attenuation)), fs=rate)
+    taps = (taps + taps[::-1]) / 2
+    return Finite(taps / taps.sum(), factor)
+
+
+class Reduction(Protocol):
+    """A linear filter along time that keeps every k-th sample."""
+
+    @property
+    def factor(self) -> int:
+        """Samples before, per sample after."""
+        ...
+
+    @property
+    def reach(self) -> int:
+        """Samples on either side that a result depends on."""
+        ...
+
+    def kept(self, count: int) -> Integers:
+        """Which of so many samples remain: every one whose number is a multiple of ``factor``."""
+        ...
+
+    def apply(self, values: Floats) -> Floats:
+        """The filtered values at the samples that remain; shape (N, …) to (kept, …)."""
+        ...
+
+
+def _every(factor: int, count: int) -> Integers:
+    return np.arange(0, count, factor, dtype=np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class Recursive:
+    """A recursive filter forwards and backwards, then decimation."""
+
+    both: ZeroPhase
+    factor: int = 1
+
+    @cached_property
+    def reach(self) -> int:
+        """Samples on either side that a result depends on, to within 1e-9 of the signal."""
+        return self.both.reach(FAR)
+
+    def kept(self, count: int) -> Integers:
+        """Which of so many samples remain."""
+        return _every(self.factor, count)
+
+    def apply(self, values: Floats) -> Floats:
+        """The filtered values at the samples that remain."""
+        return self.both.apply(values, every=self.factor)
+
+
+@dataclass(frozen=True, eq=False)
+class Stages:
+    """Several reductions, one after another."""
+
+    stages: tuple[Reduction, ...]
+
+    @property
+    def factor(self) -> int:
+        """Samples before, per sample after all stages."""
+        return prod(stage.factor for stage in self.stages)
+
+    @property
+    def reach(self) -> int:
+        """Samples on either side that a result depends on."""
+        total = 0
+        for stage in reversed(self.stages):
+            total = stage.reach + stage.factor * total
+        return total
+
+    def kept(self, count: int) -> Integers:
+        """Which of so many samples remain."""
+        return _every(self.factor, count)
+
+    def apply(self, values: Floats) -> Floats:
+        """The values after all stages."""
+        for stage in self.stages:
+            values = stage.apply(values)
+        return values
+
+
+def reduction(kind: str, cutoff: float, rate: float, factors: Sequence[int]) -> Reduction | None:
+    """The filter over both sides of the equation that settings describe; None if nothing is to be done.
+
+    ``fir`` and ``butterworth`` (order 4, both ways) are one filter for all factors.  ``chebyshev`` (order 8, 0.05 dB,
+    both ways) is one for every factor, with 0.8 of the band that it leaves: the ``decimate`` of MATLAB and scipy.  An
+    infinite cut-off stands for what the decimation needs.
+    """
+    if kind not in ("fir", "butterworth", "chebyshev"):
+        raise InputError(f"there is no filter '{kind}'; expected fir, butterworth or chebyshev")
+    wrong = next((factor for factor in factors if factor < 1 or factor != int(factor)), None)
+    if wrong is not None:
+        raise InputError(f"decimation by {wrong}: expected whole numbers from 1 on")
+    factors = [int(factor) for factor in factors if factor > 1]
+    if not factors and cutoff == np.inf:
+        return None
+    if kind == "chebyshev":
+        return _chebyshev_stages(cutoff, rate, factors)
+    total = prod(factors)
+    edge = cutoff if isfinite(cutoff) else PASSED * rate / total / 2
+    if kind == "fir":
+        return _finite_stages(edge, rate, total)
+    check_cutoff(edge, rate / total)
+    return Recursive(butterworth(edge, rate), total)
+
+
+def _finite_stages(edge: float, rate: float, total: int) -> Reduction:
+    """One filter, or for a narrow band two: a short one that decimates, then a sharp one at the low rate.
+
+    The first leaves the second's transition band alone, so together they attenuate as one filter would.
+    """
+    whole = finite(edge, rate, total)
+    stop = (1 + WIDEST) * edge
+    first = max((k for k in range(1, total + 1) if total % k == 0 and rate / k >= _ROOM * edge), default=1)
+    if len(whole.taps) <= _MOST_TAPS * total or first == 1:
+        return whole
+    return Stages(
+        (finite(stop, rate, first, width=rate / first - 2 * stop), finite(edge, rate / first, total // first))
+    )
+
+
+def _chebyshev_stages(cutoff: float, rate: float, factors: Sequence[int]) -> Reduction:
+    stages: list[Reduction] = []
+    for factor in factors or [1]:
+        left = PASSED * rate / factor / 2
+        stages.append(Recursive(chebyshev(cutoff if factor == 1 else min(left, cutoff), rate), factor))
+        rate /= factor
+    return stages[0] if len(stages) == 1 else Stages(tuple(stages))

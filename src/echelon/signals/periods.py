@@ -1,13 +1,10 @@
 """Periodic motions: finding the period, and the mean over the periods.
 
-Repeating a motion is the cheapest way to less noise, and what differs between periods is the noise, measured without
-any model.  The period comes from the autocorrelation: its first high peak says about how long it is, and the peak that
+Repeating a motion is the cheapest way to less noise.  The period comes from the autocorrelation: its first high peak says about how long it is, and the peak that
 is as many periods away as there are says it precisely.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -22,54 +19,8 @@ _NEARLY = 0.98
 """How near to the highest peak the first one comes, so that it is the period and the other a multiple."""
 
 
-@dataclass(frozen=True, eq=False)
-class Average:
-    """Mean of a periodic signal over its periods.
-
-    Attributes
-    ----------
-    mean : array of shape (P, channels)
-        One period.
-    rate : float
-        Samples per second of the mean: a whole number per period.
-    periods : int
-        That were averaged.
-    deviation : array of shape (channels,)
-        Standard deviation of one sample of one period.
-    mean_deviation : array of shape (channels,)
-        Standard deviation of one sample of the mean.
-    """
-
-    mean: Floats
-    rate: float
-    periods: int
-    deviation: Floats
-    mean_deviation: Floats
-
-
 def find_period(values: npt.ArrayLike, rate: float) -> float:
-    """Period of a periodic motion, s.
-
-    Parameters
-    ----------
-    values : array of shape (N, channels)
-        At least two periods.
-    rate : float
-        Samples per second.
-
-    Raises
-    ------
-    InputError
-        If nothing moves, or the motion does not repeat itself.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> t = np.arange(5000) / 1000
-    >>> motion = np.column_stack([np.sin(7 * t), np.cos(14 * t)])
-    >>> round(find_period(motion, 1000), 4)
-    0.8976
-    """
+    """Period of a periodic motion (N, channels) that is at least two periods long, s."""
     table = np.asarray(values, dtype=np.float64).reshape(len(np.asarray(values)), -1)
     table = table - table.mean(axis=0)
     spread = table.std(axis=0)
@@ -127,21 +78,10 @@ def _parabola(values: Floats, peak: int) -> float:
     return float(peak + 0.5 * (before - after) / bend) if bend < 0 else float(peak)
 
 
-def average(values: npt.ArrayLike, rate: float, period: float) -> Average:
-    """Mean of a periodic signal over its whole periods.
+def average(values: npt.ArrayLike, rate: float, period: float) -> tuple[Floats, float]:
+    """Mean over the whole periods of a signal (N, channels), and its rate, a whole number of samples per period.
 
-    Parameters
-    ----------
-    values : array of shape (N, channels)
-    rate : float
-        Samples per second.
-    period : float
-        s; where it is no whole number of samples, the signal is interpolated by splines of degree 5.
-
-    Raises
-    ------
-    InputError
-        If there are not two whole periods.
+    Between samples the signal is interpolated by splines of degree 5.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -158,7 +98,4 @@ def average(values: npt.ArrayLike, rate: float, period: float) -> Average:
         times = np.arange(periods * count) * (period / count)
         folded = make_interp_spline(np.arange(len(table)) / rate, table, k=5, axis=0)(times)
     folded = folded.reshape(periods, count, *table.shape[1:])
-    mean = folded.mean(axis=0)
-    variance = ((folded - mean) ** 2).sum(axis=0).mean(axis=0) / (periods - 1)
-    deviation = np.sqrt(variance)
-    return Average(mean, count / period, periods, deviation, deviation / np.sqrt(periods))
+    return folded.mean(axis=0), count / period

@@ -48,24 +48,12 @@ _HIGHEST = 0.45
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Power spectral density of a position, divided into motion and noise.
+    """Power spectral density of a position, divided into motion and noise."""
 
-    Attributes
-    ----------
-    rate : float
-        Samples per second.
-    frequencies : array of shape (F,)
-        Hz, without zero.
-    power : array of shape (F,)
-        One-sided density of the position, its unit squared per Hz.
-    noise : array of shape (F,)
-        The part of it that is noise.
-    """
-
-    rate: float
-    frequencies: Floats
-    power: Floats
-    noise: Floats
+    rate: float  # samples per second
+    frequencies: Floats  # shape (F,); Hz, without zero
+    power: Floats  # shape (F,); one-sided density of the position, its unit squared per Hz
+    noise: Floats  # shape (F,); the part of it that is noise
 
     @property
     def motion(self) -> Floats:
@@ -77,22 +65,8 @@ class Spectrum:
         """Whether there is any motion."""
         return bool(np.any(self.motion > 0))
 
-    def harm(self, cutoffs: Floats, derivative: int, order: int = 4) -> Floats:
-        """Mean square error of a filtered derivative, as a share of the motion's mean square, if there is any.
-
-        Parameters
-        ----------
-        cutoffs : array of shape (K,)
-            Of Butterworth filters that run forwards and backwards, Hz.
-        derivative : int
-            0, 1 or 2.
-        order : int
-            Of one pass.
-
-        Returns
-        -------
-        array of shape (K,)
-        """
+    def filter_error(self, cutoffs: Floats, derivative: int, order: int = 4) -> Floats:
+        """Mean square error of a derivative after low-passes of some cut-offs, by the motion's mean square."""
         weight = (2 * np.pi * self.frequencies) ** (2 * derivative)
         last = len(self.frequencies)
         bins = np.unique(np.geomspace(1, last, min(last, _BINS)).astype(int)) - 1  # the low frequencies one by one
@@ -103,72 +77,21 @@ class Spectrum:
         total = float(motion.sum())
         return np.asarray(error / total if total > 0 else error)
 
-    def share(self, share: float, derivative: int, below: float = np.inf) -> float:
-        """Frequency below which this share of a derivative's motion lies, Hz.
-
-        Parameters
-        ----------
-        share : float
-            Of the mean square, between 0 and 1.
-        derivative : int
-        below : float
-            Frequencies that count, Hz.
-        """
+    def band_edge(self, share: float, derivative: int, below: float = np.inf) -> float:
+        """Frequency below which this share of the mean square of a derivative's motion lies, Hz."""
         power = self.motion * (2 * np.pi * self.frequencies) ** (2 * derivative) * (self.frequencies <= below)
         total = np.cumsum(power)
         return float(self.frequencies[np.searchsorted(total, share * total[-1])]) if total[-1] > 0 else 0.0
 
-    def pace(self, below: float = np.inf) -> float:
-        """How often a second the velocity goes through a whole swing, by Rice's formula σ(ẍ) / (2π σ(ẋ)), Hz.
-
-        Only frequencies up to ``below`` count.
-        """
+    def mean_frequency(self, below: float = np.inf) -> float:
+        """Mean frequency of the velocity by Rice's formula, σ(ẍ) / (2π σ(ẋ)), Hz, over frequencies up to ``below``."""
         power = self.motion * self.frequencies**2 * (self.frequencies <= below)
         total = float(power.sum())
         return float(np.sqrt(float(power @ self.frequencies**2) / total)) if total > 0 else 0.0
 
 
-@dataclass(frozen=True)
-class CutOff:
-    """Where a position is lost in its noise.
-
-    Attributes
-    ----------
-    frequency : float
-        Best cut-off for the second derivative, Hz; ``inf`` if there is no noise to be filtered.
-    position : float
-        Best cut-off for the position itself, Hz; not less than ``frequency`` where noise is white.
-    noise : float
-        Standard deviation of the noise, unit of the position.
-    text : str
-        The same as a sentence.
-    """
-
-    frequency: float
-    position: float
-    noise: float
-    text: str
-
-    def __str__(self) -> str:
-        return self.text
-
-
 def spectrum(values: npt.ArrayLike | Sequence[Floats], rate: float) -> Spectrum:
-    """Spectrum of a position and of its noise.
-
-    Parameters
-    ----------
-    values : array of shape (N,), or sequence of such
-        Uniformly sampled; a sequence holds stretches between gaps, of which those count that are not much shorter than
-        the longest.
-    rate : float
-        Samples per second.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than 64 samples without a gap.
-    """
+    """Spectrum of a position (N,) and of its noise, from one stretch or from several between gaps."""
     pieces = [
         np.asarray(piece, dtype=np.float64) for piece in (values if isinstance(values, list | tuple) else [values])
     ]
@@ -230,69 +153,17 @@ def _best(spectrum: Spectrum, derivative: int, order: int) -> float:
     """The cut-off that does least harm, of those that are worth a filter."""
     low = float(spectrum.frequencies[0])
     candidates = np.geomspace(low, max(_HIGHEST * spectrum.rate, 1.01 * low), _CANDIDATES)
-    return float(candidates[int(np.argmin(spectrum.harm(candidates, derivative, order)))])
+    return float(candidates[int(np.argmin(spectrum.filter_error(candidates, derivative, order)))])
 
 
 def best_cutoff(spectrum: Spectrum, derivative: int = 2, order: int = 4) -> float:
-    """The cut-off that does least harm to a derivative, Hz; ``inf`` if any filter would do harm only.
-
-    Parameters
-    ----------
-    spectrum : Spectrum
-    derivative : int
-        0, 1 or 2.
-    order : int
-        Of one pass of the Butterworth filter.
-    """
+    """The cut-off with the least error of a derivative, Hz; ``inf`` if any filter would only make it larger."""
     found = _best(spectrum, derivative, order)
     return found if found < 0.99 * _HIGHEST * spectrum.rate else np.inf
 
 
-def cutoff(values: npt.ArrayLike, rate: float, order: int = 4) -> CutOff:
-    """Where a position is lost in its noise.
-
-    Parameters
-    ----------
-    values : array of shape (N,)
-    rate : float
-        Samples per second.
-    order : int
-        Of one pass of the Butterworth filter.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than 64 samples.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> t = np.arange(20000) / 1000
-    >>> noise = 1e-4 * np.random.default_rng(0).standard_normal(len(t))
-    >>> found = cutoff(np.sin(2 * np.pi * t) + noise, 1000)
-    >>> 2 < found.frequency < 10, 0.9e-4 < found.noise < 1.1e-4
-    (True, True)
-    """
-    both = spectrum(values, rate)
-    frequency, position = best_cutoff(both, 2, order), best_cutoff(both, 0, order)
-    noise = noise_deviation(both)
-    where = f"above {frequency:.3g} Hz" if np.isfinite(frequency) else "nowhere"
-    text = f"its acceleration is lost in noise {where}; the noise has a standard deviation of {noise:.2g}"
-    return CutOff(frequency, position, noise, text)
-
-
 def noise_deviation(spectrum: Spectrum, derivative: int = 0, cutoff: float = np.inf, order: int = 4) -> float:
-    """Standard deviation of the noise of a derivative after a low-pass.
-
-    Parameters
-    ----------
-    spectrum : Spectrum
-    derivative : int
-    cutoff : float
-        Of a Butterworth filter that runs forwards and backwards, Hz.
-    order : int
-        Of one pass.
-    """
+    """Standard deviation of the noise of a derivative after a Butterworth low-pass both ways; the cut-off is in Hz."""
     f = spectrum.frequencies
     passed = 1 / (1 + (f / cutoff) ** (2 * order)) ** 2
     variance = float(spectrum.noise @ (passed * (2 * np.pi * f) ** (2 * derivative))) * float(f[0])

@@ -18,8 +18,8 @@ from echelon.arrays import Floats
 from echelon.errors import InputError, MissingExtraError, one_line
 from echelon.excite.files.trajectory_samples import Samples
 from echelon.inputs.yaml_text import parse_yaml
-from echelon.logs.files.mcap import Mcap
-from echelon.logs.files.messages import fields, nanoseconds
+from echelon.logs.files.mcap_file import Mcap
+from echelon.logs.files.message_columns import fields, nanoseconds
 from echelon.version import __version__
 
 KIND = "trajectory_msgs/msg/JointTrajectory"

@@ -22,7 +22,7 @@ from echelon.excite.files.trajectory_samples import FEWEST, Samples, read_sample
 from echelon.excite.problem.trajectory import DEGREE, DURATIONS, LARGEST, SHORTEST_STEP, Splines, Trajectory
 from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json
-from echelon.logs.files.access import existing_file
+from echelon.logs.files.log_file import existing_file
 
 GROSS = 0.2
 """Root mean square of a difference, relative to that of what differs, that cannot come from interpolating."""

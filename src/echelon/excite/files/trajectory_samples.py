@@ -14,8 +14,8 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError, MissingExtraError, one_line
 from echelon.excite.problem.trajectory import Trajectory
-from echelon.logs.files.access import decoding
-from echelon.logs.files.open import open_log, read_table
+from echelon.logs.files.log_file import decoding
+from echelon.logs.files.open_log import open_log, read_table
 
 FEWEST = 6
 """Samples that a quintic spline goes through."""

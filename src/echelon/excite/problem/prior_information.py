@@ -16,7 +16,7 @@ from echelon.formats.schema_excite import EVERY
 from echelon.identification.rows.plan import Plan
 from echelon.identification.settings import Setup
 from echelon.identification.survey import survey
-from echelon.logs.files.open import log_paths
+from echelon.logs.files.open_log import log_paths
 from echelon.observe.observation import Observation
 
 Path = str | os.PathLike[str]

@@ -14,11 +14,10 @@ from echelon.identification.gains.payload import Payload, loaded_rows, with_zero
 from echelon.identification.rows.model_rows import ModelRows
 from echelon.identification.rows.plan import Plan
 from echelon.identification.settings import Setup
-from echelon.logs.choices import chosen
-from echelon.logs.files.open import log_paths
-from echelon.logs.reading import read_log
-from echelon.logs.recording import Segment
-from echelon.logs.samples import Samples
+from echelon.logs.files.open_log import log_paths
+from echelon.logs.preparation.choices import chosen
+from echelon.logs.read_log import read_log
+from echelon.logs.recording import Samples, Segment
 
 Paths = Sequence[str | os.PathLike[str]]
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
-from echelon.logs.samples import Samples
+from echelon.logs.recording import Samples
 
 SHARE = 0.3
 """Share of the data that is held out unless said otherwise."""

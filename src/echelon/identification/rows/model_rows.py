@@ -20,7 +20,7 @@ from echelon.errors import InputError
 from echelon.identification.rows.ahead import ahead
 from echelon.identification.rows.batches import stacked
 from echelon.identification.rows.rows import RowBlock
-from echelon.logs.samples import Samples
+from echelon.logs.recording import Samples
 from echelon.observe.layout import Layout, layout_of, measured
 from echelon.observe.observation import Observation
 from echelon.observe.slim import slim_qr

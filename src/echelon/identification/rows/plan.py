@@ -15,12 +15,11 @@ from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.rows.holdout import split
 from echelon.identification.rows.model_rows import ModelRows
-from echelon.logs.column_map import ColumnMap
-from echelon.logs.preparation import Preparation
-from echelon.logs.prepare import prepare
-from echelon.logs.reading import read_log
-from echelon.logs.recording import Segment
-from echelon.logs.samples import Samples
+from echelon.logs.columns.column_map import ColumnMap
+from echelon.logs.preparation.prepare import prepare
+from echelon.logs.preparation.settings import Preparation
+from echelon.logs.read_log import read_log
+from echelon.logs.recording import Samples, Segment
 
 Part = Literal["all", "first", "last"]
 """Which part of a log: all of it, what is fitted, or what is held out."""
@@ -34,7 +33,7 @@ class Plan:
     ----------
     base : BaseModel
     columns : tuple of ColumnMap
-        What columns mean; see :func:`echelon.logs.reading.read_log`.
+        What columns mean; see :func:`echelon.logs.read_log.read_log`.
     preparation : Preparation
         With every choice made.
     holdout : float

@@ -20,7 +20,7 @@ from echelon.identification.rows.batches import Batch, Batcher
 from echelon.identification.rows.model_rows import ModelRows, Numbering, observed, plain, rows_taken
 from echelon.identification.rows.plan import Part, Plan
 from echelon.identification.rows.rows import RowBlock
-from echelon.logs.samples import Samples
+from echelon.logs.recording import Samples
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from echelon.identification.result import Identification
-from echelon.logs.preparation import Preparation
+from echelon.logs.preparation.settings import Preparation
 
 _UNITS = {"cutoff": "Hz", "output_cutoff": "Hz", "rate": "Hz", "period": "s", "trim": "s", "delays": "s"}
 _TITLES = {

@@ -1,0 +1,240 @@
+"""A table in the terms of a robot: units, signs, offsets, clocks and sides of the gears are settled here, once.
+
+Columns of messages bring clocks of their own, and are interpolated at the stamps of the positions.  Where a clock
+pauses for longer than a gap its values are not numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.arrays import Floats
+from echelon.errors import InputError
+from echelon.hints import nearest_of
+from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.columns.gear_sides import check_names, joint_coordinates, measured_outputs
+from echelon.logs.columns.quantities import units
+from echelon.logs.columns.units import factor
+from echelon.logs.files.log_file import Table
+from echelon.logs.finding import listed
+from echelon.logs.recording import Recording
+from echelon.mechanism.mechanism import Mechanism
+from echelon.signals.clock import GAP, nominal_period
+
+_TIME_WORDS = ("time", "stamp", "t", "ts", "sec", "seconds", "clock")
+
+_GAINED = ("A", "V")
+_LARGEST = 1e100  # squares of it still have doubles
+"""What drives report instead of forces."""
+_STATES = {"position": "q", "velocity": "qd", "acceleration": "qdd", "reference": "reference"}
+
+
+def time_candidates(names: Sequence[str]) -> list[str]:
+    """Columns that by their names could hold time stamps."""
+    found = []
+    for name in names:
+        word = "".join(c if c.isalnum() else " " for c in name.lower()).split()
+        if any(part in _TIME_WORDS or part.startswith("time") or part.endswith("stamp") for part in word):
+            found.append(name)
+    return found
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Columns of a table on the clock of the positions."""
+
+    table: Table
+    columns: ColumnMap
+    used: tuple[str, ...]  # the columns that will be asked for, those of positions first
+
+    def column(self, name: str) -> Floats:
+        """A column on the common clock, shape (N,)."""
+        values = raw_column(self.table, name)
+        clock = self.clock(name)
+        if clock == self.clock(self.used[0]):
+            return np.asarray(values if self._inside.all() else values[self._inside])
+        return self._interpolated(name, self._stamps(clock), values)
+
+    @cached_property
+    def time(self) -> Floats:
+        """The common time stamps, s, shape (N,)."""
+        return np.asarray(self._stamps(self.clock(self.used[0]))[self._inside])
+
+    @cached_property
+    def _inside(self) -> npt.NDArray[np.bool_]:
+        """Which stamps of the positions lie within the span of all clocks."""
+        own = self.clock(self.used[0])
+        base = self._stamps(own)
+        inside = np.ones(len(base), dtype=bool)
+        for clock in dict.fromkeys(map(self.clock, self.used)):
+            if clock != own:
+                stamps = self._stamps(clock)
+                inside &= (base >= stamps[:1].sum()) & (base <= stamps[-1:].sum()) & bool(len(stamps))
+        if len(base) and not inside.any():
+            clocks = listed(filter(None, map(self.clock, self.used)))
+            raise InputError(f"the clocks {clocks} have no time in common", source=self.table.source)
+        return inside
+
+    def clock(self, name: str) -> str:
+        """The column with the time stamps of a column; empty where a rate is given."""
+        own = self.table.clocks.get(name)
+        if self.columns.rate is not None:
+            return ""
+        time = self.columns.time
+        if time is not None and (own is None or own in (time.column, self.table.clocks.get(time.column))):
+            return time.column
+        if own is None:
+            candidates = time_candidates(tuple(self.table.columns))
+            hint = f": by their names, these could be time stamps: {listed(candidates)}" if candidates else ""
+            problem = "its samples have no time: name the column with time stamps as time, or give rate" + hint
+            raise InputError(problem, source=self.table.source, element=f"column '{name}'")
+        return own
+
+    def _stamps(self, clock: str) -> Floats:
+        if not clock:
+            if not (self.columns.rate and 0 < self.columns.rate < float("inf")):
+                raise InputError(f"rate must be positive, got {self.columns.rate}", source=self.table.source)
+            count = len(raw_column(self.table, self.used[0]))
+            return np.asarray((self.table.first + np.arange(count)) / self.columns.rate)
+        values = raw_column(self.table, clock)
+        channel = self.columns.time
+        if channel is None or channel.column != clock:
+            return values
+        try:
+            return np.asarray(channel.scale * factor(channel.unit, "s") * values + channel.offset)
+        except InputError as error:
+            raise InputError(error.problem, source=self.table.source, element="unit of time") from None
+
+    def _interpolated(self, name: str, stamps: Floats, values: Floats) -> Floats:
+        back = np.flatnonzero(~(np.diff(stamps) >= 0))
+        if len(back):
+            problem = f"its time stamps go backwards at row {back[0] + 1}, so it cannot be brought onto another clock"
+            raise InputError(problem, source=self.table.source, element=f"column '{name}'")
+        later = np.append(np.diff(stamps) > 0, True)  # of equal stamps the last counts
+        stamps, values = stamps[later], values[later]
+        wanted = self.time
+        found = np.interp(wanted, stamps, values)
+        if len(stamps) > 1:
+            after = np.clip(np.searchsorted(stamps, wanted), 1, len(stamps) - 1)
+            wide = stamps[after] - stamps[after - 1] > GAP * nominal_period(stamps)
+            exact = (wanted == stamps[after]) | (wanted == stamps[after - 1])
+            found[wide & ~exact] = np.nan
+        return found
+
+
+def raw_column(table: Table, name: str) -> Floats:
+    """A column of a table; an error suggests the nearest name."""
+    if name not in table.columns:
+        raise InputError(f"there is no column '{name}'{nearest_of(name, table.columns)}", source=table.source)
+    return table.columns[name]
+
+
+def check_lengths(table: Table, groups: Mapping[str, Sequence[str]]) -> None:
+    """Refuse columns of one clock with different lengths; the clock itself may be empty."""
+    for clock, names in groups.items():
+        sizes = {name: len(raw_column(table, name)) for name in ([clock] if clock else []) + list(names)}
+        if len(set(sizes.values())) > 1:
+            shown = ", ".join(f"'{name}' {size}" for name, size in list(sizes.items())[:8])
+            raise InputError(f"columns of one clock have different lengths: {shown}", source=table.source)
+
+
+def needed_columns(columns: ColumnMap, names: Sequence[str] = ()) -> tuple[str, ...]:
+    """Columns that a recording needs; without time or rate also those that could be time stamps, to name them."""
+    time = [columns.time] if columns.time is not None else []
+    channels = [*time, *(channel for _, group in _groups(columns) for channel in group.values())]
+    found = list(dict.fromkeys(channel.column for channel in channels))
+    if names:
+        strange = next((name for name in found if name not in names), None)
+        if strange is not None:
+            raise InputError(f"there is no column '{strange}'{nearest_of(strange, names)}")
+        if columns.time is None and columns.rate is None:
+            found += [name for name in time_candidates(names) if name not in found]
+    return tuple(found)
+
+
+def recording(
+    table: Table, columns: ColumnMap, mechanism: Mechanism, symbols: Mapping[str, float] | None = None
+) -> Recording:
+    """A log in SI units, on the joints' side, on the clock of the positions; values within pauses are NaN."""
+    try:
+        return _recording(table, columns, mechanism, symbols)
+    except InputError as error:
+        raise error.located(table.source) from None
+
+
+def _recording(
+    table: Table, columns: ColumnMap, mechanism: Mechanism, symbols: Mapping[str, float] | None
+) -> Recording:
+    groups = dict(_groups(columns))
+    if not groups["position"]:
+        raise InputError("the column map names no positions", element="position")
+    for kind, group in groups.items():
+        check_names(mechanism, kind, group)
+    aligned = _aligned(table, columns)
+    given = {kind: _read(aligned, mechanism, kind, group) for kind, group in groups.items() if group}
+    signals = {
+        signal: joint_coordinates(mechanism, kind, given[kind], symbols)
+        for kind, signal in _STATES.items()
+        if kind in given
+    }
+    if "output" in given:
+        signals["y"] = measured_outputs(mechanism, given["output"], symbols)
+    return Recording(table.source, aligned.time, signals, given.get("input", {}))
+
+
+def _groups(columns: ColumnMap) -> list[tuple[str, Mapping[str, Channel]]]:
+    """Channels by kind, positions first."""
+    return [
+        ("position", columns.positions),
+        ("velocity", columns.velocities),
+        ("acceleration", columns.accelerations),
+        ("output", columns.outputs),
+        ("reference", columns.references),
+        ("input", columns.inputs),
+    ]
+
+
+def _aligned(table: Table, columns: ColumnMap) -> Alignment:
+    names = tuple(channel.column for _, group in _groups(columns) for channel in group.values())
+    for name in names:
+        raw_column(table, name)
+    aligned = Alignment(table, columns, tuple(dict.fromkeys(names)))
+    clocks: dict[str, list[str]] = {}
+    for name in aligned.used:
+        clocks.setdefault(aligned.clock(name), []).append(name)
+    check_lengths(table, clocks)
+    return aligned
+
+
+def _units(mechanism: Mechanism, kind: str, name: str, channel: Channel) -> Sequence[str] | None:
+    """SI units that a column may be in; currents and voltages become forces by a gain that is stated."""
+    expected = units(mechanism, kind, name)
+    gained = kind == "output" and channel.scale != 1 and expected is not None
+    return (*expected, *_GAINED) if gained and expected is not None else expected
+
+
+def _read(aligned: Alignment, mechanism: Mechanism, kind: str, group: Mapping[str, Channel]) -> dict[str, Floats]:
+    """Values by coordinate, output or actuator: scale · (column in SI units) + offset."""
+    found = {}
+    for name, channel in group.items():
+        try:
+            ratio = channel.scale * factor(channel.unit, _units(mechanism, kind, name, channel))
+        except InputError as error:
+            where = f"unit of column '{channel.column}' ({kind} of '{name}')"
+            raise InputError(error.problem, element=where) from None
+        if not np.isfinite(ratio) or ratio == 0 or not np.isfinite(channel.offset):
+            problem = f"scale {channel.scale:g} and offset {channel.offset:g}: expected finite numbers, the scale not 0"
+            raise InputError(problem, element=f"column '{channel.column}' ({kind} of '{name}')")
+        with np.errstate(over="ignore"):
+            values = ratio * aligned.column(channel.column) + channel.offset
+        largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
+        if largest > _LARGEST:
+            problem = f"goes to {largest:.3g} in SI units, which no sensor measures (valid: up to {_LARGEST:.0e})"
+            raise InputError(problem, element=f"column '{channel.column}' ({kind} of '{name}')")
+        found[name] = values
+    return found

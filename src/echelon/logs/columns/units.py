@@ -1,0 +1,193 @@
+"""Units of logged quantities: texts such as ``deg/s`` or ``kgf·cm`` as factors to SI units.
+
+A small grammar of prefixes, products, quotients and powers over a short list of units says more than a table of all
+spellings could, and finds a wrong dimension as well as a wrong name.  Factors are exact fractions (of π, where an
+angle is one) until the last step, so a factor is the float nearest to the true one.  An angle counts as a dimension of
+its own: degrees must not pass for metres.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Final
+
+from echelon.errors import InputError
+from echelon.hints import nearest_of
+
+Dimension = tuple[int, int, int, int, int]
+"""Powers of kg, m, s, A and rad."""
+
+_PI: Final = Fraction("3.14159265358979323846264338327950288419716939937510")
+_G: Final = Fraction("9.80665")
+_POUND: Final = Fraction("0.45359237")
+
+_NONE: Final[Dimension] = (0, 0, 0, 0, 0)
+_MASS: Final[Dimension] = (1, 0, 0, 0, 0)
+_LENGTH: Final[Dimension] = (0, 1, 0, 0, 0)
+_TIME: Final[Dimension] = (0, 0, 1, 0, 0)
+_FORCE: Final[Dimension] = (1, 1, -2, 0, 0)
+_ANGLE: Final[Dimension] = (0, 0, 0, 0, 1)
+_SPIN: Final[Dimension] = (0, 0, -1, 0, 1)
+_PREFIXES: Final = {"n": -9, "u": -6, "m": -3, "c": -2, "d": -1, "k": 3, "M": 6}
+_QUANTITIES: Final = {
+    "rad": ("an angle", ("rad", "deg", "°", "rev", "mrad", "grad", "arcmin", "arcsec")),
+    "rad/s": ("an angular velocity", ("rad/s", "deg/s", "rpm", "rev/s", "mrad/s")),
+    "rad/s²": ("an angular acceleration", ("rad/s²", "deg/s²", "rev/s²")),
+    "m": ("a length", ("m", "mm", "cm", "um", "in", "ft")),
+    "m/s": ("a velocity", ("m/s", "mm/s", "cm/s", "m/min", "in/s")),
+    "m/s²": ("an acceleration", ("m/s²", "mm/s²", "cm/s²")),
+    "N·m": ("a torque", ("N·m", "mN·m", "N·mm", "N·cm", "kN·m", "kgf·cm", "kgf·m", "lbf·in", "lbf·ft", "ozf·in")),
+    "N": ("a force", ("N", "mN", "kN", "kgf", "gf", "lbf", "ozf")),
+    "A": ("a current", ("A", "mA")),
+    "V": ("a voltage", ("V", "mV")),
+    "s": ("a time", ("s", "ms", "us", "ns", "min")),
+    "1": ("a pure number", ("1", "%")),
+}
+_SAME: Final = str.maketrans(
+    {"⁰": "0", "¹": "1", "²": "2", "³": "3", "⁴": "4", "⁻": "-", "µ": "u", "μ": "u", "⋅": "·", "∙": "·", "×": "·"}
+)
+_TOKEN: Final = re.compile(r"([A-Za-z°%]+|1)(?:(?:\^|\*\*)?([-+]?\d+))?|(\*|·|/|\.|-| )")
+_COUNTS: Final = ("count", "counts", "tick", "ticks", "pulse", "pulses", "inc", "increments", "lsb", "steps")
+
+
+@dataclass(frozen=True)
+class _Unit:
+    factor: Fraction
+    dimension: Dimension
+    prefixes: bool = False
+
+
+_UNITS: Final = {
+    "1": _Unit(Fraction(1), _NONE),
+    "%": _Unit(Fraction(1, 100), _NONE),
+    "rad": _Unit(Fraction(1), _ANGLE, True),
+    "deg": _Unit(_PI / 180, _ANGLE),
+    "degree": _Unit(_PI / 180, _ANGLE),
+    "degrees": _Unit(_PI / 180, _ANGLE),
+    "°": _Unit(_PI / 180, _ANGLE),
+    "arcmin": _Unit(_PI / 10800, _ANGLE),
+    "arcsec": _Unit(_PI / 648000, _ANGLE),
+    "grad": _Unit(_PI / 200, _ANGLE),
+    "gon": _Unit(_PI / 200, _ANGLE),
+    "rev": _Unit(2 * _PI, _ANGLE),
+    "turn": _Unit(2 * _PI, _ANGLE),
+    "turns": _Unit(2 * _PI, _ANGLE),
+    "rpm": _Unit(2 * _PI / 60, _SPIN),
+    "rps": _Unit(2 * _PI, _SPIN),
+    "m": _Unit(Fraction(1), _LENGTH, True),
+    "in": _Unit(Fraction("0.0254"), _LENGTH),
+    "inch": _Unit(Fraction("0.0254"), _LENGTH),
+    "ft": _Unit(Fraction("0.3048"), _LENGTH),
+    "s": _Unit(Fraction(1), _TIME, True),
+    "sec": _Unit(Fraction(1), _TIME, True),
+    "min": _Unit(Fraction(60), _TIME),
+    "h": _Unit(Fraction(3600), _TIME),
+    "Hz": _Unit(Fraction(1), (0, 0, -1, 0, 0), True),
+    "g": _Unit(Fraction(1, 1000), _MASS, True),
+    "lb": _Unit(_POUND, _MASS),
+    "N": _Unit(Fraction(1), _FORCE, True),
+    "gf": _Unit(_G / 1000, _FORCE, True),
+    "lbf": _Unit(_G * _POUND, _FORCE),
+    "ozf": _Unit(_G * _POUND / 16, _FORCE),
+    "A": _Unit(Fraction(1), (0, 0, 0, 1, 0), True),
+    "V": _Unit(Fraction(1), (1, 2, -3, -1, 0), True),
+    "W": _Unit(Fraction(1), (1, 2, -3, 0, 0), True),
+    "J": _Unit(Fraction(1), (1, 2, -2, 0, 0), True),
+}
+
+
+def factor(unit: str, quantity: str | Sequence[str] | None) -> float:
+    """Factor from a unit to the SI unit of a quantity, or of one of several; None stands for any quantity.
+
+    Units have prefixes, products (``N·m``, ``N*m``, ``N m``, ``Nm``), quotients (``mm/s``; from left to right) and
+    powers (``s²``, ``s^2``, ``s**2``, ``s2``); an empty text is the SI unit.
+    """
+    wanted = None if quantity is None else (quantity,) if isinstance(quantity, str) else tuple(quantity)
+    if not unit.strip() or (wanted is not None and unit in wanted):
+        return 1.0
+    found = _parsed(unit, wanted or tuple(_QUANTITIES))
+    if wanted is None:
+        return float(found.factor)
+    if all(_parsed(si, (si,)).dimension != found.dimension for si in wanted):
+        of = next(
+            (name for si, (name, _) in _QUANTITIES.items() if _parsed(si, (si,)).dimension == found.dimension), ""
+        )
+        asked = " or ".join(_QUANTITIES.get(si, (si,))[0] for si in wanted)
+        what = f"is the unit of {of}" if of else "is a unit of something else"
+        raise InputError(f"'{unit}' {what}, not of {asked} (valid: {', '.join(_valid(wanted))})")
+    return float(found.factor)
+
+
+def _valid(wanted: Sequence[str]) -> list[str]:
+    return list(dict.fromkeys(text for si in wanted for text in _QUANTITIES.get(si, ("", (si,)))[1]))
+
+
+def _parsed(text: str, wanted: Sequence[str]) -> _Unit:
+    total, dimension, sign, place, ended = Fraction(1), [0] * 5, 1, 0, False
+    plain = re.sub(r"\s*([*·/])\s*", r"\1", text.strip().translate(_SAME).replace("**", "^"))
+    while place < len(plain):
+        token = _TOKEN.match(plain, place)
+        if token is None:
+            raise _unknown(text, wanted)
+        place = token.end()
+        name, power, operator = token.groups()
+        ended = not operator
+        if operator:
+            sign = -1 if operator == "/" else 1
+            continue
+        unit, exponent = _named(name, text, wanted), sign * int(power or 1)
+        total *= unit.factor**exponent
+        dimension = [d + exponent * u for d, u in zip(dimension, unit.dimension, strict=True)]
+        sign = 1
+    if not ended:
+        raise _unknown(text, wanted)
+    kg, m, s, a, rad = dimension
+    return _Unit(total, (kg, m, s, a, rad))
+
+
+def _named(name: str, text: str, wanted: Sequence[str]) -> _Unit:
+    """One unit, with a prefix or not; or several that are written together, as few as will do."""
+    for parts in range(1, 4):
+        found = {unit.factor: unit for unit in _joined(name, parts)}
+        if len(found) > 1:
+            raise InputError(f"'{text}' can be read in several ways; write products with a dot, as in N·m")
+        if found:
+            return next(iter(found.values()))
+    raise _unknown(text, wanted)
+
+
+def _joined(name: str, parts: int) -> Iterator[_Unit]:
+    if parts == 1:
+        unit = _single(name)
+        if unit is not None:
+            yield unit
+        return
+    for cut in range(1, len(name)):
+        first = _single(name[:cut])
+        if first is not None:
+            for rest in _joined(name[cut:], parts - 1):
+                kg, m, s, a, rad = (x + y for x, y in zip(first.dimension, rest.dimension, strict=True))
+                yield _Unit(first.factor * rest.factor, (kg, m, s, a, rad))
+
+
+def _single(name: str) -> _Unit | None:
+    # long names in capitals are a habit (RPM, DEG); of short ones the case tells milli from mega
+    known = _UNITS.get(name) or (_UNITS.get(name.lower()) if len(name) > 2 else None)
+    if known is not None:
+        return known
+    base = _UNITS.get(name[1:])
+    if base is None or not base.prefixes or name[0] not in _PREFIXES:
+        return None
+    return _Unit(base.factor * Fraction(10) ** _PREFIXES[name[0]], base.dimension)
+
+
+def _unknown(text: str, wanted: Sequence[str]) -> InputError:
+    if text.strip().lower() in _COUNTS:
+        return InputError(
+            f"'{text}' has no size of its own: leave the unit out and give as scale how much a count is, "
+            "such as 2*pi/4096 for 4096 counts per turn"
+        )
+    return InputError(f"'{text}' is not a unit{nearest_of(text, _valid(wanted))}")

@@ -1,0 +1,1 @@
+"""What is wrong with a log: faults of sensors and loggers, and magnitudes that no robot has."""

@@ -1,0 +1,325 @@
+"""What cannot be right: magnitudes that no robot has, and velocities that contradict positions.
+
+A wrong unit is an error of a factor of 57 or 1000, and robots differ by less than that: joints turn once or twice, not
+fifty times, and are sampled between five and twenty thousand times a second.  Where a number cannot be right, and the
+column's unit was not stated, reading stops with the unit that would make it right.  To state the unit is to say that
+the number is right; then, and where there is room for doubt, it is a finding.
+
+A wrong sign, unit or column shows as a factor between velocities and the derivatives of positions.  Measured velocities
+are integrated instead of differentiating positions: over windows of many samples noise and resolution count for little,
+and a delay of a few samples for nothing.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from echelon.arrays import Flags, Floats
+from echelon.errors import InputError
+from echelon.exact.polynomial import float_generators
+from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.columns.quantities import WRAP, Series, motion_of, series
+from echelon.logs.columns.units import factor
+from echelon.logs.finding import Finding, Severity, listed
+from echelon.logs.recording import Recording
+from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.placement import Placement
+from echelon.mechanism.values import known_values
+from echelon.signals.clock import GAP, nominal_period
+
+_PERIODS = (5e-5, 0.2)
+_ODD_PERIODS = (2e-5, 0.5)
+_TURNS = 4 * math.pi
+_DEGREES = 720.0
+_LITTLE_ANGLE = 2 * math.pi**2 / 180
+_LONG = 20.0
+_LITTLE_LENGTH = 1e-3
+_STRONG = {"N·m": 2e4, "N": 1e6}
+_WEIGHTS = 50.0
+_WEAK = 1e-4
+_FORWARD = 0.75
+"""Share of steps forward in time from which on their length says something."""
+_G = 9.81
+
+_WINDOWS = 400
+_LEAST = 4
+_FOLLOWS = 0.9
+_UNRELATED = 0.5
+_OFF = 0.1
+_NEAR = 0.03
+_TURNING = (
+    (180 / math.pi, "as if it were in deg{per} (unit: deg{per})"),
+    (math.pi / 180, "as if the {lower} were in degrees (unit: deg{lower_per})"),
+    (30 / math.pi, "as if it were in rpm (unit: rpm)"),
+    (0.5 / math.pi, "as if it were in turns (unit: rev{per})"),
+    (2 * math.pi, "as if the {lower} were in turns (unit: rev{lower_per})"),
+    (1e3, "as if time were in ms (unit: ms)"),
+    (1e6, "as if time were in µs (unit: us)"),
+    (1e9, "as if time were in ns (unit: ns)"),
+)
+_SLIDING = (
+    (1e3, "as if it were in mm{per} (unit: mm{per}), or time in ms (unit: ms)"),
+    (1e-3, "as if the {lower} were in mm{lower_per} (unit: mm{lower_per})"),
+    (1e6, "as if time were in µs (unit: us)"),
+    (1e9, "as if time were in ns (unit: ns)"),
+)
+
+
+def check_plausible(
+    recording: Recording, mechanism: Mechanism, columns: ColumnMap | None = None
+) -> tuple[Finding, ...]:
+    """Compare magnitudes with what robots do; units that were stated in the column map are believed."""
+    stated = columns or ColumnMap()
+    findings = _check_time(recording, stated)
+    positions = [s for s in series(recording, mechanism, "q") if np.isfinite(s.values).any()]
+    turning = [s for s in positions if _kind(mechanism, s) is MotionKind.ROTATION]
+    sliding = [s for s in positions if _kind(mechanism, s) is MotionKind.TRANSLATION and not _floats(mechanism, s)]
+    findings += _check_angles(recording, turning, stated.positions)
+    findings += _check_lengths(recording, sliding, stated.positions)
+    findings += _check_forces(recording, mechanism, stated.outputs)
+    return tuple(findings)
+
+
+def surplus_columns(columns: ColumnMap, names: Sequence[str]) -> tuple[Finding, ...]:
+    """Positions that a file has beyond those that are used, such as ``q_7`` beside ``q_1`` … ``q_6``."""
+    used = {channel.column for channel in columns.positions.values()}
+    patterns = {re.sub(r"\d+(?=\D*$)", "#", name) for name in used if re.search(r"\d", name)}
+    more = [n for n in names if n not in used and re.search(r"\d", n) and re.sub(r"\d+(?=\D*$)", "#", n) in patterns]
+    if not more or len(patterns) > 1 or len(used) < 2:
+        return ()
+    shown = listed(f"'{name}'" for name in more)
+    text = f"the log has {shown} beside the {len(used)} columns that are used: is it a log of another robot?"
+    return (Finding(Severity.WARNING, "robot", "positions", text),)
+
+
+# -- time -------------------------------------------------------------------------------------------------------------
+
+
+def _check_time(recording: Recording, columns: ColumnMap) -> list[Finding]:
+    time = recording.time[np.isfinite(recording.time)]
+    steps = np.diff(time)
+    if columns.rate is not None or len(time) < 3 or np.mean(steps > 0) < _FORWARD:
+        return []  # that stamps are in no order is said where segments are made
+    period = nominal_period(time)
+    if _ODD_PERIODS[0] <= period <= _ODD_PERIODS[1]:
+        return []
+    channel = columns.time or Channel("")
+    raw = period / factor(channel.unit, "s")
+    units = [u for u in ("s", "ms", "us", "ns") if _PERIODS[0] <= raw * factor(u, "s") <= _PERIODS[1]]
+    text = f"by its time stamps the log has a sample every {period:.4g} s"
+    if columns.time is not None and not channel.unit and units:
+        unit = units[0]
+        problem = (
+            f"{text}: is time in {unit} (unit: {unit}; {1 / (raw * factor(unit, 's')):.4g} samples per second)? "
+            "If it really is in seconds, say unit: s"
+        )
+        raise InputError(problem, source=recording.source, element=f"column '{channel.column}'")
+    if channel.unit == "s":
+        return []
+    hint = f": is time in {units[0]}?" if units else ", which no dynamics can be seen in"
+    return [Finding(Severity.WARNING, "time", f"{recording.source}, time", text + hint)]
+
+
+# -- positions --------------------------------------------------------------------------------------------------------
+
+
+def _kind(mechanism: Mechanism, channel: Series) -> MotionKind | None:
+    motion = motion_of(mechanism, channel.name)
+    return None if motion is None else motion.kind
+
+
+def _floats(mechanism: Mechanism, channel: Series) -> bool:
+    """Whether a coordinate belongs to a joint that moves freely in space, as far as it likes."""
+    joints = (body.joint for body in mechanism.bodies)
+    own = next(joint for joint in joints if any(channel.name in m.positions for m in joint.motions))
+    return any(motion.kind is MotionKind.BALL for motion in own.motions)
+
+
+def _largest(channel: Series) -> float:
+    return float(np.nanmax(np.abs(np.where(np.isfinite(channel.values), channel.values, np.nan))))
+
+
+def _range(channel: Series) -> float:
+    return float(np.ptp(channel.values[np.isfinite(channel.values)]))
+
+
+def _unstated(channels: Mapping[str, Channel], name: str) -> bool:
+    """Whether the column of a coordinate, or one at a motor that may be behind it, has no unit."""
+    own = [channels[name]] if name in channels else list(channels.values())
+    return not own or any(not channel.unit for channel in own)
+
+
+def _check_angles(recording: Recording, turning: Sequence[Series], stated: Mapping[str, Channel]) -> list[Finding]:
+    far = [channel for channel in turning if _largest(channel) > _TURNS and _unstated(stated, channel.name)]
+    if far:
+        most = max(map(_largest, far))
+        names = listed(f"'{channel.name}'" for channel in far)
+        text = f"{names}: angles up to {most:.4g} rad are {most / math.tau:.3g} turns"
+        text += (
+            ": are they in degrees (unit: deg)?"
+            if most <= _DEGREES
+            else ": are they encoder counts (scale), or those of motors (state actuators and name these)?"
+        )
+        if len(far) > 1 and 2 * len(far) > len(turning):
+            problem = f"{text} If they are right, say unit: rad"
+            raise InputError(problem, source=recording.source, element="positions")
+        return [Finding(Severity.WARNING, "units", f"{recording.source}, positions", text)]
+    degrees = [c for c in turning if c.name in stated and factor(stated[c.name].unit, "rad") == math.radians(1)]
+    if degrees and len(degrees) == len(turning) and max(map(_range, turning)) < _LITTLE_ANGLE:
+        most = math.degrees(max(map(_range, turning)))
+        text = f"no joint turns by more than {most:.3g}°: are the columns in rad (leave out unit: deg)?"
+        return [Finding(Severity.WARNING, "units", f"{recording.source}, positions", text)]
+    return []
+
+
+def _check_lengths(recording: Recording, sliding: Sequence[Series], stated: Mapping[str, Channel]) -> list[Finding]:
+    findings = []
+    for channel in sliding:
+        most, where = _largest(channel), f"{recording.source}, {channel.label}"
+        if most > _LONG and _unstated(stated, channel.name):
+            problem = f"it goes to {most:.4g} m: is it in mm (unit: mm)?  If it is right, say unit: m"
+            raise InputError(problem, source=recording.source, element=channel.label)
+        unit = stated[channel.name].unit if channel.name in stated else ""
+        if unit and factor(unit, "m") < 0.1 and 0 < _range(channel) < _LITTLE_LENGTH:
+            text = f"moves by {_range(channel) * 1e3:.3g} mm only: is the column in m (leave out unit: {unit})?"
+            findings.append(Finding(Severity.WARNING, "units", where, text))
+    return findings
+
+
+# -- forces -----------------------------------------------------------------------------------------------------------
+
+
+def _check_forces(recording: Recording, mechanism: Mechanism, stated: Mapping[str, Channel]) -> list[Finding]:
+    units = {output.name: output.unit for output in mechanism.outputs}
+    outputs = [s for s in series(recording, mechanism, "y") if np.isfinite(s.values).any()]
+    for channel in outputs:
+        unit, most = units[channel.name], _largest(channel)
+        if most > _STRONG.get(unit, math.inf) and _unstated(stated, channel.name):
+            problem = (
+                f"it goes to {most:.4g} {unit}: is it in m{unit} (unit: m{unit})?  If it is right, say unit: {unit}"
+            )
+            raise InputError(problem, source=recording.source, element=channel.label)
+    torques = [channel for channel in outputs if units[channel.name] == "N·m"]
+    static = _largest_static_torque(mechanism)
+    if static is None or not torques:
+        return []
+    most, where = max(map(_largest, torques)), f"{recording.source}, outputs"
+    text = f"torques go to {most:.3g} N·m, where the weight of the described robot makes {static:.3g} N·m at most"
+    if most > _WEIGHTS * static:
+        return [Finding(Severity.WARNING, "units", where, f"{text}: are they in mN·m, or is this another robot's log?")]
+    if most < _WEAK * static and not mechanism.actuators:
+        return [
+            Finding(Severity.WARNING, "units", where, f"{text}: are they in kN·m, or those of motors before gears?")
+        ]
+    return []
+
+
+def _largest_static_torque(mechanism: Mechanism) -> float | None:
+    """Weight of all bodies times the length of the robot stretched out; None where the description is silent."""
+    masses = [body.inertial[9] for body in mechanism.bodies if body.inertial is not None and body.carried]
+    if mechanism.gravity is None or len(masses) < sum(1 for body in mechanism.bodies if body.carried):
+        return None
+    known, reach = known_values(mechanism), 0.0
+    for body in mechanism.bodies:
+        for step in body.joint.steps:
+            if isinstance(step, Placement):
+                if not all(s in known for entry in step.translation for s in entry.symbols()):
+                    return None
+                parts = [e.evaluate(float_generators(e.generators(), known), float) for e in step.translation]
+                reach += math.hypot(*parts)
+    return sum(masses) * _G * reach or None
+
+
+@dataclass(frozen=True)
+class _Pair:
+    lower: Series
+    upper: Series
+    sliding: bool
+
+
+def contradictions(recording: Recording, mechanism: Mechanism, usable: Flags) -> list[Finding]:
+    """Velocities that are not the derivatives of positions, and accelerations that are not those of velocities."""
+    time = recording.time
+    if usable.sum() < _LEAST * 10 or not np.any(np.diff(time[usable]) > 0):
+        return []
+    width = max(_LEAST, len(time) // _WINDOWS)
+    inside = _whole_windows(time, usable, width)
+    if inside.sum() < 10:
+        return []
+    found = []
+    for pair in _pairs(recording, mechanism):
+        text = _compared(pair, time, inside, width)
+        if text:
+            where = f"{recording.source}, {pair.upper.label}"
+            found.append(Finding(Severity.WARNING, "contradiction", where, text))
+    return found
+
+
+def _pairs(recording: Recording, mechanism: Mechanism) -> list[_Pair]:
+    found = []
+    for low, up in (("q", "qd"), ("qd", "qdd")):
+        lower = {s.name: s for s in series(recording, mechanism, low)}
+        for upper in series(recording, mechanism, up):
+            motion = motion_of(mechanism, upper.name)
+            if motion is None or upper.name not in lower or (motion.kind is MotionKind.BALL and low == "q"):
+                continue
+            own = lower[upper.name]
+            if low == "q" and motion.kind is MotionKind.ROTATION and _wraps(own.values):
+                own = Series(own.signal, own.name, np.unwrap(own.values, discont=WRAP))
+            found.append(_Pair(own, upper, motion.kind is MotionKind.TRANSLATION))
+    return found
+
+
+def _wraps(values: Floats) -> bool:
+    """Whether an angle, finite throughout, jumps by a turn."""
+    jumps = bool(np.any(np.abs(np.diff(values)) > WRAP))
+    return jumps and bool(np.isfinite(values).all())
+
+
+def _whole_windows(time: Floats, usable: Flags, width: int) -> Flags:
+    """Which windows of so many intervals have only usable samples and no jump of the clock."""
+    count = (len(time) - 1) // width
+    steps = np.diff(time)[: count * width].reshape(count, width)
+    period = nominal_period(time[usable])
+    good = usable[: count * width].reshape(count, width).all(axis=1) & usable[width : count * width + 1 : width]
+    return np.asarray(good & (steps.min(axis=1) >= 0) & (steps.max(axis=1) <= GAP * period))
+
+
+def _compared(pair: _Pair, time: Floats, inside: Flags, width: int) -> str:
+    count = len(inside)
+    ends = np.arange(count + 1) * width
+    moved = np.diff(pair.lower.values[ends])[inside]
+    v = pair.upper.values
+    area = 0.5 * (v[1:] + v[:-1]) * np.diff(time)
+    integral = area[: count * width].reshape(count, width).sum(axis=1)[inside]
+    size, other = float(np.linalg.norm(moved)), float(np.linalg.norm(integral))
+    if size == 0 or other == 0:
+        return ""  # one of them is constant, which is said elsewhere
+    likeness = float(moved @ integral) / (size * other)
+    factor = math.copysign(other / size, likeness)
+    what = pair.lower.label
+    if abs(likeness) < _UNRELATED:
+        return f"does not follow the {what} (correlation {likeness:.2f}): is this its column?"
+    if abs(likeness) < _FOLLOWS or abs(factor - 1) < _OFF:
+        return ""
+    return f"is {factor:.4g} times the derivative of the {what}: {_reason(pair, factor)}"
+
+
+def _reason(pair: _Pair, factor: float) -> str:
+    if abs(factor + 1) < _OFF:
+        return "one of them has the wrong sign (scale: -1)"
+    words = {
+        "lower": "position" if pair.lower.signal == "q" else "velocity",
+        "per": "/s" if pair.upper.signal == "qd" else "/s²",
+        "lower_per": "" if pair.lower.signal == "q" else "/s",
+    }
+    known: Sequence[tuple[float, str]] = _SLIDING if pair.sliding else _TURNING
+    hint = next((text for value, text in known if abs(abs(factor) / value - 1) < _NEAR), None)
+    sign = ", with the wrong sign" if factor < 0 else ""
+    return hint.format(**words) + sign if hint else "units or a ratio (scale) differ, or the sides of the gear do"

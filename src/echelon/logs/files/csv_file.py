@@ -1,0 +1,325 @@
+"""Text files: CSV and its relatives, with commas, semicolons, tabs or blanks, compressed by gzip or not.
+
+The layout is found from the first lines rather than asked for: a delimiter is right if it cuts all of them into equally
+many cells and turns the last one into numbers.  Tabs and semicolons are tried before commas, because beside them commas
+are decimal.
+
+Blocks of clean numbers, which is nearly all of every log, are parsed by pyarrow where it is installed and by numpy
+where not.  Both only decide how fast: whatever they refuse is parsed again cell by cell, which alone says what counts
+as a number and names the line and the column of what does not.  Files are read in pieces and may be larger than memory.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import os
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import IO, cast
+
+import numpy as np
+
+from echelon.arrays import Floats
+from echelon.errors import InputError, one_line
+from echelon.inputs.limits import COLUMNS, LINE, check_unpacked
+from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file, selected
+
+_DELIMITERS = ("\t", ";", ",", None)
+_MISSING = frozenset({"", "nan", "na", "n/a", "null", "none"})
+_TRUTH = {"true": 1.0, "false": 0.0}
+_NUMBER = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|inf(?:inity)?|nan)", re.ASCII | re.IGNORECASE)
+
+_COMMENT = re.compile(rb"^[ \t]*#[^\n]*", re.MULTILINE)
+_DATE = re.compile(r"\d+[-/.]\d+[-/.]\d+|\d+:\d\d")
+_NULLS = ["", "nan", "NaN", "NAN", "NA", "N/A", "null", "NULL", "None"]
+_SHOWN = 40
+_SNIFFED = 50
+_PREAMBLE = 100_000
+_AT_ONCE = 1 << 26
+_BLOCK = 1 << 20
+_MARK = b"\xef\xbb\xbf"
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """The layout of a text file."""
+
+    delimiter: str | None  # between cells; None for any amount of white space
+    names: tuple[str, ...]  # of the columns
+    start: int  # lines before the first row of numbers
+
+    @property
+    def decimal_comma(self) -> bool:
+        """Whether a comma inside a cell is a decimal point."""
+        return self.delimiter != ","
+
+
+def cells(line: str, delimiter: str | None) -> list[str]:
+    """A line's cells, without quotes and surrounding blanks."""
+    text = line.strip("\r\n")
+    if '"' not in text:
+        return text.split() if delimiter is None else [cell.strip() for cell in text.split(delimiter)]
+    if delimiter is None:
+        text, delimiter = text.replace("\t", " ").strip(), " "
+    try:
+        rows = list(csv.reader([text], delimiter=delimiter, skipinitialspace=True, strict=False))
+    except csv.Error as error:
+        raise InputError(f"its quotes cannot be read: {error}") from None
+    return [cell.strip() for cell in rows[0]] if rows else [""]
+
+
+def number(cell: str) -> float | None:
+    """The value of a cell with a decimal point, NaN where there is none, or None for what is no number."""
+    word = cell.strip().lower()
+    if word in _MISSING:
+        return float("nan")
+    if word in _TRUTH:
+        return _TRUTH[word]
+    return float(word) if _NUMBER.fullmatch(word) else None
+
+
+def is_blank(line: str) -> bool:
+    """Whether a line holds nothing, or a comment."""
+    return not line.strip(" \r\n") or line.lstrip().startswith("#")
+
+
+def sniff(lines: list[str], source: str) -> Dialect:
+    """The layout of a file from its first lines.
+
+    Names stand in the first line, if that holds anything but numbers, or in the comment right above the numbers, if
+    that has as many cells; otherwise columns are numbered from 0.
+    """
+    content = [index for index, line in enumerate(lines) if not is_blank(line)]
+    if not content:
+        raise InputError("holds no numbers: all lines are blank or comments", source=source)
+    first = content[0]
+    delimiter = _delimiter([lines[index] for index in content])
+    row = cells(lines[first], delimiter)
+    COLUMNS.check(len(row), source, f"line {first + 1}")
+    if any(_value(cell, delimiter) is None for cell in row):
+        return Dialect(delimiter, _names(row, source, first), first + 1)
+    above = lines[first - 1].strip().lstrip("#").strip() if first else ""
+    titles = cells(above, delimiter)
+    if above and len(titles) == len(row) and any(_value(cell, delimiter) is None for cell in titles):
+        return Dialect(delimiter, _names(titles, source, first - 1), first)
+    return Dialect(delimiter, tuple(str(index) for index in range(len(row))), first)
+
+
+def _delimiter(lines: list[str]) -> str | None:
+    """The delimiter that makes all lines equally long and the last one numbers; failing that, equally long."""
+    even = []
+    for delimiter in _DELIMITERS:
+        rows = [cells(line, delimiter) for line in lines]
+        if len(rows[0]) > 1 and len({len(row) for row in rows}) == 1:
+            even.append(delimiter)
+            if all(_value(cell, delimiter) is not None for cell in rows[-1]):
+                return delimiter
+    if even:
+        return even[0]
+    # ragged lines, or a single column: what cuts the first line most often
+    return max(_DELIMITERS, key=lambda delimiter: (len(cells(lines[0], delimiter)), delimiter == ","))
+
+
+def _value(cell: str, delimiter: str | None) -> float | None:
+    return number(cell if delimiter == "," else cell.replace(",", "."))
+
+
+def _names(row: list[str], source: str, line: int) -> tuple[str, ...]:
+    """Names of columns; one without a name goes by its number."""
+    names = tuple(one_line(cell) or str(index) for index, cell in enumerate(row))
+    first: dict[str, int] = {}
+    for index, name in enumerate(names):
+        if first.setdefault(name, index) != index:
+            problem = f"columns {first[name]} and {index} have the same name; rename one"
+            raise InputError(problem, source=source, element=f"line {line + 1}, column '{name}'")
+    return names
+
+
+@dataclass(frozen=True)
+class BlockParser:
+    """Parses blocks of lines of one file."""
+
+    source: str  # name of the file
+    dialect: Dialect
+    picked: tuple[int, ...]  # columns whose numbers are wanted; the cells of the others may hold anything
+
+    def parse(self, lines: Sequence[bytes], line: int) -> list[Floats]:
+        """The picked columns of lines, ``line`` being the first one's number; blank lines and comments give no row."""
+        text = b"\n".join(lines)
+        if b"#" in text:
+            text = _COMMENT.sub(b"", text)
+        if self.dialect.decimal_comma:
+            text = text.replace(b",", b".")
+        if not text.strip():
+            return [np.empty(0) for _ in self.picked]
+        columns = self._by_arrow(text)
+        if columns is None:
+            columns = self._by_cells(lines, line)
+        return columns
+
+    def _by_arrow(self, text: bytes) -> list[Floats] | None:
+        """Columns of clean text through pyarrow, or through numpy if it is not installed or cannot cut the lines."""
+        if self.dialect.delimiter is None:
+            return self._by_numpy(text)
+        try:
+            from pyarrow import ArrowException, BufferReader, csv, float64
+        except ImportError:
+            return self._by_numpy(text)
+        wanted = [str(index) for index in self.picked]
+        try:
+            table = csv.read_csv(
+                BufferReader(text),
+                csv.ReadOptions(column_names=[str(index) for index in range(len(self.dialect.names))]),
+                csv.ParseOptions(delimiter=self.dialect.delimiter),
+                csv.ConvertOptions(
+                    column_types=dict.fromkeys(wanted, float64()), include_columns=wanted, null_values=_NULLS
+                ),
+            )
+        except ArrowException:
+            return None
+        return [np.asarray(table.column(name).to_numpy(), dtype=np.float64) for name in wanted]
+
+    def _by_numpy(self, text: bytes) -> list[Floats] | None:
+        try:
+            stream = io.StringIO(text.decode("ascii"))
+            rows = np.loadtxt(stream, delimiter=self.dialect.delimiter, comments=None, ndmin=2, quotechar='"')
+        except ValueError:
+            return None
+        if rows.shape[1] != len(self.dialect.names):
+            return None
+        return [np.ascontiguousarray(rows[:, index]) for index in self.picked]
+
+    def _by_cells(self, lines: Sequence[bytes], line: int) -> list[Floats]:
+        columns: list[list[float]] = [[] for _ in self.picked]
+        for current, raw in enumerate(lines, start=line):
+            text = raw.decode("utf-8", errors="replace")
+            if is_blank(text):
+                continue
+            row = self._row(text, current)
+            for index, values in zip(self.picked, columns, strict=True):
+                values.append(self._number(row[index], current, index))
+        return [np.array(values) for values in columns]
+
+    def _row(self, text: str, line: int) -> list[str]:
+        names = self.dialect.names
+        try:
+            row = cells(text, self.dialect.delimiter)
+        except InputError as error:
+            raise InputError(error.problem, source=self.source, element=f"line {line}") from None
+        if len(row) != len(names):
+            problem = f"has {len(row)} {'cell' if len(row) == 1 else 'cells'} where the file has {len(names)} columns"
+            raise InputError(problem, source=self.source, element=f"line {line}")
+        return row
+
+    def _number(self, cell: str, line: int, column: int) -> float:
+        value = number(cell.replace(",", ".") if self.dialect.decimal_comma else cell)
+        if value is None:
+            shown = one_line(cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "…")
+            where = f"line {line}, column '{self.dialect.names[column]}'"
+            hint = "; times have to be in seconds" if _DATE.match(cell) else ""
+            raise InputError(f"'{shown}' is no number{hint}", source=self.source, element=where)
+        return value
+
+
+class CsvFile:
+    """A text file with a row of cells per line.
+
+    Names stand in the first line or in the comment right above the numbers; without them columns are named ``0``,
+    ``1``, ….  Lines that begin with ``#`` are comments.  Empty cells, ``nan`` and ``NA`` are missing values, NaN;
+    ``true`` and ``false`` are 1 and 0.  Where cells are not cut by commas, a comma is a decimal point.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._path = existing_file(path)
+        self.source = os.fspath(path)
+        self._packed = self._path.stat().st_size if _is_packed(self._path) else 0
+        self._dialect = sniff(self._first_lines(), self.source)
+        self.names: tuple[str, ...] = self._dialect.names
+
+    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+        """Pieces of the file with so many lines, or fewer where they are long."""
+        chosen = selected(self.source, names, self.names)
+        place = {name: index for index, name in enumerate(self.names)}
+        parser = BlockParser(self.source, self._dialect, tuple(place[name] for name in chosen))
+        first, line = 0, self._dialect.start + 1
+        for lines in self._pieces(rows, self._dialect.start):
+            columns = parser.parse(lines, line)
+            length = len(columns[0]) if columns else 0
+            if length:
+                yield Table(self.source, dict(zip(chosen, columns, strict=True)), first=first)
+            first, line = first + length, line + len(lines)
+        if chosen and not first:
+            raise InputError("holds the names of columns but no numbers", source=self.source)
+
+    def _pieces(self, rows: int, skipped: int) -> Iterator[list[bytes]]:
+        """Lines behind the first ones: so many at once, or as many as fit into the memory set aside."""
+        waiting: list[bytes] = []
+        size = 0
+        for lines in self._blocks():
+            size += _BLOCK
+            waiting += lines[skipped:]
+            skipped -= min(skipped, len(lines))
+            whole = len(waiting) - len(waiting) % rows if size < _AT_ONCE else len(waiting)
+            for start in range(0, whole, rows):
+                yield waiting[start : min(start + rows, whole)]
+            if whole:
+                waiting, size = waiting[whole:], 0
+        if waiting:
+            yield waiting
+
+    def _blocks(self) -> Iterator[list[bytes]]:
+        """All lines without their ends, in blocks."""
+        rest, mark = b"", _MARK
+        with decoding(self.source, "text"), _opened(self._path) as stream:
+            while block := stream.read(_BLOCK):
+                check_unpacked(stream.tell() if self._packed else 0, self._packed)
+                *lines, rest = (rest + block.removeprefix(mark)).split(b"\n")
+                LINE.check(len(lines[0] if lines else rest))  # the others are shorter than the block
+                mark = b""
+                yield lines
+        if rest:
+            yield [rest]
+
+    def _first_lines(self) -> list[str]:
+        """Lines to judge the layout by: leading comments and some lines of content."""
+        lines: list[bytes] = []
+        content = size = 0
+        for line in chain.from_iterable(self._blocks()):
+            lines.append(line)
+            content += bool(line.strip()) and not line.lstrip().startswith(b"#")
+            size += len(line)
+            if content == _SNIFFED or size > _AT_ONCE or len(lines) == _PREAMBLE:
+                break
+        self._check_text(lines)
+        return [self._decoded(line, number) for number, line in enumerate(lines, start=1)]
+
+    def _check_text(self, lines: list[bytes]) -> None:
+        start = b"\n".join([*lines, b""])
+        if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            raise InputError("is UTF-16 text; save it as UTF-8", source=self.source)
+        if b"\0" in start:
+            raise InputError("is no text, though its name says so", source=self.source)
+        if b"\r" in start.replace(b"\r\n", b""):
+            raise InputError("has carriage returns inside lines; end lines with a line feed", source=self.source)
+
+    def _decoded(self, line: bytes, number: int) -> str:
+        try:
+            return line.decode("utf-8")
+        except UnicodeDecodeError as error:
+            problem = f"byte {line[error.start]:#04x} is no UTF-8 text; save the file as UTF-8"
+            raise InputError(problem, source=self.source, element=f"line {number}") from None
+
+
+def _is_packed(path: Path) -> bool:
+    return path.suffix.lower() == ".gz"
+
+
+def _opened(path: Path) -> IO[bytes]:
+    if _is_packed(path):
+        return cast("IO[bytes]", gzip.open(path, "rb"))
+    return path.open("rb")

@@ -1,0 +1,236 @@
+"""MATLAB's files, versions 4 to 7, element by element.
+
+A file of version 5 or later is a tree of elements, each with a tag that says its type and its length.  scipy reads them
+too, but looks types and lengths up without asking whether they can be: one wrong byte in a file without compression may
+end the whole process or keep it busy for ever, where a log that is damaged should be an error.  What is no array of
+real numbers, a struct or a cell is not decoded.  Files of version 7.3 are HDF5 with conventions of MATLAB's own; MATLAB
+writes the older format on request (``-v7``), and the error says so.
+
+The format is described in MathWorks' "MAT-File Level 5 File Format".
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from math import prod
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.inputs.limits import COLUMNS, check_unpacked, most_unpacked
+from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file
+from echelon.logs.files.numpy_file import ArrayColumns, NamedArray
+
+_HEADER = 128
+_MATRIX, _COMPRESSED = 14, 15
+_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
+_COMPLEX = 0x0800
+_COMPLEX_NUMBERS = "holds complex numbers, not real numbers"
+_OLD_NUMBERS = ("f8", "f4", "i4", "i2", "u2", "u1")
+_OLD_TYPES, _OLD_SPARSE = 5000, 2
+MANY = 256
+"""Structs or cells of an array that are opened."""
+_OTHER = {
+    _OBJECT: "is a MATLAB object; save its numbers as plain arrays",
+    _CHAR: "holds text, not real numbers",
+    _SPARSE: "is a sparse matrix; save it as a full one",
+    _FUNCTION: "is a function",
+    _OPAQUE: "is a MATLAB object; save its numbers as plain arrays",
+}
+
+_KIND = "a MAT file"
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+
+
+@dataclass(frozen=True)
+class Group:
+    """A cell array or an array of structs."""
+
+    fields: tuple[str, ...]  # of the structs; empty for cells
+    members: list[Any]  # the values: of one struct or cell after another, columns of the array first
+
+
+@dataclass(frozen=True)
+class Unread:
+    """What is not decoded, and why."""
+
+    reason: str
+
+
+Value = npt.NDArray[Any] | Group | Unread
+
+
+def variables(content: bytes) -> Iterator[tuple[str, Value]]:
+    """The variables of a file of version 5 or later, by name; a damaged one raises what the decoder stumbles over."""
+    order = {b"IM": "<", b"MI": ">"}[content[126:_HEADER]]
+    reader, unpacked = _Reader(order), 0
+    for kind, payload in _elements(memoryview(content)[_HEADER:], order):
+        if kind == _COMPRESSED:
+            plain = zlib.decompressobj().decompress(payload, most_unpacked(len(content)) + 1)
+            unpacked += len(plain)
+            check_unpacked(unpacked, len(content))
+            ((kind, payload),) = _elements(memoryview(plain), order)
+        if kind != _MATRIX:
+            raise ValueError(f"a variable cannot be an element of type {kind}")
+        name, value = reader.variable(payload)
+        if name:  # one without a name belongs to MATLAB's objects
+            yield name, value
+
+
+def old_variables(content: bytes) -> Iterator[tuple[str, Value]]:
+    """The variables of a file of version 4, which knows nothing but matrices, by name."""
+    order = "<" if int.from_bytes(content[:4], "little") < _OLD_TYPES else ">"
+    place = 0
+    while place < len(content):
+        kind, rows, columns, imaginary, length = struct.unpack_from(f"{order}5I", content, place)
+        machine, digits = divmod(kind, 1000)
+        numbers, meaning = np.dtype(order + _OLD_NUMBERS[digits // 10]), digits % 10
+        if machine > 1 or meaning > _OLD_SPARSE:
+            raise ValueError(f"a matrix cannot be of type {kind}")
+        first = place + 20 + length
+        place = first + rows * columns * numbers.itemsize * (1 + bool(imaginary))
+        if place > len(content):
+            raise ValueError("a matrix is longer than the file")
+        name = _text(content[first - length : first])
+        if meaning:
+            yield name, Unread(_OTHER[_SPARSE if meaning == _OLD_SPARSE else _CHAR])
+        elif imaginary:
+            yield name, Unread(_COMPLEX_NUMBERS)
+        else:
+            yield name, np.frombuffer(content, numbers, rows * columns, first).reshape((rows, columns), order="F")
+
+
+def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
+    """Types and contents of consecutive elements."""
+    place = 0
+    while place < len(data):
+        kind, length = struct.unpack_from(f"{order}II", data, place)
+        if kind >> 16:  # short elements hold their content inside the tag
+            kind, length, start, end = kind & 0xFFFF, kind >> 16, place + 4, place + 8
+        else:
+            start = place + 8
+            end = start + length + (0 if kind == _COMPRESSED else -length % 8)
+        if start + length > min(end, len(data)):
+            raise ValueError("an element is longer than what holds it")
+        yield kind, data[start : start + length]
+        place = end
+
+
+class _Reader:
+    """Decodes matrix elements of a file, not more of them than a log can have columns."""
+
+    def __init__(self, order: str) -> None:
+        self._order = order
+        self._count = 0
+
+    def variable(self, payload: memoryview) -> tuple[str, Value]:
+        """Name and value of a matrix element."""
+        self._count += 1
+        COLUMNS.check(self._count)
+        if not payload:
+            return "", np.empty((0, 0))
+        parts = _elements(payload, self._order)
+        flags = int(_numbers(next(parts), self._order)[0])
+        second = next(parts)
+        if flags & 0xFF == _OPAQUE:
+            return _text(second[1]), Unread(_OTHER[_OPAQUE])
+        shape = tuple(int(size) for size in _numbers(second, self._order))
+        return _text(next(parts)[1]), self._value(flags, shape, parts)
+
+    def _value(self, flags: int, shape: tuple[int, ...], parts: Iterator[tuple[int, memoryview]]) -> Value:
+        kind = flags & 0xFF
+        if kind in _OTHER:
+            return Unread(_OTHER[kind])
+        if flags & _COMPLEX:
+            return Unread(_COMPLEX_NUMBERS)
+        if kind == _CELL:
+            return self._group((), shape, parts)
+        if kind == _STRUCT:
+            width = int(_numbers(next(parts), self._order)[0])
+            names = bytes(next(parts)[1])
+            fields = tuple(_text(names[start : start + width]) for start in range(0, len(names), width))
+            return self._group(fields, shape, parts)
+        (numbers,) = parts
+        return _numbers(numbers, self._order).reshape(shape, order="F")
+
+    def _group(self, fields: tuple[str, ...], shape: tuple[int, ...], parts: Iterator[tuple[int, memoryview]]) -> Value:
+        """Cells if there are no fields, although a struct without fields looks the same: it has no parts."""
+        count = prod(shape)
+        if count > MANY:
+            return Unread(f"has {count} structs or cells; at most {MANY} are opened")
+        found = list(islice(parts, count * max(len(fields), 1) + 1))
+        width = len(fields) if fields or not found else 1
+        if len(found) != count * width or any(kind != _MATRIX for kind, _ in found):
+            raise ValueError("a struct or cell array has another size than its content")
+        return Group(fields, [self.variable(payload)[1] for _, payload in found])
+
+
+def _numbers(element: tuple[int, memoryview], order: str) -> npt.NDArray[Any]:
+    kind, payload = element
+    return np.frombuffer(payload, dtype=np.dtype(order + _NUMBERS[kind]))
+
+
+def _text(payload: memoryview | bytes) -> str:
+    return bytes(payload).split(b"\0")[0].decode()
+
+
+class MatFile:
+    """A MAT file.
+
+    Rows and columns of numbers are columns of the log, a matrix gives ``name[0]``, ``name[1]``, …; fields of structs
+    are ``name.field``, entries of struct arrays ``name[0].field``, those of cells ``name[0]``.  The log has as many
+    rows as most arrays; the others are left out.  The format has no index: all of it is read when it is opened.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        found, self.source = existing_file(path), os.fspath(path)
+        content = found.read_bytes()  # as large as the file is on disk
+        if content.startswith(b"MATLAB 7.3") or _HDF5 in content[:520]:
+            problem = "is a MAT file of version 7.3, which is not read; save it in MATLAB with  save(…, '-v7')"
+            raise InputError(problem, source=self.source)
+        self._left_out: dict[str, str] = {}
+        with decoding(self.source, _KIND):
+            arrays = list(self._arrays(content))
+        self._columns = ArrayColumns(self.source, arrays, self._left_out, len(content))
+        self.names: tuple[str, ...] = self._columns.names
+
+    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+        """Pieces of the file."""
+        yield from self._columns.tables(names, rows)
+
+    def _arrays(self, content: bytes) -> Iterator[NamedArray]:
+        for name, value in old_variables(content) if 0 in content[:4] else variables(content):
+            yield from self._inside(name, value)
+
+    def _inside(self, name: str, value: Value) -> Iterator[NamedArray]:
+        """The arrays in a variable, with structs and cells opened."""
+        if isinstance(value, Unread):
+            self._left_out[name] = value.reason
+        elif isinstance(value, Group):
+            yield from self._opened(name, value)
+        else:
+            array = _without_singletons(value)
+            yield NamedArray(name, array.shape, array.dtype, lambda: array)
+
+    def _opened(self, name: str, value: Group) -> Iterator[NamedArray]:
+        fields = value.fields or ("",)
+        count = len(value.members) // len(fields)
+        for index, member in enumerate(value.members):
+            element, field = divmod(index, len(fields))
+            label = name if count == 1 else f"{name}[{element}]"
+            yield from self._inside(f"{label}.{fields[field]}".removesuffix("."), member)
+
+
+def _without_singletons(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """MATLAB has no vectors: what is a single row or column becomes one, a single number loses its axes."""
+    if array.size == 1 and array.ndim <= 2:
+        return array.reshape(())
+    return array.reshape(-1) if array.ndim == 2 and 1 in array.shape else array

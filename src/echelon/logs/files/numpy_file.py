@@ -1,0 +1,250 @@
+"""Named arrays as the columns of a log, and NumPy's files of them: archives (NPZ) and single arrays (NPY).
+
+Nothing in such a file says which axis is time, or which arrays belong to the log at all.  Rows are along the first
+axis, and the log has as many as most of its arrays; arrays of another length are constants or settings, or transposed,
+and are not guessed at.
+
+Names and shapes come from the headers of an archive's members, so that only the arrays that are asked for are read.
+Pickled objects are never loaded: they can run code.
+"""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from math import prod
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.arrays import Floats
+from echelon.errors import InputError
+from echelon.inputs.limits import ARRAY_COLUMNS, COLUMNS, check_unpacked
+from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file, selected
+
+_ENDING = ".npy"
+_KIND = "a NumPy file"
+
+
+@dataclass(frozen=True)
+class NamedArray:
+    """An array of a file, not yet read."""
+
+    name: str  # empty for the only array of a file
+    shape: tuple[int, ...]
+    kind: np.dtype[Any]  # of its entries; a structured one gives a column per field
+    load: Callable[[], npt.NDArray[Any]]  # reads it
+
+
+@dataclass(frozen=True)
+class _Column:
+    """Where a column's numbers are: array, then entry of a row, then field of the entry."""
+
+    array: NamedArray
+    entry: tuple[int, ...]
+    fields: tuple[str | int, ...] = ()
+
+
+class ArrayColumns:
+    """Columns of a file's arrays: ``name``, ``name[0]``, ``name[0][1]``, ``name.field``."""
+
+    def __init__(self, source: str, arrays: Sequence[NamedArray], left_out: Mapping[str, str], packed: int) -> None:
+        self._source, self._left_out, self._packed = source, dict(left_out), packed
+        repeated = {name for name, count in Counter(array.name for array in arrays).items() if count > 1}
+        self._left_out |= dict.fromkeys(repeated, "occurs more than once")
+        COLUMNS.check(len(arrays), source)
+        usable = [array for array in arrays if array.shape and self._is_usable(array)]
+        self.length = _common_length(usable)
+        COLUMNS.check(
+            sum(prod(a.shape[1:]) * _count_numbers(a.kind) for a in usable if a.shape[0] == self.length), source
+        )
+        self._columns: dict[str, _Column] = {}
+        for array in usable:
+            if array.shape[0] == self.length:
+                self._columns.update(_columns(array))
+            else:
+                rows = f"has {array.shape[0]} rows where most arrays of the file have {self.length}"
+                swapped = "; transpose it" if self.length in array.shape else ""
+                self._left_out[array.name] = rows + swapped
+        for array in arrays:
+            if not array.shape:
+                self._left_out[array.name] = "is a single value, not a value per row"
+        self.names: tuple[str, ...] = tuple(self._columns)
+        if not self.names or not self.length:
+            raise InputError("holds no arrays of numbers with a row per sample" + self._reasons(), source=source)
+
+    def tables(self, names: Sequence[str] | None, rows: int) -> Iterator[Table]:
+        """Pieces of the file."""
+        chosen = selected(self._source, names, self.names, self._left_out)
+        picked = {name: self._columns[name] for name in chosen}
+        self._check_memory([column.array for column in picked.values()])
+        loaded = {column.array.name: column.array.load() for column in picked.values()}
+        for first in range(0, self.length, rows):
+            columns = {name: _values(column, loaded[column.array.name][first : first + rows])
+                       for name, column in picked.items()}  # fmt: skip
+            yield Table(self._source, columns, first=first)
+
+    def _check_memory(self, arrays: Sequence[NamedArray]) -> None:
+        """As numbers, which take eight bytes each, and as the arrays that hold them."""
+        sizes = {array.name: array.kind.itemsize * prod(array.shape) for array in arrays}
+        check_unpacked(max(sum(sizes.values()), 8 * self.length * len(arrays)), self._packed, self._source)
+
+    def _is_usable(self, array: NamedArray) -> bool:
+        entries, numbers = prod(array.shape[1:]), _count_numbers(array.kind)
+        if not entries:
+            self._left_out[array.name] = "has rows without entries"
+        elif not numbers:
+            self._left_out[array.name] = f"holds {_described(array.kind)}, not real numbers"
+        elif entries * numbers > ARRAY_COLUMNS.most:
+            problem = f"has {entries * numbers} columns; at most {ARRAY_COLUMNS.most} are read (is it transposed?)"
+            self._left_out[array.name] = problem
+        return array.name not in self._left_out
+
+    def _reasons(self) -> str:
+        found = [f"'{name}' {reason}" for name, reason in self._left_out.items()]
+        return f": {'; '.join(found[:4])}" if found else ""
+
+
+def _common_length(arrays: Sequence[NamedArray]) -> int:
+    """Length of most arrays; of two that are equally frequent, the larger."""
+    lengths = Counter(array.shape[0] for array in arrays)
+    return max(lengths, key=lambda length: (lengths[length], length), default=0)
+
+
+def _columns(array: NamedArray) -> Iterator[tuple[str, _Column]]:
+    for entry in product(*(range(size) for size in array.shape[1:])):
+        for label, fields in _number_fields(array.kind):
+            yield _named(array.name, entry, label), _Column(array, entry, fields)
+
+
+def _named(name: str, entry: tuple[int, ...], label: str) -> str:
+    """``name[0][1].field``; for an array without a name ``0[1].field``, ``field``, or ``0`` for a plain vector."""
+    if name or (entry and label):
+        return name + "".join(f"[{index}]" for index in entry) + label
+    if label:
+        return label.removeprefix(".")
+    first, *others = entry or (0,)
+    return f"{first}" + "".join(f"[{index}]" for index in others)
+
+
+def _count_numbers(kind: np.dtype[Any]) -> int:
+    """How many real numbers a dtype holds."""
+    if kind.names is not None:
+        return sum(_count_numbers(kind[name]) for name in kind.names)
+    if kind.subdtype is not None:
+        return _count_numbers(kind.subdtype[0]) * prod(kind.subdtype[1])
+    return int(kind.kind in "biuf")
+
+
+def _number_fields(kind: np.dtype[Any]) -> Iterator[tuple[str, tuple[str | int, ...]]]:
+    """Real numbers in a dtype: their label, and the way to them."""
+    if kind.names is not None:
+        for name in kind.names:
+            for label, fields in _number_fields(kind[name]):
+                yield f".{name}{label}", (name, *fields)
+    elif kind.subdtype is not None:
+        inner, shape = kind.subdtype
+        for entry in product(*(range(size) for size in shape)):
+            for label, fields in _number_fields(inner):
+                yield "".join(f"[{index}]" for index in entry) + label, (*entry, *fields)
+    elif kind.kind in "biuf":
+        yield "", ()
+
+
+def _values(column: _Column, rows: npt.NDArray[Any]) -> Floats:
+    index: tuple[Any, ...] = (slice(None), *column.entry)
+    values = rows[index]
+    for step in column.fields:
+        values = values[step] if isinstance(step, str) else values[:, step]
+    return np.array(values, dtype=np.float64)
+
+
+def _described(kind: np.dtype[Any]) -> str:
+    words = {"O": "Python objects", "U": "text", "S": "text", "c": "complex numbers"}
+    words |= dict.fromkeys("Mm", "dates or spans of time (save them as seconds)")
+    return words.get(kind.kind, str(kind))
+
+
+class NpzFile:
+    """An archive of arrays, or a single array.
+
+    A vector is a column of its name, an array of more dimensions gives ``name[0]``, ``name[1]``, …, a structured array
+    ``name.field``.  In a file with a single array these names begin with the index or the field: ``0``, ``1``, … or
+    ``field``.  The log has as many rows as most arrays; the others are left out.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._path, self.source = existing_file(path), os.fspath(path)
+        with decoding(self.source, _KIND):
+            arrays = _members(self._path) if zipfile.is_zipfile(self._path) else [self._single()]
+        self._columns = ArrayColumns(self.source, arrays, {}, self._path.stat().st_size)
+        self.names: tuple[str, ...] = self._columns.names
+
+    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+        """Pieces of the file."""
+        pieces = self._columns.tables(names, rows)
+        while True:
+            with decoding(self.source, _KIND):
+                piece = next(pieces, None)
+            if piece is None:
+                return
+            yield piece
+
+    def _single(self) -> NamedArray:
+        """The array of an NPY file, which stays on disk until its rows are asked for."""
+        with self._path.open("rb") as stream:
+            shape, kind = _header(stream)
+            rest = os.fstat(stream.fileno()).st_size - stream.tell()
+        if kind.hasobject:
+            raise InputError(
+                "holds pickled Python objects, which are not loaded: they can run code", source=self.source
+            )
+        _check_complete(shape, kind, rest)
+        return NamedArray("", shape, kind, lambda: np.load(self._path, mmap_mode="r", allow_pickle=False))
+
+
+def _members(path: Path) -> list[NamedArray]:
+    """The arrays of an archive, by their headers."""
+    arrays = []
+    with zipfile.ZipFile(path) as archive:
+        members = [member for member in archive.infolist() if member.filename.endswith(_ENDING)]
+        COLUMNS.check(len(members))
+        for info in members:
+            member = info.filename
+            with archive.open(info) as stream:
+                shape, kind = _header(stream)
+                _check_complete(shape, kind, info.file_size - stream.tell())
+            name = member.removesuffix(_ENDING)
+            arrays.append(NamedArray(name, shape, kind, partial(_loaded, path, member)))
+    return arrays
+
+
+def _loaded(path: Path, member: str) -> npt.NDArray[Any]:
+    with zipfile.ZipFile(path) as archive, archive.open(member) as stream:
+        array: npt.NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
+        return array
+
+
+def _check_complete(shape: tuple[int, ...], kind: np.dtype[Any], rest: int) -> None:
+    """The array cannot be larger than what follows its header; its product is exact, however large."""
+    if kind.itemsize * prod(shape) > rest and not kind.hasobject:
+        raise ValueError(f"an array of shape {shape} needs more than the {rest} bytes that follow")
+
+
+def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Shape and dtype of an array that is stored in NumPy's format."""
+    version = np.lib.format.read_magic(stream)
+    if version == (1, 0):
+        shape, _, kind = np.lib.format.read_array_header_1_0(stream)
+    elif version == (2, 0):
+        shape, _, kind = np.lib.format.read_array_header_2_0(stream)
+    else:
+        raise ValueError(f"version {version[0]}.{version[1]} of the format is not known")
+    return shape, kind

@@ -1,0 +1,165 @@
+"""Opening a log of any kind.
+
+What a file is, its first bytes say more reliably than its name; text has no such mark, and goes by the name.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Sequence
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+
+from echelon.errors import InputError
+from echelon.logs.files.bag_file import BagFile
+from echelon.logs.files.csv_file import CsvFile
+from echelon.logs.files.log_file import LogFile, Table, existing_file
+from echelon.logs.files.mat_file import MatFile
+from echelon.logs.files.numpy_file import NpzFile
+from echelon.logs.files.parquet_file import ParquetFile
+
+_METADATA = "metadata.yaml"
+
+_FOREIGN = {
+    b"#ROSBAG": "is a bag of ROS 1; convert it with  rosbags-convert",
+    b"PK\x03\x04[Content_Types]": "is a spreadsheet; save it as CSV",
+}
+_VALID = "valid are .csv, .tsv, .txt, .dat (also with .gz), .parquet, .npz, .npy, .mat, .db3, .mcap and bag directories"
+
+
+class Kind(StrEnum):
+    """Kinds of logs."""
+
+    TEXT = "CSV"
+    PARQUET = "Parquet"
+    NUMPY = "NumPy"
+    MATLAB = "MAT"
+    BAG = "ROS 2 bag or MCAP"
+
+
+_READERS: dict[Kind, Callable[[str | os.PathLike[str]], LogFile]] = {
+    Kind.TEXT: CsvFile,
+    Kind.PARQUET: ParquetFile,
+    Kind.NUMPY: NpzFile,
+    Kind.MATLAB: MatFile,
+    Kind.BAG: BagFile,
+}
+_SUFFIXES = {
+    ".csv": Kind.TEXT,
+    ".tsv": Kind.TEXT,
+    ".txt": Kind.TEXT,
+    ".dat": Kind.TEXT,
+    ".parquet": Kind.PARQUET,
+    ".pq": Kind.PARQUET,
+    ".npz": Kind.NUMPY,
+    ".npy": Kind.NUMPY,
+    ".mat": Kind.MATLAB,
+    ".db3": Kind.BAG,
+    ".mcap": Kind.BAG,
+}
+_MARKS = {
+    b"PAR1": Kind.PARQUET,
+    b"\x93NUMPY": Kind.NUMPY,
+    b"MATLAB ": Kind.MATLAB,
+    b"SQLite format 3\0": Kind.BAG,
+    b"\x89MCAP0": Kind.BAG,
+}
+
+
+def open_log(path: str | os.PathLike[str]) -> LogFile:
+    """Open a log: CSV, Parquet, NPZ, NPY, MAT, a ROS bag or MCAP."""
+    found = Path(path)
+    if os.path.isdir(found):
+        if not is_bag(found):
+            raise InputError(f"is a directory, not a log{_content(found)}", source=os.fspath(path))
+        return BagFile(path)
+    return _READERS[_kind(existing_file(path))](path)
+
+
+def log_paths(path: str | os.PathLike[str]) -> list[Path]:
+    """The logs that a path stands for: itself, or those of one kind in a directory, ``run2`` before ``run10``.
+
+    Files whose names no log has, such as read-me files, and hidden ones do not count.
+    """
+    found = Path(path)
+    if not os.path.isdir(found):
+        return [existing_file(path)]
+    if is_bag(found):
+        return [found]
+    kinds: dict[Kind, list[Path]] = {}
+    for entry in _entries(found):
+        kind = Kind.BAG if is_bag(entry) else None if entry.is_dir() else _kind_by_name(entry)
+        if kind is not None:
+            kinds.setdefault(kind, []).append(entry)
+    if not kinds:
+        raise InputError(f"is a directory without logs; {_VALID}", source=os.fspath(path))
+    if len(kinds) > 1:
+        examples = ", ".join(f"{kind} ({entries[0].name})" for kind, entries in kinds.items())
+        problem = f"holds logs of several kinds: {examples}; give each kind a directory of its own"
+        raise InputError(problem, source=os.fspath(path))
+    (logs,) = kinds.values()
+    return sorted(logs, key=_natural)
+
+
+def read_table(path: str | os.PathLike[str], names: Sequence[str] | None = None) -> Table:
+    """A whole log in memory, or some of its columns."""
+    log = open_log(path)
+    pieces = list(log.tables(names))
+    if len(pieces) < 2:
+        return pieces[0] if pieces else Table(log.source, {})
+    columns = {name: np.concatenate([piece.columns[name] for piece in pieces]) for name in pieces[0].columns}
+    return Table(log.source, columns, pieces[0].clocks)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is the directory of a ROS 2 bag."""
+    return os.path.isfile(path / _METADATA)
+
+
+def _kind(path: Path) -> Kind:
+    with path.open("rb") as stream:
+        start = stream.read(64)
+    for mark, reason in _FOREIGN.items():
+        if start.startswith(mark[:4]) and mark[4:] in start:
+            raise InputError(reason, source=os.fspath(path))
+    for mark, kind in _MARKS.items():
+        if start.startswith(mark):
+            return kind
+    by_name = _kind_by_name(path)
+    if by_name is None:
+        raise InputError(f"its kind is not known; {_VALID}", source=os.fspath(path))
+    return by_name
+
+
+def _kind_by_name(path: Path) -> Kind | None:
+    name = path.name.lower()
+    if name.endswith(".gz"):
+        kind = _SUFFIXES.get(Path(name.removesuffix(".gz")).suffix)
+        return kind if kind is Kind.TEXT else None
+    return _SUFFIXES.get(Path(name).suffix)
+
+
+def _entries(directory: Path) -> list[Path]:
+    try:
+        return [entry for entry in directory.iterdir() if not entry.name.startswith(".")]
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror or error}", source=os.fspath(directory)) from None
+
+
+def _content(directory: Path) -> str:
+    """What a directory that is no log holds instead."""
+    logs = sorted((entry for entry in _entries(directory) if _kind_by_name(entry)), key=_natural)
+    if not logs:
+        return f", and it holds none; {_VALID}"
+    if _kind_by_name(logs[0]) is Kind.BAG:
+        return f": {_METADATA} is missing; name {logs[0].name} in it, or repair the bag with  ros2 bag reindex"
+    return f"; name a file in it, such as {logs[0].name}"
+
+
+def _natural(path: Path) -> list[tuple[int, int, str]]:
+    """Order of names in which numbers count as numbers."""
+    parts = re.findall(r"\d+|\D+", path.name)
+    return [(0, int(part), part) if part.isdecimal() else (1, 0, part) for part in parts]

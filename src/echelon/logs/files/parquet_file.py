@@ -1,0 +1,277 @@
+"""Parquet files, read by batches of rows: memory is bounded by the batch, not by the file.
+
+Nested columns are taken apart.  A leaf is a number inside a column and the way to it: fields of structs by name,
+entries of lists by index.  Lengths of lists are data, not type, so they are those of the first rows, and every later
+row is checked against them.  Points in time count from the whole second of the first one in the file: since 1970, a
+float64 would keep no more than a quarter of a microsecond.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from echelon.arrays import Floats
+from echelon.errors import InputError, MissingExtraError
+from echelon.inputs.limits import COLUMNS, check_unpacked
+from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file, selected
+
+_UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
+_DAY = 86400
+_LONGEST = 256
+
+_SAMPLED = 16
+_BUFFER = 1 << 20
+_KIND = "a Parquet file"
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step into a nested column: a field of a struct, or an entry of a list of so many."""
+
+    key: str | int
+    length: int = 0
+
+    def __str__(self) -> str:
+        return f"[{self.key}]" if isinstance(self.key, int) else f".{self.key}"
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """A number per row."""
+
+    column: str  # column of the file that holds it
+    steps: tuple[Step, ...] = ()  # the way from there
+
+    @property
+    def name(self) -> str:
+        """Such as ``column``, ``column.field`` or ``column[0]``."""
+        return self.column + "".join(map(str, self.steps))
+
+    def values(self, column: Any, origin: int) -> Floats:
+        """The numbers of a piece of the column (N,), NaN where there are none; times count from ``origin``, s."""
+        import pyarrow.compute as pc
+
+        for step in self.steps:
+            if isinstance(step.key, str):
+                column = pc.struct_field(column, step.key)
+            else:
+                _check_lengths(column, step.length)
+                column = pc.list_element(column, step.key)
+        return numbers(column, origin)
+
+
+def leaves(column: str, sample: Any) -> Iterator[tuple[Leaf, str]]:
+    """Numbers inside a column, by its first rows, each with the reason why it cannot be read, empty if it can."""
+    yield from _inside(Leaf(column), sample)
+
+
+def numbers(array: Any, origin: int) -> Floats:
+    """A piece of a column without nesting as numbers (N,), times in seconds; dates count from ``origin``, s."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if pa.types.is_dictionary(array.type):
+        array = array.dictionary_decode()
+    if ticks := ticks_per_second(array.type):
+        shift = origin * ticks if is_point_in_time(array.type) else 0
+        values = pc.subtract(_integers(array), pa.scalar(shift, pa.int64()))
+        scale = ticks
+    else:
+        values, scale = array, 1
+    floats = np.asarray(pc.cast(values, pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=np.float64)
+    return floats / scale if scale != 1 else floats
+
+
+def ticks_per_second(kind: Any) -> int:
+    """Resolution of a type of times; 0 for other types."""
+    import pyarrow as pa
+
+    if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_time(kind):
+        return _UNITS[kind.unit]
+    return 1000 if pa.types.is_date64(kind) else 1 if pa.types.is_date32(kind) else 0
+
+
+def is_point_in_time(kind: Any) -> bool:
+    """Whether a type of times counts from 1970."""
+    import pyarrow as pa
+
+    return bool(pa.types.is_timestamp(kind) or pa.types.is_date(kind))
+
+
+def _integers(times: Any) -> Any:
+    """Ticks since the type's zero."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if pa.types.is_date32(times.type):
+        return pc.multiply(pc.cast(times.cast(pa.int32()), pa.int64()), _DAY)
+    if times.type.bit_width == 32:  # times of the day in seconds or milliseconds
+        return pc.cast(times.cast(pa.int32()), pa.int64())
+    return times.cast(pa.int64())
+
+
+def _inside(leaf: Leaf, sample: Any) -> Iterator[tuple[Leaf, str]]:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    kind = sample.type
+    if pa.types.is_struct(kind):
+        for field in kind:
+            yield from _inside(_below(leaf, Step(field.name)), pc.struct_field(sample, field.name))
+    elif _is_list(kind):
+        length, reason = _length(sample)
+        if reason:
+            yield leaf, reason
+        for index in range(length):
+            yield from _inside(_below(leaf, Step(index, length)), _element(sample, index, length))
+    else:
+        valued = kind.value_type if pa.types.is_dictionary(kind) else kind
+        yield leaf, "" if _is_number(valued) else f"holds {kind}, not numbers"
+
+
+def _below(leaf: Leaf, step: Step) -> Leaf:
+    return Leaf(leaf.column, (*leaf.steps, step))
+
+
+def _is_list(kind: Any) -> bool:
+    import pyarrow as pa
+
+    return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
+
+
+def _is_number(kind: Any) -> bool:
+    import pyarrow as pa
+
+    plain = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_decimal, pa.types.is_null)
+    return any(test(kind) for test in plain) or ticks_per_second(kind) > 0
+
+
+def _length(sample: Any) -> tuple[int, str]:
+    """Entries of each list, or why the lists cannot be columns."""
+    import pyarrow.compute as pc
+
+    lengths = pc.unique(pc.drop_null(pc.list_value_length(sample))).to_pylist()
+    if not lengths:
+        return 0, "its first lists are missing, so that the number of their entries is not known"
+    if len(lengths) > 1:
+        return 0, f"holds lists of different lengths ({min(lengths)} and {max(lengths)})"
+    if lengths[0] > _LONGEST:
+        return 0, f"holds lists of {lengths[0]} entries; at most {_LONGEST} become columns"
+    return lengths[0], "" if lengths[0] else "holds empty lists"
+
+
+def _element(lists: Any, index: int, length: int) -> Any:
+    import pyarrow.compute as pc
+
+    complete = lists.filter(pc.equal(pc.list_value_length(lists), length))
+    return pc.list_element(complete, index)
+
+
+def _check_lengths(lists: Any, length: int) -> None:
+    import pyarrow.compute as pc
+
+    lengths = pc.fill_null(pc.list_value_length(lists), length).to_numpy(zero_copy_only=False)
+    wrong = np.flatnonzero(lengths != length)
+    if wrong.size:
+        row = int(wrong[0])
+        raise InputError(f"a list of {lengths[row]} entries where others have {length}", element=f"row {row}")
+
+
+class ParquetFile:
+    """A Parquet file.
+
+    Integers, booleans, decimals and floats are columns of their name; a field of a struct is ``name.field``, an entry
+    of a list whose length is constant ``name[0]``.  Times and spans of time are in seconds; points in time count from
+    ``origin``.  Missing values are NaN.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.source = os.fspath(path)
+        existing_file(path)
+        with decoding(self.source, _KIND), self._opened() as file:
+            if not file.metadata.num_rows:
+                raise InputError("holds no rows", source=self.source)
+            COLUMNS.check(file.metadata.num_columns, self.source)
+            self._rows: int = file.metadata.num_rows
+            head = next(file.iter_batches(batch_size=_SAMPLED))
+            self._leaves, self._left_out = self._columns(head)
+            self.origin = _origin(head)
+        self.names: tuple[str, ...] = tuple(self._leaves)
+        if not self.names:
+            raise InputError("none of its columns holds numbers", source=self.source)
+
+    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+        """Pieces of the file."""
+        chosen = selected(self.source, names, self.names, self._left_out)
+        picked = {name: self._leaves[name] for name in chosen}
+        check_unpacked(8 * self._rows * len(picked), os.path.getsize(self.source), self.source)
+        needed = list(dict.fromkeys(leaf.column for leaf in picked.values()))
+        with decoding(self.source, _KIND):
+            file = self._opened()
+        with file:
+            first = 0
+            batches = file.iter_batches(batch_size=rows, columns=needed)
+            while (batch := self._next(batches)) is not None:
+                columns = {name: self._values(leaf, batch, first) for name, leaf in picked.items()}
+                yield Table(self.source, columns, first=first)
+                first += batch.num_rows
+
+    def _opened(self) -> Any:
+        try:
+            import pyarrow.parquet as pq
+        except ImportError:
+            raise MissingExtraError("pyarrow", "identify") from None
+        # without a buffer, the whole of a column's row group would be read at once
+        return pq.ParquetFile(self.source, page_checksum_verification=True, pre_buffer=False, buffer_size=_BUFFER)
+
+    def _next(self, batches: Iterator[Any]) -> Any:
+        with decoding(self.source, _KIND):
+            return next(batches, None)
+
+    def _values(self, leaf: Leaf, batch: Any, first: int) -> Floats:
+        try:
+            with decoding(self.source, _KIND):
+                return leaf.values(batch.column(leaf.column), self.origin)
+        except InputError as error:
+            if not (error.element or "").startswith("row "):
+                raise
+            row = first + int(str(error.element).removeprefix("row "))
+            raise InputError(error.problem, source=self.source, element=f"column '{leaf.name}', row {row}") from None
+
+    def _columns(self, head: Any) -> tuple[dict[str, Leaf], dict[str, str]]:
+        """Columns by name, and what is none with the reason."""
+        found: dict[str, Leaf] = {}
+        left_out: dict[str, str] = {}
+        counts = Counter(head.schema.names)
+        for position, column in enumerate(head.schema.names):
+            if counts[column] > 1:
+                left_out[column] = "more than one column has this name"
+                continue
+            for leaf, reason in leaves(column, head.column(position)):
+                if reason:
+                    left_out[leaf.name] = reason
+                elif leaf.name in found:
+                    problem = "a field inside another column has the same name"
+                    raise InputError(problem, source=self.source, element=f"column '{leaf.name}'")
+                else:
+                    found[leaf.name] = leaf
+        return found, left_out
+
+
+def _origin(head: Any) -> int:
+    """Second of the first point in time of the file."""
+    import pyarrow as pa
+
+    for column in head.columns:
+        valid = column.drop_null()
+        if is_point_in_time(column.type) and len(valid):
+            if pa.types.is_date32(column.type):
+                return int(valid[0].cast(pa.int32()).as_py()) * 86400
+            return int(valid[0].cast(pa.int64()).as_py()) // ticks_per_second(column.type)
+    return 0

@@ -1,0 +1,159 @@
+"""ROS 2 bags, a directory with ``metadata.yaml`` or a lone SQLite file, and the types of their messages.
+
+Everything goes through rosbags: no ROS has to be installed.  Bags carry the definitions of their messages since ROS 2
+Iron.  Older ones do not, so that what is missing is taken from Humble, the last release before it; standard messages
+have not changed since.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from echelon.errors import InputError, MissingExtraError
+from echelon.logs.files.log_file import decoding, existing_file
+from echelon.logs.files.message_columns import END_OF_TIME
+from echelon.logs.files.unpacked_size import check_bag
+
+_RULE = "=" * 80 + "\n"
+
+_KIND = "a ROS 2 bag"
+_METADATA = "metadata.yaml"
+
+
+@dataclass(frozen=True)
+class Definition:
+    """How a bag defines a type."""
+
+    name: str  # such as ``sensor_msgs/msg/JointState``
+    language: str  # ``"msg"`` or ``"idl"``; empty if the bag does not define it
+    text: str
+
+
+class RosTypes:
+    """Decodes messages of the types that a bag defines; ``left_out`` says which cannot be decoded, and why."""
+
+    def __init__(self, definitions: Iterable[Definition]) -> None:
+        try:
+            from rosbags.typesys import Stores, TypesysError, get_typestore
+        except ImportError:
+            raise MissingExtraError("rosbags", "ros") from None
+
+        self.left_out: dict[str, str] = {}
+        needed = {definition.name: definition for definition in definitions}
+        types: dict[str, Any] = {}
+        for name, definition in needed.items():
+            try:
+                types |= _parsed(definition)
+            except TypesysError as error:
+                self.left_out[name] = f"its type {name} is not defined properly in the bag: {error}"
+        if any(name not in types and name not in self.left_out for name in needed):
+            types = {**get_typestore(Stores.ROS2_HUMBLE).fielddefs, **types}
+        for name in needed:
+            if name not in types and name not in self.left_out:
+                self.left_out[name] = f"its type {name} is defined neither in the bag nor by ROS 2"
+        self._store = get_typestore(Stores.EMPTY)
+        self._store.register(types)
+
+    def decode(self, name: str, message: bytes) -> Any:
+        """A message in ROS's binary encoding, CDR, as an object with its fields."""
+        return self._store.deserialize_cdr(message, name)
+
+
+def ros_name(name: str) -> str:
+    """A type's name with its middle part, which some recorders leave out: ``sensor_msgs/msg/JointState``."""
+    package, _, rest = name.partition("/")
+    return f"{package}/msg/{rest}" if rest and "/" not in rest else name
+
+
+def _parsed(definition: Definition) -> dict[str, Any]:
+    """Parsed types of a definition, with those that it uses."""
+    from rosbags.typesys import get_types_from_idl, get_types_from_msg
+
+    if definition.language == "msg":
+        return dict(get_types_from_msg(definition.text, definition.name))
+    if definition.language == "idl":
+        parts = definition.text.split(_RULE) if definition.text.startswith(_RULE) else [definition.text]
+        found: dict[str, Any] = {}
+        for part in filter(None, parts):
+            found |= get_types_from_idl(part.split("\n", 1)[1] if part.startswith("IDL: ") else part)
+        return found
+    return {}
+
+
+class Rosbag:
+    """Messages of a ROS 2 bag, the source of a :class:`echelon.logs.files.bag_file.BagFile`."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._path, self.source = Path(path), os.fspath(path)
+        files = _files(self._path)
+        for file in files:
+            _check_closed(file, self.source)
+        with decoding(self.source, _KIND):
+            check_bag(self._path, files)
+        with decoding(self.source, _KIND), self._opened() as reader:
+            connections = list(reader.connections)
+            self.start: int = reader.start_time
+            if not isinstance(self.start, int) or abs(self.start) >= END_OF_TIME:
+                raise InputError("is damaged: its start is no time in nanoseconds", source=self.source)
+            self._types = RosTypes(_definition(connection) for connection in connections)
+        self.topics: Mapping[str, str] = self._readable(connections)
+
+    def messages(self, topics: Collection[str], head: int | None = None) -> Iterator[tuple[str, int, Any]]:
+        """Messages in the order of reception: topic, time in ns, content; or only the first few of each publisher."""
+        with decoding(self.source, _KIND), self._opened() as reader:
+            chosen = [connection for connection in reader.connections if connection.topic in topics]
+            for group in [chosen] if head is None else [[connection] for connection in chosen]:
+                for connection, time, message in islice(reader.messages(connections=group), head):
+                    # int: a database holds what was put into it, whatever the type of its column
+                    yield connection.topic, int(time), self._types.decode(connection.msgtype, message)
+
+    def _opened(self) -> Any:
+        try:
+            from rosbags.rosbag2 import Reader
+        except ImportError:
+            raise MissingExtraError("rosbags", "ros") from None
+        return Reader(self._path)
+
+    def _readable(self, connections: Sequence[Any]) -> dict[str, str]:
+        """A topic can be read if the messages of all its publishers can."""
+        counts: Counter[str] = Counter()
+        reasons: dict[str, str] = {}
+        for connection in connections:
+            topic = connection.topic
+            if not isinstance(connection.msgcount, int):
+                raise InputError(
+                    "is damaged: a number of messages is no whole number", source=self.source, element=topic
+                )
+            counts[topic] += connection.msgcount
+            reasons[topic] = reasons.get(topic) or self._types.left_out.get(connection.msgtype, "")
+        return {topic: reason if counts[topic] else "its topic has no messages" for topic, reason in reasons.items()}
+
+
+def _files(path: Path) -> list[Path]:
+    """SQLite files of a bag; an error for what is none."""
+    if not os.path.isdir(path):
+        if existing_file(path).suffix != ".db3":
+            raise InputError("is no .db3 file; the files of a ROS 2 bag are .db3 or .mcap", source=os.fspath(path))
+        return [path]
+    existing_file(path / _METADATA)
+    return sorted(path.glob("*.db3"))
+
+
+def _check_closed(file: Path, source: str) -> None:
+    """A recorder that was killed leaves messages in a second file, which SQLite takes in when it opens the first."""
+    pending = file.with_name(f"{file.name}-wal")
+    if pending.is_file() and pending.stat().st_size:
+        problem = f"was not closed: {pending.name} still holds messages; take them in with  sqlite3 {file.name} .tables"
+        raise InputError(problem, source=source)
+
+
+def _definition(connection: Any) -> Definition:
+    """How the bag defines a connection's type."""
+    format_ = connection.msgdef.format.name.lower()
+    return Definition(connection.msgtype, "" if format_ == "none" else format_, connection.msgdef.data)

@@ -1,0 +1,1 @@
+"""From a recording to samples for least squares: segments, filters, derivatives, and their settings."""

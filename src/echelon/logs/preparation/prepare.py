@@ -1,0 +1,231 @@
+"""Preparation: from segments of a log to samples for least squares.
+
+At the ends of a segment the filters have nothing to work on: what they spoil there is left out.  Of a periodic motion
+that is to be averaged one mean period remains, continued on both sides for the filters.  Where an output feels dry
+friction, rows near rest are left out, because the direction of friction is unknown there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil
+
+import numpy as np
+
+from echelon.arrays import Flags, Floats
+from echelon.errors import InputError
+from echelon.exact.polynomial import float_generators
+from echelon.logs.preparation.settings import Preparation, at_rate
+from echelon.logs.preparation.states import needed, states, states_reach, usable, velocity_names
+from echelon.logs.recording import Samples, Segment
+from echelon.mechanism.effect import Side
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output
+from echelon.mechanism.values import symbol_values
+from echelon.signals.clock import shift_reach, shifted
+from echelon.signals.filters import FAR, NEAR, Reduction, reduction
+from echelon.signals.periods import average
+
+MEMORY = 2.0
+"""Times the filters' reach that windows overlap: what is forgotten to 1e-18 survives two differentiations."""
+
+
+def speed_rows(mechanism: Mechanism, output: Output, names: Sequence[str]) -> Floats | None:
+    """Speeds of the joints or actuators of an output as combinations (speeds, velocities); None for a wrench."""
+    if any(isinstance(channel, Cut) for channel, _ in output.terms):
+        return None
+    rows = np.zeros((len(output.terms), len(names)))
+    for row, (channel, _) in zip(rows, output.terms, strict=True):
+        if isinstance(channel, JointForce):
+            row[names.index(channel.coordinate)] = 1.0
+        elif isinstance(channel, ActuatorForce):
+            actuator = next(a for a in mechanism.transmission.actuators if a.name == channel.actuator)
+            for name, ratio in actuator.terms:
+                known = symbol_values(mechanism, sorted(ratio.symbols()))
+                row[names.index(name)] = ratio.evaluate(float_generators(ratio.generators(), known), float)
+    return rows
+
+
+def rubs(mechanism: Mechanism, output: Output) -> bool:
+    """Whether dry friction is in an output: an effect with a sign that it can see."""
+    dry = {(a.at, a.side) for effect in mechanism.effects for a in effect.actions if "sign(" in a.term}
+    for channel, _ in output.terms:
+        if isinstance(channel, Cut):
+            continue
+        if mechanism.closures:
+            return bool(dry)
+        if isinstance(channel, JointForce):
+            if (channel.coordinate, Side.JOINT) in dry:
+                return True
+        else:
+            moved = mechanism.transmission.inverse[channel.actuator]
+            if (channel.actuator, Side.ACTUATOR) in dry or any((name, Side.JOINT) in dry for name in moved):
+                return True
+    return False
+
+
+@dataclass(frozen=True, eq=False)
+class PreparationPlan:
+    """What settings mean at a rate: how many samples filters need, and what they make of a piece."""
+
+    preparation: Preparation  # without open settings
+    mechanism: Mechanism
+    rate: float  # samples per second
+
+    @cached_property
+    def reduction(self) -> Reduction | None:
+        """The filter over both sides of the equation."""
+        made = self.preparation
+        if made.output_cutoff is None or made.decimation is None:
+            raise InputError("settings are still open: choose output_cutoff and decimation from the data first")
+        return reduction(made.output_filter, made.output_cutoff, self.rate, made.decimation)
+
+    @property
+    def factor(self) -> int:
+        """Samples per row."""
+        return self.reduction.factor if self.reduction else 1
+
+    @cached_property
+    def delays(self) -> Mapping[str, float]:
+        """Samples by which outputs are late."""
+        names = [output.name for output in self.mechanism.outputs]
+        given = self.preparation.delays or {}
+        strange = next((name for name in given if name not in names), None)
+        if strange is not None:
+            raise InputError(f"there is no output '{strange}' (valid: {', '.join(names)})", element="delays")
+        return {name: seconds * self.rate for name, seconds in given.items() if seconds}
+
+    @property
+    def shift(self) -> int:
+        """Samples that undoing the delays looks ahead or back."""
+        return max((shift_reach(samples) for samples in self.delays.values()), default=0)
+
+    @cached_property
+    def spoilt(self) -> int:
+        """Samples at an end of a segment whose states or outputs are spoilt by it, or that are to be trimmed.
+
+        The filter over both sides spoils nothing: near the ends of what it gets it filters both sides alike as well.
+        """
+        filters = max(states_reach(self.rate, self.preparation, NEAR), self.shift)
+        return filters + ceil(self.preparation.trim * self.rate - 1e-9)
+
+    @cached_property
+    def inner(self) -> int:
+        """Samples on either side that states and outputs depend on."""
+        return max(ceil(MEMORY * max(states_reach(self.rate, self.preparation, FAR), self.shift)), self.spoilt)
+
+    @cached_property
+    def outer(self) -> int:
+        """Samples on either side that rows depend on; a multiple of the factor."""
+        samples = ceil(MEMORY * self.reduction.reach) if self.reduction else 0
+        return -(-samples // self.factor) * self.factor
+
+    @property
+    def needed(self) -> int:
+        """Fewest samples of which one row remains."""
+        return max(2 * self.spoilt + self.factor, needed(self.rate, self.preparation))
+
+    def check(self, count: int, source: str) -> None:
+        """Refuse a segment that is too short."""
+        if count < self.needed:
+            raise InputError(
+                f"an uninterrupted stretch has {count} samples; the filters and the time left out at the ends need "
+                f"{self.needed:.6g} ({self.needed / self.rate:.3g} s)",
+                source=source,
+            )
+
+    def samples(self, piece: Segment, rows: slice, counts: slice) -> Samples:
+        """Some rows of a usable piece as samples, of which some count; both are numbers of rows of the piece."""
+        q, qd, qdd = (some[rows] for some in states(piece, self.preparation, self.mechanism))
+        y = piece.signals.get("y")
+        return Samples(
+            source=piece.source,
+            start=piece.start + rows.start / piece.rate,
+            rate=piece.rate,
+            q=q,
+            qd=qd,
+            qdd=qdd,
+            y=None if y is None else self._on_time(y)[rows],
+            inputs={name: values[rows] for name, values in piece.inputs.items()},
+            reduction=self.reduction,
+            first=counts.start - rows.start,
+            stop=counts.stop - rows.start,
+            moving=self._moving(qd, q.shape[1]),
+        )
+
+    def _on_time(self, y: Floats) -> Floats:
+        if not self.delays:
+            return y
+        found = np.array(y, dtype=np.float64)
+        for column, output in enumerate(self.mechanism.outputs):
+            if output.name in self.delays:
+                found[:, column] = shifted(y[:, column], self.delays[output.name])
+        return found
+
+    def _moving(self, qd: Floats, positions: int) -> Flags | None:
+        still = self._still()
+        if not any(still.values()):
+            return None
+        names = velocity_names(self.mechanism, positions)
+        flags = np.ones((len(qd), len(self.mechanism.outputs)), dtype=bool)
+        for column, output in enumerate(self.mechanism.outputs):
+            rows = speed_rows(self.mechanism, output, names) if still.get(output.name) else None
+            if rows is not None:
+                speeds = (sum(row[k] * qd[:, k] for k in np.flatnonzero(row)) for row in rows)
+                for speed in speeds:
+                    flags[:, column] &= np.abs(speed) > still[output.name]
+        return flags
+
+    def _still(self) -> Mapping[str, float]:
+        given = self.preparation.still
+        if given is None:
+            raise InputError("settings are still open: choose 'still' from the data first")
+        names = [output.name for output in self.mechanism.outputs]
+        if not isinstance(given, Mapping):
+            return dict.fromkeys(names, float(given))
+        strange = next((name for name in given if name not in names), None)
+        if strange is not None:
+            raise InputError(f"there is no output '{strange}' (valid: {', '.join(names)})", element="still")
+        return given
+
+
+def prepare(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> Samples:
+    """Samples of a segment, without what filters spoil at its ends and what is to be trimmed.
+
+    Settings must not be open; see ``chosen``.  With ``average`` the samples that count are one mean period, which is
+    continued on both sides for the filter over both sides of the equation.
+    """
+    piece = usable(segment, mechanism)
+    preparation = at_rate(preparation, piece.rate)
+    if preparation.average:
+        return _mean_period(piece, preparation, mechanism)
+    plan = PreparationPlan(preparation, mechanism, piece.rate)
+    plan.check(len(piece), piece.source)
+    inside = slice(plan.spoilt, len(piece) - plan.spoilt)
+    return plan.samples(piece, inside, inside)
+
+
+def _mean_period(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> Samples:
+    """One mean period as samples that count, between as many copies as the filters need."""
+    if preparation.period is None:
+        raise InputError("averaging needs the period of the motion", source=segment.source, element="period")
+    try:
+        means = {name: average(values, segment.rate, preparation.period) for name, values in segment.signals.items()}
+        inputs = {name: average(values, segment.rate, preparation.period) for name, values in segment.inputs.items()}
+    except InputError as error:
+        raise error.located(segment.source) from None
+    count, rate = len(means["q"][0]), means["q"][1]
+    plan = PreparationPlan(preparation, mechanism, rate)
+    states, both = -(-plan.inner // count), -(-plan.outer // count)
+    copies = states + both
+
+    def tiled(mean: tuple[Floats, float]) -> Floats:
+        return np.concatenate([mean[0]] * (2 * copies + 1))
+
+    signals = {name: tiled(mean) for name, mean in means.items()}
+    start = segment.start - copies * preparation.period
+    piece = Segment(segment.source, start, rate, signals, {name: tiled(mean) for name, mean in inputs.items()})
+    rows = slice(states * count, (copies + both + 1) * count)
+    return plan.samples(piece, rows, slice(copies * count, (copies + 1) * count))

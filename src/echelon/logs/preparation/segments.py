@@ -1,0 +1,266 @@
+"""From time stamps as they were logged to uniform segments, saying everything that was done on the way.
+
+What is not usable is taken out first.  A hole that is shorter than a gap, from a lost packet or a few bad samples, is
+bridged by interpolation and counted; a longer one, like a clock that jumps back, ends a segment.  Stamps that keep to a
+uniform clock are left alone; others are resampled at the nominal rate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.arrays import Flags, Floats, Integers
+from echelon.errors import InputError
+from echelon.logs.columns.quantities import SIGNALS, WRAP, angle_columns, quaternion_columns, signal_names
+from echelon.logs.finding import Finding, Severity, seconds
+from echelon.logs.recording import Recording, Segment
+from echelon.mechanism.mechanism import Mechanism
+from echelon.signals.clock import (
+    GAP,
+    SLOWER,
+    Regularity,
+    Stretches,
+    grid,
+    interpolated,
+    low_passed,
+    regularity,
+    stretches,
+)
+from echelon.signals.derivatives import continuous
+
+_POSITIONS = ("q", "reference")
+
+FEWEST = 20
+"""Samples that a segment must have; filters and derivatives make nothing of shorter ones."""
+
+
+def unwrapped(
+    recording: Recording, mechanism: Mechanism, pieces: Sequence[Integers]
+) -> tuple[dict[str, Floats], tuple[Finding, ...]]:
+    """Signals of a finite recording with the turns of its angles added up within each stretch, and findings."""
+    signals, findings = dict(recording.signals), []
+    for signal in _POSITIONS:
+        if signal not in signals:
+            continue
+        values = signals[signal].copy()
+        names = signal_names(mechanism, signal, values.shape[1])
+        for column in angle_columns(mechanism, signal, values.shape[1]):
+            jumps = [piece[np.flatnonzero(np.abs(np.diff(values[piece, column])) > WRAP) + 1] for piece in pieces]
+            found = np.concatenate([np.zeros(0, dtype=np.intp), *jumps])
+            if not len(found):
+                continue
+            for piece in pieces:
+                values[piece, column] = np.unwrap(values[piece, column], discont=WRAP)
+            when = f"from {seconds(recording.time[found[0]])} s"
+            where = f"{recording.source}, {SIGNALS[signal]} of '{names[column]}', {when}"
+            text = f"jumps by a full turn {len(found)} times; the turns were added up"
+            findings.append(Finding(Severity.NOTE, "wrapped", where, text))
+        signals[signal] = values
+    return signals, tuple(findings)
+
+
+def break_findings(
+    source: str, time: Floats, found: Stretches, gap: float, short: Sequence[Integers]
+) -> tuple[Finding, ...]:
+    """Findings of duplicates, jumps back, gaps, and stretches that are too short."""
+    findings = []
+    if len(found.duplicates):
+        where = f"{source}, from {seconds(time[found.duplicates[0]])} s"
+        text = f"{_times(len(found.duplicates), 'time stamp repeats', 'time stamps repeat')} the one before; left out"
+        findings.append(Finding(Severity.WARNING, "duplicates", where, text))
+    if len(found.backward):
+        jumps = ", ".join(f"{seconds(time[row - 1])} → {seconds(time[row])} s" for row in found.backward[:3])
+        text = (
+            f"the clock jumps back {_times(len(found.backward), 'time', 'times')} ({jumps}), "
+            "as where runs were joined; segments end there"
+        )
+        findings.append(
+            Finding(Severity.WARNING, "backward", f"{source}, {seconds(time[found.backward[0] - 1])} s", text)
+        )
+    if len(found.gaps):
+        lengths = time[found.gaps] - _before(time, found)
+        text = (
+            f"{_times(len(found.gaps), 'gap', 'gaps')} of more than {gap:g} periods, up to {lengths.max():.4g} s; "
+            "segments end there"
+        )
+        findings.append(Finding(Severity.WARNING, "gap", f"{source}, from {seconds(_before(time, found)[0])} s", text))
+    if short:
+        lost = sum(map(len, short))
+        text = (
+            f"{_times(len(short), 'stretch is', 'stretches are')} too short to use, with up to "
+            f"{_times(max(map(len, short)), 'sample', 'samples')}; left out ({lost} in all)"
+        )
+        findings.append(Finding(Severity.WARNING, "short", f"{source}, from {seconds(time[short[0][0]])} s", text))
+    return tuple(findings)
+
+
+def rate_findings(
+    source: str, starts: Sequence[float], found: Stretches, regular: Sequence[Regularity], rate: float | None
+) -> tuple[Finding, ...]:
+    """Findings of lost samples that were interpolated, jitter, and a lower rate."""
+    findings = []
+    uneven = [(start, one) for start, one in zip(starts, regular, strict=True) if not one.uniform]
+    where = f"{source}, from {seconds(uneven[0][0])} s" if uneven else source
+    missing = sum(one.missing for _, one in uneven)
+    if missing:
+        longest = max(one.longest for _, one in uneven)
+        text = (
+            f"{_times(missing, 'sample is', 'samples are')} missing (intervals up to {longest * 1e3:.4g} ms); "
+            "interpolated"
+        )
+        findings.append(Finding(Severity.NOTE, "missing", where, text))
+    if uneven:
+        shortest, longest = min(one.shortest for _, one in uneven), max(one.longest for _, one in uneven)
+        spread = max(one.spread for _, one in uneven)
+        text = (
+            f"time stamps are usually {found.period * 1e3:.4g} ms apart, but {shortest * 1e3:.4g} to "
+            f"{longest * 1e3:.4g} ms, with a standard deviation of {spread * 1e3:.2g} ms; resampled at "
+            f"{uneven[0][1].rate:g} Hz by cubic interpolation"
+        )
+        findings.append(Finding(Severity.NOTE, "jitter", where, text))
+    if rate is not None and any(rate < SLOWER * one.rate for one in regular):
+        text = f"resampled from {regular[0].rate:.6g} Hz to {rate:g} Hz, after a low-pass at {0.4 * rate:.4g} Hz"
+        findings.append(Finding(Severity.NOTE, "rate", source, text))
+    return tuple(findings)
+
+
+def _before(time: Floats, found: Stretches) -> Floats:
+    """Stamps before the gaps: those of the last samples that were kept."""
+    lasts = np.array([piece[-1] for piece in found.pieces])
+    return np.asarray(time[lasts[np.searchsorted(lasts, found.gaps) - 1]])
+
+
+def _times(count: int, one: str, many: str) -> str:
+    return f"{count} {one if count == 1 else many}"
+
+
+def segments(
+    recording: Recording,
+    mechanism: Mechanism,
+    usable: Flags | None = None,
+    *,
+    rate: float | None = None,
+    gap: float = GAP,
+    whole: bool = True,
+) -> tuple[tuple[Segment, ...], tuple[Finding, ...]]:
+    """Cut a recording into uninterrupted stretches on uniform clocks, with findings about its clock.
+
+    Keeps the ``usable`` samples that are finite.  A gap is an interval of more than so many periods.  For a lower
+    ``rate``, Hz, signals pass a low-pass first.  A piece of a log, ``whole=False``, may be too short for a segment.
+    """
+    used = finite(recording)
+    if usable is not None:
+        used &= usable
+    rows = np.flatnonzero(used)
+    if len(rows) < FEWEST:
+        return _none(recording, f"{len(rows)} usable samples of {len(used)}; at least {FEWEST} are needed", whole)
+    clean = _taken(recording, rows)
+    try:
+        found = stretches(clean.time, gap)
+    except InputError as error:
+        raise error.located(recording.source) from None
+    asked = _checked(rate, found.period, recording.source)
+    counts = [_count(clean.time[piece], asked) for piece in found.pieces]
+    if max(counts) < FEWEST:
+        where = f"at {asked:g} Hz" if asked else f"{found.period:.4g} s apart"
+        problem = (
+            f"no stretch without gaps has {FEWEST} samples: the longest of {len(counts)} has {max(counts)}, {where}"
+        )
+        return _none(recording, problem, whole)
+    long, short = (
+        [p for p, n in zip(found.pieces, counts, strict=True) if (n >= FEWEST) is so] for so in (True, False)
+    )
+    signals, wrapped = unwrapped(clean, mechanism, found.pieces)
+    cutter = _Cutter(replace(clean, signals=signals), mechanism, found.period, asked)
+    cut, regular = zip(*map(cutter.segment, long), strict=True)
+    breaks = break_findings(recording.source, clean.time, found, gap, short)
+    clock = rate_findings(recording.source, [segment.start for segment in cut], found, regular, asked)
+    return cut, (*breaks, *clock, *wrapped)
+
+
+def _count(time: Floats, rate: float | None) -> int:
+    """Samples that a stretch has, and keeps at a lower rate."""
+    return len(time) if rate is None else min(len(time), int((time[-1] - time[0]) * rate) + 1)
+
+
+def _none(recording: Recording, problem: str, whole: bool) -> tuple[tuple[Segment, ...], tuple[Finding, ...]]:
+    if whole:
+        raise InputError(problem, source=recording.source)
+    start = f", from {seconds(float(recording.time[0]))} s" if len(recording.time) else ""
+    return (), (Finding(Severity.WARNING, "short", f"{recording.source}{start}", f"{problem}; left out"),)
+
+
+def finite(recording: Recording) -> Flags:
+    """A symmetric finite low-pass by Kaiser's window, with decimation.
+
+    The pass-band ends at the cut-off, Hz.  The stop-band (``attenuation``, dB) begins ``width`` Hz above it; by default
+    that is half the cut-off, or as much as decimation leaves.
+    """
+    found = np.isfinite(recording.time)
+    for values in (*recording.signals.values(), *recording.inputs.values()):
+        found &= np.isfinite(values.reshape(len(found), -1)).all(axis=1)
+    return found
+
+
+def _taken(recording: Recording, rows: npt.NDArray[np.intp]) -> Recording:
+    # rows without a hole between them need not be copied
+    together = len(rows) > 0 and rows[-1] - rows[0] == len(rows) - 1
+    some = slice(rows[0], rows[-1] + 1) if together else rows
+    signals = {name: values[some] for name, values in recording.signals.items()}
+    inputs = {name: values[some] for name, values in recording.inputs.items()}
+    return replace(recording, time=recording.time[some], signals=signals, inputs=inputs)
+
+
+def _checked(rate: float | None, period: float, source: str) -> float | None:
+    if rate is None:
+        return None
+    if not 0 < rate < float("inf"):
+        raise InputError(f"the rate must be positive, got {rate:g}", element="rate")
+    if rate * period > 2 - SLOWER:
+        problem = f"the log has {1 / period:.4g} samples per second; {rate:g} would only invent some"
+        raise InputError(problem, source=source, element="rate")
+    return rate
+
+
+@dataclass(frozen=True)
+class _Cutter:
+    recording: Recording
+    mechanism: Mechanism
+    period: float
+    rate: float | None
+
+    def segment(self, piece: npt.NDArray[np.intp]) -> tuple[Segment, Regularity]:
+        time = self.recording.time[piece]
+        regular = regularity(time, self.period)
+        own = _taken(self.recording, piece)
+        signals = {
+            name: self._moved(time, values, regular, quaternion_columns(self.mechanism, name, values.shape[1]))
+            for name, values in own.signals.items()
+        }
+        inputs = {name: self._moved(time, values, regular, ()) for name, values in own.inputs.items()}
+        rate = self.rate or regular.rate
+        return Segment(self.recording.source, float(time[0]), rate, signals, inputs), regular
+
+    def _moved(self, time: Floats, values: Floats, regular: Regularity, quaternions: tuple[int, ...]) -> Floats:
+        """A signal on the uniform clock."""
+        values = values.copy()
+        for first in quaternions:
+            values[:, first : first + 4] = continuous(values[:, first : first + 4])
+        since, span = time - time[0], float(time[-1] - time[0])
+        if regular.uniform:
+            since = np.arange(len(time)) / regular.rate
+        else:
+            times = grid(0.0, span, regular.rate)
+            since, values = times, interpolated(since, values, times)
+        if self.rate is not None and abs(self.rate / regular.rate - 1) > 1e-9:
+            if self.rate < SLOWER * regular.rate:
+                values = low_passed(values, self.rate / regular.rate)
+            values = interpolated(since, values, grid(0.0, float(since[-1]), self.rate))
+        for first in quaternions:
+            block = values[:, first : first + 4]
+            values[:, first : first + 4] = block / np.linalg.norm(block, axis=1, keepdims=True)
+        return values
