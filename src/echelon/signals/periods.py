@@ -1,7 +1,7 @@
 """Periodic motions: finding the period, and the mean over the periods.
 
-Repeating a motion is the cheapest way to less noise.  The period comes from the autocorrelation: its first high peak says about how long it is, and the peak that
-is as many periods away as there are says it precisely.
+Repeating a motion is the cheapest way to less noise.  The period comes from the autocorrelation: its first high peak
+says about how long it is, and the peak that is as many periods away as there are says it precisely.
 """
 
 from __future__ import annotations
