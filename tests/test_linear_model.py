@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import echelon as ec
-from echelon.base.linear_display import to_latex, to_markdown
+from echelon.base.display import to_latex, to_markdown
 from echelon.formats.description_text import read_text
 from echelon.formats.linear import load_linear, read_linear
 from echelon.models.evaluation import evaluate_model

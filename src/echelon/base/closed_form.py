@@ -35,8 +35,9 @@ def closed_columns(
     rng: np.random.Generator,
     work: Work,
     report: Callable[[str], None],
+    share: float = _SHARE,
 ) -> dict[int, Combination]:
-    """The dependent columns with closed forms as combinations of pivot columns."""
+    """The dependent columns with closed forms as combinations of pivot columns; each kernel may take a share."""
     raw: dict[int, Combination] = {column: {} for column in zero}
     kernels: dict[Kernel, list[Relation]] = {}
     for relation in found:
@@ -44,7 +45,7 @@ def closed_columns(
     total = sum(len(relation.targets) for relation in found)
     for kernel in sorted(kernels, key=lambda k: k.cost * (1 + len(k.sampler.symbols))):
         report(f"closed forms: {len(raw) - len(zero)} of {total} columns")
-        combinations = _interpolated(kernel, rng, work)
+        combinations = _interpolated(kernel, rng, work, share)
         for relation in kernels[kernel]:
             raw |= _placed(relation, combinations, work)
     dependent = {column for relation in found for column in relation.targets} | set(zero)
@@ -57,9 +58,9 @@ def closed_columns(
     return solved
 
 
-def _interpolated(kernel: Kernel, rng: np.random.Generator, work: Work) -> dict[int, Combination]:
+def _interpolated(kernel: Kernel, rng: np.random.Generator, work: Work, most: float) -> dict[int, Combination]:
     """The targets whose coefficients all have closed forms within a share of the work."""
-    share = work.share(_SHARE)
+    share = work.share(most)
     try:
         functions = interpolate(kernel.unknown(rng), rng, share)
     except ClosedFormError:
@@ -123,7 +124,7 @@ def base_matrix(
     closed = closed_columns(found, zero, rng, work, report)
     open_columns = [c for relation in found for c in relation.targets if c not in closed]
     if not open_columns:
-        matrix = _assembled(mechanism, structure.pivots, closed, classical)
+        matrix = assembled(mechanism.parameters, structure.pivots, closed, classical)
         other = matrix if order == classical else reordered(matrix, order, rng, work)
         if other is not None:
             return other
@@ -133,19 +134,20 @@ def base_matrix(
         pivots = set(stated.pivots)
         closed, open_columns = {}, [c for c in classical if c not in pivots]
     numbers, meaning = stated.numbers(open_columns)
-    return _assembled(mechanism, stated.pivots, closed | numbers, order, meaning)
+    return assembled(mechanism.parameters, stated.pivots, closed | numbers, order, meaning)
 
 
-def _assembled(
-    mechanism: Mechanism,
+def assembled(
+    parameters: tuple[str, ...],
     pivots: tuple[int, ...],
     columns: dict[int, Combination],
     order: tuple[int, ...],
     numbers: StatedNumbers | None = None,
 ) -> BaseMatrix:
+    """B from its dependent columns as combinations of pivots."""
     rows: dict[int, dict[int, RationalFunction]] = {p: {p: RationalFunction(1)} for p in pivots}
     for column, combination in columns.items():
         for pivot, coefficient in combination.items():
             rows[pivot][column] = coefficient
     ordered = tuple(dict(sorted(rows[p].items())) for p in pivots)
-    return BaseMatrix(mechanism.parameters, pivots, ordered, order, numbers)
+    return BaseMatrix(parameters, pivots, ordered, order, numbers)

@@ -24,14 +24,16 @@ from echelon.errors import DegenerateSampleError
 from echelon.exact.ansatz import Geometry
 from echelon.exact.elimination import solve_batched
 from echelon.exact.field import PrimeField, Residues
+from echelon.exact.numbers import Surd, parts_of
 from echelon.exact.polynomial import Polynomial, as_polynomial
-from echelon.exact.unknown import UnknownFunctions
+from echelon.exact.unknown import UnknownFunctions, persistent
 from echelon.inertia.spatial import move
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement
-from echelon.mechanism.roles import symbol_roles
+from echelon.mechanism.roles import SymbolRoles, symbol_roles
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.energy import energy_form
+from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.curves import CurveSampler
 
 _MOST_TIMES = 32
@@ -53,7 +55,7 @@ T = TypeVar("T", bound=Ring)
 class Kernel:
     """Some columns known to be combinations of others, with rows to find out how."""
 
-    mechanism: Mechanism  # that of two bodies for what moves across a joint
+    roles: SymbolRoles  # what the symbols stand for
     rows: Rows  # with the columns [auxiliary, sources, targets]
     sources: Sequence[int]  # numbers of columns; the targets are combinations of the sources
     targets: Sequence[int]  # numbers of columns; the targets are combinations of the sources
@@ -88,7 +90,7 @@ class Kernel:
 
     def unknown(self, rng: np.random.Generator) -> UnknownFunctions:
         """The coefficients of :attr:`pairs` as functions of the symbols."""
-        roles = symbol_roles(self.mechanism)
+        roles = self.roles
         lengths = frozenset() if self.degrees is None else roles.lengths
         degrees = self.degrees or [0] * (len(self.sources) * len(self.targets))
         chosen = [k for k, s in enumerate(s for s in self.sources for _ in self.targets) if s not in self.zero]
@@ -209,13 +211,14 @@ def _vanishing(columns: Sequence[int], placement: Placement, zero: frozenset[int
 def _pair_kernel(pair: Mechanism, targets: Sequence[int], size: int, zero: frozenset[int]) -> Kernel:
     sources = [k for k in range(size) if k not in targets]
     rows = Rows(energy_form(pair), 1).columns([*sources, *targets])
-    return Kernel(pair, rows, sources, targets, zero, _degrees(pair, sources, targets))
+    return Kernel(symbol_roles(pair), rows, sources, targets, zero, _degrees(pair, sources, targets))
 
 
 def _across_robot(mechanism: Mechanism, structure: Structure) -> Iterable[Relation]:
     groups: dict[int | None, list[int]] = {}
     # where finding a closed pose costs more than eliminating all columns at once, there is one group
-    together = bool(mechanism.closures) and not symbol_roles(mechanism).symbols
+    roles = symbol_roles(mechanism)
+    together = bool(mechanism.closures) and not roles.symbols
     for column, support in structure.by_robot.items():
         if support:
             groups.setdefault(None if together else mechanism.columns[column].body, []).append(column)
@@ -226,8 +229,35 @@ def _across_robot(mechanism: Mechanism, structure: Structure) -> Iterable[Relati
     for targets in groups.values():
         sources = sorted({c for t in targets for c in structure.by_robot[t]})
         degrees = _degrees(mechanism, sources, targets)
-        kernel = Kernel(mechanism, rows.columns([*sources, *targets]), sources, targets, frozenset(), degrees)
+        kernel = Kernel(roles, rows.columns([*sources, *targets]), sources, targets, frozenset(), degrees)
         yield Relation(kernel, range(structure.parameters))
+
+
+def linear_relations(forms: LinearForms, structure: Structure, rng: np.random.Generator) -> list[Relation]:
+    """The relations of the dependent columns of any recorded rows that do not vanish, all in one."""
+    targets = [column for column, support in structure.by_robot.items() if support]
+    if not targets:
+        return []
+    sources = sorted({c for t in targets for c in structure.by_robot[t]})
+    rows = Rows(forms, 0).columns([*sources, *targets])
+    sampler = rows.forms.sampler()
+
+    def attempt() -> Residues:
+        field = PrimeField.random(rng)
+        return sampler.evaluate(field, rng, sampler.regions, {s: field.draw(rng, (1,)) for s in sampler.symbols})
+
+    persistent(attempt)  # functions of constants become symbols when they are first evaluated
+    roles = SymbolRoles(frozenset(), sampler.angles, frozenset(sampler.symbols), _irrational(forms))
+    kernel = Kernel(roles, rows, sources, targets, frozenset(), None)
+    return [Relation(kernel, range(structure.parameters))]
+
+
+def _irrational(forms: LinearForms) -> tuple[bool, bool]:
+    """Whether √2 and √3 occur in recorded rows."""
+    program = forms.program
+    needed = program.needed(forms.entries.values())
+    parts = [parts_of(c) for n in needed if isinstance(c := program.constants.get(n), Surd)]
+    return any(p[1] or p[3] for p in parts), any(p[2] or p[3] for p in parts)
 
 
 def _integral(polynomial: Polynomial) -> Polynomial:

@@ -1,4 +1,4 @@
-"""A BaseModel as text, Markdown, LaTeX and HTML."""
+"""Sets of base parameters as text, Markdown, LaTeX and HTML."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from echelon.base.base_set import Identifiability
 from echelon.base.expression import LatexStyle, latex_polynomial, latex_symbol, render
+from echelon.base.linear_base import LinearBase
 from echelon.base.reading_report import ROUNDING
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import one_line
@@ -20,15 +21,24 @@ if TYPE_CHECKING:
 _LATEX_ROWS_PER_PAGE = 40
 
 
-def headline(model: BaseModel) -> str:
+class _PlainLatex(LatexStyle):
+    """Parameters of linear models are symbols like others."""
+
+    def parameter(self, name: str) -> str:
+        """E.g. ``C_{1}``."""
+        return latex_symbol(name)
+
+
+def headline(model: BaseModel | LinearBase) -> str:
     """The count in one line."""
-    name, rank, total = one_line(model.mechanism.name), model.rank, len(model.parameters)
-    outputs = len(model.mechanism.outputs)
-    count = f"{rank} base parameter{'s' * (rank != 1)} of {total} standard parameters"
-    return f"{name}: {count}, {outputs} output{'s' * (outputs != 1)}"
+    source = model.model if isinstance(model, LinearBase) else model.mechanism
+    rank, outputs = model.rank, len(source.outputs)
+    kind = "parameters" if isinstance(model, LinearBase) else "standard parameters"
+    count = f"{rank} base parameter{'s' * (rank != 1)} of {len(model.parameters)} {kind}"
+    return f"{one_line(source.name)}: {count}, {outputs} output{'s' * (outputs != 1)}"
 
 
-def to_text(model: BaseModel) -> str:
+def to_text(model: BaseModel | LinearBase) -> str:
     """Plain text: count, expressions, classification, reading, symbols, certificate."""
     width = max((len(str(i + 1)) for i in range(model.rank)), default=1)
     lines = [headline(model), ""]
@@ -66,8 +76,10 @@ def classification_rows(model: BaseModel) -> list[tuple[str, list[tuple[str, Ide
     return rows
 
 
-def classification_lines(model: BaseModel) -> list[str]:
-    """The classification as a plain text table."""
+def classification_lines(model: BaseModel | LinearBase) -> list[str]:
+    """The classification as a plain text table; for a linear model each class with its parameters."""
+    if isinstance(model, LinearBase):
+        return [f"{kind}: {names}" for kind, names in _classes(model)]
     rows = classification_rows(model)
     if not rows:
         return []
@@ -79,8 +91,32 @@ def classification_lines(model: BaseModel) -> list[str]:
     return [*lines, legend(model)]
 
 
-def facts(model: BaseModel) -> list[tuple[str, str]]:
+def _classes(base: LinearBase) -> list[tuple[str, str]]:
+    grouped: dict[str, list[str]] = {}
+    for name, kind in base.classification.items():
+        grouped.setdefault(kind.value, []).append(one_line(name))
+    return [(kind, ", ".join(names)) for kind, names in grouped.items()]
+
+
+def facts(model: BaseModel | LinearBase) -> list[tuple[str, str]]:
     """What else a reader should know: symbols, snapping, notes, certificate."""
+    found = _linear_facts(model) if isinstance(model, LinearBase) else _robot_facts(model)
+    return [(label, one_line(text)) for label, text in found]
+
+
+def _linear_facts(base: LinearBase) -> list[tuple[str, str]]:
+    found = [("route", base.route)]
+    values = {n: v for n, v in base.model.constants.items() if v is not None and n in base.matrix.symbols}
+    if values:
+        found.append(("constants", ", ".join(f"{n} = {v}" for n, v in values.items())))
+    if base.definitions:
+        found.append(("functions of constants", ", ".join(f"{n} = {d}" for n, d in base.definitions.items())))
+    if base.special is not None:
+        found.append(("stated values", base.special.text("model")))
+    return [*found, ("certificate", str(base.certificate))]
+
+
+def _robot_facts(model: BaseModel) -> list[tuple[str, str]]:
     found = []
     used = [model.mechanism.symbols[s] for s in model.matrix.symbols if s in model.mechanism.symbols]
     if used:
@@ -99,8 +135,7 @@ def facts(model: BaseModel) -> list[tuple[str, str]]:
     if model.reading.doubt:
         found.append(("doubt", model.reading.doubt))
     found.append(("certificate", str(model.certificate)))
-    found.append(("assumes", f"{'; '.join(model.certificate.assumptions)} (docs/assumptions.md)"))
-    return [(label, one_line(text)) for label, text in found]
+    return [*found, ("assumes", f"{'; '.join(model.certificate.assumptions)} (docs/assumptions.md)")]
 
 
 def numbers_text(model: BaseModel, numbers: StatedNumbers) -> str:
@@ -135,17 +170,21 @@ def snap_summary(model: BaseModel) -> str:
     )
 
 
-def to_markdown(model: BaseModel) -> str:
+def to_markdown(model: BaseModel | LinearBase) -> str:
     """A Markdown table with closed forms and classification."""
-    lines = [f"# Base parameters of {_cell(one_line(model.mechanism.name))}", "", _cell(headline(model)) + ".", ""]
+    name = one_line(model.model.name if isinstance(model, LinearBase) else model.mechanism.name)
+    lines = [f"# Base parameters of {_cell(name)}", "", _cell(headline(model)) + ".", ""]
     lines += ["| # | base parameter | unit |", "|--:|---|---|"]
-    lines += [f"| {i + 1} | {_cell(str(e))} | {e.unit} |" for i, e in enumerate(model.expressions)]
-    lines += ["", f"| body | {' | '.join(PARAMETERS)} |", "|---|" + ":-:|" * PER_BODY]
-    for title, marks in classification_rows(model):
-        cells = " | ".join(mark for mark, _ in marks)
-        lines.append(f"| {_cell(title)} | {cells} |")
-    lines += ["", legend(model), "", *(f"- {label}: {_cell(text)}" for label, text in facts(model))]
-    return "\n".join(lines) + "\n"
+    lines += [f"| {i + 1} | {_cell(str(e))} | {_cell(e.unit)} |" for i, e in enumerate(model.expressions)]
+    noted = facts(model)
+    if isinstance(model, LinearBase):
+        noted = [*_classes(model), *noted]
+    else:
+        lines += ["", f"| body | {' | '.join(PARAMETERS)} |", "|---|" + ":-:|" * PER_BODY]
+        for title, marks in classification_rows(model):
+            lines.append(f"| {_cell(title)} | {' | '.join(mark for mark, _ in marks)} |")
+        lines += ["", legend(model)]
+    return "\n".join([*lines, "", *(f"- {label}: {_cell(text)}" for label, text in noted)]) + "\n"
 
 
 def _cell(text: str) -> str:
@@ -153,14 +192,14 @@ def _cell(text: str) -> str:
     return re.sub(r"([\\|<`*\[$])", r"\\\1", text)
 
 
-def to_latex(model: BaseModel) -> str:
+def to_latex(model: BaseModel | LinearBase) -> str:
     """A longtable-free LaTeX fragment: aligned equations that need only amsmath, and a comment with the facts."""
     comments = [f"% {line}" for line in (headline(model), *(f"{a}: {b}" for a, b in facts(model)))]
     rows = _latex_rows(model)
     pages = [rows[k : k + _LATEX_ROWS_PER_PAGE] for k in range(0, len(rows), _LATEX_ROWS_PER_PAGE)]
     blocks = ["\\begin{align*}\n" + " \\\\\n".join(page) + "\n\\end{align*}" for page in pages]
-    used = [s for s in model.matrix.symbols if s in model.mechanism.symbols]
-    values = [f"${latex_symbol(s)} = {_latex_value(model.mechanism.symbols[s])}$" for s in used]
+    symbols = {} if isinstance(model, LinearBase) else model.mechanism.symbols
+    values = [f"${latex_symbol(s)} = {_latex_value(symbols[s])}$" for s in model.matrix.symbols if s in symbols]
     where = ["Values: " + ", ".join(values) + "."] if values else []
     return "\n".join([*comments, *blocks, *where]) + "\n"
 
@@ -173,13 +212,14 @@ def _latex_value(symbol: Symbol) -> str:
     return latex_polynomial(exact)
 
 
-def aligned_latex(model: BaseModel) -> str:
+def aligned_latex(model: BaseModel | LinearBase) -> str:
     """All equations in one ``aligned`` block, for notebooks."""
     return "\\begin{aligned}" + " \\\\ ".join(_latex_rows(model)) + "\\end{aligned}"
 
 
-def _latex_rows(model: BaseModel) -> list[str]:
-    return [f"\\bar\\zeta_{{{i + 1}}} &= {render(e, LatexStyle())}" for i, e in enumerate(model.expressions)]
+def _latex_rows(model: BaseModel | LinearBase) -> list[str]:
+    style = _PlainLatex() if isinstance(model, LinearBase) else LatexStyle()
+    return [f"\\bar\\zeta_{{{i + 1}}} &= {render(e, style)}" for i, e in enumerate(model.expressions)]
 
 
 def to_html(model: BaseModel) -> str:

@@ -1,9 +1,4 @@
-"""Base parameters of a general linear model.
-
-Unlike a robot, a linear model has no chain to follow: all columns are eliminated at once.  Every sample set visits all
-known regions of signs.  Samples are added until twice as many, in another field, give the same dependences: had a
-region more to show, one more point of it would have shown some of it.
-"""
+"""Base parameters of a general linear model."""
 
 from __future__ import annotations
 
@@ -18,142 +13,24 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.base.base_set import BaseSet
 from echelon.base.certificate import Certificate, certify
+from echelon.base.closed_form import assembled, closed_columns
+from echelon.base.dependent import linear_relations
 from echelon.base.matrix import BaseMatrix
+from echelon.base.structure import linear_structure
 from echelon.base.value_relations import RelationSearch, SpecialValues
-from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError, InputError, UnknownRelationsError
-from echelon.exact.ansatz import Geometry
-from echelon.exact.elimination import reduced_echelon, solve_batched
-from echelon.exact.field import PrimeField, Residues
-from echelon.exact.interpolation import interpolate
-from echelon.exact.numbers import Surd, parts_of
+from echelon.errors import ClosedFormError, InputError, UnknownRelationsError
 from echelon.exact.polynomial import Polynomial
-from echelon.exact.rational import RationalFunction
-from echelon.exact.unknown import UnknownFunctions, Work
+from echelon.exact.unknown import Work
 from echelon.mechanism.stated import StatedValues
 from echelon.models.evaluation import definition_values, evaluate_model
 from echelon.models.linear_model import LinearModel
 from echelon.program.sympy_bridge import to_sympy
-from echelon.regressor.linear import LinearForms
 from echelon.seeds import random_generator
 
 if TYPE_CHECKING:
     import sympy
 
     from echelon.base.symbolic import Form, SymbolicRegressor
-
-
-_SURPLUS_ROWS, _ATTEMPTS, _MOST_ROWS = 8, 64, 20_000
-
-Supports = Mapping[int, tuple[int, ...]]
-"""For every dependent column, the pivots that it depends on."""
-
-
-class LinearStructure:
-    """Elimination of the columns of a model's regressor."""
-
-    def __init__(
-        self, forms: LinearForms, parameters: tuple[str, ...], order: tuple[int, ...], rng: np.random.Generator
-    ) -> None:
-        self.forms, self.parameters, self.order, self.rng = forms, parameters, order, rng
-        self.sampler = forms.sampler()
-
-    def dependences(self) -> Supports:
-        """Dependent columns, confirmed by more samples in another field."""
-        rows, previous = max(self.forms.shape[1] + _SURPLUS_ROWS, self.sampler.regions * self.forms.shape[0]), None
-        for _ in range(_ATTEMPTS):
-            field = PrimeField.random(self.rng)
-            try:
-                current = self._supports(field, rows)
-            except DegenerateSampleError:
-                continue
-            if current == previous:
-                return current
-            previous, rows = current, min(2 * rows, max(_MOST_ROWS, 2 * self.sampler.regions * self.forms.shape[0]))
-        raise EchelonError("random points keep contradicting each other; please report this model")
-
-    def matrix(self, supports: Supports, work: Work) -> BaseMatrix:
-        """B in closed form."""
-        pivots = tuple(c for c in self.order if c not in supports)
-        rows: dict[int, dict[int, RationalFunction]] = {p: {p: RationalFunction(1)} for p in pivots}
-        pairs = [(s, t) for t in supports for s in supports[t]]
-        for (source, target), function in zip(pairs, self._interpolated(pairs, work), strict=True):
-            rows[source][target] = function
-        return BaseMatrix(self.parameters, pivots, tuple(dict(sorted(rows[p].items())) for p in pivots), self.order)
-
-    # -- samples -------------------------------------------------------------------------------------------------
-
-    def _sample(self, field: PrimeField, geometry: Geometry, states: int) -> Residues:
-        """X at random states: array of shape (geometries, states · outputs, parameters)."""
-        return self.forms.stacked(self.sampler.evaluate(field, self.rng, states, geometry))
-
-    def _supports(self, field: PrimeField, rows: int) -> Supports:
-        states = -(-rows // self.forms.shape[0])
-        geometry = {s: field.draw(self.rng, (1,)) for s in self.sampler.symbols}
-        reduced, pivots = reduced_echelon(self._sample(field, geometry, states)[0][:, list(self.order)], field)
-        free = [k for k in range(len(self.order)) if k not in set(pivots)]
-        return {
-            self.order[k]: tuple(self.order[p] for row, p in enumerate(pivots) if int(reduced[row, k])) for k in free
-        }
-
-    # -- closed forms --------------------------------------------------------------------------------------------
-
-    def _interpolated(self, pairs: list[tuple[int, int]], work: Work) -> list[RationalFunction]:
-        if not pairs:
-            return []
-        sources, targets = sorted({s for s, _ in pairs}), sorted({t for _, t in pairs})
-        wanted = np.array([sources.index(s) * len(targets) + targets.index(t) for s, t in pairs])
-
-        def evaluate(field: PrimeField, geometry: Geometry) -> Residues:
-            found: Residues = self._coefficients(field, geometry, sources, targets)[wanted]
-            return found
-
-        unknown = UnknownFunctions(
-            evaluate,
-            self.sampler.symbols,
-            self.sampler.angles,
-            frozenset(),
-            [0] * len(pairs),
-            _irrational(self.forms),
-            self._cost(len(sources), len(targets)),
-        )
-        advice = "give constants values, or a name of their own to products of them, or a larger budget (--budget)"
-        try:
-            functions = interpolate(unknown, self.rng, work)
-        except ClosedFormError as error:
-            raise ClosedFormError(f"{error}; {advice}") from None
-        found = [f for f in functions if f is not None]
-        if len(found) < len(functions):
-            missing = len(functions) - len(found)
-            raise ClosedFormError(f"{missing} coefficients have no closed form within the budget; {advice}")
-        return found
-
-    def _cost(self, sources: int, targets: int) -> float:
-        """Operations of one evaluation."""
-        program = len(self.forms.program.needed(list(self.forms.entries.values())))
-        return float((sources + 2) * (program + sources * (sources + targets)))
-
-    def _coefficients(self, field: PrimeField, geometry: Geometry, sources: list[int], targets: list[int]) -> Residues:
-        """Coefficients at given constants: array of shape (sources · targets, geometries)."""
-        rows = len(sources) + 2
-        for _ in range(_ATTEMPTS):
-            table = self._sample(field, geometry, -(-rows // self.forms.shape[0]))
-            try:
-                solution = solve_batched(table[:, :, sources], table[:, :, targets], field)
-            except DegenerateSampleError:
-                rows = 2 * rows  # regions of signs may need more samples
-                if rows > _MOST_ROWS:
-                    raise
-                continue
-            return solution.reshape(len(solution), -1).T
-        raise DegenerateSampleError("dependent samples")
-
-
-def _irrational(forms: LinearForms) -> tuple[bool, bool]:
-    """Whether √2 and √3 occur in the model."""
-    program = forms.program
-    needed = program.needed(forms.entries.values())
-    parts = [parts_of(c) for n in needed if isinstance(c := program.constants.get(n), Surd)]
-    return any(p[1] or p[3] for p in parts), any(p[2] or p[3] for p in parts)
 
 
 FINITE_FIELD, BALLS = "finite field", "balls"
@@ -317,12 +194,12 @@ class LinearBase(BaseSet):
         return f"LinearBase({self.model.name}: {self.rank} base parameters of {len(self.parameters)})"
 
     def __str__(self) -> str:
-        from echelon.base.linear_display import to_text
+        from echelon.base.display import to_text
 
         return to_text(self)
 
     def _repr_latex_(self) -> str:
-        from echelon.base.linear_display import aligned_latex
+        from echelon.base.display import aligned_latex
 
         return f"$${aligned_latex(self)}$$"
 
@@ -335,7 +212,6 @@ def linear_base_parameters(
     Ball arithmetic also gives numbers where closed forms take more than the budget and all constants have values.
     """
     from echelon.base.linear_balls import BallStructure
-    from echelon.base.linear_base import LinearStructure
 
     strangers = [p for p in prefer if p not in model.parameters]
     if strangers:
@@ -346,8 +222,7 @@ def linear_base_parameters(
     try:
         own, special = _own_model(model, order, rng)
         own = model if generic else own
-        structure = LinearStructure(own.regressor, own.parameters, order, rng)
-        matrix = structure.matrix(structure.dependences(), Work.of(budget))
+        matrix = _matrix(own, order, rng, Work.of(budget))
     except (UnknownRelationsError, ClosedFormError) as error:
         try:
             found, decimals, evidence = BallStructure(model, order, rng).solve()
@@ -357,22 +232,35 @@ def linear_base_parameters(
             evidence = replace(evidence, reason=error.reason)
         return LinearBase(model, found, decimals, BALLS, evidence, seed)
     certificate: Certificate = certify(own.regressor, matrix, seed)
-    definitions = {n: d for n, d in structure.sampler.definitions.items() if n in matrix.symbols}
+    definitions = {n: d for n, d in own.regressor.sampler().definitions.items() if n in matrix.symbols}
     return LinearBase(own, matrix, definitions, FINITE_FIELD, certificate, seed, special)
+
+
+def _matrix(model: LinearModel, order: tuple[int, ...], rng: np.random.Generator, work: Work) -> BaseMatrix:
+    """B for an order of the columns, all at once: unlike a robot, a linear model has no chain to follow."""
+    forms = model.regressor.columns(order)
+    structure = linear_structure(forms, rng)
+    zero = [column for column, support in structure.by_robot.items() if not support]
+    closed = closed_columns(linear_relations(forms, structure, rng), zero, rng, work, lambda _: None, share=1.0)
+    missing = sum(len(support) for column, support in structure.by_robot.items() if column not in closed)
+    if missing:
+        raise ClosedFormError(
+            f"{missing} coefficients have no closed form within the budget; give constants values, or a name of their "
+            "own to products of them, or a larger budget (--budget)"
+        )
+    found = {order[t]: {order[p]: c for p, c in combination.items()} for t, combination in closed.items()}
+    return assembled(model.parameters, tuple(order[p] for p in structure.pivots), found, order)
 
 
 def _own_model(
     model: LinearModel, order: tuple[int, ...], rng: np.random.Generator
 ) -> tuple[LinearModel, SpecialValues | None]:
     """The model with the relations among its stated constants put in that change its structure."""
-    from echelon.base.linear_base import LinearStructure
-
     values = StatedValues({name: value for name, value in model.constants.items() if value is not None}, {}, {})
 
     def pivots_of(put_in: Mapping[str, Polynomial]) -> tuple[int, ...]:
         forms = model.with_constants(put_in).regressor if put_in else model.regressor
-        supports = LinearStructure(forms, model.parameters, order, rng).dependences()
-        return tuple(c for c in order if c not in supports)
+        return tuple(order[p] for p in linear_structure(forms.columns(order), rng).pivots)
 
     general = pivots_of({})
     stated = pivots_of(values.put_in(values.names)) if values.names else general

@@ -115,6 +115,13 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     return Structure(len(mechanism.parameters), pivots, by_joint, by_robot, ranks, accepted, order)
 
 
+def linear_structure(forms: LinearForms, rng: np.random.Generator) -> Structure:
+    """Rank and pivots of any recorded rows without loops, all columns eliminated at once, the first ones preferred."""
+    supports = _agreed(Rows(forms, 0), rng)
+    pivots = tuple(column for column in range(forms.shape[1]) if column not in supports)
+    return Structure(forms.shape[1], pivots, {}, supports)
+
+
 def _modes(
     mechanism: Mechanism, rows: Rows, columns: Sequence[int], rng: np.random.Generator
 ) -> tuple[list[Mode], Mode]:

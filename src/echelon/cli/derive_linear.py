@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from echelon.base.derive import base_parameters
-from echelon.base.linear_display import to_latex, to_markdown, to_text
+from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.errors import InputError
 from echelon.formats.linear import load_linear
 from echelon.results.linear import linear_to_json
