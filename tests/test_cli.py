@@ -66,8 +66,8 @@ def test_options_reach_the_library() -> None:
     assert run("derive", PENDULUM, "--floating").stdout.startswith("double pendulum: 2")
     assert "M2 + (1/l1)·MX1" in run("derive", PENDULUM, "--prefer", "M2").stdout
     assert run("derive", PENDULUM, "--order", "tip-to-base").returncode == 0
-    assert "representatives: ZZ1 MX1 MY1 ZZ2 MX2 MY2" in run("derive", PENDULUM, "--structure").stdout
-    assert json.loads(run("derive", PENDULUM, "--structure", "--json").stdout)["rank"] == 6
+    assert "representatives: ZZ1 MX1 MY1 ZZ2 MX2 MY2" in run("derive", PENDULUM, "--rank-only").stdout
+    assert json.loads(run("derive", PENDULUM, "--rank-only", "--json").stdout)["rank"] == 6
 
 
 def test_file_is_written_whole_and_verifies(tmp_path: Path) -> None:
@@ -95,7 +95,7 @@ BAD = {
     "bad robot": ("derive", "bad.urdf"),
     "bad yaml": ("derive", "bad.yaml"),
     "bad gravity": ("derive", PENDULUM, "--gravity", "up"),
-    "bad tolerance": ("derive", PENDULUM, "--tolerance", "7"),
+    "bad tolerance": ("derive", PENDULUM, "--snap-tolerance", "7"),
     "bad preference": ("derive", PENDULUM, "--prefer", "M99"),
     "unwritable": ("derive", PENDULUM, "-o", "nowhere/out.txt"),
     "verify nothing": ("verify", "no.json"),
@@ -117,7 +117,7 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path: Path, case: str) -> Non
 
 
 IGNORED = [
-    ("derive", PANDA, "--structure", *others)
+    ("derive", PANDA, "--rank-only", *others)
     for others in (("--prefer", "M7"), ("--order", "tip-to-base"), ("--format", "latex"), ("--format", "markdown"))
 ]
 """Options that would have no effect are refused."""
@@ -139,14 +139,14 @@ def test_traceback_on_request() -> None:
 
 def test_our_own_mistakes_are_no_verdict() -> None:
     """A bug shows its traceback, and its exit code is not that of a refuted claim."""
-    bug = "import echelon.cli.verify as v; v.run_verify = lambda *_: 1 // 0; from echelon.cli import main; main()"
+    bug = "import echelon.cli.checks as v; v.run_verify = lambda *_: 1 // 0; from echelon.cli import main; main()"
     done = run("verify", "set.json", code=bug)
     assert "ZeroDivisionError" in done.stderr
     assert done.returncode == 70
 
 
 def test_interruption() -> None:
-    stop = "import echelon.cli.verify as v\ndef stop(*_): raise KeyboardInterrupt\nv.run_verify = stop"
+    stop = "import echelon.cli.checks as v\ndef stop(*_): raise KeyboardInterrupt\nv.run_verify = stop"
     done = run("verify", "set.json", code=f"{stop}\nfrom echelon.cli import main\nmain()")
     assert (done.returncode, done.stdout, "Traceback" in done.stderr) == (130, "", False)
 

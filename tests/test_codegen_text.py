@@ -22,9 +22,9 @@ import pytest
 import arms
 import echelon as ec
 import generated
-from echelon.cli.model_commands import FUNCTIONS as LISTED_FUNCTIONS
-from echelon.cli.model_commands import LOOP_FUNCTIONS as LISTED_LOOP_FUNCTIONS
-from echelon.cli.model_commands import TARGETS as LISTED_TARGETS
+from echelon.cli.commands import FUNCTIONS as LISTED_FUNCTIONS
+from echelon.cli.commands import LOOP_FUNCTIONS as LISTED_LOOP_FUNCTIONS
+from echelon.cli.commands import TARGETS as LISTED_TARGETS
 from echelon.codegen.documentation import Subject
 from echelon.codegen.generate import generate, generate_source, printed
 from echelon.codegen.numbers import Precision

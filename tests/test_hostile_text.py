@@ -17,7 +17,7 @@ from echelon.base.display import to_latex, to_markdown
 from echelon.claims.linear import LinearReader
 from echelon.cli.commands import app
 from echelon.cli.generate import read_values
-from echelon.cli.show import visible
+from echelon.cli.screen import visible
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
 from echelon.exact.numbers import in_double_range, surd
@@ -187,7 +187,7 @@ def test_terminals_and_json_get_printable_characters() -> None:
     assert json.loads(visible(json.dumps({"n": name}, ensure_ascii=False))) == {"n": name}
 
 
-@pytest.mark.parametrize("arguments", [(), ("--json",), ("-f", "latex"), ("-f", "markdown"), ("--structure",),
+@pytest.mark.parametrize("arguments", [(), ("--json",), ("-f", "latex"), ("-f", "markdown"), ("--rank-only",),
                                        ("--regressor", "sympy")])  # fmt: skip
 def test_names_from_files_reach_no_terminal_as_codes(tmp_path: Path, arguments: tuple[str, ...]) -> None:
     name = "*/ \x9b31m\u202e $x$ {0} &lt;b&gt; %"

@@ -66,5 +66,5 @@ def test_saved_sets_keep_both_counts(tmp_path: Path) -> None:
 def test_the_rank_alone_has_both_counts(tmp_path: Path) -> None:
     both = ranks(tmp_path, "gripper.urdf", GRIPPER)[0]
     for arguments, wanted in (([], f"mimic joints: {both}"), (["--json"], '"mimics": {')):
-        shown = CliRunner().invoke(app, ["derive", str(tmp_path / "gripper.urdf"), "--structure", *arguments])
+        shown = CliRunner().invoke(app, ["derive", str(tmp_path / "gripper.urdf"), "--rank-only", *arguments])
         assert wanted in shown.output

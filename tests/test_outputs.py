@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from echelon.cli import written
+from echelon.cli import destination
 from faults import COMMANDS, OUTPUTS, call, contents, workplace
 
 
@@ -132,11 +132,11 @@ def test_without_a_place_for_digests_files_are_written_once(folder: Path, monkey
 
 
 def test_digests_are_private_and_few(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(written, "_MOST_PATHS", 3)
+    monkeypatch.setattr(destination, "_MOST_PATHS", 3)
     for k in range(5):
         for content in (b"one", b"two"):
-            written.remember(folder / f"{k}", content)
-    records = sorted((written.state_folder() / "written").iterdir())
+            destination.remember(folder / f"{k}", content)
+    records = sorted((destination.state_folder() / "written").iterdir())
     assert len(records) == 3
     assert {record.stat().st_mode & 0o777 for record in records} == {0o600}
     assert {len(record.read_text().split()) for record in records} == {2}
@@ -145,6 +145,6 @@ def test_digests_are_private_and_few(folder: Path, monkeypatch: pytest.MonkeyPat
 @pytest.mark.usefixtures("folder")
 def test_a_damaged_digest_counts_as_none() -> None:
     assert call(*COMMANDS["derive"]).returncode == 0
-    for record in (written.state_folder() / "written").iterdir():
+    for record in (destination.state_folder() / "written").iterdir():
         record.write_bytes(b"\xff\x00garbage")
     assert call(*COMMANDS["derive"]).returncode == 2

@@ -11,15 +11,15 @@ from fuzz.material import Material
 
 COMMANDS: dict[str, tuple[str, ...]] = {
     "description": (
-        "derive {file} --structure",
+        "derive {file} --rank-only",
         "derive {file} --budget 0.01 --json",
         "derive {file} --budget 0.01 --format latex",
     ),
-    "description as JSON": ("derive {file} --structure", "generate {file} -o {out} --budget 0.01 --target python"),
+    "description as JSON": ("derive {file} --rank-only", "generate {file} -o {out} --target python"),
     "linear model": ("derive {file}", "derive {file} --json"),
     "set-up": ("identify {file} {log} --target none -o {out}", "check-trajectory {file} {motion}"),
-    "URDF": ("derive {file} --structure", "derive {file} --budget 0.01", "check-trajectory {file} {motion}"),
-    "MJCF": ("derive {file} --structure", "derive {file} --measured file --structure"),
+    "URDF": ("derive {file} --rank-only", "derive {file} --budget 0.01", "check-trajectory {file} {motion}"),
+    "MJCF": ("derive {file} --rank-only", "derive {file} --measured file --rank-only"),
     "base model": ("verify {file}", "generate {file} -o {out} --target c", "audit {setup} {file}"),
     "identified model": (
         "predict {file} {log}",

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from inspect import Parameter, signature
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
+from echelon.cli.options import Command, with_parameters
+from echelon.cli.screen import be_verbose
+
 
 class _Commands(TyperGroup):
-    """The commands, which take it well when the reader of a pipe goes away (typer would exit with 1)."""
+    """All commands; the exit code is 0 when the reader of a pipe goes away (typer would exit with 1)."""
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:  # prints the help
         with _readers_may_leave():
@@ -22,6 +26,30 @@ class _Commands(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         with _readers_may_leave():
             return super().invoke(ctx)
+
+
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say on standard error what is done, and when.")]
+
+
+class _Application(typer.Typer):
+    """An application all of whose commands take ``--verbose``."""
+
+    def command(  # type: ignore[override]  # what it passes on is typer's affair
+        self, name: str | None = None, **options: Any
+    ) -> Callable[[Command], Command]:
+        register: Callable[[Command], Command] = super().command(name, **options)
+        return lambda command: register(_with_verbosity(command))
+
+
+def _with_verbosity(command: Command) -> Command:
+    def run(verbose: bool, **given: Any) -> Any:
+        if verbose:
+            be_verbose()
+        return command(**given)
+
+    own = signature(command, eval_str=True).parameters.values()
+    last = Parameter("verbose", Parameter.KEYWORD_ONLY, annotation=Verbose, default=False)
+    return with_parameters(run, command, [*own, last])
 
 
 @contextmanager
@@ -33,7 +61,7 @@ def _readers_may_leave() -> Iterator[None]:
         raise typer.Exit from None
 
 
-app = typer.Typer(
+app = _Application(
     name="echelon",
     cls=_Commands,
     help="Exact base inertial parameters of robots, in closed form, with a certificate.",

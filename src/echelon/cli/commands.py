@@ -1,17 +1,280 @@
-"""All commands, their exit codes, and one clear line for every error."""
+"""Commands about robots, their base parameters and measured logs; exit codes, and one clear line for every error.
+
+Only typer is imported here; each command imports what it needs when it runs, so that ``--help`` is instant.
+"""
 
 from __future__ import annotations
 
 import os
 import sys
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
-from echelon.cli import excite_commands, log_commands, model_commands  # commands put themselves on the application
+import typer
+
 from echelon.cli.app import app
+from echelon.cli.options import AsJson, Budget, Force, Ordering, Output, Prefer, Robot, Seed, reads_robot
 from echelon.machine.threads import VARIABLES
 
-__all__ = ["app", "excite_commands", "log_commands", "model_commands", "run"]
+__all__ = ["app", "excite_commands", "run"]
 
 BAD_INPUT, INTERNAL, INTERRUPTED = 2, 70, 130
+
+TARGETS = "c, cpp, cuda, python, jax, casadi, matlab, julia, rust"
+FUNCTIONS = "regressor, inverse_dynamics, mass_matrix, gravity, coriolis, effects, inverse_dynamics_derivatives"
+LOOP_FUNCTIONS = "closed_positions, closed_velocities, closed_accelerations, closure_pivots, constraint_forces"
+
+Format = Literal["text", "json", "latex", "markdown"]
+Formulas = Literal["latex", "sympy"]
+Schema = Literal["description", "base-model", "identified", "trajectory"]
+Estimator = Literal["ols", "wls", "irls", "huber", "tls", "ridge", "iv"]
+Values = Literal["estimate", "essential", "physical"]
+
+
+@app.command(epilog="Example: echelon derive panda.urdf --format json -o panda.json")
+@reads_robot("floating", "gravity", "tolerance", "numeric", "mimic", "every_link", "massless", "symbols", "measured")
+def derive(
+    robot: Robot,
+    read: dict[str, Any],
+    output_format: Annotated[Format, typer.Option("--format", "-f", help="What to write.")] = "text",
+    as_json: Annotated[bool, typer.Option("--json", help="Short for --format json.")] = False,
+    output: Output = None,
+    force: Force = False,
+    order: Ordering = "base-to-tip",
+    prefer: Prefer = None,
+    generic: Annotated[
+        bool, typer.Option("--generic", help="Answer for general values of the symbols, not for the stated ones.")
+    ] = False,
+    rank_only: Annotated[bool, typer.Option("--rank-only", help="Instead: only the rank and representatives.")] = False,
+    special: Annotated[
+        bool, typer.Option("--special", help="Instead: special geometry and gravity where the number changes.")
+    ] = False,
+    compare_numeric: Annotated[
+        bool, typer.Option("--compare-numeric", help="Instead: the ranks that SVD and QR give, beside the exact one.")
+    ] = False,
+    regressor: Annotated[
+        Formulas | None, typer.Option("--regressor", help="Instead: the base regressor as formulas.")
+    ] = None,
+    seed: Seed = None,
+    budget: Budget = 1.0,
+) -> None:
+    """Derive the base inertial parameters of a robot in closed form."""
+    chosen: Format = "json" if as_json else output_format
+    instead = {"--rank-only": rank_only, "--special": special, "--compare-numeric": compare_numeric}
+    asked = [name for name, wanted in {**instead, "--regressor": regressor is not None}.items() if wanted]
+    if len(asked) > 1:
+        raise typer.BadParameter(f"{' and '.join(asked)} exclude each other: each prints something else")
+    if regressor is not None and chosen != "text":
+        raise typer.BadParameter("--regressor prints formulas and takes no --format")
+    ordered = prefer or order != "base-to-tip"
+    if asked and regressor is None and (ordered or chosen in ("latex", "markdown")):
+        raise typer.BadParameter(f"{asked[0]} counts, as text or JSON, and takes no --order or --prefer")
+
+    from echelon.cli import counts, derive
+    from echelon.cli.destination import output_file
+
+    target = output_file(output, force)
+    derivation = {"order": order, "prefer": tuple(prefer or ())}
+    if regressor is not None:
+        derive.run_regressor(robot, regressor, read, derivation, target, seed)
+    elif compare_numeric:
+        counts.run_compare_numeric(robot, read, target, seed, as_json=chosen == "json")
+    elif special:
+        counts.run_special(robot, read, target, seed, as_json=chosen == "json")
+    elif rank_only:
+        counts.run_rank_only(robot, read, target, seed, generic=generic, as_json=chosen == "json")
+    else:
+        derive.run_derive(robot, chosen, read, {**derivation, "generic": generic}, target, seed, budget)
+
+
+@app.command(epilog="Example: echelon generate panda.urdf --target c -o generated/")
+@reads_robot("floating", "gravity", "tolerance", "numeric", "mimic", "every_link", "massless")
+def generate(
+    robot: Annotated[Path, typer.Argument(help="URDF, MJCF, Echelon description, or base parameters saved as JSON.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Directory for the files, or one file.")],
+    read: dict[str, Any],
+    force: Force = False,
+    target: Annotated[str, typer.Option("--target", "-t", help=f"One of {TARGETS}.")] = "c",
+    function: Annotated[
+        str | None,
+        typer.Option(
+            "--function",
+            show_default="regressor,inverse_dynamics,mass_matrix,gravity",
+            help=f"One or more, with commas, of {FUNCTIONS}; with loops also of {LOOP_FUNCTIONS}.",
+        ),
+    ] = None,
+    name: Annotated[str | None, typer.Option(help="Stands before the functions' names; made from the robot's.")] = None,
+    precision: Annotated[Literal["double", "single"], typer.Option(help="Floating-point type.")] = "double",
+    parameters: Annotated[
+        str | None,
+        typer.Option(
+            help="Values to put in as constants: 'file' for those of the robot's file, or a JSON or CSV file."
+        ),
+    ] = None,
+    keep_symbols: Annotated[
+        str | None,
+        typer.Option(help="Geometry that becomes an argument instead of constants: 'all', or names with commas."),
+    ] = None,
+    order: Ordering = "base-to-tip",
+    prefer: Prefer = None,
+    seed: Seed = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable summary.")] = False,
+) -> None:
+    """Write source code of the robot's functions in terms of its base parameters."""
+    from echelon.cli.destination import output_folder
+    from echelon.cli.generate import run_generate
+
+    kept = _names(keep_symbols or "")
+    options = {
+        "target": target,
+        "functions": None if function is None else _names(function),
+        "name": name,
+        "precision": precision,
+        "keep_symbols": kept == ("all",) or kept,
+    }
+    derivation = {"order": order, "prefer": tuple(prefer or ()), **({} if seed is None else {"seed": seed})}
+    run_generate(robot, output_folder(output, force), read, derivation, options, parameters, as_json=as_json)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """Names that commas separate."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+@app.command(epilog="Example: echelon verify panda.json")
+def verify(
+    file: Annotated[Path, typer.Argument(help="JSON file written by 'derive --format json'.")],
+    as_json: AsJson = False,
+    seed: Seed = None,
+) -> None:
+    """Check a saved set of base parameters again, without trusting what it says about itself."""
+    from echelon.cli import checks
+
+    raise typer.Exit(checks.run_verify(file, as_json, seed))
+
+
+@app.command(epilog="Example: echelon sensors arm.yaml --size 2")
+@reads_robot("floating", "gravity")
+def sensors(
+    robot: Robot,
+    read: dict[str, Any],
+    size: Annotated[int, typer.Option(min=1, max=6, help="List all subsets up to this size.")] = 1,
+    as_json: AsJson = False,
+    seed: Seed = None,
+    budget: Budget = 1.0,
+) -> None:
+    """Compare what the sensors of a robot see, alone and together.
+
+    Candidates are the outputs that the description states; without any, all actuators and a wrench sensor under the
+    base.
+    """
+    from echelon.cli import counts
+
+    counts.run_sensors(robot, size, read, seed, budget, as_json=as_json)
+
+
+@app.command(epilog="Example: echelon audit tx40.urdf TX40_bp_5.csv --ignore 'fv*'")
+@reads_robot("floating", "gravity", "tolerance", "mimic", "every_link")
+def audit(
+    robot: Robot,
+    claimed: Annotated[Path, typer.Argument(help="Base parameters to check: CSV, JSON, or one expression per line.")],
+    read: dict[str, Any],
+    naming: Annotated[
+        str, typer.Option(help="How the claims write parameters: 'auto', or echelon, symoro, sympybotics, pinocchio.")
+    ] = "auto",
+    define: Annotated[
+        list[str] | None, typer.Option(help="A symbol of the claims, 'RL4=pz4' or 'L=0.45'; may be repeated.")
+    ] = None,
+    ignore: Annotated[
+        list[str] | None, typer.Option(help="Parameters that the robot file leaves out, 'fv*'; may be repeated.")
+    ] = None,
+    as_json: AsJson = False,
+    output: Output = None,
+    force: Force = False,
+) -> None:
+    """Compare base parameters that someone else claims with the exact ones; exits with 1 where they differ."""
+    from echelon.cli import checks
+    from echelon.cli.destination import output_file
+
+    target = output_file(output, force)
+    raise typer.Exit(checks.run_audit(robot, claimed, read, naming, define or (), ignore or (), as_json, target))
+
+
+@app.command(epilog="Example: echelon identify tx40.yaml run1.parquet --validate run2.parquet -o result/")
+@reads_robot("floating", "gravity", "tolerance", "every_link", "massless")
+def identify(
+    setup: Annotated[Path, typer.Argument(help="Robot description with its measurement set-up; or URDF, MJCF.")],
+    logs: Annotated[
+        list[Path],
+        typer.Argument(help="CSV, Parquet, NPZ, MAT, ROS 2 bag or MCAP; a directory stands for all logs in it."),
+    ],
+    read: dict[str, Any],
+    validate: Annotated[
+        list[Path] | None, typer.Option("--validate", help="A log the fit does not see; may be repeated.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Directory for model, report, robot file and code.")
+    ] = None,
+    force: Force = False,
+    prior: Annotated[
+        Path | None, typer.Option(help="The same robot with prior inertial values (URDF, MJCF, description).")
+    ] = None,
+    estimator: Annotated[Estimator | None, typer.Option(help="Instead of the one of the set-up.")] = None,
+    predict_with: Annotated[
+        Values | None, typer.Option(help="Values that predictions use, instead of the set-up's.")
+    ] = None,
+    holdout: Annotated[
+        float | None, typer.Option(min=0, max=0.9, help="Share of each log held out where no other log validates.")
+    ] = None,
+    physical: Annotated[
+        bool | None, typer.Option("--physical/--no-physical", help="Fit a physically consistent robot as well.")
+    ] = None,
+    target: Annotated[str, typer.Option("--target", "-t", help="Language of the model's source, or none.")] = "c",
+    dask: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler, or a number of processes to start here.")
+    ] = None,
+    seed: Seed = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fit a robot's parameters to logs, validate the model on data it did not see, and write it.
+
+    With -o: model.json, report.html, the robot with identified inertials, and source code of the fitted model.
+    """
+    from echelon.cli.destination import output_folder
+    from echelon.cli.identify import run_identify
+
+    changed = {"estimator": estimator, "predict": predict_with, "holdout": holdout, "physical": physical, "seed": seed}
+    stated = {name: value for name, value in changed.items() if value is not None}
+    folder = None if output is None else output_folder(output, force)
+    run_identify(setup, logs, validate or (), folder, prior, stated, read, target, dask, as_json=as_json)
+
+
+@app.command(epilog="Example: echelon predict result/model.json run3.parquet -o predicted.csv")
+def predict(
+    model: Annotated[Path, typer.Argument(help="model.json that 'echelon identify' wrote.")],
+    log: Annotated[Path, typer.Argument(help="A log of positions; outputs are compared where it has them.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="CSV or Parquet file with time, predicted and measured.")
+    ] = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Predict the outputs of a log with an identified model."""
+    from echelon.cli.destination import output_file
+    from echelon.cli.predict import run_predict
+
+    run_predict(model, log, output_file(output, force), as_json=as_json)
+
+
+@app.command(epilog="Example: echelon schema description > robot.schema.json")
+def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print.")]) -> None:
+    """Print the JSON schema of a file format."""
+    from echelon.cli.checks import run_schema
+
+    run_schema(which)
+
+
+from echelon.cli import excite_commands  # noqa: E402  its commands stand last in the help
 
 
 def run() -> None:

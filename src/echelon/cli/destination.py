@@ -1,20 +1,37 @@
-"""Where commands write: never over a file that they read or that no command wrote, unless they are told to."""
+"""Where commands write: never over a file that they read or that no command wrote, unless they are told to.
+
+Python itself is asked which files it reads, so that no reader can forget to say so, and files that other files name are
+among them.  Which files commands wrote before is known by digests: formats of outputs have no place for a mark in
+common, and a mark would stay in a file that somebody edits.  The digests are kept in the user's folder for state, for
+every path in a small file of its own, which needs no locks.  Without them nothing is lost: files that Echelon wrote
+then count as somebody else's.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import os
+import sys
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import typer
 
-from echelon.cli.reads import unwatched, was_read, watch_reads
-from echelon.cli.show import show
-from echelon.cli.written import is_as_written, remember
+from echelon.cli.screen import show
 from echelon.errors import InputError, one_line
-from echelon.files import Target, target_of, write_all, written_into
+from echelon.files import Target, target_of, write_all, write_atomically, written_into
+
+_WRITING = os.O_WRONLY | os.O_RDWR
+_VARIABLE = "ECHELON_STATE"
+_KEPT = 8
+"""Digests per path: a command that is stopped may leave the file as it was, or the one before that."""
+_MOST_PATHS = 10_000
+
+_paths: set[str] = set()
+_state = {"watching": False}
 
 
 @dataclass(frozen=True)
@@ -54,13 +71,13 @@ class Destination:
 
 
 def output_folder(path: Path, force: bool) -> Destination:
-    """Where a command that is about to read its files will write one or several."""
+    """The destination of a command that will write one or several files; called before it reads any."""
     watch_reads()
     return Destination(path, force)
 
 
 def output_file(path: Path | None, force: bool) -> Destination | None:
-    """Where a command that is about to read its files will write a file, if the file can be written."""
+    """The destination of a command that will write a file, if it can be written; called before the command reads."""
     if path is None:
         return None
     found = output_folder(path, force)
@@ -102,3 +119,99 @@ def _remembered(contents: Mapping[Path, str | bytes]) -> Iterator[None]:
     yield
     if problem:
         typer.echo(f"echelon: {problem}; to replace these files later will need --force", err=True)
+
+
+# -- which files this process reads ----------------------------------------------------------------------------------
+
+
+def watch_reads() -> None:
+    """Forget what was read so far, and note every file that is opened for reading from now on."""
+    _install()
+    _paths.clear()
+    _state["watching"] = True
+
+
+def was_read(path: Path) -> bool:
+    """Whether a file, behind all symbolic links, was opened for reading."""
+    with unwatched():
+        return os.fspath(path) in {os.path.realpath(found) for found in _paths}
+
+
+@contextmanager
+def unwatched() -> Iterator[None]:
+    """For looking into files that are about to be replaced."""
+    before, _state["watching"] = _state["watching"], False
+    try:
+        yield
+    finally:
+        _state["watching"] = before
+
+
+@cache  # a hook stays until the process ends
+def _install() -> None:
+    sys.addaudithook(_note)
+
+
+def _note(event: str, arguments: tuple[object, ...]) -> None:
+    if event != "open" or not _state["watching"]:
+        return
+    path, _, flags = arguments
+    if isinstance(path, str | bytes) and isinstance(flags, int) and not flags & _WRITING:
+        _paths.add(os.fsdecode(path))
+
+
+# -- which files commands wrote --------------------------------------------------------------------------------------
+
+
+def remember(path: Path, content: bytes) -> None:
+    """Note what is about to be written to a path behind all symbolic links; an InputError if it cannot be noted."""
+    record = _record(path)
+    digest = hashlib.sha256(content).hexdigest()
+    digests = [line for line in _digests(record) if line != digest]
+    try:
+        record.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be made: {error.strerror or error}", source=str(record.parent)) from None
+    write_atomically(record, "\n".join([*digests[-_KEPT + 1 :], digest]) + "\n", private=True)
+    _forget_oldest(record.parent)
+
+
+def is_as_written(path: Path) -> bool:
+    """Whether a file holds what a command of this user wrote there."""
+    digests = _digests(_record(path))
+    if not digests:
+        return False
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest() in digests
+    except OSError:
+        return False
+
+
+def state_folder() -> Path:
+    """Where digests are kept: ``ECHELON_STATE``, or the user's usual folder for state."""
+    chosen = os.environ.get(_VARIABLE)
+    if chosen:
+        return Path(chosen)
+    from platformdirs import user_state_path
+
+    return user_state_path("echelon", appauthor=False)
+
+
+def _record(path: Path) -> Path:
+    return state_folder() / "written" / hashlib.sha256(os.fsencode(path)).hexdigest()
+
+
+def _digests(record: Path) -> list[str]:
+    try:
+        return record.read_text(encoding="ascii").split()
+    except (OSError, UnicodeDecodeError):
+        return []
+
+
+def _forget_oldest(folder: Path) -> None:
+    with suppress(OSError):  # another process may forget some at the same time
+        records = list(folder.iterdir())
+        if len(records) > _MOST_PATHS:
+            for record in sorted(records, key=lambda record: record.stat().st_mtime)[:-_MOST_PATHS]:
+                record.unlink(missing_ok=True)

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from echelon.cli.destination import Destination
-from echelon.cli.progress import say_time, steps
-from echelon.cli.show import show
+from echelon.cli.screen import say_time, show, steps
 from echelon.errors import InputError
 from echelon.identification.setup import load_setup
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from time import perf_counter
@@ -14,9 +13,8 @@ from typing import Any
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.cli.destination import Destination
-from echelon.cli.options import Order, reading
-from echelon.cli.progress import progress, say_time
-from echelon.cli.show import show
+from echelon.cli.options import reading
+from echelon.cli.screen import json_text, say_time, show, steps
 from echelon.codegen.constants import FROM_FILE
 from echelon.codegen.documentation import operation_counts, operations_text
 from echelon.codegen.generate import Source, generate_source
@@ -33,29 +31,25 @@ SUMMARY = "echelon.generated/1"
 """Schema of the summary."""
 
 
-@dataclass(frozen=True)
-class GenerateRequest:
-    """Arguments of the command."""
-
-    robot: Path  # a robot file, or base parameters saved as JSON
-    output: Destination  # a directory, or a file
-    reading: Mapping[str, Any]  # keyword arguments of ``load``, ``base_parameters`` and ``generate``
-    derivation: Mapping[str, Any]
-    options: Mapping[str, Any]  # keyword arguments of ``load``, ``base_parameters`` and ``generate``
-    parameters: str | None  # ``"file"`` or the name of a file of values
-
-
-def run_generate(request: GenerateRequest, *, as_json: bool) -> None:
+def run_generate(
+    robot: Path,
+    output: Destination,
+    read: Mapping[str, Any],
+    derivation: Mapping[str, Any],
+    options: Mapping[str, Any],
+    parameters: str | None,
+    *,
+    as_json: bool,
+) -> None:
     """Generate, write all files, and say what was written."""
     started = perf_counter()
-    given = request.parameters
-    values = given if given is None or given == FROM_FILE else read_values(Path(given))
-    with progress(f"generating code for {request.robot.name}"):
-        base = _base(request)
-        source = generate_source(base, **request.options, parameters=values)
-    paths = _written(source.files, request.output)
+    values = parameters if parameters is None or parameters == FROM_FILE else read_values(Path(parameters))
+    with steps(f"generating code for {robot.name}"):
+        base = _base(robot, read, derivation)
+        source = generate_source(base, **options, parameters=values)
+    paths = _written(source.files, output)
     if as_json:
-        show(json.dumps(_summary(base, source, paths, request), indent=1, ensure_ascii=False))
+        show(json_text(_summary(base, source, paths, options)))
         return
     for function in source.functions:
         show(f"{function.name}: {operations_text(function)}")
@@ -94,18 +88,18 @@ def _csv_pairs(text: str) -> list[tuple[str, str]]:
     return [(name, value) for name, value in rows]
 
 
-def _base(request: GenerateRequest) -> BaseModel:
-    if _holds_saved_base(request.robot):
-        if request.reading != reading() or request.derivation != {"order": Order.BASE_TO_TIP.value, "prefer": ()}:
+def _base(robot: Path, read: Mapping[str, Any], derivation: Mapping[str, Any]) -> BaseModel:
+    if _holds_saved_base(robot):
+        if read != reading() or derivation != {"order": "base-to-tip", "prefer": ()}:
             problem = "a saved set is used as it is, so it takes no options for reading or deriving"
-            raise InputError(problem, source=str(request.robot))
+            raise InputError(problem, source=str(robot))
         try:
-            return load_base(request.robot)
+            return load_base(robot)
         except CertificateError as error:
-            raise InputError(f"is not a sound set: {error}", source=str(request.robot)) from None
-    if holds_linear_model(request.robot):
-        raise InputError("code is generated for robots, not for linear models", source=str(request.robot))
-    return base_parameters(load(request.robot, **request.reading), **request.derivation)
+            raise InputError(f"is not a sound set: {error}", source=str(robot)) from None
+    if holds_linear_model(robot):
+        raise InputError("code is generated for robots, not for linear models", source=str(robot))
+    return base_parameters(load(robot, **read), **derivation)
 
 
 def _holds_saved_base(path: Path) -> bool:
@@ -127,7 +121,7 @@ def _written(files: Mapping[str, str], output: Destination) -> list[Path]:
     return replace(output, path=path.parent if one_of_several else path).write_into(files)
 
 
-def _summary(base: BaseModel, source: Source, paths: list[Path], request: GenerateRequest) -> dict[str, Any]:
+def _summary(base: BaseModel, source: Source, paths: list[Path], options: Mapping[str, Any]) -> dict[str, Any]:
     functions = {
         function.name: {
             "shape": list(function.shape),
@@ -139,8 +133,8 @@ def _summary(base: BaseModel, source: Source, paths: list[Path], request: Genera
     return {
         "schema": SUMMARY,
         "robot": base.mechanism.name,
-        "target": request.options["target"],
-        "precision": request.options["precision"],
+        "target": options["target"],
+        "precision": options["precision"],
         "files": [str(path) for path in paths],
         "functions": functions,
         "base_parameters": list(base.pivots),

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from echelon.cli.destination import Destination
-from echelon.cli.progress import say_time, steps
-from echelon.cli.show import show
+from echelon.cli.screen import json_text, say_time, show, steps
 from echelon.errors import InputError
 from echelon.identification.identify import identify
 from echelon.identification.setup import load_setup
@@ -24,41 +23,37 @@ NO_CODE = "none"
 MODEL, REPORT = "model.json", "report.html"
 
 
-@dataclass(frozen=True)
-class IdentifyRequest:
-    """Arguments of the command."""
-
-    setup: Path
-    logs: tuple[Path, ...]
-    validate: tuple[Path, ...]
-    output: Destination | None  # directory for what is written
-    prior: Path | None
-    changed: Mapping[str, Any]  # settings that replace those of the set-up
-    reading: Mapping[str, Any]  # keyword arguments of ``load``
-    target: str  # language of the source code, or ``"none"``
-    dask: str | None  # address of a scheduler, or a number of processes
-
-
-def run_identify(request: IdentifyRequest, *, as_json: bool) -> None:
-    """Identify, write all files, and print the summary."""
+def run_identify(
+    setup_file: Path,
+    logs: Sequence[Path],
+    validate: Sequence[Path],
+    output: Destination | None,
+    prior: Path | None,
+    changed: Mapping[str, Any],
+    read: Mapping[str, Any],
+    target: str,
+    dask: str | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Identify with changed settings, write all files, and print the summary."""
     started = perf_counter()
-    _check_target(request.target)
-    if request.output is not None:
-        request.output.check((MODEL, REPORT))
-    setup = load_setup(request.setup, prior=request.prior, **request.reading)
-    setup = replace(setup, settings=replace(setup.settings, **request.changed))
-    with steps() as step, _cluster(request.dask) as client:
-        result = identify(setup, request.logs, request.validate, client=client, on_step=step)
+    _check_target(target)
+    if output is not None:
+        output.check((MODEL, REPORT))
+    setup = load_setup(setup_file, prior=prior, **read)
+    setup = replace(setup, settings=replace(setup.settings, **changed))
+    with steps() as step, _cluster(dask) as client:
+        result = identify(setup, tuple(logs), tuple(validate), client=client, on_step=step)
         step("writing")
-        files = {} if request.output is None else _files(result, setup, request.target)
-    paths = [] if request.output is None else request.output.write_into(files)
+        files = {} if output is None else _files(result, setup, target)
+    paths = [] if output is None else output.write_into(files)
     if as_json:
         from echelon.results.identified import identification_to_json
 
-        document = json.loads(identification_to_json(result))
-        show(json.dumps({**document, "files": [str(path) for path in paths]}, indent=1, ensure_ascii=False))
+        show(json_text({**json.loads(identification_to_json(result)), "files": [str(path) for path in paths]}))
         return
-    from echelon.cli.identify_terminal import print_identification
+    from echelon.cli.terminal import print_identification
 
     print_identification(result)
     if paths:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from echelon.cli.destination import Destination
-from echelon.cli.progress import progress
-from echelon.cli.show import show
+from echelon.cli.screen import json_text, show, steps
 from echelon.errors import InputError, MissingExtraError
 from echelon.identification.predict import Prediction, predict_log
 from echelon.results.identified import load_identified
@@ -25,14 +23,14 @@ def run_predict(model: Path, log: Path, output: Destination | None, *, as_json: 
     suffix = "" if output is None else output.path.suffix.lower()
     if output is not None and suffix not in _FORMATS:
         raise InputError(f"unknown format '{suffix}' (valid: {', '.join(_FORMATS)})", source=str(output.path))
-    with progress(f"predicting {log.name}"):
+    with steps(f"predicting {log.name}"):
         identified = load_identified(model)
         found = predict_log(identified.plan, identified.values, log)
     if output is not None:
         output.write(_csv(found) if suffix == ".csv" else _parquet(found))
     summary = _summary(found, None if output is None else output.path)
     if as_json:
-        show(json.dumps(summary, indent=1, ensure_ascii=False))
+        show(json_text(summary))
         return
     for name, score in summary["outputs"].items():
         show(f"{name}: {found.time.size} samples{_fit(score)}")

@@ -1,6 +1,9 @@
-"""A BaseModel on a terminal, with rich."""
+"""Base parameters and identifications on a terminal, with rich."""
 
 from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
@@ -10,12 +13,21 @@ from echelon.base.base_set import Identifiability
 from echelon.base.display import classification_rows, facts, headline, legend
 from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS
+from echelon.errors import one_line
+from echelon.logs.finding import Severity
+
+if TYPE_CHECKING:
+    from echelon.identification.result import Identification
+    from echelon.identification.validation.validation import Score, Validation
 
 _COLOURS = {
     Identifiability.ALONE: "green",
     Identifiability.COMBINATION: "yellow",
     Identifiability.UNIDENTIFIABLE: "red",
 }
+
+_PARAMETERS = 24
+"""Parameters that are listed; the rest is in the report and in model.json."""
 
 
 def print_model(model: BaseModel) -> None:
@@ -45,3 +57,71 @@ def _classification(model: BaseModel) -> Table:
     for title, marks in classification_rows(model):
         table.add_row(Text(title), *(Text(mark, style=_COLOURS[kind] if kind else "") for mark, kind in marks))
     return table
+
+
+def print_identification(result: Identification) -> None:
+    """Print what a user needs to know before opening the report."""
+    console = Console()
+    console.print(Text(_headline(result), style="bold"))
+    for finding in result.findings:
+        style = "yellow" if finding.severity is Severity.WARNING else "dim"
+        console.print(Text(f"{finding.severity.value}: {one_line(str(finding))}", style=style))
+    for validation in result.validations:
+        console.print(_scores(validation))
+    console.print(_parameters(result))
+    console.print(Text(_conditioning(result)))
+    if result.feasibility is not None:
+        console.print(Text(result.feasibility.proof))
+    console.print(Text(result.verdict, style="bold"))
+
+
+def _headline(result: Identification) -> str:
+    estimate, name = result.estimate, one_line(result.base.mechanism.name)
+    logs = f"{len(result.logs)} log{'s' * (len(result.logs) != 1)}"
+    return f"{name}: {result.base.rank} base parameters by {estimate.method} from {sum(estimate.rows)} rows of {logs}"
+
+
+def _scores(validation: Validation) -> Table:
+    table = Table(
+        title=Text(f"{validation.role}: {one_line(validation.source)}"),
+        title_justify="left",
+        box=None,
+        padding=(0, 2, 0, 0),
+    )
+    prior = bool(validation.prior_scores)
+    for column in ("output", "rms", "% of range", "R²", *(("rms of prior",) if prior else ())):
+        table.add_column(column, justify="left" if column == "output" else "right")
+    for k, score in enumerate(validation.scores):
+        cells = [Text(one_line(score.output)), _rms(score), _number(score.percent, 2), _number(score.r2, 5)]
+        table.add_row(*cells, *([_rms(validation.prior_scores[k])] if prior else []))
+    return table
+
+
+def _rms(score: Score) -> Text:
+    return Text(f"{score.rms:.4g} {one_line(score.unit)}" if math.isfinite(score.rms) else "–")
+
+
+def _number(value: float, digits: int) -> Text:
+    return Text(
+        f"{value:.{digits}g}" if digits == 4 and value else f"{value:.{digits}f}" if math.isfinite(value) else "–"
+    )
+
+
+def _parameters(result: Identification) -> Table:
+    level = float(result.settings.get("level", 0.95))
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for column in ("base parameter", "value", f"{level:.0%} interval", "unit"):
+        table.add_column(column, justify="right" if column == "value" else "left", overflow="fold")
+    estimate = result.estimate
+    rows = zip(result.base.expressions, estimate.values, estimate.interval(level), estimate.units, strict=True)
+    for expression, value, (low, high), unit in list(rows)[:_PARAMETERS]:
+        table.add_row(Text(str(expression)), f"{value:.5g}", f"{low:.4g} … {high:.4g}", unit)
+    if result.base.rank > _PARAMETERS:
+        table.add_row(Text(f"… and {result.base.rank - _PARAMETERS} more"), "", "", "")
+    return table
+
+
+def _conditioning(result: Identification) -> str:
+    found = result.excitation
+    text = f"condition number {found.condition:.3g}, with columns of norm 1 {found.scaled_condition:.3g}"
+    return text if not found.weak else f"{text}; weakest: {found.weak[0].advice}"

@@ -1,0 +1,69 @@
+"""What commands say: text that a terminal shows and does not obey, progress on a terminal, silence in a pipe."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import perf_counter
+
+import typer
+
+from echelon.errors import one_line
+
+_NOT_ASCII = re.compile(r"[^\n\x20-\x7e]")
+_state = {"verbose": False}
+
+
+def be_verbose() -> None:
+    """From now on every step is a line on standard error, also in a pipe."""
+    _state["verbose"] = True
+
+
+def show(text: str) -> None:
+    """Print text or JSON, with a line break at its end."""
+    typer.echo(visible(text.removesuffix("\n")))
+
+
+def visible(text: str) -> str:
+    r"""Text in which a character that cannot be printed is written as JSON writes it: ``\u009b``.
+
+    >>> print(visible('{"name": "é\x9b31m"}'))
+    {"name": "é\u009b31m"}
+    """
+    return _NOT_ASCII.sub(lambda c: c[0] if c[0].isprintable() else json.dumps(c[0])[1:-1], text)
+
+
+def json_text(record: object) -> str:
+    """A record as JSON text that ends with a line break."""
+    return json.dumps(record, indent=1, ensure_ascii=False) + "\n"
+
+
+def say_time(started: float) -> None:
+    """Print the time since a value of ``perf_counter``; only on a terminal, so that equal runs write equal bytes."""
+    if sys.stderr.isatty():
+        sys.stderr.write(f"time: {perf_counter() - started:.2f} s\n")
+
+
+@contextmanager
+def steps(title: str = "") -> Iterator[Callable[[str], None]]:
+    """A spinner that says which step of a command runs; nothing in a pipe."""
+    started = perf_counter()
+    if _state["verbose"]:
+
+        def say(message: str) -> None:
+            sys.stderr.write(f"{perf_counter() - started:8.2f} s  {one_line(message)}\n")
+
+        if title:
+            say(title)
+        yield say
+    elif not sys.stderr.isatty():
+        yield lambda _: None
+    else:
+        from rich.console import Console
+        from rich.text import Text
+
+        with Console(stderr=True).status(Text(one_line(title))) as status:
+            yield lambda message: status.update(Text(one_line(message)))
