@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import cached_property
 
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.placement import Placement
@@ -48,12 +49,12 @@ class Motion:
     sign: int = 1
     pitch: Polynomial = Polynomial({})
 
-    @property
+    @cached_property
     def positions(self) -> tuple[str, ...]:
         """Names of the position coordinates; a ball has a unit quaternion (w, x, y, z)."""
         return tuple(f"{self.name}.{c}" for c in "wxyz") if self.kind is MotionKind.BALL else (self.name,)
 
-    @property
+    @cached_property
     def velocities(self) -> tuple[str, ...]:
         """Names of the velocity coordinates; a ball has the angular velocity in the moved frame, rad/s."""
         return tuple(f"{self.name}.{c}" for c in "xyz") if self.kind is MotionKind.BALL else (self.name,)
@@ -77,7 +78,7 @@ class Joint:
     kind: str
     steps: tuple[Step, ...]
 
-    @property
+    @cached_property
     def motions(self) -> tuple[Motion, ...]:
         """The elementary motions, in order from the parent."""
         return tuple(step for step in self.steps if isinstance(step, Motion))

@@ -179,22 +179,22 @@ class Mechanism:
         _check_effects(self)
         _check_outputs(self)
 
-    @property
+    @cached_property
     def motions(self) -> tuple[Motion, ...]:
         """All elementary motions in body order."""
         return tuple(motion for body in self.bodies for motion in body.joint.motions)
 
-    @property
+    @cached_property
     def dependent(self) -> frozenset[str]:
         """Names of the coordinates that couplings express through others."""
         return frozenset(coupling.coordinate for coupling in self.couplings)
 
-    @property
+    @cached_property
     def positions(self) -> tuple[str, ...]:
         """Names of the position coordinates that no coupling makes dependent, the columns of ``q``."""
         return tuple(name for m in self.motions if m.name not in self.dependent for name in m.positions)
 
-    @property
+    @cached_property
     def velocities(self) -> tuple[str, ...]:
         """Names of the velocity coordinates that no coupling makes dependent, the columns of ``qd`` and ``qdd``."""
         return tuple(name for m in self.motions if m.name not in self.dependent for name in m.velocities)
