@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
+from echelon.arrays import Flags, Integers
+from echelon.errors import DegenerateSampleError
 from echelon.exact.elimination import solve_batched
 from echelon.exact.field import PrimeField, Residues
+
+_BLOCK = 1024  # series that are multiplied together, so that they stay in the cache
+_UNREDUCED = 3  # products of residues below 2^31 that may be added to one and a residue: four of them fit into 64 bits
 
 
 def constant(value: Residues, order: int) -> Residues:
@@ -17,12 +23,27 @@ def constant(value: Residues, order: int) -> Residues:
 
 def product(a: Residues, b: Residues, field: PrimeField) -> Residues:
     """Elementwise product of series, truncated to their length; leading axes broadcast.  Shapes: a, b (..., order)."""
-    p, order = field.p, a.shape[-1]
-    result = np.zeros(np.broadcast_shapes(a.shape, b.shape), dtype=np.int64)
-    for j in range(order):
-        # sums of up to 2^32 residues fit into 63 bits
-        result[..., j:] += a[..., j, None] * b[..., : order - j] % p
-    return result % p
+    order = a.shape[-1]
+    shape = np.broadcast_shapes(a.shape, b.shape)
+    left, right = (np.broadcast_to(x, shape).reshape(-1, order) for x in (a, b))
+    result = np.empty(left.shape, dtype=np.int64)
+    for start in range(0, len(left), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        result[block] = _convolved(left[block], right[block], field.p).T
+    return result.reshape(shape)
+
+
+def _convolved(a: Residues, b: Residues, p: int) -> npt.NDArray[np.uint64]:
+    """Products of a few series, (order, series): coefficients come first, so that all loops are over whole rows."""
+    prime = np.uint64(p)
+    left, right = (np.ascontiguousarray(x.T).astype(np.uint64) for x in (a, b))
+    total = left[0] * right
+    for j in range(1, len(left)):
+        total[j:] += left[j] * right[:-j]
+        if j % _UNREDUCED == 0:
+            total %= prime
+    total %= prime
+    return total
 
 
 def inverse(a: Residues, field: PrimeField) -> Residues:
@@ -73,8 +94,27 @@ def matrix_product(a: Residues, b: Residues, field: PrimeField) -> Residues:
 
 
 def matrix_inverse(a: Residues, field: PrimeField, start: Residues | None = None) -> Residues:
-    """Inverses of square matrices of series by Newton's iteration."""
+    """Inverses of square matrices of series, by Newton's iteration for every block of connected rows on its own."""
     # shapes: a (batch, n, n, order); start (batch, n, n, known)
+    result, samples = np.zeros_like(a), np.arange(len(a))
+    for rows, columns in _blocks(np.asarray(a.any(axis=(0, -1)))):
+        if len(rows) != len(columns):
+            raise DegenerateSampleError("a matrix of series is singular")
+        here, there = np.ix_(samples, rows, columns), np.ix_(samples, columns, rows)
+        result[there] = _inverted(a[here], field, None if start is None else start[there])
+    return result
+
+
+def _blocks(pattern: Flags) -> list[tuple[Integers, Integers]]:
+    """Rows and columns of a matrix that its entries connect, as small as possible: loops that share no coordinates."""
+    connected = pattern @ pattern.T | np.eye(len(pattern), dtype=bool)
+    while (farther := connected @ connected).sum() > connected.sum():
+        connected = farther
+    rows = np.unique(connected, axis=0)
+    return [(np.flatnonzero(block), np.flatnonzero(pattern[block].any(axis=0))) for block in rows]
+
+
+def _inverted(a: Residues, field: PrimeField, start: Residues | None) -> Residues:
     order, size = a.shape[-1], a.shape[-2]
     if start is None:
         unit = np.broadcast_to(np.eye(size, dtype=np.int64), (len(a), size, size))

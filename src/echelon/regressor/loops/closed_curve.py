@@ -71,12 +71,14 @@ class ClosedCurve:
         free = self.field.draw(self.rng, (self.positions.samples, len(choice.independent), self.order))
         free[..., 0] = 0
 
-        def equations(local: Residues) -> tuple[Residues, Residues]:
-            moving = self.positions.moving(self.pose, local)
-            values, jacobian = self.positions.closure(moving)
-            return values, moving.pulled_back(jacobian)
+        def equations(local: Residues) -> Residues:
+            return self.positions.along(self.positions.moving(self.pose, local))
 
-        return self.positions.moving(self.pose, lift(equations, choice, free, self.field))
+        def slopes(local: Residues) -> Residues:
+            moving = self.positions.moving(self.pose, local)
+            return moving.pulled_back(self.positions.slopes(moving))
+
+        return self.positions.moving(self.pose, lift(equations, slopes, choice, free, self.field))
 
     # -- values of leaves ------------------------------------------------------------------------------------------
 
@@ -123,7 +125,7 @@ class ClosedCurve:
         """Virtual velocities that keep the loops closed, of freedoms that are not given."""
         coordinates = self.positions.recorded.layout.names
         names = [*coordinates, *(name for name in self._given or () if name not in coordinates)]
-        _, jacobian = self.positions.closure(self.moving, names)
+        jacobian = self.positions.slopes(self.moving, names)
         if self._given is None:
             choice = choose(jacobian[0, :, :, 0], self.field)
             free = self.field.draw(self.rng, (self.positions.samples, len(choice.independent), self.order))

@@ -83,7 +83,7 @@ class CurveSampler(FieldSampler):
             layout,
             equations,
             Schedule(self.program, equations, functions),
-            Schedule(self.program, self.outputs[first:last], functions),
+            Schedule(self.program, self.outputs[first + len(equations) : last], functions),
             list(entries),
             loops.equations.owners,
             Schedule(self.program, self.outputs[last:speeds], functions),

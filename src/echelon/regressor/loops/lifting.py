@@ -12,8 +12,8 @@ from echelon.exact import series
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 
-Equations = Callable[[Residues], tuple[Residues, Residues]]
-"""From local coordinates (samples, coordinates, order) to the equations (samples, equations, order) and their
+OfSeries = Callable[[Residues], Residues]
+"""From local coordinates (samples, coordinates, order) to the equations (samples, equations, order), or to their
 derivatives by local coordinates (samples, equations, coordinates, order)."""
 
 
@@ -56,12 +56,13 @@ def choose(jacobian: Residues, field: PrimeField, preferred: Sequence[int] = ())
     return Choice(tuple(rows), dependent, independent)
 
 
-def lift(equations: Equations, choice: Choice, free: Residues, field: PrimeField) -> Residues:
+def lift(equations: OfSeries, slopes: OfSeries, choice: Choice, free: Residues, field: PrimeField) -> Residues:
     """Continue random series of the independent coordinates to closed series of all.
 
     Parameters
     ----------
-    equations : callable
+    equations, slopes : callable
+        The equations and their derivatives.
     choice : Choice
         At the pose where the curves begin.
     free : array of shape (samples, independent, order)
@@ -87,11 +88,12 @@ def lift(equations: Equations, choice: Choice, free: Residues, field: PrimeField
     while known < order:
         target = min(2 * known, order)
         local[:, independent, :target] = free[..., :target]
-        values, jacobian = equations(local[..., :target])
-        inverse = series.matrix_inverse(jacobian[square][..., :known], field, inverse)
-        residual = values[:, list(choice.rows), known:target]
+        values = equations(local[..., :target])
         if values[..., :known].any():
             raise SingularPoseError("the loops do not stay closed")
+        # half the coefficients of the derivatives do, for what is added begins with the power t^known
+        inverse = series.matrix_inverse(slopes(local[..., :known])[square], field, inverse)
+        residual = values[:, list(choice.rows), known:target]
         change = series.matrix_product(inverse[..., : target - known], residual[:, :, None], field)[:, :, 0]
         local[:, dependent, known:target] = -change % field.p
         known = target

@@ -210,20 +210,21 @@ class MovingCoordinates:
 
     def pulled_back(self, jacobian: Residues) -> Residues:
         """Derivatives by velocities as derivatives by local coordinates: (samples, equations, velocities, order)."""
-        result = jacobian.copy()
+        # most entries are zero: loops move few coordinates
+        result, used = jacobian.copy(), np.asarray(jacobian.any(axis=(0, -1)))
         layout, field = self.layout, self.field
         if len(layout.turning):
-            _, scale = self._half_turns
-            factor = 2 * self.units[:, None] * scale % field.p
-            result[:, :, layout.turn_places] = series.product(
-                jacobian[:, :, layout.turn_places], factor[:, None], field
-            )
+            rows, turns = np.nonzero(used[:, layout.turn_places])
+            entry = (slice(None), rows, layout.turn_places[turns])
+            factor = 2 * self.units[:, None] * self._half_turns[1] % field.p
+            result[entry] = series.product(jacobian[entry], factor[:, turns], field)
         if len(layout.balls):
             # the transpose of speed − z × speed is gradient + z × gradient
-            vector, gradient = self.local[:, None, layout.ball_places], jacobian[:, :, layout.ball_places]
+            rows, balls = np.nonzero(used[:, layout.ball_places].any(axis=-1))
+            entry = (slice(None), rows[:, None], layout.ball_places[balls])
+            turned = jacobian[entry] + _cross(self.local[:, layout.ball_places[balls]], jacobian[entry], field)
             scale = 2 * series.inverse(self._ball_sizes, field) % field.p
-            turned = (gradient + _cross(vector, gradient, field)) % field.p
-            result[:, :, layout.ball_places] = series.product(turned, scale[:, None, :, None], field)
+            result[entry] = series.product(turned % field.p, scale[:, balls, None], field)
         return result
 
     @cached_property

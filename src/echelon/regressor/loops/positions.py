@@ -31,8 +31,8 @@ class Recorded:
         The closure equations.
     equations : Schedule
         Of these.
-    closing : Schedule
-        Of the closure equations, then of the entries of the Jacobian.
+    slopes : Schedule
+        Of the entries of the Jacobian.
     entries : sequence of (int, str)
         Equation and freedom of every entry of the Jacobian.
     owners : tuple of str
@@ -53,7 +53,7 @@ class Recorded:
     layout: Layout
     nodes: Sequence[int]
     equations: Schedule
-    closing: Schedule
+    slopes: Schedule
     entries: Sequence[tuple[int, str]]
     owners: tuple[str, ...]
     closed_at: Schedule
@@ -142,23 +142,25 @@ class Positions:
         """Closure equations at poses, all or those of a schedule, (samples, equations)."""
         return self._run(schedule or self.recorded.equations, self.resting(pose))[..., 0].T
 
-    def closure(self, moving: MovingCoordinates, names: Sequence[str] | None = None) -> tuple[Residues, Residues]:
-        """Closure equations and their derivatives by velocities: of all coordinates, or of the named freedoms.
+    def along(self, moving: MovingCoordinates) -> Residues:
+        """Closure equations along curves, (samples, equations, order)."""
+        return self._run(self.recorded.equations, moving).transpose(1, 0, 2)
+
+    def slopes(self, moving: MovingCoordinates, names: Sequence[str] | None = None) -> Residues:
+        """Derivatives of the closure equations by velocities: of all coordinates, or of the named freedoms.
 
         Returns
         -------
-        array of shape (samples, equations, order), array of shape (samples, equations, velocities, order)
+        array of shape (samples, equations, velocities, order)
         """
         recorded = self.recorded
-        values = self._run(recorded.closing, moving)
-        count = len(recorded.owners)
         columns = {name: k for k, name in enumerate(names or recorded.layout.names)}
         samples, order = moving.local.shape[0], moving.local.shape[-1]
-        jacobian = np.zeros((samples, count, len(columns), order), dtype=np.int64)
-        for (row, name), value in zip(recorded.entries, values[count:], strict=True):
+        jacobian = np.zeros((samples, len(recorded.owners), len(columns), order), dtype=np.int64)
+        for (row, name), value in zip(recorded.entries, self._run(recorded.slopes, moving), strict=True):
             if name in columns:
                 jacobian[:, row, columns[name]] = value
-        return values[:count].transpose(1, 0, 2), jacobian
+        return jacobian
 
     def exact_pose(self, pose: Pose) -> Pose | None:
         """A pose changed to one at which the loops are closed by construction; None if there is none.
@@ -186,7 +188,7 @@ class Positions:
 
     def jacobian(self, pose: Pose) -> Residues:
         """Derivatives of the closure equations by all velocities at poses, (samples, equations, velocities)."""
-        result: Residues = self.closure(self.resting(pose))[1][..., 0]
+        result: Residues = self.slopes(self.resting(pose))[..., 0]
         return result
 
     def leaf(self, node: int, moving: MovingCoordinates) -> Residues:
