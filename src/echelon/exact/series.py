@@ -37,7 +37,7 @@ def _convolved(a: Residues, b: Residues, p: int) -> npt.NDArray[np.uint64]:
     """Products of a few series, (order, series): coefficients come first, so that all loops are over whole rows."""
     prime = np.uint64(p)
     left, right = (np.ascontiguousarray(x.T).astype(np.uint64) for x in (a, b))
-    total = left[0] * right
+    total: npt.NDArray[np.uint64] = left[0] * right
     for j in range(1, len(left)):
         total[j:] += left[j] * right[:-j]
         if j % _UNREDUCED == 0:
