@@ -23,8 +23,8 @@ from echelon.mechanism.output import Cut, plain
 from echelon.mechanism.placement import Placement
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.loops.closed_motion import ClosureValues, normalised, position_rates
 from echelon.regressor.loops.closing import assembled, close
-from echelon.regressor.loops.closure_values import ClosureValues, normalised, position_rates
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.results.saved import from_json, to_json
 from oracles import FloatArray

@@ -23,7 +23,7 @@ from echelon.mechanism.effect import Action, Effect, Side
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Function
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.closure_values import normalised, position_rates
+from echelon.regressor.loops.closed_motion import normalised, position_rates
 from generated import reference
 from oracles import FloatArray
 from test_loops_floats import closed_states, independent_columns, random_parameters

@@ -11,7 +11,7 @@ from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import known_values
-from echelon.regressor.loops.closure_values import ClosureValues
+from echelon.regressor.loops.closed_motion import ClosureValues
 from mjcf_models import random_model
 from mujoco_loops import Array, Equalities, null_space
 

@@ -21,7 +21,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.reading import Reading, Snap
 from echelon.mechanism.stated import StatedValues, stated_values
 from echelon.regressor.linear import LinearForms
-from echelon.regressor.loops.assembled import Assembled
+from echelon.regressor.loops.assembly import Assembled
 from echelon.regressor.loops.closing import assembled
 from echelon.regressor.loops.coordinates import split_balls
 from echelon.regressor.loops.followed import closing_notes

@@ -17,7 +17,7 @@ from echelon.cli.screen import json_text, steps
 from echelon.errors import InputError, one_line
 from echelon.formats.linear import holds_linear_model
 from echelon.formats.load import load
-from echelon.regressor.loops.assembled import Assembled
+from echelon.regressor.loops.assembly import Assembled
 from echelon.regressor.loops.closing import assembled
 from echelon.seeds import DEFAULT_SEED, random_generator
 

@@ -69,18 +69,7 @@ class Equation:
 
 
 class Monomials:
-    """The monomials up to a degree, numbered in ascending graded order.
-
-    Attributes
-    ----------
-    exponents : list of tuple of int
-    number : dict of tuple of int to int
-        The inverse of ``exponents``.
-    start : list of int
-        Number of monomials below each degree.
-    times : array of shape (variables, monomials below the highest degree)
-        Number of the product of a variable and a monomial.
-    """
+    """The monomials up to a degree, numbered in ascending graded order."""
 
     def __init__(self, variables: int) -> None:
         self.variables = variables
@@ -116,17 +105,7 @@ class Product:
 
 
 class NormalForms:
-    """Normal forms of all monomials up to a degree, at one sample.
-
-    Attributes
-    ----------
-    monomials : Monomials
-    field : PrimeField
-    free : array of int
-        The monomials that are their own normal form, ascending.
-    table : array of shape (monomials, free)
-        Coefficients of the normal form of each monomial, which contains no larger monomial.
-    """
+    """Normal forms of all monomials up to a degree, at one sample."""
 
     def __init__(self, monomials: Monomials, field: PrimeField) -> None:
         self.monomials, self.field = monomials, field

@@ -33,17 +33,6 @@ def quotient_points(matrices: Residues, field: PrimeField) -> tuple[Indices, Res
     Let m be the characteristic polynomial of a combination M of the multiplications that tells the points apart, and q
     what is left of m without one of its roots.  Then q(M) acts on the subspace of that root only, and if the point has
     the coordinate x there, then the multiplication X has the trace tr(X q(M)) = x tr(q(M)).
-
-    Parameters
-    ----------
-    matrices : array of shape (variables, size, size, samples)
-        Multiplications by the variables, which commute.
-    field : PrimeField
-
-    Returns
-    -------
-    (array of shape (points,), array of shape (points, variables))
-        The sample of each point, ascending, and its coordinates.
     """
     variables, size, _, samples = matrices.shape
     if not size or not samples:

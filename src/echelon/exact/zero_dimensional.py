@@ -34,18 +34,11 @@ class UnsolvedSystemError(EchelonError):
 
 @dataclass(frozen=True)
 class Solutions:
-    """Solutions of the samples of a system.
+    """Solutions of the samples of a system."""
 
-    Attributes
-    ----------
-    counts : array of shape (samples,)
-        Number of distinct solutions; −1 where a sample is unlike the first one and could not be solved.
-    points : list of arrays of shape (solutions, variables)
-        The solutions of each sample.
-    """
-
+    # (samples,): number of distinct solutions; −1 where a sample is unlike the first one and could not be solved
     counts: Residues
-    points: list[Residues]
+    points: list[Residues]  # (solutions, variables): the solutions of each sample
 
 
 def solve(
@@ -55,21 +48,6 @@ def solve(
     monomial_limit: int = _MONOMIALS,
 ) -> Solutions:
     """Solve a system with finitely many solutions.
-
-    Parameters
-    ----------
-    equations : sequence of mappings from exponents to arrays of shape (samples,)
-        Polynomials by the coefficients of their monomials.  They may be more than the variables, and redundant.
-    variables : int
-    field : PrimeField
-        With a prime below 2^31.
-    monomial_limit : int
-        Bound on the number of monomials, up to the degree that is needed; not above 2048, where sums stay exact.
-
-    Raises
-    ------
-    UnsolvedSystemError
-        If no degree within the limit shows the first sample to have finitely many solutions.
 
     Examples
     --------
@@ -83,14 +61,7 @@ def solve(
 
 
 class Solver:
-    """Solves systems like :func:`solve`, and remembers how for others that have the same monomials.
-
-    Parameters
-    ----------
-    variables : int
-    monomial_limit : int
-        See :func:`solve`.
-    """
+    """Solves systems like :func:`solve`, and remembers how for others that have the same monomials."""
 
     def __init__(self, variables: int, monomial_limit: int = _MONOMIALS) -> None:
         self._variables, self._limit = variables, monomial_limit

@@ -9,8 +9,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
-from echelon.regressor.loops.closed_motion import ClosedMotion, largest
-from echelon.regressor.loops.closure_values import normalised
+from echelon.regressor.loops.closed_motion import ClosedMotion, largest, normalised
 
 _CLOSED = 1e-9  # of the characteristic length, or rad: rounding of doubles, and nobody wants to know
 _NEAR = 0.02  # a pose that is this near to closing is taken for the one that is meant

@@ -24,7 +24,7 @@ from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json
 from echelon.mechanism.reading import Snap
 from echelon.mechanism.values import value_texts
-from echelon.regressor.loops.assembled import Assembled, Moved
+from echelon.regressor.loops.assembly import Assembled, Moved
 from echelon.version import __version__
 
 if TYPE_CHECKING:

@@ -33,8 +33,7 @@ from echelon.program.function import Argument, Function
 from echelon.program.intervals import Interval
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.loops.assembly import LARGEST_CORRECTION, STRIDE
-from echelon.regressor.loops.closed_motion import largest
-from echelon.regressor.loops.closure_values import normalised, position_rates
+from echelon.regressor.loops.closed_motion import largest, normalised, position_rates
 from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.seeds import DEFAULT_SEED, random_generator
 

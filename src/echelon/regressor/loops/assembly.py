@@ -7,17 +7,17 @@ steps that are small enough to stay on one of them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from echelon.arrays import Flags, Floats
-from echelon.errors import InputError
+from echelon.errors import AssemblyWarning, InputError
 from echelon.mechanism.joint import MotionKind
-from echelon.regressor.loops.assembled import ROUNDING, Assembled, Moved
-from echelon.regressor.loops.closed_motion import RANK_TOLERANCE, ClosedMotion, largest
-from echelon.regressor.loops.closure_values import normalised, position_rates
+from echelon.regressor.loops.closed_motion import RANK_TOLERANCE, ClosedMotion, largest, normalised, position_rates
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 _RESIDUAL = 1e-12  # of the characteristic length
@@ -32,20 +32,62 @@ _TRIES, _NEAR = 64, 1.0  # disturbances of a pose that does not close, rad or ch
 _WALK = 20  # random strides from the assembly pose
 _KEPT_AWAY = 0.25  # of the assembly pose's distance from singular configurations; more than a stride
 _RATE = 2.0  # largest random velocity and acceleration
+_ROUNDING, _LARGE, _TOO_LARGE = 1e-6, 0.1, 2.0  # moves of coordinates to a closed pose, rad or characteristic lengths
+
+
+@dataclass(frozen=True)
+class Moved:
+    """How far one coordinate was moved to close the loops."""
+
+    coordinate: str  # name of a motion; a ball counts as one
+    distance: float  # in its unit; of a ball, the angle
+    unit: str  # ``"rad"`` or ``"m"``
+    relative: float  # the same in rad or characteristic lengths of the mechanism
+    stated: bool  # whether the assembly pose says where the coordinate is
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """What had to be moved because the stated assembly pose, or zero, does not close the loops."""
+
+    moved: tuple[Moved, ...]  # what moved by more than rounding, the largest move first
+    closure: str  # the closure that was open most
+    opening: float  # by how much, in its unit
+    unit: str
+    pose: Mapping[str, float]  # the closed pose that is taken
+
+    @property
+    def large(self) -> bool:
+        """Whether something moved by more than 0.1 rad or a tenth of the characteristic length."""
+        return bool(self.moved) and self.moved[0].relative > _LARGE
+
+    def check(self) -> None:
+        """Warn of a large move; refuse one of more than 2 rad or lengths where the position is stated."""
+        far = next((m for m in self.moved if m.stated and m.relative > _TOO_LARGE), None)
+        if far is not None:
+            problem = f"{self._open()}, and the nearest closed pose that was found is far from it: {_by([far])}"
+            raise InputError(f"{problem}.  {self._to_write()}", element="assembly")
+        if self.large:
+            warnings.warn(f"{self}.  {self._to_write()}", AssemblyWarning, stacklevel=2)
+
+    def __str__(self) -> str:
+        return f"{self._open()}; the loops were closed by moving {_by(self.moved[:1])}"
+
+    def _open(self) -> str:
+        where = "the stated assembly pose" if any(m.stated for m in self.moved) else "zero"
+        return f"at {where} closure '{self.closure}' is open by {self.opening:.3g} {self.unit}"
+
+    def _to_write(self) -> str:
+        pose = ", ".join(f"{name}: {value:.6g}" for name, value in self.pose.items())
+        return f"If this pose is meant, write  assembly: {{{pose}}};  else state one at which the loops close"
+
+
+def _by(moved: Sequence[Moved]) -> str:
+    return ", ".join(f"'{m.coordinate}' by {m.distance:.3g} {m.unit}" for m in moved)
 
 
 class OpenLoopsError(InputError):
-    """The loops do not close near the assembly pose.
-
-    Parameters
-    ----------
-    opening : str
-        What stays open, and by how much.
-    pose : array of shape (positions,)
-        Where it does least.
-    size : float
-        By how much then, rad or characteristic lengths.
-    """
+    """What stays open near the assembly pose; the pose where it does least, and its size, rad or lengths."""
 
     def __init__(self, opening: str, pose: Floats, size: float) -> None:
         super().__init__(
@@ -56,15 +98,7 @@ class OpenLoopsError(InputError):
 
 
 class Assembly(ClosedMotion):
-    """Closed configurations and motion there.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With closures.
-    symbols : mapping of str to float, optional
-        Values that replace or complete those of the mechanism.
-    """
+    """Closed configurations, and motion there."""
 
     # -- configurations --------------------------------------------------------------------------------------------
 
@@ -73,11 +107,6 @@ class Assembly(ClosedMotion):
         """The closed configuration nearest to the mechanism's assembly pose that is found, shape (positions,).
 
         Gauss–Newton steps from there come first, which are the shortest that close the loops to first order.
-
-        Raises
-        ------
-        InputError
-            If the loops do not close there; names the closure that stays open most.
         """
         q, done = self.closed(self._stated[None])
         if not done[0] or self._distances(q)[0].max(initial=0.0) > _FAR:
@@ -113,7 +142,7 @@ class Assembly(ClosedMotion):
             moved.append(
                 Moved(motion.name, size, unit, relative, not mechanism.assembly.keys().isdisjoint(motion.positions))
             )
-        moved = sorted((m for m in moved if m.relative > ROUNDING), key=lambda m: -m.relative)
+        moved = sorted((m for m in moved if m.relative > _ROUNDING), key=lambda m: -m.relative)
         if not moved:
             return None
         pose = dict(zip(mechanism.positions, self.pose.tolist(), strict=True))
@@ -144,23 +173,9 @@ class Assembly(ClosedMotion):
         return np.stack(found, axis=1)
 
     def closed(self, q: Floats, held: Sequence[str] = (), iterations: int = _ITERATIONS) -> tuple[Floats, Flags]:
-        """Closed configurations near guesses.
+        """Closed configurations near guesses (N, positions), and which of them close; others get as near as they can.
 
-        Parameters
-        ----------
-        q : array of shape (N, positions)
-            Guesses.
-        held : sequence of str
-            Velocity coordinates that do not move.
-        iterations : int
-            The most that are done.
-
-        Returns
-        -------
-        configurations : array of shape (N, positions)
-            Where a sample does not close, as near to closing as it got.
-        done : array of bool, shape (N,)
-            Which samples close.
+        Held velocity coordinates do not move.
         """
         names = self.mechanism.velocities
         free = [k for k, name in enumerate(names) if name not in held]
@@ -177,24 +192,7 @@ class Assembly(ClosedMotion):
         return q, ~np.isin(np.arange(len(q)), left)
 
     def from_independent(self, q_independent: Floats, start: Floats | None = None) -> Floats:
-        """Configurations that belong to positions of the independent coordinates.
-
-        Parameters
-        ----------
-        q_independent : array of shape (N, independent positions)
-            In the order of :attr:`independent_positions`.
-        start : array of shape (positions,), optional
-            Closed configuration from which they are followed; :attr:`pose` if omitted.
-
-        Returns
-        -------
-        array of shape (N, positions)
-
-        Raises
-        ------
-        InputError
-            If the loops cannot be kept closed on the way; names the sample and the closure.
-        """
+        """Configurations (N, positions) at positions of the independent coordinates, followed from a closed one."""
         starts = np.repeat((self.pose if start is None else start)[None], len(q_independent), axis=0)
         q, gone = self.followed(starts, q_independent, _SHORTEST)
         if (gone < 1).any():
@@ -203,20 +201,9 @@ class Assembly(ClosedMotion):
         return q
 
     def followed(self, start: Floats, wanted: Floats, shortest: float) -> tuple[Floats, Floats]:
-        """Configurations on the straight ways from closed ones to independent positions.
+        """Configurations on the straight ways from closed ones to independent positions, and the shares that were gone.
 
-        Parameters
-        ----------
-        start : array of shape (N, positions)
-        wanted : array of shape (N, independent positions)
-        shortest : float
-            Of a step before the way is given up, rad or characteristic lengths.
-
-        Returns
-        -------
-        configurations : array of shape (N, positions)
-        gone : array of shape (N,)
-            Which shares of the ways were gone; 1 where the independent positions are reached.
+        A way is given up where its steps would be shorter than the shortest, rad or characteristic lengths.
         """
         q, places = start.copy(), self.independent_places
         begin, end = q[:, places], self._turned_towards(q[:, places], wanted)
@@ -237,12 +224,7 @@ class Assembly(ClosedMotion):
         return q, gone
 
     def near(self, guess: Floats) -> tuple[Floats, Flags]:
-        """Closed configurations near guesses, with the same independent positions; and which of them were found.
-
-        Parameters
-        ----------
-        guess : array of shape (N, positions)
-        """
+        """Closed configurations near guesses, with the same independent positions; and which of them were found."""
         return self.closed(guess, self.mechanism.independent_velocities, _FEW)
 
     @cached_property
@@ -252,13 +234,7 @@ class Assembly(ClosedMotion):
 
     @cached_property
     def independent_positions(self) -> tuple[str, ...]:
-        """Names of the positions that belong to the independent coordinates.
-
-        Raises
-        ------
-        InputError
-            If only a part of a free rotation is independent, to which no positions belong.
-        """
+        """Names of the positions that belong to the independent coordinates."""
         found: list[str] = []
         motions = {name: m for m in self.mechanism.motions for name in m.velocities}
         for name in self.mechanism.independent_velocities:
@@ -274,18 +250,7 @@ class Assembly(ClosedMotion):
     # -- states ----------------------------------------------------------------------------------------------------
 
     def completed(self, q: Floats, qd: Floats, qdd: Floats) -> tuple[Floats, Floats, Floats]:
-        """States of all coordinates.
-
-        Parameters
-        ----------
-        q, qd, qdd : arrays of shape (N, ...)
-            Each of all coordinates, or of the independent ones only.
-
-        Raises
-        ------
-        InputError
-            If shapes do not fit, or the loops are not or cannot be closed.
-        """
+        """States of all coordinates, from each of q, qd and qdd of all or of the independent ones only."""
         velocities, independent = self.mechanism.velocities, self.mechanism.independent_velocities
         if q.shape[-1] != len(self.mechanism.positions):
             check_shape(q, "q", self.mechanism.positions, self.independent_positions)
@@ -308,13 +273,6 @@ class Assembly(ClosedMotion):
 
         Configurations are those of random walks from the assembly pose, which keep away from singular ones, so that
         they cannot change over to another way of assembly there.
-
-        Parameters
-        ----------
-        rng : numpy Generator
-        count : int
-        reach : float
-            Scales the strides of the walks.
         """
         q = np.repeat(self.pose[None], count, axis=0)
         closeness = self._distance_to_singular(q[:1])

@@ -65,16 +65,7 @@ class _Jacobian:
 
 
 class ClosedBalls:
-    """Closed states of a program's inputs.
-
-    Parameters
-    ----------
-    program : Program
-    loops : Loops
-        With real states.
-    symbols : mapping of str to arb
-        Values of all constants.
-    """
+    """Closed states of a program's inputs."""
 
     def __init__(self, program: Program, loops: Loops, symbols: Mapping[str, Any]) -> None:
         self.program, self.loops, self.symbols = program, loops, symbols
@@ -87,22 +78,7 @@ class ClosedBalls:
     def leaves(
         self, schedule: Schedule, real: Mapping[str, float], rng: np.random.Generator, motions: int = 1
     ) -> list[dict[int, Any]]:
-        """Values of a schedule's leaves at some random motions through one closed pose.
-
-        Parameters
-        ----------
-        schedule : Schedule
-            Of the same program.
-        real : mapping of str to float
-            Positions near which the loops close, by the name of the input.
-        rng : numpy Generator
-        motions : int
-
-        Raises
-        ------
-        InputError
-            If no pose is proved to close the loops there.
-        """
+        """Values of a schedule's leaves at some random motions through one closed pose."""
         try:
             q = self._pose(real)
         except ZeroDivisionError:

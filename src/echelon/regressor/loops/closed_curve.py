@@ -18,31 +18,7 @@ from echelon.regressor.loops.positions import Positions
 
 
 class ClosedCurve:
-    """One random curve of closed configurations for every sample, and a random motion along it.
-
-    Parameters
-    ----------
-    positions : Positions
-        With the samples' constants.
-    pose : Pose
-        Where the curves begin.
-    rng : numpy Generator
-    order : int
-        Number of coefficients.
-    given : mapping of str to int, or None
-        Freedoms whose virtual velocities are given; see :class:`echelon.regressor.loops.closures.Loops`.
-    speeds : Schedule
-        Of these velocities.
-    signs : mapping of int to array of shape (samples,)
-        Values of nodes that are signs, which are constant along a curve.
-    exponentials : Exponentials
-
-    Raises
-    ------
-    SingularPoseError
-        If no curve of closed poses goes on from a pose in all directions that its Jacobian allows, or an output does
-        not follow from the motion.
-    """
+    """One random curve of closed configurations for every sample, and a random motion along it."""
 
     def __init__(
         self,

@@ -7,6 +7,7 @@ four-bar has in space, so there may be more equations than unknowns; but their r
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -14,12 +15,13 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.mechanism import Mechanism, Symbol
 from echelon.mechanism.output import Cut
-from echelon.mechanism.values import symbol_values
+from echelon.mechanism.values import characteristic_length, symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
-from echelon.regressor.loops.closure_values import ClosureValues
+from echelon.regressor.loops.closures import record_closures
 from echelon.regressor.probes import Probes, virtual_motion
 from echelon.regressor.steps import Recorder
 
@@ -31,21 +33,75 @@ CLOSED = 1e-6
 
 _CONSISTENT = 1e-4  # redundant constraints of states that are closed roughly agree roughly
 
+_Numbers = npt.NDArray[np.inexact]
+
+_BLOCK = 1024  # samples evaluated together, so that the table of intermediate values stays small
+_STEP = 1e-30  # of a complex step: its square vanishes against 1, and nothing is subtracted
+
+
+class _ComplexArithmetic(FloatArithmetic):
+    dtype: npt.DTypeLike = np.complex128
+
+
+class ClosureValues:
+    """The closure equations of a mechanism: values, Jacobian, and the accelerations that velocities alone cause.
+
+    Lengths count in units of the mechanism's characteristic length, so that all equations and all speeds are alike.
+    """
+
+    def __init__(self, mechanism: Mechanism, symbols: Mapping[str, float] | None = None) -> None:
+        self.mechanism = mechanism
+        program = Program()
+        recorder = Recorder(mechanism, program)
+        probes = Probes(mechanism, recorder)
+        equations = record_closures(mechanism, recorder, probes)
+        self._schedule = Schedule(program, [*equations.equations, *equations.jacobian.values()])
+        used = [program.inputs[n] for n in self._schedule.leaves]
+        self._constants = symbol_values(mechanism, [i.name for i in used if i.role == "symbol"], symbols)
+        self._columns = {f"q[{name}]": k for k, name in enumerate(mechanism.positions)}
+        # velocity coordinates, then the cuts of sensors
+        self.freedoms = (*mechanism.velocities, *probes.names.values())
+        place = {name: k for k, name in enumerate(self.freedoms)}
+        self._entries = [(row, place[name]) for row, name in equations.jacobian]
+        self.owners, self.length = equations.owners, _length(mechanism, symbols or {})
+        self.is_length = np.array(equations.is_length)
+        sliding = {m.name for m in mechanism.motions if m.kind is MotionKind.TRANSLATION}
+        sliding |= {name for cut, name in probes.names.items() if not cut.angular}
+        self.units = np.array([self.length if name in sliding else 1.0 for name in self.freedoms])
+
+    def at(self, q: Floats) -> tuple[Floats, Floats]:
+        """Values of the equations, shape (N, equations), and their Jacobian by freedoms, (N, equations, freedoms)."""
+        values, jacobian = self._run(q, FloatArithmetic())
+        return values.real, jacobian.real
+
+    def bias(self, q: Floats, qd: Floats) -> Floats:
+        """Second derivatives of the equations by time while the velocities stay as they are, (N, equations)."""
+        velocities = qd.shape[1]
+        _, jacobian = self._run(q + 1j * _STEP * position_rates(self.mechanism, q, qd), _ComplexArithmetic())
+        rates = jacobian.imag[:, :, :velocities] / _STEP
+        result: Floats = (rates @ (qd / self.units[:velocities])[:, :, None])[:, :, 0]
+        return result
+
+    def _run(self, q: _Numbers, arithmetic: FloatArithmetic) -> tuple[_Numbers, _Numbers]:
+        inputs, count = self._schedule.program.inputs, len(self.owners)
+        values = np.zeros((len(q), count), dtype=arithmetic.dtype)
+        jacobian = np.zeros((len(q), count, len(self.freedoms)), dtype=arithmetic.dtype)
+        for start in range(0, len(q), _BLOCK):
+            block = slice(start, min(start + _BLOCK, len(q)))
+            leaves = {n: self._leaf(inputs[n].name, q[block]) for n in self._schedule.leaves}
+            table = self._schedule.run(arithmetic, leaves, block.stop - block.start)
+            values[block] = table[:count].T
+            for (row, column), value in zip(self._entries, table[count:], strict=True):
+                jacobian[block, row, column] = value
+        row_units = np.where(self.is_length, self.length, 1.0)
+        return values / row_units, jacobian * self.units / row_units[:, None]
+
+    def _leaf(self, name: str, q: _Numbers) -> _Numbers:
+        return np.full(len(q), self._constants[name]) if name in self._constants else q[:, self._columns[name]]
+
 
 class ClosedMotion:
-    """Velocities and accelerations in closed configurations.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    symbols : mapping of str to float, optional
-        Values that replace or complete those of the mechanism.
-
-    Attributes
-    ----------
-    mechanism : Mechanism
-    closures : ClosureValues
-    """
+    """Velocities and accelerations in closed configurations."""
 
     def __init__(self, mechanism: Mechanism, symbols: Mapping[str, float] | None = None) -> None:
         self.mechanism, self.closures = mechanism, ClosureValues(mechanism, symbols)
@@ -55,14 +111,7 @@ class ClosedMotion:
         self._dependent = [k for k in range(len(names)) if k not in self._independent]
 
     def mobility(self, q: Floats, tolerance: float = RANK_TOLERANCE) -> npt.NDArray[np.intp]:
-        """Degrees of freedom in closed configurations, shape (N,).
-
-        Parameters
-        ----------
-        q : array of shape (N, positions)
-        tolerance : float
-            Singular values below this part of the largest one count as zero.
-        """
+        """Degrees of freedom in closed configurations, shape (N,)."""
         _, jacobian = self.closures.at(q)
         velocities = len(self.mechanism.velocities)
         singular = np.linalg.svd(jacobian[:, :, :velocities], compute_uv=False)
@@ -77,33 +126,15 @@ class ClosedMotion:
         return free
 
     def velocities(self, q: Floats, qd_independent: Floats) -> Floats:
-        """Velocities of all coordinates, shape (N, velocities), from those of the independent ones, (N, independent).
-
-        Raises
-        ------
-        InputError
-            If the independent coordinates do not determine the others; names the sample.
-        """
+        """Velocities of all coordinates, (N, velocities), from those of the independent ones, (N, independent)."""
         return self._completed(q, qd_independent, np.zeros(len(self.closures.owners)))
 
     def accelerations(self, q: Floats, qd: Floats, qdd_independent: Floats) -> Floats:
-        """Accelerations of all coordinates, from all velocities and the independent accelerations.
-
-        Raises
-        ------
-        InputError
-            If the independent coordinates do not determine the others; names the sample.
-        """
+        """Accelerations of all coordinates, from all velocities and the independent accelerations."""
         return self._completed(q, qdd_independent, self.closures.bias(q, qd))
 
     def virtual_velocities(self, q: Floats) -> Floats:
-        """Virtual velocities of all coordinates that belong to each output, shape (N, velocities, outputs).
-
-        Raises
-        ------
-        InputError
-            If an output is not determined by the motion because constraints are redundant; names the output.
-        """
+        """Virtual velocities of all coordinates that belong to each output, shape (N, velocities, outputs)."""
         freedoms = list(dict.fromkeys(name for motion in self.chosen_speeds for name in motion))
         given = [self.closures.freedoms.index(name) for name in freedoms]
         speeds = np.array([[motion.get(name, 0.0) for motion in self.chosen_speeds] for name in freedoms])
@@ -118,13 +149,7 @@ class ClosedMotion:
         return result[:, : len(self.mechanism.velocities)]
 
     def check_closed(self, q: Floats, qd: Floats, qdd: Floats) -> None:
-        """Check that states keep the loops closed.
-
-        Raises
-        ------
-        InputError
-            If they do not; names the sample and the closure.
-        """
+        """Check that states keep the loops closed."""
         units = self.closures.units[: qd.shape[1]]
         values, jacobian = self.closures.at(q)
         jacobian = jacobian[:, :, : qd.shape[1]]
@@ -222,3 +247,35 @@ def largest(values: Floats) -> Floats:
     """Largest absolute value of every sample."""
     size: Floats = np.abs(values).max(axis=1, initial=0.0)
     return size
+
+
+def position_rates(mechanism: Mechanism, q: Floats, qd: Floats) -> Floats:
+    """Rates of the position coordinates; a quaternion's is half its product with the velocity."""
+    result = np.zeros_like(q)
+    for motion in mechanism.motions:
+        if motion.name in mechanism.dependent:
+            continue
+        place = mechanism.positions.index(motion.positions[0])
+        speed = mechanism.velocities.index(motion.velocities[0])
+        if motion.kind is not MotionKind.BALL:
+            result[:, place] = qd[:, speed]
+            continue
+        w, vector, turning = q[:, place, None], q[:, place + 1 : place + 4], qd[:, speed : speed + 3]
+        result[:, place] = -(vector * turning).sum(axis=1) / 2
+        result[:, place + 1 : place + 4] = (w * turning + np.cross(vector, turning)) / 2
+    return result
+
+
+def normalised(mechanism: Mechanism, q: Floats) -> Floats:
+    """Positions with unit quaternions."""
+    result = q.copy()
+    for motion in mechanism.motions:
+        if motion.kind is MotionKind.BALL:
+            place = mechanism.positions.index(motion.positions[0])
+            result[:, place : place + 4] /= np.linalg.norm(q[:, place : place + 4], axis=1, keepdims=True)
+    return result
+
+
+def _length(mechanism: Mechanism, symbols: Mapping[str, float]) -> float:
+    given = {name: Symbol(name, value) for name, value in symbols.items()}
+    return characteristic_length(replace(mechanism, symbols={**mechanism.symbols, **given}))

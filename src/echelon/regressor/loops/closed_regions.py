@@ -28,21 +28,7 @@ _MOST_PRODUCTS, _MOST_REGIONS = 512, 64
 def closed_regions(
     program: Program, outputs: Sequence[int], signs: Sequence[int], states: Mapping[str, Floats]
 ) -> tuple[npt.NDArray[np.int64], RegionReport]:
-    """Signs that occur together.
-
-    Parameters
-    ----------
-    program : Program
-    outputs : sequence of int
-    signs : sequence of int
-        Nodes that are signs.
-    states : mapping of str to array of shape (states,)
-        Closed states by the names of inputs.
-
-    Returns
-    -------
-    (array of shape (regions, signs), RegionReport)
-    """
+    """Signs that occur together."""
     arguments = [program.lhs[node] for node in signs]
     schedule = Schedule(program, arguments)
     inputs = {node: _at_all_speeds(program.inputs[node].name, states) for node in schedule.leaves}

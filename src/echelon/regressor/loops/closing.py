@@ -19,8 +19,7 @@ from echelon.mechanism.ratios import with_numeric_ratios
 from echelon.mechanism.stated import in_numbers
 from echelon.mechanism.values import has_values
 from echelon.program.tape import Program
-from echelon.regressor.loops.assembled import Assembled
-from echelon.regressor.loops.assembly import Assembly, OpenLoopsError
+from echelon.regressor.loops.assembly import Assembled, Assembly, OpenLoopsError
 from echelon.regressor.loops.coordinates import independent_coordinates
 from echelon.regressor.loops.curves import CurveSampler
 from echelon.regressor.loops.exact_pose import closed_exactly

@@ -31,21 +31,7 @@ Integers = npt.NDArray[np.int64]
 
 
 class ClosureBlock:
-    """Equations, and the coordinates to solve them for.
-
-    Parameters
-    ----------
-    recorded : Recorded
-    rows : sequence of int
-        The equations.
-    unknown : sequence of int
-        Coordinates to solve for; all others have been drawn or solved for before.
-
-    Attributes
-    ----------
-    points : int
-        Number of points that the equations are evaluated at for each sample.
-    """
+    """Equations, and the coordinates to solve them for."""
 
     def __init__(self, recorded: Recorded, rows: tuple[int, ...], unknown: tuple[int, ...]) -> None:
         self.recorded, self.rows, self.unknown = recorded, rows, unknown
@@ -62,13 +48,7 @@ class ClosureBlock:
         return ClosureBlock(self.recorded, self.rows, self.unknown[1:])
 
     def solve(self, positions: Positions, pose: Pose) -> Solutions:
-        """Values of the unknown coordinates at which the equations hold.
-
-        Raises
-        ------
-        UnsolvedSystemError
-            If they are infinitely many, or too many.
-        """
+        """Values of the unknown coordinates at which the equations hold."""
         return self._solver.solve(self._polynomials(positions, pose), positions.field)
 
     def put(self, pose: Pose, sample: int, point: Residues, field: PrimeField) -> None:
@@ -111,21 +91,11 @@ class ClosureBlock:
 
 @dataclass(frozen=True)
 class _Part:
-    """An unknown coordinate, or those of a ball.
+    """An unknown coordinate, or those of a ball."""
 
-    Attributes
-    ----------
-    place : int
-        Among the coordinates of its kind.
-    width : int
-        Number of variables.
-    degree : int
-        Of the equations in these.
-    """
-
-    place: int
-    width: int = 1
-    degree: int = 1
+    place: int  # among the coordinates of its kind
+    width: int = 1  # number of variables
+    degree: int = 1  # of the equations in these
 
     @cached_property
     def points(self) -> Integers:

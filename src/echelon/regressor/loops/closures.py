@@ -32,23 +32,14 @@ Wrench = tuple[Vec, Vec]
 
 @dataclass(frozen=True)
 class ClosureEquations:
-    """Recorded closure equations.
+    """Recorded closure equations."""
 
-    Attributes
-    ----------
-    equations : tuple of int
-        Nodes that vanish where the loops are closed.
-    jacobian : mapping of (int, str) to int
-        For an equation and a freedom (a velocity coordinate of the tree, or a sensor), the node of its derivative.
-    owners : tuple of str
-        Name of the closure of every equation.
-    wrenches : tuple of Wrench
-        On the second body, what each equation stands for, about the first frame's origin, in its axes.
-    """
-
-    equations: tuple[int, ...]
+    equations: tuple[int, ...]  # nodes that vanish where the loops are closed
+    # for an equation and a freedom (a velocity coordinate of the tree, or a sensor), the node of its derivative
     jacobian: Mapping[tuple[int, str], int]
-    owners: tuple[str, ...]
+    owners: tuple[str, ...]  # name of the closure of every equation
+    is_length: tuple[bool, ...]  # whether an equation is about a length, not about a direction
+    # on the second body, what each equation stands for, about the first frame's origin, in its axes
     wrenches: tuple[Wrench, ...]
 
 
@@ -58,67 +49,39 @@ Accepts = Callable[[PrimeField, np.random.Generator, Mapping[str, Residues], Pos
 
 @dataclass(frozen=True)
 class Loops:
-    """What keeps the motions of recorded forms on closed configurations.
-
-    Attributes
-    ----------
-    equations : ClosureEquations
-    motions : tuple of Motion
-        Those whose coordinates no coupling makes dependent.
-    speeds : mapping of str to int, or None
-        Virtual velocities of some freedoms, by node; those of the others are the inputs ``v[...]``.  None where all
-        are such inputs and every virtual motion that keeps the loops closed is wanted.
-    preferred : tuple of str
-        Coordinates that should rather be drawn than solved for where a closed pose is looked for.
-    assembly : mapping of str to float
-        Positions near which the loops close.
-    stated : bool
-        Whether poses may be taken from there, or from zero, where the loops are closed exactly.
-    closed_at : mapping of str to tuple of int
-        Nodes of the exact positions of motions where the loops are closed by construction; empty if there are none.
-    parts : mapping of str to int
-        In how many parts the angles of these count, if not one.
-    order : int
-        Number of coefficients that are taken along curves of closed configurations; more than the default where few
-        freedoms have to show many parameters.
-    work : float
-        The most operations that may be needed to write down what has to be solved, where a pose is looked for.
-    accepts : callable, optional
-        Which of some poses are in the wanted assembly mode, from (field, rng, geometry, poses); None for all.
-    real : callable, optional
-        Random real inputs of the program on closed configurations, by name, from (rng, count); for signs.
-    """
+    """What keeps the motions of recorded forms on closed configurations."""
 
     equations: ClosureEquations
-    motions: tuple[Motion, ...]
+    motions: tuple[Motion, ...]  # those whose coordinates no coupling makes dependent
+    # virtual velocities of some freedoms, by node; those of the others are the inputs v[...].  None where all are, and
+    # every virtual motion that keeps the loops closed is wanted
     speeds: Mapping[str, int] | None
+    # coordinates that should rather be drawn than solved for where a closed pose is looked for
     preferred: tuple[str, ...] = ()
-    assembly: Mapping[str, float] = field(default_factory=dict)
-    stated: bool = True
+    assembly: Mapping[str, float] = field(default_factory=dict)  # positions near which the loops close
+    stated: bool = True  # whether poses may be taken from there, or from zero, where the loops are closed exactly
+    # nodes of the exact positions of motions where the loops are closed by construction; empty if there are none
     closed_at: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
-    parts: Mapping[str, int] = field(default_factory=dict)
-    order: int = 24
+    parts: Mapping[str, int] = field(default_factory=dict)  # in how many parts the angles of these count, if not one
+    order: int = 24  # coefficients taken along curves; more where few freedoms have to show many parameters
+    # the most operations that may be needed to write down what has to be solved, where a pose is looked for
     work: float = inf
+    # which of some poses are in the wanted assembly mode, from (field, rng, geometry, poses); None for all
     accepts: Accepts | None = None
+    # random real inputs of the program on closed configurations, by name, from (rng, count); for signs
     real: RealInputs | None = None
 
 
 def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | None = None) -> ClosureEquations:
-    """Record the closure equations on a recorder's program.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    recorder : Recorder
-    probes : Probes, optional
-        Sensors whose freedoms get columns, too.
-    """
+    """Record the closure equations on a recorder's program."""
     equations: list[int] = []
     owners: list[str] = []
+    is_length: list[bool] = []
     wrenches: list[Wrench] = []
     sums: dict[tuple[int, str], Scalar] = {}
     for closure in mechanism.closures:
         loop = _Loop(mechanism, recorder, probes, closure)
+        is_length += [True] * len(closure.kind.positions) + [False] * len(closure.kind.directions)
         for value, (on_first, on_second) in loop.conditions():
             efforts = loop.efforts(on_first, on_second)
             for name, effort in _independent(recorder, efforts):
@@ -128,7 +91,7 @@ def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | N
             owners.append(closure.name)
             wrenches.append((_negative(on_first[0]), _negative(on_first[1])))
     jacobian = {key: value.node for key, value in sums.items() if not value.is_zero}
-    return ClosureEquations(tuple(equations), jacobian, tuple(owners), tuple(wrenches))
+    return ClosureEquations(tuple(equations), jacobian, tuple(owners), tuple(is_length), tuple(wrenches))
 
 
 def _independent(recorder: Recorder, efforts: list[tuple[str, Scalar]]) -> Iterator[tuple[str, Scalar]]:

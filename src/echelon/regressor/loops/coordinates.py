@@ -28,16 +28,6 @@ def independent_coordinates(
     Those that should be come first, then joints that float, balls without which not all would be determined, whole
     joints near the base, and other motions near the base.  Parts of a ball come only if nothing else is left, such as
     the spin of a rod between two balls, and then those by which it can really turn most.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    rank : callable
-        How many of some columns of a basis of the velocities that keep the loops closed are independent.
-    first : sequence of str
-        Coordinates that should be independent, the most wanted first.
-    real : array of shape (velocities, freedoms), optional
-        Orthonormal velocities that keep the loops closed at one pose.
     """
     place = {name: k for k, name in enumerate(mechanism.velocities)}
     chosen = _Chosen(rank)

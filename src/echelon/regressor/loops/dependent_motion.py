@@ -31,18 +31,7 @@ from echelon.regressor.steps import Recorder
 class DependentMotion:
     """The dependent coordinates of a mechanism on a program, as functions of all positions and of independent rates.
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With loops.
-    program : Program
-        Is extended.  Inputs are ``q[...]`` of all positions, which are to be closed, and ``qd[...]`` and ``qdd[...]``
-        of the independent velocity coordinates.
-
-    Raises
-    ------
-    InputError
-        If a coordinate is in no loop and does not follow from the independent ones.
+    Inputs are ``q[...]`` of all positions, which are to be closed, and ``qd[...]``, ``qdd[...]`` of independent ones.
     """
 
     def __init__(self, mechanism: Mechanism, program: Program) -> None:
@@ -50,7 +39,7 @@ class DependentMotion:
         self._recorder = Recorder(mechanism, program)
         found = record_closures(mechanism, self._recorder, Probes(mechanism, self._recorder))
         rows = [row for row, kept in enumerate(_kept(mechanism)) if kept]
-        self._owners, self._wrenches = found.owners, found.wrenches
+        self._owners, self._wrenches, self._is_length = found.owners, found.wrenches, found.is_length
         self._openings = {row: Scalar(program, found.equations[row]) for row in rows}
         self._columns: dict[str, dict[int, Scalar]] = {}
         for (row, name), node in found.jacobian.items():
@@ -85,9 +74,7 @@ class DependentMotion:
     @cached_property
     def row_units(self) -> dict[int, Fraction]:
         """Units of the closure equations that count, by their numbers: lengths are in characteristic lengths."""
-        parts = [part for c in self.mechanism.closures for part in (c.kind.positions, c.kind.directions)]
-        is_length = [number % 2 == 0 for number, part in enumerate(parts) for _ in part]
-        return {row: self.length if is_length[row] else Fraction(1) for row in self._openings}
+        return {row: self.length if self._is_length[row] else Fraction(1) for row in self._openings}
 
     @property
     def openness(self) -> Scalar:
@@ -100,23 +87,11 @@ class DependentMotion:
         return self._system.pivots
 
     def speeds(self, chosen: Mapping[str, Scalar]) -> dict[str, Scalar]:
-        """Velocities of the dependent coordinates while other freedoms have some and the rest none.
-
-        Parameters
-        ----------
-        chosen : mapping of str to Scalar
-            By independent velocity coordinate or sensor.
-        """
+        """Velocities of the dependent coordinates while other freedoms have some and the rest none."""
         return self._solved(self._opened(chosen))
 
     def given(self, *still: str) -> dict[str, Scalar]:
-        """Rates of all velocity coordinates by the names of inputs, where those of the independent ones are inputs.
-
-        Parameters
-        ----------
-        *still : str
-            ``"qd"`` or ``"qdd"`` where those of the independent ones are zero.
-        """
+        """Rates of all velocity coordinates by the names of inputs; independent ones are inputs, or still (zero)."""
         free = self.mechanism.independent_velocities
         zero = self.program.zero
         qd, qdd = (
@@ -154,16 +129,8 @@ class DependentMotion:
     def closing_wrenches(self, efforts: Mapping[str, Scalar]) -> list[tuple[Scalar, ...]]:
         """Wrenches of the closures that make the efforts of the dependent coordinates.
 
-        Parameters
-        ----------
-        efforts : mapping of str to Scalar
-            By dependent velocity coordinate.
-
-        Returns
-        -------
-        list of 6 of Scalar
-            Moment and force on the second body of every closure, about the first frame's origin, in its axes.  Where
-            constraints are redundant, the smallest multipliers, of lengths in units of the characteristic length.
+        Moment and force on the second body about the first frame's origin, in its axes; where constraints are
+        redundant, those of the smallest multipliers.
         """
         multipliers = self._system.solve_transposed(efforts)
         return [
@@ -189,13 +156,7 @@ class DependentMotion:
         return found
 
     def bias(self, speeds: Mapping[str, Scalar]) -> dict[int, Scalar]:
-        """J̇ q̇: accelerations of the closure equations that velocities alone cause, by equation.
-
-        Parameters
-        ----------
-        speeds : mapping of str to Scalar
-            Of all velocity coordinates.
-        """
+        """J̇ q̇: accelerations of the closure equations that velocities alone cause, by equation."""
         total: dict[int, Scalar] = {}
         if seeds := self.position_rates(speeds):
             changes = rates(self.program, [entry.node for entry in self.jacobian.values()], seeds)

@@ -31,20 +31,7 @@ _DIGITS = 15
 
 
 def closed_exactly(mechanism: Mechanism, pose: Floats) -> Mechanism:
-    """A mechanism whose loops are closed at a pose.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With closures, and values for all symbols.
-    pose : array of shape (positions,)
-        Where the loops close, or nearly so.
-
-    Raises
-    ------
-    ValueError
-        If the ratio of a coupling is no rational number, or a screw is not where it is zero.
-    """
+    """A mechanism whose loops are closed at a pose."""
     values = dict(zip(mechanism.positions, map(float, pose), strict=True))
     angles = _Angles({*mechanism.symbols})
     parts = angle_parts(mechanism)
@@ -58,19 +45,7 @@ def closed_exactly(mechanism: Mechanism, pose: Floats) -> Mechanism:
 
 
 def check_pose(mechanism: Mechanism, pose: ClosedAt) -> None:
-    """Check that exact positions are complete, and points of circles and spheres where they have to be.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With values for all symbols that the positions hold.
-    pose : mapping of str to tuple of Polynomial
-
-    Raises
-    ------
-    ValueError
-        If they are not; says what is missing or wrong.
-    """
+    """Check that exact positions are complete, and points of circles and spheres where they have to be."""
     sizes = {MotionKind.BALL: 4, MotionKind.TRANSLATION: 1}
     motions = {m.name: m for m in mechanism.motions if m.name in loop_motions(mechanism)}
     if pose.keys() != motions.keys():
@@ -107,13 +82,7 @@ class _Known:
 
 
 class _Angles:
-    """Gives angles exact values, and symbols where they are no multiples of 15° and no sums of others.
-
-    Attributes
-    ----------
-    symbols : dict of str to Symbol
-        Those that were made.
-    """
+    """Gives angles exact values, and symbols where they are no multiples of 15° and no sums of others."""
 
     def __init__(self, taken: set[str]) -> None:
         self._taken, self.symbols = taken, dict[str, Symbol]()

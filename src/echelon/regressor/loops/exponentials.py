@@ -25,17 +25,7 @@ _UNKNOWN = 2  # last coefficients, which are not known of velocities and acceler
 
 
 class Exponentials:
-    """The exponentials of a program whose arguments move.
-
-    Parameters
-    ----------
-    canonical : CanonicalForms
-    nodes : sequence of int
-    signs : sequence of int
-        Nodes that are signs.
-    functions : sequence of int
-        Nodes whose series are supplied as leaves.
-    """
+    """The exponentials of a program whose arguments move."""
 
     def __init__(
         self, canonical: CanonicalForms, nodes: Sequence[int], signs: Sequence[int], functions: Sequence[int]
@@ -48,13 +38,7 @@ class Exponentials:
     def starts(
         self, signs: Mapping[int, Residues], field: PrimeField, rng: np.random.Generator, samples: int
     ) -> dict[int, Residues]:
-        """Values at t = 0 by node, for given values of the nodes that are signs.
-
-        Raises
-        ------
-        UnknownRelationsError
-            If constants of the model are exponentiated along with what moves.
-        """
+        """Values at t = 0 by node, for given values of the nodes that are signs."""
         generators: dict[str, Residues] = {}
         starts = {node: np.zeros(samples, dtype=np.int64) for node in self.nodes}
         for node, wanted, where in self._regions(signs, samples):
@@ -83,20 +67,7 @@ class Exponentials:
     def series(
         self, starts: Mapping[int, Residues], arguments: Residues, signs: Mapping[int, Residues], field: PrimeField
     ) -> dict[int, Residues]:
-        """Series by node.
-
-        Parameters
-        ----------
-        starts : mapping of int to array of shape (samples,)
-        arguments : array of shape (nodes, samples, order)
-        signs : mapping of int to array of shape (samples,)
-        field : PrimeField
-
-        Raises
-        ------
-        UnknownRelationsError
-            If the loops tie the arguments to one another.
-        """
+        """Series by node."""
         self._check_independent(arguments, signs, field)
         return {
             node: _exponential(argument, start, field)

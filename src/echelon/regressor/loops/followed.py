@@ -17,12 +17,7 @@ _STATES, _REACH = 8, 0.5
 
 
 def closable_as_stated(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with the frames that were stated, if the loops close with them in doubles; otherwise as it is.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    """
+    """The mechanism with the frames that were stated, if the loops close with them in doubles; otherwise as it is."""
     if not mechanism.closed_at:
         return mechanism
     stated = as_stated(mechanism)
@@ -30,13 +25,7 @@ def closable_as_stated(mechanism: Mechanism) -> Mechanism:
 
 
 def closing_notes(mechanism: Mechanism) -> list[str]:
-    """What a user should know of how the loops of a mechanism close.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        As :func:`echelon.regressor.loops.closing.close` returns it.
-    """
+    """What a user should know of how the loops of a mechanism close."""
     if not mechanism.closures or not has_values(mechanism):
         return []
     assembly = Assembly(mechanism)

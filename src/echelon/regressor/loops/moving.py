@@ -26,22 +26,13 @@ _ROUNDING = 1e-9  # of a step of 15°
 
 @dataclass(frozen=True)
 class Pose:
-    """Values of all coordinates modulo p, one row for each sample.
+    """Values of all coordinates modulo p, one row for each sample."""
 
-    Attributes
-    ----------
-    turns : array of shape (samples, turning coordinates, 2)
-        Cosine and sine of the angle, divided by the coordinate's unit.
-    slides : array of shape (samples, sliding coordinates)
-    balls : array of shape (samples, balls, 4)
-        Unit quaternions (w, x, y, z).
-    angles : array of shape (samples, turning coordinates)
-        Angles as such, for springs and screws; nothing algebraic ties them to their cosines and sines.
-    """
-
+    # (samples, turning coordinates, 2): cosine and sine of the angle, divided by the coordinate's unit
     turns: Residues
-    slides: Residues
-    balls: Residues
+    slides: Residues  # (samples, sliding coordinates)
+    balls: Residues  # (samples, balls, 4): unit quaternions (w, x, y, z)
+    # (samples, turning coordinates): for springs and screws; nothing algebraic ties them to their cosines and sines
     angles: Residues
 
     @property
@@ -59,19 +50,7 @@ class Pose:
 
 
 class Layout:
-    """Which velocity coordinates turn, slide, or belong to a ball.
-
-    Parameters
-    ----------
-    motions : sequence of Motion
-        Those whose coordinates depend on no others.
-
-    Attributes
-    ----------
-    turning, sliding, balls : list of Motion
-    names : tuple of str
-        All velocity coordinates.
-    """
+    """Which velocity coordinates turn, slide, or belong to a ball."""
 
     def __init__(self, motions: Sequence[Motion]) -> None:
         self.names = tuple(name for motion in motions for name in motion.velocities)
@@ -86,16 +65,7 @@ class Layout:
         )
 
     def stated_pose(self, values: Mapping[str, float], units: Residues, field: PrimeField, samples: int) -> Pose | None:
-        """The pose of some numeric positions, zero where absent; None if it has no exact sines, cosines or quaternions.
-
-        Parameters
-        ----------
-        values : mapping of str to float
-            Multiples of 15° for turning coordinates (zero for screws), decimal numbers otherwise.
-        units : array of int, shape (turning coordinates,)
-        field : PrimeField
-        samples : int
-        """
+        """The pose of positions, zero where absent; None if it has no exact sines, cosines or quaternions."""
         pose = self.zero_pose(samples)
         for k, motion in enumerate(self.turning):
             if motion.kind is MotionKind.SCREW and values.get(motion.name, 0.0):
@@ -124,18 +94,7 @@ class Layout:
 
 
 class MovingCoordinates:
-    """All coordinates as series, from local coordinates.
-
-    Parameters
-    ----------
-    layout : Layout
-    field : PrimeField
-    units : array of int, shape (turning coordinates,)
-        Angles are counted in this many parts, because some function needs a part of them.
-    pose : Pose
-    local : array of shape (samples, velocities, order)
-        Local coordinates z; zero at t = 0.
-    """
+    """All coordinates as series, from local coordinates."""
 
     def __init__(self, layout: Layout, field: PrimeField, units: Residues, pose: Pose, local: Residues) -> None:
         self.layout, self.field, self.units, self.pose, self.local = layout, field, units, pose, local

@@ -32,19 +32,7 @@ Indices = npt.NDArray[np.intp]
 
 
 class PoseFinder:
-    """Finds closed poses of one mechanism.
-
-    Parameters
-    ----------
-    preferred : sequence of int
-        Coordinates that should be drawn rather than solved for.
-    stated : sequence of mapping of str to float, or None
-        Positions at which the loops may be closed exactly; None for those at which they are by construction.
-    work : float
-        The most operations that may be needed to write down the equations.
-    accepts : callable, optional
-        Which of some poses are in the wanted assembly mode; see :class:`echelon.regressor.loops.closures.Loops`.
-    """
+    """Finds closed poses of one mechanism."""
 
     def __init__(
         self,
@@ -61,15 +49,7 @@ class PoseFinder:
         self._spent = 0.0  # work since a pose was found last, over all primes
 
     def find(self, positions: Positions, rng: np.random.Generator) -> Pose:
-        """A closed pose for every sample.
-
-        Raises
-        ------
-        SingularPoseError
-            If no closed poses can be found.
-        DegenerateSampleError
-            If a sample has none modulo this prime.
-        """
+        """A closed pose for every sample."""
         samples, recorded = positions.samples, positions.recorded
         for values in self._stated:
             pose = (
@@ -92,18 +72,7 @@ class PoseFinder:
         return found
 
     def variants(self, positions: Positions, pose: Pose, count: int, rng: np.random.Generator) -> Pose:
-        """Closed poses of one sample that share the coordinates that were drawn, among them the given one.
-
-        Parameters
-        ----------
-        positions : Positions
-            Of one sample.
-        pose : Pose
-            As found for it.
-        count : int
-            At most so many combinations of solutions of the blocks are tried.
-        rng : numpy Generator
-        """
+        """Closed poses of one sample that share the coordinates that were drawn, among them the given one."""
         if self._takes_stated or self._blocks is None:
             return pose
         same = np.zeros(count, dtype=np.intp)
@@ -183,13 +152,7 @@ class PoseFinder:
         raise DegenerateSampleError("the loops do not close at random points")
 
     def _spend(self, work: float) -> None:
-        """Go on with a search while its budget lasts: random points of loops that do not close may be tried for ever.
-
-        Raises
-        ------
-        SingularPoseError
-            If it is used up.
-        """
+        """Go on while the budget lasts: loops that do not close could be tried at random points for ever."""
         self._spent += work
         if self._spent > _MOST_WORK:
             raise SingularPoseError("no random point within the budget of the search has a solution")

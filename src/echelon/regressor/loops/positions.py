@@ -21,46 +21,22 @@ from echelon.regressor.loops.moving import Layout, MovingCoordinates, Pose
 
 @dataclass(frozen=True)
 class Recorded:
-    """Closure equations on a program, and what its leaves mean.
-
-    Attributes
-    ----------
-    program : Program
-    layout : Layout
-    nodes : sequence of int
-        The closure equations.
-    equations : Schedule
-        Of these.
-    slopes : Schedule
-        Of the entries of the Jacobian.
-    entries : sequence of (int, str)
-        Equation and freedom of every entry of the Jacobian.
-    owners : tuple of str
-        Name of the closure of every equation.
-    closed_at : Schedule
-        Of exact positions at which the loops are closed by construction.
-    closing_motions : sequence of (str, int, int)
-        The motions that have some, in how many parts an angle counts, and how many numbers each has.
-    turns : mapping of int to Turn
-        Angles of the nodes that are sines and cosines.
-    turning : mapping of str to int
-        Generators that are parts of angles of coordinates, with their place among those that turn.
-    units : array of int, shape (turning coordinates,)
-        The number of parts.
-    """
+    """Closure equations on a program, and what its leaves mean."""
 
     program: Program
     layout: Layout
-    nodes: Sequence[int]
-    equations: Schedule
-    slopes: Schedule
-    entries: Sequence[tuple[int, str]]
-    owners: tuple[str, ...]
-    closed_at: Schedule
+    nodes: Sequence[int]  # the closure equations
+    equations: Schedule  # of these
+    slopes: Schedule  # of the entries of the Jacobian
+    entries: Sequence[tuple[int, str]]  # equation and freedom of every entry of the Jacobian
+    owners: tuple[str, ...]  # name of the closure of every equation
+    closed_at: Schedule  # of exact positions at which the loops are closed by construction
+    # the motions that have some, in how many parts an angle counts, and how many numbers each has
     closing_motions: Sequence[tuple[str, int, int]]
-    turns: Mapping[int, Turn]
+    turns: Mapping[int, Turn]  # angles of the nodes that are sines and cosines
+    # generators that are parts of angles of coordinates, with their place among those that turn
     turning: Mapping[str, int]
-    units: Residues
+    units: Residues  # (turning coordinates,): the number of parts
 
     @property
     def threaded(self) -> list[int]:
@@ -86,21 +62,11 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Constants:
-    """What does not move, one value for each sample.
+    """What does not move, one value for each sample."""
 
-    Attributes
-    ----------
-    leaves : mapping of int to array
-        Values of leaves.
-    circles : mapping of str to pair of arrays
-        Circle points of angles, by generator.
-    geometry : mapping of str to array
-        The symbols' values that they were found from.
-    """
-
-    leaves: Mapping[int, Residues]
-    circles: Mapping[str, tuple[Residues, Residues]]
-    geometry: Mapping[str, Residues]
+    leaves: Mapping[int, Residues]  # values of leaves
+    circles: Mapping[str, tuple[Residues, Residues]]  # circle points of angles, by generator
+    geometry: Mapping[str, Residues]  # the symbols' values that they were found from
 
     def at(self, samples: npt.NDArray[np.intp]) -> Constants:
         """Those of some samples."""
@@ -111,15 +77,7 @@ class Constants:
 
 @dataclass(frozen=True)
 class Positions:
-    """Evaluates what depends on positions, for the constants of some samples.
-
-    Attributes
-    ----------
-    recorded : Recorded
-    field : PrimeField
-    constants : Constants
-    samples : int
-    """
+    """Evaluates what depends on positions, for the constants of some samples."""
 
     recorded: Recorded
     field: PrimeField
@@ -147,12 +105,7 @@ class Positions:
         return self._run(self.recorded.equations, moving).transpose(1, 0, 2)
 
     def slopes(self, moving: MovingCoordinates, names: Sequence[str] | None = None) -> Residues:
-        """Derivatives of the closure equations by velocities: of all coordinates, or of the named freedoms.
-
-        Returns
-        -------
-        array of shape (samples, equations, velocities, order)
-        """
+        """Derivatives of the equations by all or the named velocities, (samples, equations, velocities, order)."""
         recorded = self.recorded
         columns = {name: k for k, name in enumerate(names or recorded.layout.names)}
         samples, order = moving.local.shape[0], moving.local.shape[-1]

@@ -24,18 +24,7 @@ _DRAWS = 8  # of values for symbols that have none
 def loops_of(
     mechanism: Mechanism, recorder: Recorder, probes: Probes | None = None, speeds: Mapping[str, Scalar] | None = None
 ) -> Loops | None:
-    """What keeps forms that were recorded for a mechanism on closed configurations; None without loops.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    recorder : Recorder
-        Of the forms.
-    probes : Probes, optional
-        Sensors that take part in virtual motions.
-    speeds : mapping of str to Scalar, optional
-        Virtual velocities of freedoms that are not free to choose.
-    """
+    """What keeps forms that were recorded for a mechanism on closed configurations; None without loops."""
     if not mechanism.closures:
         return None
     equations = record_closures(mechanism, recorder, probes)
@@ -58,23 +47,6 @@ def real_inputs(mechanism: Mechanism, rng: np.random.Generator, count: int, reac
     """Random closed states and values of symbols, by the names of program inputs.
 
     Symbols without a value get a random one.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    rng : numpy Generator
-    count : int
-    reach : float
-        How far the states stray from the mechanism's own pose.
-
-    Returns
-    -------
-    dict of str to array of shape (count,)
-
-    Raises
-    ------
-    InputError
-        If the loops do not close.
     """
     unknown = [name for name in all_symbols(mechanism) if name not in known_values(mechanism)]
     drawn: dict[str, float] = {}
