@@ -6,7 +6,6 @@ import contextlib
 import datetime
 import decimal
 import gzip
-import os
 import shutil
 import sys
 import tracemalloc
@@ -24,9 +23,9 @@ from echelon.errors import InputError, MissingExtraError
 from echelon.logs.files.open_log import log_paths, open_log, read_table
 from echelon.logs.files.parquet_file import ParquetFile
 from log_tables import joined, same, text
+from measured_logs import measured
 
 ROOT = Path(__file__).parent.parent
-DATA = Path(os.environ.get("ECHELON_DATA", ROOT.parent / "shared" / "data"))
 RANDOM = np.random.default_rng(5)
 SAMPLES = {name: RANDOM.normal(size=500) * 10.0**exponent for exponent, name in enumerate(("t", "q1", "q2", "tau"))}
 
@@ -244,9 +243,7 @@ def test_parquet_streams_in_constant_memory(tmp_path: Path) -> None:
 @pytest.mark.parametrize("file", ["emps/data_emps_pulses.parquet", "staubli_tx40/tx40_5kHz.parquet"])
 def test_real_logs(file: str, tmp_path: Path) -> None:
     """The same numbers through Parquet and through text, as pyarrow itself reads them."""
-    path = DATA / file
-    if not path.is_file():
-        pytest.skip(f"the log is not there: {path}")
+    path = measured(file)
     content = pq.read_table(path).slice(0, 5000)
     expected = {name: content.column(name).to_numpy().astype(float) for name in content.column_names}
     found = read_table(path).columns

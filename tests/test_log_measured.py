@@ -1,16 +1,16 @@
 """Measured logs: understood by the names of their columns, and sound.
 
-The logs are not part of the project; where they are absent, the tests are skipped.
+Those in examples/data are always there; the other ones may be absent.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pyarrow import parquet
 
 import echelon as ec
 from column_maps import PENDULUM, TX40, Floats, N
@@ -21,20 +21,18 @@ from echelon.logs.faults.examine import examine
 from echelon.logs.faults.plausibility import check_plausible
 from echelon.logs.files.log_file import Table
 from echelon.logs.preparation.segments import segments
-
-DATA = Path(os.environ.get("ECHELON_DATA", Path(__file__).parent.parent.parent / "shared" / "data"))
+from measured_logs import ELSEWHERE, SHIPPED, measured
 
 PANDA = load("examples/panda.yaml")
 
 
-def real(name: str) -> Table:
-    pytest.importorskip("pyarrow")
-    from pyarrow import parquet
+def table_of(path: Path) -> Table:
+    read = parquet.read_table(path)
+    return Table(path.name, {column: read[column].to_numpy().astype(float) for column in read.column_names})
 
-    if not (DATA / name).is_file():
-        pytest.skip(f"the measured log is not there: {DATA / name}")
-    read = parquet.read_table(DATA / name)
-    return Table(name, {column: read[column].to_numpy().astype(float) for column in read.column_names})
+
+def real(name: str) -> Table:
+    return table_of(measured(name))
 
 
 REAL = [
@@ -75,13 +73,11 @@ def test_tx40_on_the_joints_side() -> None:
     ],
 )
 def test_real_logs_are_sound(folder: str, robot: ec.Mechanism) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
-    files = sorted((DATA / folder).glob("*.parquet"))
+    files = {file.name: file for place in (ELSEWHERE, SHIPPED) for file in (place / folder).glob("*.parquet")}
     if not files:
-        pytest.skip(f"the measured logs are not there: {DATA / folder}")
-    for file in files:
-        read = parquet.read_table(file)
-        table = Table(file.name, {name: read[name].to_numpy().astype(float) for name in read.column_names})
+        pytest.skip(f"{ELSEWHERE / folder} is not there: set ECHELON_DATA to the folder of the measured logs")
+    for file in files.values():
+        table = table_of(file)
         recorded = recording(table, guess_columns(list(table.columns), robot), robot)
         findings, usable = examine(recorded, robot)
         assert usable.all()
@@ -95,12 +91,7 @@ def test_real_logs_are_sound(folder: str, robot: ec.Mechanism) -> None:
 
 
 def test_the_panda_log_names_its_lost_packets() -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
-    file = DATA / "panda_1khz" / "panda_gaz_exciting_1kHz.parquet"
-    if not file.is_file():
-        pytest.skip(f"the measured log is not there: {file}")
-    read = parquet.read_table(file)
-    table = Table(file.name, {name: read[name].to_numpy() for name in read.column_names})
+    table = real("panda_1khz/panda_gaz_exciting_1kHz.parquet")
     recorded = recording(table, guess_columns(list(table.columns), PANDA), PANDA)
     (part,), findings = segments(recorded, PANDA)
     assert part.rate == 1000

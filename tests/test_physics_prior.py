@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,10 +18,9 @@ from echelon.identification.physics.pseudo_inertia import is_physical
 from echelon.mechanism.joint import Joint, merge, rotation
 from echelon.mechanism.mechanism import GROUND, Body, Mechanism
 from echelon.mechanism.placement import Placement
+from measured_logs import measured
 from physical import body_of_points, states
 from robots import robot_file
-
-DATA = Path(os.environ.get("ECHELON_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
 LWR4 = """
 echelon: 1
@@ -53,9 +51,7 @@ def same_torques(setup: ec.Mechanism, other: ec.Mechanism, fixed: int = 0) -> ec
 
 
 def test_dh_table_of_the_lwr4_and_its_urdf(tmp_path: Path) -> None:
-    file = DATA / "kuka_lwr4/model/kuka_lwr4.urdf"
-    if not file.exists():
-        pytest.skip(f"{file} is not there: set ECHELON_DATA to the folder of the data")
+    file = measured("kuka_lwr4/model/kuka_lwr4.urdf")
     table = tmp_path / "lwr4.yaml"
     table.write_text(LWR4)
     other = ec.load(file)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pyarrow import parquet
 from scipy.spatial.transform import Rotation
 
 import echelon as ec
@@ -16,9 +16,9 @@ from echelon.logs.preparation.choices import chosen
 from echelon.logs.preparation.prepare import PreparationPlan, prepare, rubs, speed_rows
 from echelon.logs.preparation.settings import Preparation, at_rate
 from echelon.logs.recording import Segment
+from measured_logs import measured
 
 ROOT = Path(__file__).parent.parent
-DATA = Path(os.environ.get("ECHELON_DATA", ROOT.parent / "shared" / "data"))
 RATE = 500.0
 OPEN = Preparation()
 FIXED = Preparation(cutoff=30.0, output_cutoff=8.0, decimation=(12,), still=0.0, delays={})
@@ -271,11 +271,8 @@ def test_choices_that_cannot_be_made(pendulum: ec.Mechanism) -> None:
 
 
 def real(file: str, positions: list[str], outputs: list[str], rate: float, time: str = "") -> Segment:
-    """A log on a uniform clock; skipped where the data are not there."""
-    parquet = pytest.importorskip("pyarrow.parquet")
-    if not (DATA / file).is_file():
-        pytest.skip(f"the log is not there: {DATA / file}")
-    table = parquet.read_table(DATA / file)
+    """A log on a uniform clock."""
+    table = parquet.read_table(measured(file))
     values = np.stack([table[name].to_numpy() for name in positions + outputs], axis=1)
     if time:
         stamps = table[time].to_numpy()

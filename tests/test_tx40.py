@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import csv
-import os
 from pathlib import Path
 
 import pytest
 
 import echelon as ec
+from measured_logs import measured
 
 ROOT = Path(__file__).parent.parent
-DATA = Path(os.environ.get("ECHELON_DATA", ROOT.parent / "shared" / "data")) / "staubli_tx40"
 
 
 @pytest.fixture(scope="module")
@@ -22,9 +21,7 @@ def tx40() -> ec.BaseModel:
 @pytest.fixture
 def published() -> list[str]:
     """The published base parameters as expressions."""
-    file = DATA / "reference" / "TX40_bp_5.csv"
-    if not file.is_file():
-        pytest.skip(f"the published set of the TX40 is not there: {file}")
+    file = measured("staubli_tx40/reference/TX40_bp_5.csv")
     return [row[0] for row in csv.reader(file.read_text().splitlines())]
 
 
