@@ -30,6 +30,8 @@ from anchors.build import UnavailableError
 from anchors.figaroh_search import Search, environment, searched, versions
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.solve.design import designed
+from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import open_robot
 from echelon.machine.kernel import processors
 from tabular import table
 
@@ -49,8 +51,8 @@ PANDA = {
 
 def urdf(path: str, **reading: Any) -> ec.Setup:
     """A robot of the example-robot-data package, without friction."""
-    mechanism = ec.load(ROBOTS / path, **reading)
-    return ec.Setup(path, mechanism, robot_file=str(ROBOTS / path))
+    file = open_robot(ROBOTS / path)
+    return ec.Setup(path, file.mechanism(ReadingOptions(**reading)), robot_file=file)
 
 
 def talos() -> ec.Setup:

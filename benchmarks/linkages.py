@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 import echelon as ec
-from echelon.formats.load import parse_robot
-from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
@@ -75,7 +74,7 @@ def four_bars(count: int) -> Mechanism:
         pose |= {f"c{k}": -0.48 if k == 1 else -1.5, f"r{k}": 1.6}
     head = f"echelon: 1\nname: chain of {count}\ngravity: [0, -9.81, 0]\nsymbols: {lengths}\n"
     text = f"{head}modified_dh: [{', '.join(rows)}]\nloops: [{', '.join(loops)}]\nindependent: [r0]\nassembly: {pose}\n"
-    return parse_robot(text.replace("'", "").encode(), "chain.yaml", ReadingOptions())
+    return RobotFile.of(text.replace("'", "").encode(), "chain.yaml").mechanism()
 
 
 def rank_by_svd(mechanism: Mechanism, seed: int = 1) -> int:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 import echelon as ec
+from echelon.formats.robot_file import RobotFile
 from echelon.identification.excitation.excitation import excitation
 from echelon.regressor.virtual_power import virtual_power_form
 from swinging import pendulum, write_log
@@ -159,7 +160,8 @@ def read_literally(mechanism: ec.Mechanism) -> list[Any]:
     """What is built again with the way back to the file that a mechanism has."""
     reading = mechanism.reading
     assert reading is not None
-    other = [] if reading.recoupled is None else [str(reading.recoupled())]
+    again = reading.recoupled()
+    other = [] if again is None else [str(again)]
     return [str(reading.literal()), str(mechanism), repr(mechanism), [str(s) for s in reading.snaps], *other]
 
 
@@ -302,7 +304,8 @@ def public_classes() -> set[type]:
         kind = waiting.pop()
         if kind not in found:
             found.add(kind)
-            waiting += _says(kind)
+            # what a robot file is parsed into is for its readers, and parsed again in other processes
+            waiting += [] if kind is RobotFile else _says(kind)
     return found
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.base.structure import find_structure
-from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
@@ -18,8 +18,8 @@ Array = npt.NDArray[np.float64]
 
 def read(text: str) -> Mechanism:
     if text.lstrip().startswith("<"):
-        return parse_robot(text.encode(), "robot.xml", ReadingOptions())
-    return parse_robot(f"echelon: 1\n{text}".encode(), "robot.yaml", ReadingOptions())
+        return RobotFile.of(text.encode(), "robot.xml").mechanism(ReadingOptions())
+    return RobotFile.of(f"echelon: 1\n{text}".encode(), "robot.yaml").mechanism(ReadingOptions())
 
 
 def states(mechanism: Mechanism, count: int = 120) -> tuple[Array, Array, Array]:

@@ -12,8 +12,8 @@ import echelon as ec
 import oracles
 from closed_states import states
 from constrained import Constrained
-from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
 from oracles import FloatArray
 
 LOOPS = Path(__file__).parent.parent / "examples" / "loops"
@@ -24,7 +24,7 @@ def identical_legs(name: str) -> ec.Mechanism:
     data = yaml.safe_load((LOOPS / f"{name}.yaml").read_text())
     for body in data["bodies"]:
         body["label"] = body["name"].rstrip("0123456789")
-    return parse_robot(yaml.safe_dump(data, sort_keys=False).encode(), "robot.yaml", ReadingOptions())
+    return RobotFile.of(yaml.safe_dump(data, sort_keys=False).encode(), "robot.yaml").mechanism(ReadingOptions())
 
 
 CAR = """

@@ -14,8 +14,8 @@ import yaml
 import echelon as ec
 from echelon.exact.polynomial import float_generators
 from echelon.formats.description import read_description, write_description
-from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
 from echelon.formats.schema import json_schema
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
@@ -27,7 +27,7 @@ EXAMPLES = sorted((ROOT / "examples/loops").iterdir())
 
 
 def read(text: str, name: str = "robot.yaml", **options: Any) -> Mechanism:
-    return parse_robot(text.encode(), name, ReadingOptions(**options))
+    return RobotFile.of(text.encode(), name).mechanism(ReadingOptions(**options))
 
 
 # -- numbers -----------------------------------------------------------------------------------------------------------

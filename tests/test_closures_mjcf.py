@@ -9,8 +9,8 @@ import pytest
 
 from echelon.errors import InputError
 from echelon.formats.description import read_description, write_description
-from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from kinematics import Array
@@ -62,7 +62,9 @@ def chosen(mechanism: Mechanism, prefer: list[str]) -> Mechanism:
 
 
 def read(equality: str, tail: str = "", tree: str = TREE, **options: bool) -> Mechanism:
-    return parse_robot(text(equality, tail, tree).encode(), "robot.xml", ReadingOptions(tolerance=0, **options))
+    return RobotFile.of(text(equality, tail, tree).encode(), "robot.xml").mechanism(
+        ReadingOptions(tolerance=0, **options)
+    )
 
 
 def text(equality: str, tail: str = "", tree: str = TREE) -> str:

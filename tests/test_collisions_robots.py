@@ -15,6 +15,7 @@ from clearances import ARM, Floats
 from echelon.errors import InputError
 from echelon.excite.problem.clearance import Clearance, clearance_of
 from echelon.excite.problem.robot_shapes import read_geometry
+from echelon.formats.robot_file import open_robot
 from robots import has_pinocchio, robot_file
 
 mujoco = pytest.importorskip("mujoco")
@@ -33,7 +34,7 @@ def test_mjcf_arm_as_mujoco_has_it(tmp_path: Path) -> None:
     file = tmp_path / "arm.xml"
     file.write_text(ARM)
     mechanism = ec.load(file)
-    geometry = read_geometry(mechanism, file)
+    geometry = read_geometry(mechanism, open_robot(file))
     assert [shape.name for shape in geometry.shapes] == ["floor", "ga", "gb", "gt", "gc", "gd", "gm"]
     # the tool rides on b
     assert [shape.body for shape in geometry.shapes] == [-1, 0, 1, 1, 2, 3, 3]
@@ -55,7 +56,7 @@ def test_mjcf_arm_as_mujoco_has_it(tmp_path: Path) -> None:
 def test_urdf_arm_as_mujoco_has_it() -> None:
     file = robot_file("ur10_robot")
     mechanism = ec.load(file)
-    geometry = read_geometry(mechanism, file)
+    geometry = read_geometry(mechanism, open_robot(file))
     clearance = clearance_of(mechanism, geometry.shapes, 0.0, reach=1.0)
     meshes = file.parents[1] / "meshes/ur10/collision"
     compiler = f'<mujoco><compiler meshdir="{meshes}" strippath="true" fusestatic="false"/></mujoco>'
@@ -81,7 +82,7 @@ def test_urdf_arm_as_coal_has_it() -> None:
 
     file = robot_file("panda_collision")
     mechanism = ec.load(file, independent_mimics=True)
-    geometry = read_geometry(mechanism, file)
+    geometry = read_geometry(mechanism, open_robot(file))
     clearance = clearance_of(mechanism, geometry.shapes, 0.0, reach=5.0)
     model = pin.buildModelFromUrdf(str(file))
     solids = pin.buildGeomFromUrdf(model, str(file), pin.GeometryType.COLLISION)
@@ -124,7 +125,7 @@ def test_fixed_links_ride_on_bodies(tmp_path: Path) -> None:
         <joint name="h" type="fixed"><parent link="root"/><child link="stand"/><origin xyz="0 3 0"/></joint></robot>"""
     )
     mechanism = ec.load(file)
-    shapes = {shape.link: shape for shape in read_geometry(mechanism, file).shapes}
+    shapes = {shape.link: shape for shape in read_geometry(mechanism, open_robot(file)).shapes}
     assert {link: shape.body for link, shape in shapes.items()} == {"root": -1, "tip": 0, "stand": -1}
     np.testing.assert_allclose(shapes["stand"].placement[:3, 3], [0, 3, 0.1])
     expected = [1 + 0.3 * np.sin(1.5), 0, 0.3 * np.cos(1.5)]
@@ -148,8 +149,8 @@ def test_meshes_that_cannot_be_read(tmp_path: Path) -> None:
     (tmp_path / "parts" / "box.obj").write_text(corners + "f 1 2 4 3\nf 5 6 8 7\nf 1 2 6 5\nf 3 4 8 7\n")
     mechanism = ec.load(file)
     with pytest.raises(InputError, match=r"link 'l0'.*parts/away\.stl' is not found.*set-up can stand in"):
-        read_geometry(mechanism, file)
-    geometry = read_geometry(mechanism, file, tolerant=True)
+        read_geometry(mechanism, open_robot(file))
+    geometry = read_geometry(mechanism, open_robot(file), tolerant=True)
     assert len(geometry.notes) == 2
     assert "link.dae' cannot be read (valid: .stl, .obj, .msh)" in geometry.notes[1]
     (shape,) = geometry.shapes

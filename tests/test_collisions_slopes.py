@@ -11,6 +11,7 @@ import echelon as ec
 from clearances import ARM, Floats, planar, spheres
 from echelon.excite.problem.clearance import Clearance, clearance_of
 from echelon.excite.problem.robot_shapes import read_geometry
+from echelon.formats.robot_file import open_robot
 
 pytest.importorskip("mujoco")
 
@@ -29,7 +30,7 @@ def test_slopes(tmp_path: Path) -> None:
     file = tmp_path / "arm.xml"
     file.write_text(ARM)
     mechanism = ec.load(file)
-    clearance = clearance_of(mechanism, read_geometry(mechanism, file).shapes, 0.0, reach=0.4)
+    clearance = clearance_of(mechanism, read_geometry(mechanism, open_robot(file)).shapes, 0.0, reach=0.4)
     q = np.random.default_rng(0).uniform(-2, 2, (150, 4)) * [1, 1, 0.2, 1]
     values, found = clearance.values(q, q, q), clearance.slopes(q, q, q)[0]
     assert found is not None

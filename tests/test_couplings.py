@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from fractions import Fraction
 from itertools import pairwise
 
@@ -17,7 +18,7 @@ import echelon as ec
 from constrained import Constrained
 from echelon.dynamics.functions import robot_function
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.description import read_description, read_description_data, write_description
+from echelon.formats.description import read_description, write_description
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.hold import held
 from echelon.mechanism.mechanism import Mechanism
@@ -286,7 +287,7 @@ bodies:
 
 def test_descriptions_are_written_exactly() -> None:
     mechanism = leg()
-    again = read_description_data(write_description(mechanism), "again", ReadingOptions())
+    again = read_description(json.dumps(write_description(mechanism)), "again", ReadingOptions())
     assert (again.couplings, again.bodies) == (mechanism.couplings, mechanism.bodies)
 
 

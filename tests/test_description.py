@@ -16,8 +16,8 @@ import arms
 import echelon as ec
 from echelon.excite.files.trajectory_schema import trajectory_schema
 from echelon.formats.description import read_description, write_description
-from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
 from echelon.formats.schema import json_schema
 from echelon.mechanism.mechanism import Mechanism
 from echelon.results.identified_record import json_schema as identified_schema
@@ -43,7 +43,7 @@ EXAMPLES = {
 
 
 def read(text: str, name: str = "robot.yaml", **options: Any) -> Mechanism:
-    return parse_robot(text.encode(), name, ReadingOptions(**options))
+    return RobotFile.of(text.encode(), name).mechanism(ReadingOptions(**options))
 
 
 # -- meaning ---------------------------------------------------------------------------------------------------
@@ -254,7 +254,7 @@ def test_alias_bombs_are_refused() -> None:
 @pytest.mark.parametrize("data", [b"\xff\xfe\x00", b"\x00\x01", "echelon: 1\nname: \u0007".encode()])
 def test_binary_files_are_refused(data: bytes) -> None:
     with pytest.raises(ec.InputError, match=r"robot\.yaml"):
-        parse_robot(data, "robot.yaml", ReadingOptions())
+        RobotFile.of(data, "robot.yaml").mechanism(ReadingOptions())
 
 
 def test_a_robot_without_bodies_is_a_valid_empty_answer() -> None:

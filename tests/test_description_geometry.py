@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
 import pytest
 
-from echelon.formats.description import read_description, read_description_data, write_description
+from echelon.formats.description import read_description, write_description
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from kinematics import X, Y, Z, along, moved, pose_of, quaternion_turn, turned
@@ -70,7 +71,7 @@ def test_joints_move_as_textbooks_say(case: str) -> None:
     )
     before = ORIGIN if origin else np.eye(4)
     np.testing.assert_allclose(pose_of(mechanism, 0, q), before @ expected @ FRAME, atol=1e-12)
-    again = read_description_data(write_description(mechanism), "saved", ReadingOptions())
+    again = read_description(json.dumps(write_description(mechanism)), "saved", ReadingOptions())
     assert again == mechanism
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 import yaml
 
 import echelon as ec
-from echelon.formats.description import read_description_data
+from echelon.formats.description import read_description
 from echelon.formats.options import ReadingOptions
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.virtual_power import inverse_dynamics_regressor
@@ -19,7 +20,7 @@ ROW = {"joint": "revolute", "alpha": "pi/2", "a": "0.2"}
 
 def arm(joints: int = 2, **entries: object) -> ec.Mechanism:
     data = {"echelon": 1, "name": "arm", "modified_dh": [ROW] * joints, **entries}
-    return read_description_data(data, "arm", ReadingOptions())
+    return read_description(json.dumps(data), "arm", ReadingOptions())
 
 
 def columns(robot: ec.Mechanism, q: object, qd: object, qdd: object) -> dict[str, np.ndarray]:
@@ -85,7 +86,7 @@ def test_a_rotor_on_the_first_link_of_a_planar_arm() -> None:
     rows = [{"joint": "revolute"}, {"joint": "revolute", "a": "0.3"}]
     rotors = [{"name": "rotor", "on": "j1", "drives": "50*j2", "label": "r"}]
     data = {"echelon": 1, "name": "arm", "modified_dh": rows, "rotors": rotors}
-    robot = read_description_data(data, "arm", ReadingOptions())
+    robot = read_description(json.dumps(data), "arm", ReadingOptions())
     expected = QDD[:, 0] + 50 * QDD[:, 1]
     np.testing.assert_allclose(columns(robot, Q, QD, QDD)["ZZr"], np.stack([expected, 50 * expected], 1), rtol=1e-12)
 
@@ -95,7 +96,7 @@ def test_gyroscopic_torque_of_a_rotor() -> None:
     rows = [{"joint": "revolute"}, {"joint": "revolute", "alpha": "pi/2"}]
     rotors = [{"name": "rotor", "on": "j2", "drives": "10*j2", "axis": "x", "label": "r"}]
     data = {"echelon": 1, "name": "arm", "modified_dh": rows, "rotors": rotors}
-    robot = read_description_data(data, "arm", ReadingOptions())
+    robot = read_description(json.dumps(data), "arm", ReadingOptions())
     # E = I/2 (ω_x + 10 q̇2)² with ω_x = q̇1 sin q2
     (q2, d1, d2), (a1, a2) = (Q[:, 1], QD[:, 0], QD[:, 1]), (QDD[:, 0], QDD[:, 1])
     spin = d1 * np.sin(q2) + 10 * d2
@@ -140,7 +141,7 @@ def test_a_spring_across_gravity() -> None:
         "echelon": 1, "name": "slide", "modified_dh": [{"joint": "prismatic"}],
         "effects": [{"type": "spring", "at": "j1"}, {"type": "offset", "at": "j1"}],
     }  # fmt: skip
-    base = ec.base_parameters(read_description_data(data, "slide", ReadingOptions()))
+    base = ec.base_parameters(read_description(json.dumps(data), "slide", ReadingOptions()))
     assert [str(e) for e in base.expressions] == ["M1", "Ks1", "Ps1 + Fo1"]
 
 
@@ -169,7 +170,7 @@ def test_a_point_payload_adds_its_mass_alone() -> None:
         "separate": True, "parameters": ["M"], "label": "L",
     }  # fmt: skip
     data = {"echelon": 1, "name": "arm", "bodies": [arm_alone, payload]}
-    robot = read_description_data(data, "arm", ReadingOptions())
+    robot = read_description(json.dumps(data), "arm", ReadingOptions())
     assert robot.parameters[-1] == "ML"
     assert len(robot.parameters) == 11
     assert [str(e) for e in ec.base_parameters(robot).expressions] == ["YY1 + 9/100·ML", "MX1 + 3/10·ML", "MZ1"]
@@ -212,10 +213,10 @@ def test_dead_zones_of_speed_in_a_loop() -> None:
     data = yaml.safe_load(path.read_text())
     terms = {"A": "max(0, qd - 0.001)", "B": "max(0, qd)", "V": "qd"}
     data["effects"] = [acting(name, crank=term) for name, term in terms.items()]
-    base = ec.base_parameters(read_description_data(data, "four bar", ReadingOptions()))
+    base = ec.base_parameters(read_description(json.dumps(data), "four bar", ReadingOptions()))
     assert base.rank == 8 + 3
     assert base.certificate.regions == 3
     data["effects"] = [acting("A", crank="max(0, q - 2000)")]
-    stop = ec.base_parameters(read_description_data(data, "four bar", ReadingOptions()))
+    stop = ec.base_parameters(read_description(json.dumps(data), "four bar", ReadingOptions()))
     assert stop.rank == 8
     assert "sign(2000 - q[crank]): only positive values were found" in str(stop.certificate)

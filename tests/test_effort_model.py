@@ -158,7 +158,7 @@ def test_a_model_that_does_not_determine_torques_is_refused() -> None:
     mechanism = ec.load("examples/double_pendulum.yaml")
     limits = [EffortLimit(name, "N·m", 1.0) for name in mechanism.velocities]
     check_determined(mechanism, limits, ec.base_parameters(mechanism).rank, 0)
-    part = replace(mechanism, measured=mechanism.outputs[-1:], reading=None)
+    part = replace(mechanism, measured=mechanism.outputs[-1:])
     rank = ec.base_parameters(part).rank
     check_determined(part, limits[-1:], rank, 0)
     with pytest.raises(InputError, match="does not determine all torques"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -13,7 +14,7 @@ import echelon as ec
 from echelon.base.certificate import certify
 from echelon.base.matrix import BaseMatrix
 from echelon.exact.rational import RationalFunction
-from echelon.formats.description import read_description_data
+from echelon.formats.description import read_description
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
@@ -60,7 +61,7 @@ def cornered() -> ec.BaseModel:
         {"parameter": "corner", "unit": "N·m·s/rad", "acts": [{"at": "j1", "side": "joint", "term": CORNER}]},
     ]
     data = {"echelon": 1, "name": "arm", "modified_dh": rows, "effects": effects}
-    return ec.base_parameters(read_description_data(data, "arm", ReadingOptions()))
+    return ec.base_parameters(read_description(json.dumps(data), "arm", ReadingOptions()))
 
 
 @pytest.mark.parametrize("seed", range(6))

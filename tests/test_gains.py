@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 import echelon as ec
 from arms import body, modified_dh, tree
 from arms import puma560 as puma
-from echelon.formats.description import read_description_data
+from echelon.formats.description import read_description
 from echelon.formats.options import ReadingOptions
 from echelon.identification.gains.gains import drive_gains, gain_names
 from echelon.identification.gains.payload import JoinedRows, Payload, loaded_rows, with_zeros
@@ -217,7 +218,7 @@ def test_gains_of_coupled_drives() -> None:
         "actuators": {"a": "30*j1 + 20*j2", "b": "-10*j1 + 50*j2"},
         "effects": [{"type": "viscous", "at": "all"}, {"type": "drive_gain", "at": ["a", "b"]}],
     }
-    base = ec.base_parameters(read_description_data(data, "differential", ReadingOptions()))
+    base = ec.base_parameters(read_description(json.dumps(data), "differential", ReadingOptions()))
     names = gain_names(base)
     assert len(names) == 2
     payload = Payload.of(base.mechanism.bodies[1].name, LOAD)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
 from mjcf_models import model
 from mujoco_loops import Array, Equalities, null_space
 
@@ -56,7 +56,7 @@ RANKS = {"adaptive": 19, "adaptive, untied": 22, "parallelogram": 3, "parallelog
 
 @pytest.mark.parametrize("name", RANKS)
 def test_ranks_are_those_at_closed_states(name: str) -> None:
-    robot = parse_robot(HANDS[name].encode(), "hand.xml", ReadingOptions())
+    robot = RobotFile.of(HANDS[name].encode(), "hand.xml").mechanism(ReadingOptions())
     assert ec.base_parameters(robot).rank == RANKS[name]
     equalities = Equalities(HANDS[name])
     singular = equalities.singular_values(np.random.default_rng(1), equalities.model.qpos0, 25)
@@ -99,16 +99,16 @@ NEAR = HANDS["parallelogram"].replace("0.035465 0.042039", "0.03546 0.04204").re
 
 def test_a_parallelogram_within_rounding_is_meant() -> None:
     """The literal count stands beside the intended one: two different four-bars with one driver."""
-    robot = parse_robot(NEAR.encode(), "hand.xml", ReadingOptions())
+    robot = RobotFile.of(NEAR.encode(), "hand.xml").mechanism(ReadingOptions())
     base = ec.base_parameters(robot)
     assert (base.rank, base.reading.literal_rank) == (3, 8)
     assert {snap.element for snap in base.reading.decisive} == {
         f"equality connect '{side}_finger and {side}_inner'" for side in ("left", "right")
     }
     assert base.reading.snaps[0].difference == pytest.approx(1e-5)
-    robot = parse_robot(NEAR.encode(), "hand.xml", ReadingOptions(tolerance=0))
+    robot = RobotFile.of(NEAR.encode(), "hand.xml").mechanism(ReadingOptions(tolerance=0))
     assert ec.base_parameters(robot).rank == 8
     far = NEAR.replace("-0.01501 0.015", "-0.0155 0.015")
-    robot = parse_robot(far.encode(), "hand.xml", ReadingOptions())
+    robot = RobotFile.of(far.encode(), "hand.xml").mechanism(ReadingOptions())
     assert robot.reading is not None
     assert not robot.reading.snaps

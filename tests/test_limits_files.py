@@ -12,6 +12,7 @@ import pytest
 
 import echelon as ec
 from echelon.formats.limits import StatedLimits, stated_limits
+from echelon.formats.robot_file import open_robot
 from kinematics import Z, pose_of, turned
 from mjcf_models import INERTIA, model
 from robots import has_pinocchio, pinocchio_model, robot_file, robot_files
@@ -39,7 +40,7 @@ def mjcf(joint: str, actuators: str = "", tail: str = "") -> str:
 def limits_of(tmp_path: Path, text: str, **options: Any) -> dict[str, StatedLimits]:
     file = tmp_path / ("robot.xml" if text.startswith("<mujoco") else "robot.urdf")
     file.write_text(text, encoding="utf-8")
-    return stated_limits(file, ec.load(file, **options))
+    return stated_limits(open_robot(file), ec.load(file, **options))
 
 
 # -- URDF -------------------------------------------------------------------------------------------------------------
@@ -132,7 +133,7 @@ def test_couplings_by_polynomials_and_tendons_count_without_their_offsets(tmp_pa
     </mujoco>"""
     (tmp_path / "robot.xml").write_text(text)
     mechanism = ec.load(tmp_path / "robot.xml")
-    found = stated_limits(tmp_path / "robot.xml", mechanism)
+    found = stated_limits(open_robot(tmp_path / "robot.xml"), mechanism)
     assert found["a"].position == (-1, 2)
     assert found["b"].position == (-1.5, 1.5)  # b = 0.5 + 3 a²
     assert found["c"].position == (-0.9, 2.1)  # c = (0.1 − b)/4
@@ -155,7 +156,7 @@ def test_chains_of_couplings_count_without_their_offsets(tmp_path: Path) -> None
 def test_pinocchio_reads_the_same(name: str) -> None:
     file = robot_file(name)
     mechanism = ec.load(file, independent_mimics=True)
-    found, theirs = stated_limits(file, mechanism), pinocchio_model(file, False)
+    found, theirs = stated_limits(open_robot(file), mechanism), pinocchio_model(file, False)
     speeds, efforts = theirs.velocityLimit, theirs.effortLimit
     names = [m.name for m in mechanism.motions if len(m.velocities) == 1 and theirs.existJointName(m.name)]
     for name in names:
@@ -284,16 +285,16 @@ def test_a_description_states_the_limits_of_its_robot_file(tmp_path: Path) -> No
     (tmp_path / "arm" / "arm.urdf").write_text(urdf(LIMIT), encoding="utf-8")
     file = tmp_path / "setup.yaml"
     file.write_text("echelon: 1\nrobot: {file: arm/arm.urdf}\neffects: [{type: viscous, at: all}]\n", encoding="utf-8")
-    assert stated_limits(file, ec.load(file)) == {"j2": ALL}
+    assert stated_limits(open_robot(file), ec.load(file)) == {"j2": ALL}
 
 
 def test_a_plain_description_and_examples() -> None:
     panda = ROOT / "examples" / "panda.yaml"
-    assert stated_limits(panda, ec.load(panda)) == {}
+    assert stated_limits(open_robot(panda), ec.load(panda)) == {}
     arm = ROOT / "examples" / "two_link.xml"
     ends = math.radians(150)
-    found = stated_limits(str(arm), ec.load(arm))
+    found = stated_limits(open_robot(str(arm)), ec.load(arm))
     assert list(found) == ["shoulder", "elbow"]
     assert [limits.position for limits in found.values()] == [pytest.approx((-ends, ends))] * 2
     biped = ROOT / "examples" / "loops" / "biped.xml"
-    assert set(stated_limits(biped, ec.load(biped))) <= set(ec.load(biped).velocities)
+    assert set(stated_limits(open_robot(biped), ec.load(biped))) <= set(ec.load(biped).velocities)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
@@ -38,7 +38,7 @@ NUMBERS = {"{r: 0.3, d: 0.8, l: 0.25}": "{}", "[r, ": "[0.3, ", "[d, ": "[0.8, "
 
 
 def read(text: str) -> Mechanism:
-    return parse_robot(text.encode(), "robot.yaml", ReadingOptions())
+    return RobotFile.of(text.encode(), "robot.yaml").mechanism(ReadingOptions())
 
 
 def cranks(second: str, numbers: bool = False) -> Mechanism:

@@ -9,8 +9,8 @@ import pytest
 
 import echelon as ec
 from echelon.errors import OtherModeError
-from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
@@ -105,7 +105,7 @@ MECHANISMS = {
 
 
 def read(text: str) -> Mechanism:
-    return parse_robot(text.encode(), "robot.yaml", ReadingOptions())
+    return RobotFile.of(text.encode(), "robot.yaml").mechanism(ReadingOptions())
 
 
 def at_random_poses(name: str, count: int, seed: int) -> Iterator[Mechanism]:

@@ -10,8 +10,8 @@ import pytest
 
 import echelon as ec
 from echelon.base.structure import Structure, find_structure
-from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.mechanism import Mechanism
 
 LOOPS = Path(__file__).parent.parent / "examples" / "loops"
@@ -21,7 +21,7 @@ IN_PLANE, NONE = "gravity: [0, -9.81, 0]", "gravity: none"
 
 
 def read(text: str) -> Mechanism:
-    return parse_robot(text.encode(), "robot.yaml", ReadingOptions())
+    return RobotFile.of(text.encode(), "robot.yaml").mechanism(ReadingOptions())
 
 
 def structure(text: str, seed: int = 1) -> Structure:

@@ -79,7 +79,7 @@ def test_rounded_gimbal_lock_is_read_as_exact(quaternion: str) -> None:
         f"""<body name="a" quat="{quaternion}"><joint name="a"/>{INERTIA}
         <body name="b" pos="0.3 0 0"><joint name="b" axis="1 0 0"/>{INERTIA}</body></body>"""
     )
-    mechanism = build_mechanism(read(text), ReadingOptions())
+    mechanism = build_mechanism(read(text), ReadingOptions()).mechanism
     assert not [name for name in mechanism.symbols if not name.startswith("p")]
 
 
@@ -102,7 +102,7 @@ def test_a_reference_is_along_the_axis_exactly() -> None:
         f"""<body name="a"><joint name="a" axis="1 0 0" ref="90"/>{INERTIA}
         <body name="b" pos="0 0.2 0"><joint name="b" axis="0.6 0.8 0" ref="45"/>{INERTIA}</body></body>"""
     )
-    mechanism = build_mechanism(read(text), ReadingOptions())
+    mechanism = build_mechanism(read(text), ReadingOptions()).mechanism
     assert len([name for name in mechanism.symbols if not name.startswith("p")]) == 1
 
 
@@ -262,11 +262,10 @@ def test_attached_models(tmp_path: Path) -> None:
 def test_example_file() -> None:
     tree = read_mjcf((EXAMPLES / "two_link.xml").read_bytes(), "two_link.xml", EXAMPLES)
     assert tree.name == "two_link"
-    mechanism = build_mechanism(tree, ReadingOptions())
-    assert mechanism.velocities == ("shoulder", "elbow")
-    assert mechanism.reading is not None
-    assert mechanism.reading.snaps == ()
-    assert find_structure(mechanism, np.random.default_rng(0)).rank == 6
+    built = build_mechanism(tree, ReadingOptions())
+    assert built.mechanism.velocities == ("shoulder", "elbow")
+    assert built.snaps == ()
+    assert find_structure(built.mechanism, np.random.default_rng(0)).rank == 6
 
 
 # -- refusals ----------------------------------------------------------------------------------------------------------
@@ -343,10 +342,10 @@ def test_refusals_name_file_and_element(name: str, tmp_path: Path, monkeypatch: 
 def test_couplings_of_coupled_joints() -> None:
     """The second constraint of a joint is one of the joints that it follows; a third one may say nothing."""
     equality = '<equality><joint joint1="a" joint2="b"/>SECOND</equality>'
-    robot = mechanism_of(read(model(ARM, tail=equality.replace("SECOND", '<joint joint1="b" joint2="a"/>'))))
-    assert [c.coordinate for c in robot.couplings] == ["a"]
-    assert robot.reading is not None
-    assert "equality joint 'b and a' says nothing that the other equalities do not say" in robot.reading.notes
+    tree = read(model(ARM, tail=equality.replace("SECOND", '<joint joint1="b" joint2="a"/>')))
+    built = build_mechanism(tree, ReadingOptions(tolerance=0))
+    assert [c.coordinate for c in built.mechanism.couplings] == ["a"]
+    assert "equality joint 'b and a' says nothing that the other equalities do not say" in built.notes
     held = mechanism_of(read(model(ARM, tail=equality.replace("SECOND", '<joint joint1="a"/>'))))
     assert not {"a", "b"} & {m.name for m in held.motions}
     square = '<joint joint1="a" joint2="b" polycoef="0 1 2 0 0"/>'

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import known_values
 from echelon.regressor.loops.closed_motion import ClosureValues
@@ -25,7 +25,7 @@ def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def read(text: str) -> Mechanism:
-    return parse_robot(text.encode(), "robot.xml", ReadingOptions(tolerance=0))
+    return RobotFile.of(text.encode(), "robot.xml").mechanism(ReadingOptions(tolerance=0))
 
 
 def coordinates(model: Any) -> tuple[list[str], list[str]]:

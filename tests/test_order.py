@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ import sympy
 import arms
 import echelon as ec
 from echelon.base.order import column_order
-from echelon.formats.description import read_description_data
+from echelon.formats.description import read_description
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.mechanism import Mechanism
@@ -77,7 +78,7 @@ def test_parameters_of_effects_stay_last() -> None:
     row = {"joint": "revolute", "alpha": "pi/2", "a": "0.2"}
     effects = [{"type": kind, "at": "all"} for kind in ("viscous", "rotor_inertia")]
     data = {"echelon": 1, "name": "arm", "modified_dh": [row] * 2, "effects": effects}
-    arm = read_description_data(data, "arm", ReadingOptions())
+    arm = read_description(json.dumps(data), "arm", ReadingOptions())
     order = column_order(arm.columns, "tip-to-base")
     assert [arm.parameters[c] for c in order[-4:]] == ["Fv1", "Fv2", "Ia1", "Ia2"]
     assert [arm.parameters[c][-1] for c in order[:20]] == ["2"] * 10 + ["1"] * 10

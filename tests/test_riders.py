@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import echelon as ec
+from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import open_robot
 from echelon.mechanism.mechanism import GROUND
 from echelon.mechanism.values import known_values, placement_matrix
 from robots import pinocchio_model, robot_file
@@ -14,10 +15,10 @@ from robots import pinocchio_model, robot_file
 @pytest.mark.parametrize("name", ["panda", "talos_full_v2", "romeo"])
 def test_fixed_links_are_where_pinocchio_has_them(name: str) -> None:
     pin = pytest.importorskip("pinocchio")
-    robot, model = ec.load(robot_file(name), tolerance=0, symbolic=False), pinocchio_model(robot_file(name), False)
-    assert robot.reading is not None
+    built = open_robot(robot_file(name)).built(ReadingOptions(tolerance=0, symbolic=False))
+    robot, model = built.mechanism, pinocchio_model(robot_file(name), False)
     frames = {frame.name: frame for frame in model.frames if frame.type == pin.BODY}
-    riders = {link: rider for link, rider in robot.reading.riders.items() if link in frames}
+    riders = {link: rider for link, rider in built.riders.items() if link in frames}
     assert len(riders) > 2
     for link, rider in riders.items():
         known = known_values(robot) | {symbol.name: symbol.value or 0.0 for symbol in rider.symbols}

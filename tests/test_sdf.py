@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from kinematics import Array, along, moved, pose_of, turned
@@ -19,7 +19,7 @@ LITERAL = ReadingOptions(tolerance=0)
 
 
 def read(text: str, options: ReadingOptions = LITERAL) -> Mechanism:
-    return parse_robot(text.encode(), "robot.sdf", options)
+    return RobotFile.of(text.encode(), "robot.sdf").mechanism(options)
 
 
 def notes(robot: Mechanism) -> str:
@@ -141,7 +141,7 @@ def test_it_is_the_robot_that_a_urdf_says() -> None:
       <joint name="q1" type="revolute"><parent>a</parent><child>b</child><axis/></joint>
       <joint name="q2" type="revolute"><parent>b</parent><child>c</child><axis><xyz>0 0 1</xyz></axis></joint>""")
     one, two = (
-        ec.base_parameters(parse_robot(t.encode(), f"r.{s}", ReadingOptions()))
+        ec.base_parameters(RobotFile.of(t.encode(), f"r.{s}").mechanism(ReadingOptions()))
         for t, s in ((urdf, "urdf"), (sdf, "sdf"))
     )
     assert one.expressions == two.expressions

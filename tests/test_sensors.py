@@ -21,7 +21,7 @@ from builders import mechanisms
 from constrained import Constrained
 from echelon.base.sensors import sensor_report
 from echelon.exact.polynomial import Polynomial, as_polynomial
-from echelon.formats.description import read_description_data, write_description
+from echelon.formats.description import read_description, write_description
 from echelon.formats.options import ReadingOptions
 from echelon.mechanism.output import Cut, plain
 from echelon.mechanism.placement import Placement, as_matrix
@@ -261,7 +261,7 @@ def test_a_set_up_survives_saving(tmp_path: Path) -> None:
         outputs=[{"actuator": "m5"}, {"joint": "joint1"}, {"wrench": "link4", "components": ["fx", "tz"]},
                  {"name": "sum", "sum": [{"joint": "joint2"}, {"actuator": "m6", "weight": "1/2"}]}],
     )  # fmt: skip
-    again = read_description_data(write_description(robot), "again", ReadingOptions())
+    again = read_description(json.dumps(write_description(robot)), "again", ReadingOptions())
     for field in ("bodies", "couplings", "actuators", "effects", "measured"):
         assert getattr(again, field) == getattr(robot, field)
     base = ec.base_parameters(robot)

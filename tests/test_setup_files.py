@@ -98,7 +98,8 @@ identification:
 def test_a_robot_file_stands_for_a_set_up() -> None:
     setup = load_setup(ROOT / "examples" / "two_link.xml")
     assert setup.columns == ()
-    assert setup.robot_file == str(ROOT / "examples" / "two_link.xml")
+    assert setup.robot_file is not None
+    assert setup.robot_file.source == str(ROOT / "examples" / "two_link.xml")
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,8 @@ from builders import mechanisms
 from closed_states import read
 from echelon.base.structure import find_structure
 from echelon.dynamics.functions import robot_function
-from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
 from echelon.formats.write_robot import identified_robot
 from echelon.identification.physics.bounds import Bounds
 from echelon.identification.physics.constraints import linear_limits, roles
@@ -136,11 +136,11 @@ def test_every_body_is_written() -> None:
     car = read(shared.CAR + FRICTION)
     zeta = random_parameters(car)
     description, generated = identified_robot(car, zeta)
-    again = parse_robot(description.text.encode(), "robot.yaml", ReadingOptions(every_link=True))
+    again = RobotFile.of(description.text.encode(), "robot.yaml").mechanism(ReadingOptions(every_link=True))
     np.testing.assert_allclose(np.array(again.standard_values(), dtype=float), zeta)
     inertial = {body.name: body.inertial for body in again.bodies}
     assert inertial["w1"] == inertial["w2"] == inertial["w3"] == inertial["w4"]
-    plain = parse_robot(generated.text.encode(), "robot.urdf", ReadingOptions(floating=True))
+    plain = RobotFile.of(generated.text.encode(), "robot.urdf").mechanism(ReadingOptions(floating=True))
     masses = [body.inertial[9] for body in plain.bodies if body.inertial]
     assert masses == pytest.approx([zeta[9], *[zeta[19]] * 4])
     assert generated.text.count(f'damping="{float(zeta[20])!r}"') == 4

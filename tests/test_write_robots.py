@@ -10,8 +10,8 @@ import pytest
 
 import echelon as ec
 from echelon.errors import InputError
-from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.formats.write_robot import WrittenRobot, identified_robot
 from echelon.formats.write_urdf import generated_urdf
 from echelon.formats.write_values import sorted_values
@@ -41,7 +41,7 @@ def test_written_urdf_in_pinocchio_and_read_again(name: str, floating: bool) -> 
     options = replace(EXACT, floating=floating)
     mechanism = ec.load(file, tolerance=0, floating=floating, independent_mimics=True)
     values = random_parameters(mechanism)
-    (written,) = identified_robot(mechanism, values, file)
+    (written,) = identified_robot(mechanism, values, open_robot(file))
     again = reread(written, options)
     assert geometry(again) == geometry(mechanism)
     assert_near(standard(again), values, 1e-14)
@@ -56,7 +56,7 @@ def test_geometry_that_was_read_as_exact_stays_as_written_and_is_mentioned() -> 
     file = robot_file("so100")
     mechanism = ec.load(file)
     values = random_parameters(mechanism)
-    (written,) = identified_robot(mechanism, values, file)
+    (written,) = identified_robot(mechanism, values, open_robot(file))
     again = reread(written, ReadingOptions())
     assert geometry(again) == geometry(mechanism)
     assert_near(standard(again), values, 1e-14)
@@ -67,7 +67,7 @@ def test_every_link_keeps_its_own_inertial() -> None:
     file = robot_file("panda")
     mechanism = ec.load(file, tolerance=0, independent_mimics=True, every_link=True)
     values = random_parameters(mechanism)
-    (written,) = identified_robot(mechanism, values, file)
+    (written,) = identified_robot(mechanism, values, open_robot(file))
     assert_near(standard(reread(written, replace(EXACT, every_link=True))), values, 1e-14)
     assert not any("fixed to" in note for note in written.notes)
 
@@ -131,7 +131,7 @@ def arm(tmp_path: Path) -> tuple[Mechanism, WrittenRobot]:
         "Fo2": 0.0625,
     }
     values = [*solid(4, 0.5), *solid(2, 0.25), *(known[name] for name in mechanism.parameters[20:])]
-    (written,) = identified_robot(mechanism, values, tmp_path / "arm.urdf")
+    (written,) = identified_robot(mechanism, values, open_robot(tmp_path / "arm.urdf"))
     return mechanism, written
 
 
@@ -179,7 +179,7 @@ def test_bytes_of_other_encodings_and_marks_are_read(tmp_path: Path) -> None:
         file = tmp_path / "robot.urdf"
         file.write_bytes(data)
         mechanism = ec.load(file, floating=True)
-        (written,) = identified_robot(mechanism, solid(2, 0.5), file)
+        (written,) = identified_robot(mechanism, solid(2, 0.5), open_robot(file))
         assert_near(standard(reread(written, replace(EXACT, floating=True))), np.array(solid(2, 0.5)), 1e-15)
 
 
@@ -187,7 +187,7 @@ def test_massless_links_lose_their_inertial() -> None:
     file = robot_file("ur10_robot")
     mechanism = ec.load(file, tolerance=0, massless=["wrist_1_link"])
     values = random_parameters(mechanism)
-    (written,) = identified_robot(mechanism, values, file)
+    (written,) = identified_robot(mechanism, values, open_robot(file))
     assert reread(written, EXACT).bodies[3].inertial is None
     assert any("carry no parameters or zero: 'wrist_1_link'" in note for note in written.notes)
 
@@ -197,7 +197,7 @@ def test_massless_links_lose_their_inertial() -> None:
 
 def pendulum() -> Mechanism:
     text = "{echelon: 1, name: p, gravity: [0, 0, -9.81], bodies: [{name: arm, joint: {type: revolute, axis: z}}]}"
-    return parse_robot(text.encode(), "p.yaml", ReadingOptions())
+    return RobotFile.of(text.encode(), "p.yaml").mechanism(ReadingOptions())
 
 
 def test_bad_values_are_refused_by_name() -> None:
@@ -225,7 +225,7 @@ def test_files_of_other_robots_and_other_files_are_refused(name: str, text: str,
         pytest.importorskip("mujoco")
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=problem):
-        identified_robot(pendulum(), solid(1, 0.1), tmp_path / name)
+        identified_robot(pendulum(), solid(1, 0.1), open_robot(tmp_path / name))
 
 
 def test_names_that_xml_cannot_have_are_refused() -> None:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
 from echelon.formats.write_robot import identified_robot
 from echelon.mechanism.mechanism import Mechanism
 from oracles import float_regressor, random_states
@@ -82,7 +82,7 @@ def with_symbol_values(mechanism: Mechanism) -> Mechanism:
 
 def described(name: str) -> Mechanism:
     if name in ODD:
-        return parse_robot(ODD[name].encode(), "odd.yaml", ReadingOptions(tolerance=0))
+        return RobotFile.of(ODD[name].encode(), "odd.yaml").mechanism(ReadingOptions(tolerance=0))
     return with_symbol_values(ec.load(EXAMPLES / f"{name}.yaml"))
 
 
@@ -148,12 +148,11 @@ def test_joints_of_a_generated_urdf_have_friction_and_unknown_limits() -> None:
 
 
 def test_rotors_are_in_the_description_only() -> None:
-    mechanism = parse_robot(
+    mechanism = RobotFile.of(
         b"""{echelon: 1, name: geared, gravity: [0, 0, -9.81], modified_dh: [{joint: revolute, alpha: pi/2}],
         rotors: [{name: wheel, on: base, axis: z, drives: 50*j1}]}""",
         "geared.yaml",
-        ReadingOptions(),
-    )
+    ).mechanism(ReadingOptions())
     written, urdf = identified_robot(mechanism, [*solid(2, 0.5), 0.125])
     assert standard(reread(written)).tolist() == [*solid(2, 0.5), 0.125]
     assert "wheel" not in urdf.text.split("-->")[1]

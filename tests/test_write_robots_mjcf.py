@@ -9,6 +9,7 @@ import pytest
 
 import echelon as ec
 from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import open_robot
 from echelon.formats.write_robot import WrittenRobot, identified_robot
 from oracles import float_regressor, random_states
 from written import (
@@ -61,7 +62,7 @@ def mujoco_efforts(text: str, states: tuple[np.ndarray, ...], folder: Path) -> n
 def check_mjcf(file: Path, folder: Path) -> WrittenRobot:
     mechanism = ec.load(file, tolerance=0)
     values = random_parameters(mechanism)
-    (written,) = identified_robot(mechanism, values, file)
+    (written,) = identified_robot(mechanism, values, open_robot(file))
     again = reread(written, ReadingOptions(tolerance=0), folder)
     assert geometry(again) == geometry(mechanism)
     assert_near(standard(again), values, 1e-11)
@@ -110,7 +111,7 @@ def test_missing_includes_stay_where_they_are(tmp_path: Path) -> None:
     (tmp_path / "in.xml").write_text(text)
     mechanism = ec.load(tmp_path / "in.xml", tolerance=0)
     values = random_parameters(mechanism)
-    (written,) = identified_robot(mechanism, values, tmp_path / "in.xml")
+    (written,) = identified_robot(mechanism, values, open_robot(tmp_path / "in.xml"))
     assert '<include file="assets.xml"/>' in written.text
     again = reread(written, ReadingOptions(tolerance=0), tmp_path)
     assert_near(standard(again), values, 1e-11)
@@ -146,7 +147,7 @@ def test_drives_of_mjcf_become_attributes_of_joints(tmp_path: Path) -> None:
     )
     mechanism = ec.load(tmp_path / "in.yaml")
     values = dict(zip(mechanism.parameters, random_parameters(mechanism), strict=True))
-    (written,) = identified_robot(mechanism, list(values.values()), tmp_path / "in.xml")
+    (written,) = identified_robot(mechanism, list(values.values()), open_robot(tmp_path / "in.xml"))
     model = mujoco.MjModel.from_xml_string(written.text)
     fv = [values[name] for name in values if name.startswith("Fv")]
     fc, ia = (next(values[name] for name in values if name.startswith(start)) for start in ("Fc", "Ia"))
@@ -172,6 +173,6 @@ def test_held_joints_keep_next_to_no_mass(tmp_path: Path) -> None:
     mechanism = ec.load(tmp_path / "in.xml", tolerance=0)
     assert len(mechanism.bodies) == 1
     values = random_parameters(mechanism)
-    (written,) = identified_robot(mechanism, values, tmp_path / "in.xml")
+    (written,) = identified_robot(mechanism, values, open_robot(tmp_path / "in.xml"))
     assert_near(standard(reread(written, directory=tmp_path)), values, 1e-11)
     assert mujoco.MjModel.from_xml_string(written.text).body_mass.sum() == pytest.approx(values[9], rel=1e-12)

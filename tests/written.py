@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from echelon.conventions import PER_BODY
-from echelon.formats.load import parse_robot
 from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
 from echelon.formats.write_robot import WrittenRobot
 from echelon.inertia.spatial import from_pseudo_inertia
 from echelon.mechanism.mechanism import ALL, Mechanism
@@ -33,7 +33,7 @@ def random_parameters(mechanism: Mechanism, seed: int = 7) -> np.ndarray:
 
 
 def reread(written: WrittenRobot, options: ReadingOptions = EXACT, directory: Path | None = None) -> Mechanism:
-    return parse_robot(written.text.encode(), written.name, options, directory)
+    return RobotFile.of(written.text.encode(), written.name, directory).mechanism(options)
 
 
 def standard(mechanism: Mechanism) -> np.ndarray:

@@ -173,12 +173,12 @@ def _rank_of_columns(matrix: BaseMatrix, columns: Sequence[int], values: StatedV
 def mimic_ranks(mechanism: Mechanism, rank: int, rng: np.random.Generator) -> MimicRanks | None:
     """The rank beside that of the other reading of mimic joints; None without mimic joints."""
     reading = mechanism.reading
-    if reading is None or reading.recoupled is None:
-        return None
     try:
-        other = reading.recoupled()
+        other = None if reading is None else reading.recoupled()
     except InputError:
         return None  # couplings that make no sense, ignored on request
+    if other is None:
+        return None
     found = stated_structure(other, rng).rank
     return MimicRanks(rank, found) if len(mechanism.couplings) > len(other.couplings) else MimicRanks(found, rank)
 

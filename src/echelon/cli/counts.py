@@ -15,8 +15,8 @@ from echelon.base.special import SpecialGeometry, special_geometry
 from echelon.cli.destination import Destination, deliver
 from echelon.cli.screen import json_text, steps
 from echelon.errors import InputError, one_line
-from echelon.formats.linear import holds_linear_model
-from echelon.formats.load import load
+from echelon.formats.load import load, load_model
+from echelon.models.linear_model import LinearModel
 from echelon.regressor.loops.assembly import Assembled
 from echelon.regressor.loops.closing import assembled
 from echelon.seeds import DEFAULT_SEED, random_generator
@@ -29,11 +29,11 @@ def run_rank_only(
     file: Path, read: Read, output: Destination | None, seed: int | None, *, generic: bool, as_json: bool
 ) -> None:
     """Print or write the rank and the representatives."""
-    if holds_linear_model(file):
-        raise InputError("--rank-only is for robots; a linear model is always derived in closed form")
     seed = DEFAULT_SEED if seed is None else seed
     with steps(f"deriving {file.name}"):
-        robot, rng = load(file, **read), random_generator(seed)
+        robot, rng = load_model(file, **read), random_generator(seed)
+        if isinstance(robot, LinearModel):
+            raise InputError("--rank-only is for robots; a linear model is always derived in closed form")
         answer = own_answer(robot, rng, generic=generic)
         rank = answer.structure.rank if answer.special is None else answer.special.rank
         mimics, moved = mimic_ranks(robot, rank, rng), assembled(robot)

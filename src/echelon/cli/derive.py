@@ -14,10 +14,10 @@ from echelon.base.linear_base import LinearBase
 from echelon.base.model import BaseModel
 from echelon.cli.destination import Destination, deliver
 from echelon.cli.screen import say_time, steps
-from echelon.formats.linear import holds_linear_model, load_linear
-from echelon.formats.load import load
+from echelon.formats.load import load_model
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.values import all_symbols
+from echelon.models.linear_model import LinearModel
 from echelon.results.linear import linear_to_json
 from echelon.results.saved import to_json
 from echelon.seeds import DEFAULT_SEED
@@ -72,10 +72,10 @@ def _seed(seed: int | None) -> int:
 def _base(
     file: Path, read: Mapping[str, Any], derivation: Mapping[str, Any], budget: float, say: Callable[[str], None]
 ) -> BaseModel | LinearBase:
-    if holds_linear_model(file):
-        return base_parameters(load_linear(file), **derivation, budget=budget)
     say("reading, and closing loops")
-    robot = load(file, **read)
+    robot = load_model(file, **read)
+    if isinstance(robot, LinearModel):
+        return base_parameters(robot, **derivation, budget=budget)
     if _numbers_in_balls(robot, symbolic=read["symbolic"], generic=derivation.get("generic", False)):
         budget = 0.0
     return base_parameters(robot, **derivation, budget=budget, progress=say)

@@ -20,10 +20,10 @@ from echelon.codegen.documentation import operation_counts, operations_text
 from echelon.codegen.generate import Source, generate_source
 from echelon.errors import CertificateError, InputError, one_line
 from echelon.exact.numbers import parse_decimal
-from echelon.formats.linear import holds_linear_model
-from echelon.formats.load import load
+from echelon.formats.load import load_model
 from echelon.inputs.content import read_document
 from echelon.inputs.json_text import parse_json
+from echelon.models.linear_model import LinearModel
 from echelon.results.record import SCHEMA_NAME
 from echelon.results.saved import load_base
 
@@ -97,9 +97,10 @@ def _base(robot: Path, read: Mapping[str, Any], derivation: Mapping[str, Any]) -
             return load_base(robot)
         except CertificateError as error:
             raise InputError(f"is not a sound set: {error}", source=str(robot)) from None
-    if holds_linear_model(robot):
+    model = load_model(robot, **read)
+    if isinstance(model, LinearModel):
         raise InputError("code is generated for robots, not for linear models", source=str(robot))
-    return base_parameters(load(robot, **read), **derivation)
+    return base_parameters(model, **derivation)
 
 
 def _holds_saved_base(path: Path) -> bool:

@@ -87,8 +87,7 @@ def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
 
     files = {MODEL: identification_to_json(result), REPORT: report_html(result)}
     if result.physical is not None:
-        source = setup.robot_file or setup.source
-        for robot in identified_robot(result.base.mechanism, result.physical.standard, source):
+        for robot in identified_robot(result.base.mechanism, result.physical.standard, setup.robot_file):
             files[robot.name] = robot.text
     if target != NO_CODE:
         from echelon.codegen.generate import generate

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
-from dataclasses import replace
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import partial
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from echelon.formats.literal import (
 from echelon.formats.options import ReadingOptions, gravity_vector
 from echelon.formats.parallelograms import with_parallelogram
 from echelon.formats.relations import with_relations
-from echelon.formats.riders import Ride, Riders
+from echelon.formats.riders import Ride, Rider, Riders
 from echelon.formats.stated_couplings import StatedCoupling, resolved
 from echelon.formats.stated_joints import with_joints
 from echelon.mechanism.closure import Closure
@@ -34,11 +33,30 @@ from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_mo
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, setup_placements
 from echelon.mechanism.output import Output
 from echelon.mechanism.placement import Placement, shift, turn
-from echelon.mechanism.reading import Reading
+from echelon.mechanism.reading import Snap
 from echelon.regressor.loops.closing import close
 
 
-def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collection[str] = ()) -> Mechanism:
+@dataclass(frozen=True)
+class Built:
+    """A mechanism with an account of how its numbers were read.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+    snaps : tuple of Snap
+    notes : tuple of str
+    riders : mapping of str to Rider
+        What is fixed to bodies, by name.
+    """
+
+    mechanism: Mechanism
+    snaps: tuple[Snap, ...]
+    notes: tuple[str, ...]
+    riders: Mapping[str, Rider] = field(default_factory=dict)
+
+
+def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
     """Interpret a literal tree.
 
     Parameters
@@ -48,19 +66,12 @@ def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collect
     literal : collection of str
         Elements whose numbers are not to be snapped.
 
-    Returns
-    -------
-    Mechanism
-
     Raises
     ------
     InputError
         If the tree has unusable couplings or names.
     """
-    try:
-        return _Builder(with_joints(tree, options.joints), options, literal).build()
-    except InputError as error:
-        raise error.located(tree.source) from None
+    return _Builder(with_joints(tree, options.joints), options, literal).build()
 
 
 class _Builder:
@@ -78,7 +89,7 @@ class _Builder:
         self.offset: dict[int, tuple[LiteralPlacement, ...]] = {}  # link -> placements from its body's frame
         self.sources: dict[str, list[str]] = {}  # label of a body -> elements that its joint's frames come from
 
-    def build(self) -> Mechanism:
+    def build(self) -> Built:
         self._check_massless()
         for index, link in enumerate(self.tree.links):
             if self._makes_body(index, link):
@@ -110,9 +121,9 @@ class _Builder:
             assembly, note = chosen_pose(mechanism, self.tree.poses)
             mechanism = replace(mechanism, assembly=assembly)
             self.notes += [note] if note else []
-        reading = Reading(snaps, tuple(self.notes), partial(build_mechanism, self.tree, self.options), riders)
-        mechanism = replace(mechanism, reading=reading)
-        return self._closed(mechanism) if closures else mechanism
+            driven = [name for name in self.tree.driven if name in mechanism.velocities]
+            mechanism = close(mechanism, None, prefer=driven)
+        return Built(mechanism, snaps, tuple(self.notes), riders)
 
     def _rides(self) -> dict[str, Ride]:
         """What is fixed to bodies, by name: links, frames, and joints, which mark the link that they fix."""
@@ -150,14 +161,6 @@ class _Builder:
                 yield closure
             else:
                 self.notes.append(f"{closure.element} is ignored: it connects what does not move against each other")
-
-    def _closed(self, mechanism: Mechanism) -> Mechanism:
-        """A mechanism whose loops close."""
-        driven = [name for name in self.tree.driven if name in mechanism.velocities]
-        try:
-            return close(mechanism, None, prefer=driven)
-        except InputError as error:
-            raise error.located(self.tree.source) from None
 
     def _ride(self, link: int) -> Ride:
         """The body that carries a link, and the placements from its frame to the link's."""

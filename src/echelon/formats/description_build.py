@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -11,6 +11,7 @@ import numpy as np
 
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
+from echelon.formats.build import Built
 from echelon.formats.description_couplings import offset_placement, read_couplings
 from echelon.formats.description_expressions import Expressions
 from echelon.formats.description_joints import coordinate_axis
@@ -23,30 +24,27 @@ from echelon.formats.inertia import Inertial, move_inertial
 from echelon.formats.intent import numeric_value, symbol_stem
 from echelon.formats.options import ReadingOptions, StatedJoint, gravity_vector
 from echelon.formats.relations import with_relations
+from echelon.formats.riders import Rider
 from echelon.formats.stated_couplings import StatedCoupling
 from echelon.hints import nearest_of
 from echelon.inputs.yaml_text import step_into
 from echelon.mechanism.joint import Joint, Motion, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
 from echelon.mechanism.placement import ORIGIN, Placement
-from echelon.mechanism.reading import Reading, Rider, Snap
+from echelon.mechanism.reading import Snap
 
 if TYPE_CHECKING:
     from echelon.formats.schema import RobotDescription
     from echelon.formats.schema_setup import RobotFile
 
 
-ReadFile = Callable[[str, ReadingOptions], Mechanism]
-"""Reads the robot file that a description adds to."""
-
-
 def build_description(
     document: Document,
     robot: RobotDescription,
     options: ReadingOptions,
-    read_file: ReadFile | None = None,
     literal: Collection[str] = (),
-) -> Mechanism:
+    base: Callable[[ReadingOptions], Built] | None = None,
+) -> Built:
     """Interpret a description.
 
     Parameters
@@ -55,14 +53,10 @@ def build_description(
     robot : RobotDescription
         The same, checked against the schema.
     options : ReadingOptions
-    read_file : callable, optional
-        For descriptions that add to a robot file.
     literal : collection of str
         Elements whose angles are not to be snapped.
-
-    Returns
-    -------
-    Mechanism
+    base : callable, optional
+        Builds the robot file that the description adds to.
 
     Raises
     ------
@@ -70,7 +64,8 @@ def build_description(
         If an expression, a name or a reference is not possible; names the element.
     """
     if robot.robot is not None:
-        return _added_to_file(document, robot, options, read_file)
+        assert base is not None
+        return _added_to_file(document, robot, options, base)
     if robot.labels:
         raise document.error("labels", "is for bodies of a robot file; here a label is stated with each body")
     symbols, bare = declared_symbols(robot, document)
@@ -95,27 +90,22 @@ def build_description(
     mechanism = add_setup(mechanism, robot, expressions, tree.find)
     mechanism = with_intended_angles(mechanism, expressions.intent)
     notes = (*tree.notes, *check_use(mechanism, robot, document))
-    rebuild = partial(build_description, document, robot, options, read_file)
-    return replace(mechanism, reading=Reading(tuple(expressions.intent.snaps), notes, rebuild))
+    return Built(mechanism, tuple(expressions.intent.snaps), notes)
 
 
 def _added_to_file(
-    document: Document, robot: RobotDescription, options: ReadingOptions, read_file: ReadFile | None
-) -> Mechanism:
+    document: Document, robot: RobotDescription, options: ReadingOptions, base: Callable[[ReadingOptions], Built]
+) -> Built:
     """A robot file with what a description adds to it."""
     assert robot.robot is not None
     for key in ("gravity", "floating_base", "couplings"):
         if key in robot.model_fields_set:
             raise document.error(key, "belongs to the geometry, which is that of the robot file")
-    if read_file is None:
-        raise document.error("robot", "a description without a place of its own cannot refer to another file")
     joints = tuple(_file_joints(document, robot.robot))
     options = replace(options, separate=cut_off(robot), joints=joints)
     # the loops of a geometry in numbers close at these numbers only
-    stated = read_file(robot.robot.file, replace(options, symbolic=False) if robot.loops else options)
-    add = partial(_with_additions, document, robot, options)
-    mechanism = add(stated)
-    return mechanism if mechanism.reading is None else replace(mechanism, reading=mechanism.reading.followed_by(add))
+    stated = base(replace(options, symbolic=False) if robot.loops else options)
+    return _with_additions(document, robot, options, stated)
 
 
 def _file_joints(document: Document, file: RobotFile) -> Iterator[StatedJoint]:
@@ -125,24 +115,21 @@ def _file_joints(document: Document, file: RobotFile) -> Iterator[StatedJoint]:
         yield StatedJoint(name, entry.type, axes, partial(document.error, f"robot.joints.{name}"))
 
 
-def _with_additions(
-    document: Document, robot: RobotDescription, options: ReadingOptions, mechanism: Mechanism
-) -> Mechanism:
+def _with_additions(document: Document, robot: RobotDescription, options: ReadingOptions, stated: Built) -> Built:
     """What a robot file states with what a description adds to it."""
+    mechanism = stated.mechanism
     symbols, bare = declared_symbols(robot, document)
     known = {n: s for n, s in symbols.items() if n not in bare}
     expressions = Expressions(document, options, (), {**mechanism.symbols, **symbols})
-    mechanism = _labelled(replace(mechanism, symbols={**mechanism.symbols, **known}), robot, document)
-    find = _FileParts(mechanism, expressions)
+    mechanism, notes = _labelled(replace(mechanism, symbols={**mechanism.symbols, **known}), robot, document)
+    find = _FileParts(mechanism, stated.riders, expressions)
     mechanism = add_setup(add_loops(mechanism, robot, expressions, find), robot, expressions, find)
-    if mechanism.reading is None:
-        return mechanism
-    snaps = (*mechanism.reading.snaps, *find.snaps)
-    return replace(mechanism, reading=replace(mechanism.reading, snaps=tuple(dict.fromkeys(snaps))))
+    snaps = tuple(dict.fromkeys((*stated.snaps, *find.snaps)))
+    return Built(mechanism, snaps, (*stated.notes, *notes))
 
 
-def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document) -> Mechanism:
-    """A robot file's mechanism with the labels that a description gives to its bodies."""
+def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document) -> tuple[Mechanism, list[str]]:
+    """A robot file's mechanism with the labels that a description gives to its bodies, and remarks."""
     names = [body.name for body in mechanism.bodies]
     for name in robot.labels:
         if name not in names:
@@ -157,9 +144,7 @@ def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document)
             for k in sharing:
                 bodies[k] = replace(bodies[k], inertial=mean)
             notes.append(f"bodies of label '{label}' get the mean of their stated inertial values")
-    reading = mechanism.reading
-    reading = None if reading is None else replace(reading, notes=(*reading.notes, *notes))
-    return replace(mechanism, bodies=tuple(bodies), reading=reading)
+    return replace(mechanism, bodies=tuple(bodies)), notes
 
 
 class _FileParts:
@@ -171,11 +156,10 @@ class _FileParts:
         Numbers that were read as exact where something fixed was found.
     """
 
-    def __init__(self, mechanism: Mechanism, expressions: Expressions) -> None:
+    def __init__(self, mechanism: Mechanism, riders: Mapping[str, Rider], expressions: Expressions) -> None:
         self.names = {body.name: k for k, body in enumerate(mechanism.bodies)}
         self._joints = {body.joint.name: k for k, body in enumerate(mechanism.bodies)}
-        self.riders = {} if mechanism.reading is None else mechanism.reading.riders
-        self.expressions, self.snaps = expressions, list[Snap]()
+        self.riders, self.expressions, self.snaps = riders, expressions, list[Snap]()
 
     def __call__(self, name: str | None, path: str) -> tuple[int, Placement]:
         if name in self.names:

@@ -6,7 +6,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from echelon.errors import InputError
-from echelon.formats.description_text import Document, read_text
+from echelon.formats.description_text import Document
 from echelon.hints import nearest_of
 from echelon.inputs.yaml_text import step_into
 
@@ -16,28 +16,6 @@ if TYPE_CHECKING:
     from echelon.formats.schema import RobotDescription
 
 _START = "a description is a mapping that begins with 'echelon: 1'"
-
-
-def read_checked(text: str | bytes, source: str) -> tuple[Document, RobotDescription]:
-    """A description, or a list of frame pairs as one, as plain data and as a model of the published schema.
-
-    Parameters
-    ----------
-    text : str or bytes
-    source : str
-        File name for messages.
-
-    Raises
-    ------
-    InputError
-        As for :func:`read_text` and :func:`check_document`.
-    """
-    from echelon.formats.frame_pairs import as_description, lists_pairs
-
-    document = read_text(text, source)
-    if lists_pairs(document):
-        document = as_description(document)
-    return document, check_document(document)
 
 
 def check_document(document: Document) -> RobotDescription:

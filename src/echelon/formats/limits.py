@@ -1,29 +1,24 @@
 """The limits of joints that robot files state.
 
-A mechanism carries what its base parameters depend on, and limits are not of that kind.  So they are read from the file
-again, and only when motions are designed.  What a file leaves unsaid stays unknown: zeros that stand where a format
+A mechanism carries what its base parameters depend on, and limits are not of that kind.  So they are taken from the
+file, and only when motions are designed.  What a file leaves unsaid stays unknown: zeros that stand where a format
 demands a number are not taken for limits.
 """
 
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.formats.literal import LiteralTree
+from echelon.formats.robot_file import RobotFile
 from echelon.formats.stated_couplings import resolved
-from echelon.inputs.content import read_content
-from echelon.inputs.xml_text import parse_xml
 from echelon.mechanism.mechanism import Mechanism
 
 Interval = tuple[float, float]
 
-_DESCRIPTIONS = (".yaml", ".yml", ".json")
 _FREE: Interval = (-math.inf, math.inf)
 _MOVING = ("revolute", "continuous", "prismatic")
 _ENDS = ("lower", "upper")
@@ -59,12 +54,12 @@ class StatedLimits:
     notes: tuple[str, ...] = ()
 
 
-def stated_limits(path: str | os.PathLike[str], mechanism: Mechanism) -> dict[str, StatedLimits]:
+def stated_limits(file: RobotFile, mechanism: Mechanism) -> dict[str, StatedLimits]:
     """The limits that a robot file states, by velocity coordinate.
 
     Parameters
     ----------
-    path : path-like
+    file : RobotFile
         The file that the mechanism was read from: URDF or MJCF, or an Echelon description, which states limits only
         through the robot file that it adds to.
     mechanism : Mechanism
@@ -92,48 +87,22 @@ def stated_limits(path: str | os.PathLike[str], mechanism: Mechanism) -> dict[st
     or ``ctrlrange`` times gain and gear for motors, within the joint's ``actuatorfrcrange``.  Actuators that act
     through tendons, sites or cranks are not counted.
     """
-    file = Path(path)
-    data = read_content(file)
-    if file.suffix.lower() in _DESCRIPTIONS:
-        return _of_description(file, data, mechanism)
-    root = parse_xml(data, str(file))
-    names = [motion.name for motion in mechanism.motions if len(motion.velocities) == 1]
-    if root.tag == "sdf":
+    robot = file.robot
+    if robot is None or robot.root.tag == "sdf":
         return {}
-    found = _of_mjcf(file, data) if root.tag == "mujoco" else _of_urdf(root, str(file))
-    offsets = _offsets(file, data, root.tag, mechanism)
+    found = _of_mjcf(robot) if robot.root.tag == "mujoco" else _of_urdf(robot.root, robot.source)
+    offsets = _offsets(robot, mechanism)
+    names = [motion.name for motion in mechanism.motions if len(motion.velocities) == 1]
     said = {name: _counted_from(offsets.get(name, 0.0), found[name]) for name in names if name in found}
     return {name: limits for name, limits in said.items() if limits != StatedLimits()}
 
 
-def _of_description(file: Path, data: bytes, mechanism: Mechanism) -> dict[str, StatedLimits]:
-    from echelon.formats.description_check import read_checked
-
-    robot = read_checked(data, str(file))[1].robot
-    return {} if robot is None else stated_limits(file.parent / robot.file, mechanism)
-
-
-# -- coupled coordinates ----------------------------------------------------------------------------------------------
-
-
-def _offsets(file: Path, data: bytes, tag: str, mechanism: Mechanism) -> dict[str, float]:
+def _offsets(robot: RobotFile, mechanism: Mechanism) -> dict[str, float]:
     """The constant parts of couplings: a file counts them as part of a joint's position, a mechanism does not."""
     if not mechanism.dependent:
         return {}
-    couplings = resolved(
-        _tree(file, data, tag).couplings, lambda element, problem: InputError(problem, element=element)
-    )
+    couplings = resolved(robot.tree().couplings, lambda element, problem: InputError(problem, element=element))
     return {name: coupling.offset.evaluate({}, float) for name, coupling in couplings.items()}
-
-
-def _tree(file: Path, data: bytes, tag: str) -> LiteralTree:
-    if tag == "mujoco":
-        from echelon.formats.mjcf import read_mjcf
-
-        return read_mjcf(data, str(file), file.parent)
-    from echelon.formats.urdf import read_urdf
-
-    return read_urdf(data, str(file))
 
 
 def _counted_from(offset: float, limits: StatedLimits) -> StatedLimits:
@@ -208,16 +177,16 @@ def _numbers(element: Any, keys: Sequence[str], source: str, where: str) -> dict
 # -- MJCF -------------------------------------------------------------------------------------------------------------
 
 
-def _of_mjcf(file: Path, data: bytes) -> dict[str, StatedLimits]:
+def _of_mjcf(robot: RobotFile) -> dict[str, StatedLimits]:
     from echelon.formats.mjcf_equality import take_equalities
     from echelon.formats.mjcf_spec import compile_spec, import_mujoco, parse_spec
 
     kinds = import_mujoco().mjtJoint
     single = (int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE))
-    spec = parse_spec(data, str(file), file.parent)
-    take_equalities(spec, str(file))
+    spec = parse_spec(robot.data, robot.source, robot.directory)
+    take_equalities(spec, robot.source)
     forces = _actuator_forces(spec)  # before compiling, which removes them
-    model = compile_spec(spec, str(file), file.parent).model
+    model = compile_spec(spec, robot.source, robot.directory).model
     found = {}
     for index in range(model.njnt):
         if int(model.jnt_type[index]) not in single:
@@ -225,7 +194,7 @@ def _of_mjcf(file: Path, data: bytes) -> dict[str, StatedLimits]:
         name = str(model.joint(index).name)
         low, high = (float(end) for end in model.jnt_range[index]) if model.jnt_limited[index] else _FREE
         if math.isnan(low) or math.isnan(high):
-            raise InputError("needs a range of two numbers", source=str(file), element=f"joint '{name}' range")
+            raise InputError("needs a range of two numbers", source=robot.source, element=f"joint '{name}' range")
         force = forces.get(name, _FREE)
         if model.jnt_actfrclimited[index]:
             force = _clamped(force, [float(end) for end in model.jnt_actfrcrange[index]])

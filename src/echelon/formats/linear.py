@@ -6,7 +6,6 @@ A document says ``echelon: 1`` and ``model: linear``; see ``docs/linear-models.m
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import Any
 
 from echelon.errors import InputError
@@ -14,26 +13,12 @@ from echelon.formats.description_text import Document, read_text
 from echelon.inputs.content import read_content
 from echelon.models.linear_model import LinearModel
 
-_SUFFIXES = (".yaml", ".yml", ".json")
-
 
 def json_schema() -> dict[str, Any]:
     """The JSON schema of a linear-model document."""
     from echelon.formats.schema_linear import LinearDocument
 
     return LinearDocument.model_json_schema()
-
-
-def holds_linear_model(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is a document of a linear model, rather than a robot."""
-    file = Path(path)
-    if file.suffix.lower() not in _SUFFIXES or not file.is_file():
-        return False
-    try:
-        data = read_text(read_content(file), str(file)).data
-    except InputError:
-        return False
-    return isinstance(data, dict) and data.get("model") == "linear"
 
 
 def load_linear(path: str | os.PathLike[str]) -> LinearModel:

@@ -3,22 +3,13 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
-from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from echelon.errors import InputError
-from echelon.formats.build import build_mechanism
 from echelon.formats.options import ANGLE_TOLERANCE, Gravity, ReadingOptions
-from echelon.inputs.content import read_content
+from echelon.formats.robot_file import open_robot
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import in_numbers
-
-_SUPPORTED = "URDF (.urdf), SDF (.sdf), MJCF (.xml, .mjcf) or an Echelon description (.yaml, .yml, .json)"
-_XACRO = re.compile(r"\{https?://[^}]*xacro/?\}")
+from echelon.models.linear_model import LinearModel
 
 
 def load(
@@ -89,72 +80,14 @@ def load(
         separate_symbols=separate_symbols,
         measured=measured,
     )
-    file = Path(path)
-    mechanism = parse_robot(read_content(file), str(file), options, file.parent)
-    return mechanism if symbolic else _in_numbers(mechanism)
+    return open_robot(path).mechanism(options)
 
 
-def _in_numbers(mechanism: Mechanism) -> Mechanism:
-    reading, numeric = mechanism.reading, in_numbers(mechanism)
-    return numeric if reading is None else replace(numeric, reading=reading.followed_by(in_numbers))
+def load_model(path: str | os.PathLike[str], **reading: Any) -> Mechanism | LinearModel:
+    """Read a robot, with the keyword arguments of :func:`load`, or a linear model."""
+    file = open_robot(path)
+    if not file.is_linear_model:
+        return file.mechanism(ReadingOptions(**reading))
+    from echelon.formats.linear import read_linear
 
-
-def parse_robot(data: bytes, source: str, options: ReadingOptions, directory: Path | None = None) -> Mechanism:
-    """Interpret the content of a robot file.
-
-    Parameters
-    ----------
-    data : bytes
-    source : str
-        File name, for the format and for messages.
-    options : ReadingOptions
-    directory : Path, optional
-        Where files that it includes are looked for.
-    """
-    suffix = Path(source).suffix.lower()
-    if suffix in (".yaml", ".yml", ".json"):
-        from echelon.formats.description import read_description
-
-        return read_description(data, source, options, partial(_read_beside, directory or Path()))
-    if not data.strip():
-        raise InputError("the file is empty", source=source)
-    if suffix in (".urdf", ".sdf", ".world", ".xml", ".mjcf", ".xacro") or data.lstrip()[:1] == b"<":
-        return _parse_xml_robot(data, source, options, directory)
-    raise InputError(f"unknown format; expected {_SUPPORTED}", source=source)
-
-
-def _read_beside(directory: Path, name: str, options: ReadingOptions) -> Mechanism:
-    """The robot file that a description adds to."""
-    file = directory / name
-    if file.suffix.lower() in (".yaml", ".yml", ".json"):
-        raise InputError("only URDF, SDF and MJCF files can be added to; include the description", source=str(file))
-    return parse_robot(read_content(file), str(file), options, file.parent)
-
-
-def _parse_xml_robot(data: bytes, source: str, options: ReadingOptions, directory: Path | None) -> Mechanism:
-    from echelon.inputs.xml_text import parse_xml
-
-    root = parse_xml(data, source)
-    if any(_XACRO.match(str(element.tag)) for element in root.iter()):
-        raise InputError("this is xacro source: expand it first (xacro robot.xacro > robot.urdf)", source=source)
-    if root.tag == "mujoco":
-        from echelon.formats.mjcf import read_mjcf
-
-        tree = read_mjcf(data, source, directory, mimics=not options.independent_mimics)
-    elif root.tag == "robot":
-        from echelon.formats.urdf import read_urdf
-
-        tree = read_urdf(data, source, mimics=not options.independent_mimics)
-    elif root.tag == "sdf":
-        from echelon.formats.sdf import read_sdf
-
-        tree = read_sdf(data, source, mimics=not options.independent_mimics)
-    else:
-        problem = f"the root element is <{root.tag}>; expected <robot> (URDF), <sdf> (SDF) or <mujoco> (MJCF)"
-        raise InputError(problem, source=source)
-    mechanism = build_mechanism(tree, options)
-    if not tree.has_mimics or mechanism.reading is None:
-        return mechanism
-    other = replace(options, independent_mimics=not options.independent_mimics)
-    recoupled = partial(_parse_xml_robot, data, source, other, directory)
-    return replace(mechanism, reading=replace(mechanism.reading, recoupled=recoupled))
+    return read_linear(file.document)

@@ -63,7 +63,7 @@ class ReadingOptions:
         Keep links that are fixed to others as bodies of their own.
     independent_mimics : bool
         Treat mimic joints as independent (as most programs do), instead of coupled.
-    massless : tuple of str
+    massless : sequence of str
         Links that carry no parameters.
     gravity : Gravity
         ``"file"`` for what the file says (9.81 m/s² along −z if it is silent), ``"generic"`` for an unknown direction,
@@ -76,6 +76,8 @@ class ReadingOptions:
         Whether the forces of all drives are measured, or what the sensors of the file measure.
     joints : tuple of StatedJoint
         Joints that are of other types than the file says.
+    friction : bool
+        Give the drive of every joint viscous and Coulomb friction and an offset, for files that cannot state any.
     """
 
     tolerance: float = ANGLE_TOLERANCE
@@ -83,12 +85,13 @@ class ReadingOptions:
     floating: bool = False
     every_link: bool = False
     independent_mimics: bool = False
-    massless: tuple[str, ...] = ()
+    massless: Sequence[str] = ()
     gravity: Gravity = "file"
     separate_symbols: bool = False
     separate: tuple[str, ...] = ()
     measured: Literal["drives", "file"] = "drives"
     joints: tuple[StatedJoint, ...] = ()
+    friction: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.tolerance <= 0.1:

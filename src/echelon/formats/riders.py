@@ -3,14 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 from echelon.formats.intent import Intent, symbol_stem
 from echelon.formats.literal import LiteralPlacement
+from echelon.mechanism.mechanism import Symbol
 from echelon.mechanism.placement import Placement
-from echelon.mechanism.reading import Rider
+from echelon.mechanism.reading import Snap
 
 Ride = tuple[int, tuple[LiteralPlacement, ...]]
 """The body that carries something, and the placements from its frame to what it carries."""
+
+
+@dataclass(frozen=True)
+class Rider:
+    """A link that is fixed to another and counts as part of a body.
+
+    Attributes
+    ----------
+    body : int
+        Index of the body that carries it, or GROUND.
+    placement : Placement
+        Its frame in the body's frame.
+    symbols : tuple of Symbol
+        Those of the placement.
+    snaps : tuple of Snap
+        Numbers of the placement that were read as nearby exact ones.
+    """
+
+    body: int
+    placement: Placement
+    symbols: tuple[Symbol, ...] = ()
+    snaps: tuple[Snap, ...] = ()
 
 
 class Riders(Mapping[str, Rider]):

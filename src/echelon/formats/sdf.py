@@ -23,17 +23,17 @@ from echelon.formats.literal import (
 )
 from echelon.formats.sdf_frames import MODEL, WORLD, SdfFrame, SdfFrames
 from echelon.formats.sdf_joints import CLOSURES, JOINT_TYPES, SdfJoint, SdfJoints
-from echelon.inputs.xml_text import parse_xml
 
 _AXIS_IN_JOINT = (1, 5)  # from this version of the format on, axes are stated in the joint's frame
 
 
-def read_sdf(text: str | bytes, source: str, *, mimics: bool = True) -> LiteralTree:
-    """Parse an SDF document with one model that moves.
+def read_sdf(root: Any, source: str, *, mimics: bool = True) -> LiteralTree:
+    """The tree of an SDF document with one model that moves.
 
     Parameters
     ----------
-    text : str or bytes
+    root : Element
+        ``<sdf>``.
     source : str
         File name for messages.
     mimics : bool
@@ -49,7 +49,6 @@ def read_sdf(text: str | bytes, source: str, *, mimics: bool = True) -> LiteralT
     InputError
         For anything that is not a model of links and supported joints; names the element.
     """
-    root = parse_xml(text, source)
     worlds = root.findall("world")
     models = [m for place in (root, *worlds) for m in place.findall("model") if m.find("joint") is not None]
     if len(models) != 1:

@@ -26,7 +26,6 @@ from echelon.formats.literal import (
 )
 from echelon.formats.size import checked_size
 from echelon.formats.stated_couplings import StatedCoupling
-from echelon.inputs.xml_text import parse_xml
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.spline import linear
 
@@ -42,12 +41,13 @@ _SINGLE_AXIS = ("revolute", "continuous", "prismatic")
 _DEFAULT_AXIS: Triple = (1, 0, 0)
 
 
-def read_urdf(text: str | bytes, source: str, *, mimics: bool = True) -> LiteralTree:
-    """Parse a URDF document.
+def read_urdf(root: Any, source: str, *, mimics: bool = True) -> LiteralTree:
+    """The tree of a URDF document.
 
     Parameters
     ----------
-    text : str or bytes
+    root : Element
+        ``<robot>``.
     source : str
         File name for messages.
     mimics : bool
@@ -63,9 +63,6 @@ def read_urdf(text: str | bytes, source: str, *, mimics: bool = True) -> Literal
     InputError
         For anything that is not a well-formed tree of links with finite numbers; names the element.
     """
-    root = parse_xml(text, source)
-    if root.tag != "robot":
-        raise InputError(f"expected a <robot> element, found <{root.tag}>", source=source)
     return _Reader(root, source).read(mimics)
 
 

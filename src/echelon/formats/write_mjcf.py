@@ -28,7 +28,7 @@ _HARMLESS = ("auto", "false")
 
 
 def edited_mjcf(
-    mechanism: Mechanism, values: IdentifiedValues, text: str, source: str, directory: Path
+    mechanism: Mechanism, values: IdentifiedValues, text: str, source: str, directory: Path | None
 ) -> tuple[str, tuple[str, ...]]:
     """An MJCF document with identified values in the place of its own.
 
@@ -39,7 +39,7 @@ def edited_mjcf(
     values : IdentifiedValues
     text, source : str
         The document and the file's name.
-    directory : Path
+    directory : Path, optional
         Where the files are that it includes.
 
     Returns

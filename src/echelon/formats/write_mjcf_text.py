@@ -30,7 +30,7 @@ class NamedModel:
     ----------
     text, source : str
         The main document and its name.
-    directory : Path
+    directory : Path, optional
         Where the files are that it refers to.
 
     Attributes
@@ -49,7 +49,7 @@ class NamedModel:
         If MuJoCo refuses the model, or needs files that are missing to multiply or attach bodies.
     """
 
-    def __init__(self, text: str, source: str, directory: Path) -> None:
+    def __init__(self, text: str, source: str, directory: Path | None) -> None:
         text = text.removeprefix("\ufeff")  # MuJoCo would stumble over the mark of byte order
         _, included, missing = check_document(text, source, directory)
         self._lenient = bool(missing)
@@ -62,7 +62,7 @@ class NamedModel:
         if not self._is_complete:
             raise InputError("its bodies cannot be told apart; give every body and joint a name", source=source)
 
-    def _read(self, text: str, source: str, directory: Path) -> None:
+    def _read(self, text: str, source: str, directory: Path | None) -> None:
         self.editor = XmlEditor(text, source)
         self.spec = compile_spec(parse_spec(text, source, directory), source, directory, lenient=self._lenient).spec
         self._spec_bodies = [str(body.name) for body in self.spec.bodies][1:]
@@ -91,7 +91,7 @@ def _with_includes(text: str, source: str, included: Mapping[str, bytes]) -> str
     return editor.result()
 
 
-def _printed(text: str, source: str, directory: Path) -> str:
+def _printed(text: str, source: str, directory: Path | None) -> str:
     """The model that MuJoCo makes of a document, with all digits where bodies, frames and joints are."""
     mujoco = import_mujoco()
     spec = parse_spec(text, source, directory)

@@ -6,22 +6,16 @@ description with values, which says everything, and a URDF of its geometry where
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from echelon.errors import InputError
+from echelon.formats.robot_file import RobotFile
 from echelon.formats.write_values import IdentifiedValues, sorted_values
 from echelon.formats.write_xml import decoded
-from echelon.inputs.content import read_content
-from echelon.inputs.xml_text import parse_xml
 from echelon.mechanism.mechanism import Mechanism
-
-_DESCRIPTIONS = (".yaml", ".yml", ".json")
 
 
 @dataclass(frozen=True)
@@ -43,7 +37,7 @@ class WrittenRobot:
 
 
 def identified_robot(
-    mechanism: Mechanism, standard: npt.ArrayLike, source: str | os.PathLike[str] | None = None
+    mechanism: Mechanism, standard: npt.ArrayLike, file: RobotFile | None = None
 ) -> tuple[WrittenRobot, ...]:
     """Write identified standard parameters into the robot's file.
 
@@ -53,9 +47,9 @@ def identified_robot(
     standard : array of shape (p,)
         In the order of ``mechanism.parameters``: ten per body about the origin of the body's frame, of what it carries,
         then those of the effects; SI units.  Bodies that carry all ten must be physically consistent.
-    source : path, optional
-        The URDF or MJCF file that the mechanism was read from, or that its set-up adds to; none, or a description, to
-        write a description.
+    file : RobotFile, optional
+        The file that the mechanism was read from, or that its set-up adds to; none, or a description, to write a
+        description.
 
     Returns
     -------
@@ -72,32 +66,26 @@ def identified_robot(
 
     Examples
     --------
-    >>> import echelon as ec
-    >>> robot = ec.load("examples/two_link.xml")
-    >>> (written,) = identified_robot(robot, [v or 0.0 for v in robot.standard_values()], "examples/two_link.xml")
+    >>> from echelon.formats.robot_file import open_robot
+    >>> file = open_robot("examples/two_link.xml")
+    >>> robot = file.mechanism()
+    >>> (written,) = identified_robot(robot, [v or 0.0 for v in robot.standard_values()], file)
     >>> written.name
     'identified.xml'
     >>> 'mass="1.6"' in written.text
     True
     """
     values = sorted_values(mechanism, standard)
-    if source is None or Path(source).suffix.lower() in _DESCRIPTIONS:
+    if file is None or file.is_description or file.root.tag == "sdf":
         return _from_description(mechanism, values)
-    file = Path(source)
-    text = decoded(read_content(file), str(file))
-    root = parse_xml(text, str(file))
-    if root.tag == "mujoco":
+    text = decoded(file.data, file.source)
+    if file.root.tag == "mujoco":
         from echelon.formats.write_mjcf import edited_mjcf
 
-        return (WrittenRobot("identified.xml", *edited_mjcf(mechanism, values, text, str(file), file.parent)),)
-    if root.tag == "robot":
-        from echelon.formats.write_urdf_file import edited_urdf
+        return (WrittenRobot("identified.xml", *edited_mjcf(mechanism, values, text, file.source, file.directory)),)
+    from echelon.formats.write_urdf_file import edited_urdf
 
-        return (WrittenRobot("identified.urdf", *edited_urdf(mechanism, values, text, str(file))),)
-    if root.tag == "sdf":
-        return _from_description(mechanism, values)
-    problem = f"the root element is <{root.tag}>; expected <robot> (URDF), <sdf> (SDF) or <mujoco> (MJCF)"
-    raise InputError(problem, source=str(file))
+    return (WrittenRobot("identified.urdf", *edited_urdf(mechanism, values, text, file.source)),)
 
 
 def _from_description(mechanism: Mechanism, values: IdentifiedValues) -> tuple[WrittenRobot, ...]:

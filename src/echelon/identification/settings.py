@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
+from echelon.formats.robot_file import RobotFile
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.preparation.settings import Preparation
 from echelon.mechanism.mechanism import Mechanism
@@ -91,8 +92,8 @@ class Setup:
     settings : Settings
     prior : Mechanism, optional
         Another description of the robot, with inertial values that are believed beforehand.
-    robot_file : str, optional
-        The URDF or MJCF file that holds the robot, if one does.
+    robot_file : RobotFile, optional
+        The URDF, SDF or MJCF file that holds the robot, if one does.
     assumed : tuple of str
         What was taken for granted where the file is silent, in sentences.
     excitation : ExcitationEntry
@@ -105,6 +106,6 @@ class Setup:
     preparation: Preparation = field(default_factory=Preparation)
     settings: Settings = field(default_factory=Settings)
     prior: Mechanism | None = None
-    robot_file: str | None = None
+    robot_file: RobotFile | None = None
     assumed: tuple[str, ...] = ()
     excitation: ExcitationEntry = field(default_factory=_nothing_stated)

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from echelon.base.base_set import Identifiability
 from echelon.base.model import BaseModel
-from echelon.formats.load import load
+from echelon.formats.options import ReadingOptions
+from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.identification.physics.bounds import Bounds
 from echelon.identification.settings import Settings, Setup
 from echelon.identification.setup_columns import stated_columns
-from echelon.inputs.content import read_content
 from echelon.logs.preparation.settings import Preparation
-from echelon.mechanism.effect import Effect, Side, ready_made
-from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism
 
 if TYPE_CHECKING:
     from echelon.formats.schema import RobotDescription
@@ -28,8 +24,6 @@ _ASSUMED = (
     "the robot file states no friction, so every joint got viscous and Coulomb friction and an offset; a set-up file "
     "with 'robot' and 'effects' can say otherwise"
 )
-_FRICTION = ("viscous", "coulomb", "offset")
-_DESCRIPTIONS = (".yaml", ".yml", ".json")
 
 
 def load_setup(path: str | os.PathLike[str], *, prior: str | os.PathLike[str] | None = None, **reading: Any) -> Setup:
@@ -61,51 +55,32 @@ def load_setup(path: str | os.PathLike[str], *, prior: str | os.PathLike[str] | 
     >>> setup.columns[0].positions["slide"].column, setup.preparation.cutoff
     ('q_meas_m', 100.0)
     """
-    file = Path(path)
-    mechanism = load(file, **reading)
-    if file.suffix.lower() not in _DESCRIPTIONS:
-        setup = Setup(str(file), with_friction(mechanism), robot_file=str(file), assumed=(_ASSUMED,))
+    file, options = open_robot(path), ReadingOptions(**reading)
+    if file.is_description:
+        setup = _described(file, options)
     else:
-        setup = _described(file, mechanism, reading)
-    return setup if prior is None else replace(setup, prior=load(prior, **reading))
+        mechanism = file.mechanism(replace(options, friction=True))
+        setup = Setup(file.source, mechanism, robot_file=file, assumed=(_ASSUMED,))
+    return setup if prior is None else replace(setup, prior=open_robot(prior).mechanism(options))
 
 
-def _described(file: Path, mechanism: Mechanism, reading: Mapping[str, Any]) -> Setup:
-    from echelon.formats.description_check import read_checked
-
-    document, robot = read_checked(read_content(file), str(file))
+def _described(file: RobotFile, options: ReadingOptions) -> Setup:
+    mechanism, robot, document = file.mechanism(options), file.description, file.checked_document
     entry = robot.identification
     listed = isinstance(robot.log, tuple)
     logs = robot.log if isinstance(robot.log, tuple) else (robot.log,)
-    stated = None if entry.prior.file is None else load(file.parent / entry.prior.file, **reading)
+    folder, prior = file.directory or Path(), entry.prior.file
+    stated = None if prior is None else open_robot(folder / prior).mechanism(options)
     return Setup(
-        str(file),
+        file.source,
         mechanism,
         tuple(stated_columns(log, mechanism, document, f"log[{k}]" if listed else "log") for k, log in enumerate(logs)),
         _preparation(robot),
         _settings(entry),
         stated,
-        None if robot.robot is None else str(file.parent / robot.robot.file),
+        file.robot,
         excitation=robot.excitation,
     )
-
-
-def with_friction(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with viscous and Coulomb friction and an offset in the drive of every joint coordinate."""
-    effects = tuple(effect for kind in _FRICTION for effect in _at_every_joint(mechanism, kind))
-    found, reading = replace(mechanism, effects=effects), mechanism.reading
-    return found if reading is None else replace(found, reading=reading.followed_by(with_friction))
-
-
-def _at_every_joint(mechanism: Mechanism, kind: str) -> Iterator[Effect]:
-    for index, body in enumerate(mechanism.bodies):
-        joint = body.joint
-        motions = [m for m in joint.motions if m.name in mechanism.independent_velocities]
-        body_label = mechanism.joint_label(index)
-        for k, motion in enumerate(() if joint.kind == "floating" else motions):
-            label = body_label if len(motions) == 1 else f"{body_label}_{k + 1}"
-            slides = motion.kind is MotionKind.TRANSLATION
-            yield from ready_made(kind, motion.name, Side.ACTUATOR, label, sliding=slides)
 
 
 def _preparation(robot: RobotDescription) -> Preparation:

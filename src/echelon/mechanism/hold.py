@@ -76,7 +76,6 @@ def held(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechanism:
         actuators=actuators,
         effects=tuple(_effects(mechanism, gone, all_positions)),
         measured=None if mechanism.measured is None else tuple(_outputs(mechanism.measured, gone)),
-        reading=None,
     )
 
 

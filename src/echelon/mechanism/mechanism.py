@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -149,7 +150,7 @@ class Mechanism:
     stated_closures : tuple of Closure
         The closures as they were before second frames were made to follow there.
     reading : Reading, optional
-        What was taken as exact when a file was read; absent for exact descriptions.
+        How it was read from a file; absent if it was not, or was changed since (:meth:`as_read`).
 
     Raises
     ------
@@ -162,7 +163,6 @@ class Mechanism:
     gravity: Vector | None
     couplings: tuple[Coupling, ...] = ()
     symbols: Mapping[str, Symbol] = field(default_factory=dict)
-    reading: Reading | None = field(default=None, compare=False, repr=False)
     actuators: tuple[Actuator, ...] = ()
     effects: tuple[Effect, ...] = ()
     measured: tuple[Output, ...] | None = None
@@ -171,6 +171,7 @@ class Mechanism:
     assembly: Mapping[str, float] = field(default_factory=dict)
     closed_at: ClosedAt = field(default_factory=dict)
     stated_closures: tuple[Closure, ...] = ()
+    reading: Reading | None = field(init=False, default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         _check_tree(self)
@@ -178,6 +179,12 @@ class Mechanism:
         _check_closures(self)
         _check_effects(self)
         _check_outputs(self)
+
+    def as_read(self, reading: Reading) -> Mechanism:
+        """The same mechanism with how it was read; what :func:`dataclasses.replace` changes has no reading."""
+        found = copy(self)
+        object.__setattr__(found, "reading", reading)
+        return found
 
     @cached_property
     def motions(self) -> tuple[Motion, ...]:

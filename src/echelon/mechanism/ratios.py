@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from fractions import Fraction
 
 from echelon.errors import InputError
@@ -31,7 +30,7 @@ def with_numeric_ratios(mechanism: Mechanism) -> Mechanism:
     if symbols:
         numbers = {name: s.number for name, s in mechanism.symbols.items() if name in symbols}
         known = {name: Polynomial.constant(value) for name, value in numbers.items() if value is not None}
-        mechanism = replace(substituted(mechanism, known), reading=mechanism.reading)
+        mechanism = substituted(mechanism, known)
     for where, ratio in _turning(mechanism):
         if not isinstance(ratio.number, int | Fraction):
             problem = "is no rational number, and with loops only those have exact sines and cosines"

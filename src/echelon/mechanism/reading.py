@@ -1,15 +1,13 @@
-"""What a reader took as exact although the file only says it approximately."""
+"""What was taken as exact when a file was read although the file only says it approximately."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import TYPE_CHECKING
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
-    from echelon.mechanism.mechanism import Mechanism, Symbol
-    from echelon.mechanism.placement import Placement
+    from echelon.mechanism.mechanism import Mechanism
 
 
 @dataclass(frozen=True)
@@ -35,69 +33,43 @@ class Snap:
         return f"{self.element}: {self.literal} read as {self.intended}"
 
 
-@dataclass(frozen=True)
-class Rider:
-    """A link that is fixed to another and counts as part of a body.
+class ReadableFile(Protocol):
+    """A file that mechanisms can be built from (:class:`echelon.formats.robot_file.RobotFile`)."""
 
-    Attributes
-    ----------
-    body : int
-        Index of the body that carries it, or :data:`echelon.mechanism.mechanism.GROUND`.
-    placement : Placement
-        Its frame in the body's frame.
-    symbols : tuple of Symbol
-        Those of the placement.
-    snaps : tuple of Snap
-        Numbers of the placement that were read as nearby exact ones.
-    """
+    def mechanism(self, options: Any = ..., literal: Collection[str] = ...) -> Mechanism:
+        """The robot, with the numbers of some elements taken literally."""
+        ...
 
-    body: int
-    placement: Placement
-    symbols: tuple[Symbol, ...] = ()
-    snaps: tuple[Snap, ...] = ()
+    def recoupled(self, options: Any) -> Mechanism | None:
+        """The robot with its couplings ignored, or kept if the options ignore them; None if the file has none."""
+        ...
 
 
 @dataclass(frozen=True)
 class Reading:
-    """How a mechanism was read from a file, with the way back to the literal reading.
+    """How a mechanism was read from a file.
 
     Attributes
     ----------
     snaps : tuple of Snap
         Numbers that were read as nearby exact ones.
     notes : tuple of str
-        Things the reader wants its user to know.
-    rebuild : callable
-        Builds the mechanism again with the numbers of some elements taken literally.
-    riders : mapping of str to Rider
-        Links that are fixed to others, by name.
-    recoupled : callable, optional
-        Of files that couple joints: builds the mechanism with them independent, if they are coupled, or coupled.
+        Remarks of the reader for the user.
+    file : ReadableFile
+    options : ReadingOptions
+        How the file was read.
     """
 
     snaps: tuple[Snap, ...]
     notes: tuple[str, ...]
-    rebuild: Callable[[Collection[str]], Mechanism] = field(repr=False, compare=False)
-    riders: Mapping[str, Rider] = field(default_factory=dict, repr=False, compare=False)
-    recoupled: Callable[[], Mechanism] | None = field(default=None, repr=False, compare=False)
+    file: ReadableFile
+    options: Any
 
     def literal(self, elements: Collection[str] | None = None) -> Mechanism:
         """The mechanism with these snapped elements (all, if omitted) taken literally."""
-        return self.rebuild({snap.element for snap in self.snaps} if elements is None else elements)
+        chosen = {snap.element for snap in self.snaps} if elements is None else elements
+        return self.file.mechanism(self.options, chosen)
 
-    def followed_by(self, change: Callable[[Mechanism], Mechanism]) -> Reading:
-        """The reading of a mechanism that was changed after it was read: what is built again is changed as well.
-
-        Parameters
-        ----------
-        change : callable
-            A function of a module, or a partial one, so that readings can be sent to other processes.
-        """
-        recoupled = None if self.recoupled is None else partial(_changed, change, self.recoupled)
-        return replace(self, rebuild=partial(_changed, change, self.rebuild), recoupled=recoupled)
-
-
-def _changed(
-    change: Callable[[Mechanism], Mechanism], build: Callable[..., Mechanism], *literal: Collection[str]
-) -> Mechanism:
-    return change(build(*literal))
+    def recoupled(self) -> Mechanism | None:
+        """The mechanism with the file's couplings ignored, or kept if they are ignored; None if it has none."""
+        return self.file.recoupled(self.options)

@@ -62,7 +62,6 @@ def substituted(mechanism: Mechanism, values: Mapping[str, Polynomial]) -> Mecha
         effects=tuple(put.effect(effect) for effect in mechanism.effects),
         closed_at={name: tuple(map(put.polynomial, value)) for name, value in mechanism.closed_at.items()},
         symbols={name: symbol for name, symbol in mechanism.symbols.items() if name not in put.symbols},
-        reading=None,
     )
 
 

@@ -130,7 +130,7 @@ class LoopEfforts:
         self.labels, self.units = self.constraint.labels, self.constraint.units
         self.low, self.high = self.constraint.low, self.constraint.high
         outputs = tuple(effort_output(mechanism, limit) for limit in limits)
-        measured = replace(mechanism, measured=outputs, reading=None)
+        measured = replace(mechanism, measured=outputs)
         self.bounded_nodes = _bounded_nodes(measured, self.constraint.recorded.program)
         self.chosen_speeds = ClosedMotion(measured).chosen_speeds
 

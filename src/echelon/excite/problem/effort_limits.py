@@ -143,7 +143,7 @@ def effort_limits(
 ) -> StateLimits | UncertainEfforts:
     """Limits of efforts as constraints of the state."""
     check_model(mechanism, model)
-    measured = replace(mechanism, measured=tuple(effort_output(mechanism, limit) for limit in limits), reading=None)
+    measured = replace(mechanism, measured=tuple(effort_output(mechanism, limit) for limit in limits))
     bounds = EffortBounds.of(limits, model, margin)
     if not model.certain:
         return UncertainEfforts(measured, model, bounds, smooth)
@@ -239,7 +239,7 @@ def check_determined(mechanism: Mechanism, limits: Sequence[EffortLimit], rank: 
     """Refuse efforts that depend on more than the outputs see: their rows would add to the rank."""
     efforts = (effort_output(mechanism, limit) for limit in limits)
     named = tuple(replace(output, name=f"effort of {output.name}") for output in efforts)
-    both = replace(mechanism, measured=(*mechanism.outputs, *named), reading=None)
+    both = replace(mechanism, measured=(*mechanism.outputs, *named))
     if base_parameters(both, seed=seed).rank > rank:
         raise InputError("the identified model does not determine all torques and forces that are limited")
 

@@ -148,7 +148,6 @@ class LoopPositions(CompiledAssembly):
     functions: ClassVar[tuple[Builder, ...]] = (*CompiledAssembly.functions, openness)
 
     def __init__(self, mechanism: Mechanism) -> None:
-        mechanism = replace(mechanism, reading=None)  # how a file was read is of no use to another process
         super().__init__(mechanism)
         self.bounds = ClosureBounds(mechanism)
         self._last: dict[int, tuple[Floats, Closed]] = {}

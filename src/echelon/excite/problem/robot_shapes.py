@@ -21,12 +21,9 @@ from echelon.errors import InputError
 from echelon.excite.problem.shapes import Kind, Shape, placed
 from echelon.formats.inertia import numeric_placement, rotation_matrix
 from echelon.formats.literal import LiteralPlacement, LiteralTree
-from echelon.formats.mjcf import read_mjcf
 from echelon.formats.mjcf_numbers import quaternion_matrix
 from echelon.formats.mjcf_spec import NO_MASS, import_mujoco, parse_spec
-from echelon.formats.urdf import read_urdf
-from echelon.inputs.content import read_content
-from echelon.inputs.xml_text import parse_xml
+from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.mechanism import GROUND, Mechanism
 
 STAND_IN = "shapes of the set-up can stand in for it"
@@ -115,13 +112,13 @@ def mesh_shape(name: str, body: int, placement: Floats, vertices: Floats, link: 
     return replace(shape, vertices=np.asarray(vertices, dtype=float)[np.sort(hull.vertices)])
 
 
-def urdf_geometry(mechanism: Mechanism, text: str | bytes, file: Path, tolerant: bool = False) -> Geometry:
+def urdf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False) -> Geometry:
     """Shapes of all ``<collision>`` elements; see :func:`read_geometry`."""
-    tree = read_urdf(text, str(file), mimics=False)
+    tree = file.tree(mimics=False)
     placement = {link.name: where for link, where in zip(tree.links, carriers(tree, mechanism), strict=True)}
     shapes: list[Shape] = []
     notes: list[str] = []
-    for link in parse_xml(text, str(file)).findall("link"):
+    for link in file.root.findall("link"):
         name = link.get("name")
         body, place = placement[name]
         for element, own in _named(link):
@@ -145,7 +142,7 @@ def _named(link: Any) -> Iterator[tuple[Any, str]]:
 class _Reader:
     """One collision element."""
 
-    def __init__(self, element: Any, name: str, link: str, file: Path) -> None:
+    def __init__(self, element: Any, name: str, link: str, file: RobotFile) -> None:
         self.element, self.name, self.link, self.file = element, name, link, file
 
     def shape(self, body: int, place: Floats) -> Shape:
@@ -181,7 +178,7 @@ class _Reader:
         suffix = Path(name).suffix.lower()
         if suffix not in READABLE:
             raise self._error(f"mesh '{name}' cannot be read (valid: {', '.join(READABLE)}); {STAND_IN}")
-        found = find_mesh(name, self.file.parent)
+        found = find_mesh(name, self.file.directory or Path())
         if found is None:
             raise self._error(f"mesh '{name}' is not found; {STAND_IN}")
         try:
@@ -201,7 +198,7 @@ class _Reader:
         return values
 
     def _error(self, problem: str) -> InputError:
-        return InputError(problem, source=str(self.file), element=f"collision of link '{self.link}'")
+        return InputError(problem, source=self.file.source, element=f"collision of link '{self.link}'")
 
 
 # None of these is a shape, and some refer to geoms or files that are taken away.
@@ -209,13 +206,12 @@ _OTHERS = ("keys", "sensors", "actuators", "tendons", "pairs", "excludes", "skin
 _SIZES = {Kind.SPHERE: 1, Kind.CAPSULE: 2, Kind.CYLINDER: 2, Kind.BOX: 3, Kind.ELLIPSOID: 3, Kind.PLANE: 0}
 
 
-def mjcf_geometry(mechanism: Mechanism, text: str | bytes, file: Path, tolerant: bool = False) -> Geometry:
+def mjcf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False) -> Geometry:
     """Shapes of all geoms that collide with something; see :func:`read_geometry`."""
-    source = str(file)
-    tree = read_mjcf(text, source, file.parent, mimics=False)
-    spec = parse_spec(text, source, file.parent)
+    source, tree = file.source, file.tree(mimics=False)
+    spec = parse_spec(file.data, source, file.directory)
     excluded = tuple((str(pair.bodyname1), str(pair.bodyname2)) for pair in spec.excludes)
-    doomed = list(_unreadable(spec, file))
+    doomed = list(_unreadable(spec, file.directory or Path()))
     if doomed and not tolerant:
         raise InputError(doomed[0][1], source=source, element=doomed[0][0])
     model = _compiled(spec, source)
@@ -234,14 +230,14 @@ def mjcf_geometry(mechanism: Mechanism, text: str | bytes, file: Path, tolerant:
     return Geometry(tuple(shapes), excluded, tuple(notes))
 
 
-def _unreadable(spec: Any, file: Path) -> Iterator[tuple[str, str]]:
+def _unreadable(spec: Any, directory: Path) -> Iterator[tuple[str, str]]:
     """Remove what is no shape, and geoms whose meshes are missing; yields the latter with what is wrong."""
     for group in _OTHERS:
         for element in list(getattr(spec, group)):
             spec.delete(element)
     for material in spec.materials:
         material.textures = [""] * len(material.textures)
-    folder = file.parent / spec.meshdir
+    folder = directory / spec.meshdir
     meshes = {mesh.name or PurePath(mesh.file).stem: mesh for mesh in spec.meshes}
     missing = set()
     for name, mesh in meshes.items():
@@ -293,18 +289,16 @@ def _shape(model: Any, geom: int, link: str, body: int, place: Floats) -> Shape:
     return Shape(name, body, Kind(kind), sizes, placement, link=link)
 
 
-def read_geometry(mechanism: Mechanism, path: str | os.PathLike[str], *, tolerant: bool = False) -> Geometry:
+def read_geometry(mechanism: Mechanism, file: RobotFile, *, tolerant: bool = False) -> Geometry:
     """Collision shapes of a URDF or MJCF file.
 
     Meshes stand for their convex hulls, which are larger where a mesh is hollow or bent: distances are then too small,
     never too large.
     """
-    file = Path(path)
-    text = read_content(file)
-    tag = parse_xml(text, str(file)).tag
+    tag = file.root.tag
     if tag == "robot":
-        return urdf_geometry(mechanism, text, file, tolerant)
+        return urdf_geometry(mechanism, file, tolerant)
     if tag == "mujoco":
-        return mjcf_geometry(mechanism, text, file, tolerant)
+        return mjcf_geometry(mechanism, file, tolerant)
     problem = f"the root element is <{tag}>; expected <robot> (URDF) or <mujoco> (MJCF)"
-    raise InputError(problem, source=str(file))
+    raise InputError(problem, source=file.source)

@@ -31,7 +31,6 @@ from echelon.mechanism.hold import held
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 
-_DESCRIPTIONS = (".yaml", ".yml", ".json")
 _SMOOTH = 0.02  # share of the smallest speed limit within which dry friction changes sign gradually
 
 
@@ -162,7 +161,7 @@ class _Reader:
             self.findings.append(Finding(Severity.WARNING, "collisions", self.source, text))
             return None
         shapes, excluded = list(entry_shapes(mechanism, entry.shapes, folder)), list(entry.exclude)
-        if file is not None and Path(file).suffix.lower() not in _DESCRIPTIONS:
+        if file is not None and not file.is_description:
             # shapes that the set-up states stand in for those of the file that cannot be read
             geometry = read_geometry(mechanism, file, tolerant=bool(shapes))
             shapes, excluded = [*geometry.shapes, *shapes], [*geometry.excluded, *excluded]
@@ -179,7 +178,7 @@ class _Reader:
         if mechanism.closures:
             start = LoopPositions(mechanism).positioned(np.array([start])).q[0].tolist()
         found = clearance_of(
-            replace(mechanism, reading=None),  # how the file was read is of no use to another process
+            mechanism,
             shapes,
             entry.clearance,
             excluded,

@@ -114,7 +114,7 @@ class Payload:
             replace(body, label=LABEL, carried=ALL, inertial=None) if k == place else replace(body, carried=())
             for k, body in enumerate(mechanism.bodies)
         )
-        alone = replace(mechanism, name=f"payload on {self.body}", bodies=bodies, effects=(), reading=None)
+        alone = replace(mechanism, name=f"payload on {self.body}", bodies=bodies, effects=())
         found = base_parameters(alone, prefer=[kind + LABEL for kind in (*self.unknown, *self.known)], seed=base.seed)
         if not found.rank:
             raise InputError(f"no output sees a load on '{self.body}': put it on a body that moves", element="payload")

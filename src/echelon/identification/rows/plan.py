@@ -92,9 +92,8 @@ class Plan:
             yield from self.samples(path, part, reference=reference)
 
     def __getstate__(self) -> dict[str, object]:
-        # what was recorded and compiled here, and how the file was read, is of no use to another process
-        base = replace(self.base, mechanism=replace(self.base.mechanism, reading=None))
-        return {**self.__dict__, "base": base}
+        # what was recorded and compiled here is of no use to another process
+        return {**self.__dict__, "base": replace(self.base)}
 
     def parts(self, samples: Samples, part: Part) -> Iterator[Samples]:
         """What is wanted of prepared samples; nothing if they have no such part.

@@ -1,0 +1,237 @@
+"""A robot file, parsed once: its mechanism, limits, collision shapes, set-up and written copies all start from here.
+
+What a file says is kept as it stands, so that a mechanism can be built from it again with some numbers taken literally,
+or with the joints that it couples independent.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from echelon.errors import InputError
+from echelon.formats.build import Built, build_mechanism
+from echelon.formats.literal import LiteralTree
+from echelon.formats.options import ReadingOptions
+from echelon.inputs.content import read_content
+from echelon.inputs.xml_text import parse_xml
+from echelon.mechanism.effect import Effect, Side, ready_made
+from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.reading import Reading
+from echelon.mechanism.stated import in_numbers
+
+if TYPE_CHECKING:
+    from echelon.formats.description_text import Document
+    from echelon.formats.schema import RobotDescription
+
+_DESCRIPTIONS = (".yaml", ".yml", ".json")
+_XML = (".urdf", ".sdf", ".world", ".xml", ".mjcf", ".xacro")
+_SUPPORTED = "URDF (.urdf), SDF (.sdf), MJCF (.xml, .mjcf) or an Echelon description (.yaml, .yml, .json)"
+_XACRO = re.compile(r"\{https?://[^}]*xacro/?\}")
+_FRICTION = ("viscous", "coulomb", "offset")
+
+
+@dataclass(frozen=True)
+class RobotFile:
+    """The content of a robot file; everything else about it is parsed when it is first asked for, and kept.
+
+    Attributes
+    ----------
+    data : bytes
+    source : str
+        Name of the file, for messages.
+    is_description : bool
+        Whether it is YAML or JSON, rather than XML.
+    directory : Path, optional
+        Where files that it includes are looked for.
+    """
+
+    data: bytes
+    source: str
+    is_description: bool
+    directory: Path | None = None
+
+    @classmethod
+    def of(cls, data: bytes, source: str, directory: Path | None = None) -> RobotFile:
+        """A file from its content; the name, or for XML the content, decides about the format."""
+        suffix = Path(source).suffix.lower()
+        if suffix in _DESCRIPTIONS:
+            return cls(data, source, True, directory)
+        if not data.strip():
+            raise InputError("the file is empty", source=source)
+        if suffix in _XML or data.lstrip()[:1] == b"<":
+            return cls(data, source, False, directory)
+        raise InputError(f"unknown format; expected {_SUPPORTED}", source=source)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Only the content goes to other processes; what was parsed is parsed there when it is needed."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    # -- descriptions ----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def document(self) -> Document:
+        """The plain data of a YAML or JSON file."""
+        from echelon.formats.description_text import read_text
+
+        return read_text(self.data, self.source)
+
+    @cached_property
+    def _checked(self) -> tuple[Document, RobotDescription]:
+        from echelon.formats.description_check import check_document
+        from echelon.formats.frame_pairs import as_description, lists_pairs
+
+        document = as_description(self.document) if lists_pairs(self.document) else self.document
+        return document, check_document(document)
+
+    @property
+    def description(self) -> RobotDescription:
+        """A description, checked against the published schema."""
+        return self._checked[1]
+
+    @property
+    def checked_document(self) -> Document:
+        """The data that :attr:`description` was made of, for errors that name the element."""
+        return self._checked[0]
+
+    @property
+    def is_linear_model(self) -> bool:
+        """Whether the file states a linear model rather than a robot."""
+        if not self.is_description:
+            return False
+        return isinstance(self.document.data, dict) and self.document.data.get("model") == "linear"
+
+    @cached_property
+    def robot(self) -> RobotFile | None:
+        """The XML file with the geometry: this one, or the one that a description adds to; None if there is none."""
+        if not self.is_description:
+            return self
+        if self.description.robot is None:
+            return None
+        if self.directory is None:
+            problem = "a description without a place of its own cannot refer to another file"
+            raise self.checked_document.error("robot", problem)
+        file = open_robot(self.directory / self.description.robot.file)
+        if file.is_description:
+            problem = "only URDF, SDF and MJCF files can be added to; include the description"
+            raise InputError(problem, source=file.source)
+        return file
+
+    # -- XML -------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def root(self) -> Any:
+        """The root element of an XML file: ``<robot>`` (URDF), ``<sdf>`` or ``<mujoco>`` (MJCF)."""
+        root = parse_xml(self.data, self.source)
+        if any(_XACRO.match(str(element.tag)) for element in root.iter()):
+            problem = "this is xacro source: expand it first (xacro robot.xacro > robot.urdf)"
+            raise InputError(problem, source=self.source)
+        if root.tag not in ("robot", "sdf", "mujoco"):
+            problem = f"the root element is <{root.tag}>; expected <robot> (URDF), <sdf> (SDF) or <mujoco> (MJCF)"
+            raise InputError(problem, source=self.source)
+        return root
+
+    def tree(self, *, mimics: bool = True) -> LiteralTree:
+        """The links and joints of an XML file as they stand there.
+
+        Parameters
+        ----------
+        mimics : bool
+            Whether couplings between joints are read (and checked), or ignored.
+        """
+        if mimics not in self._trees:
+            self._trees[mimics] = self._read_tree(mimics)
+        return self._trees[mimics]
+
+    @cached_property
+    def _trees(self) -> dict[bool, LiteralTree]:
+        return {}
+
+    def _read_tree(self, mimics: bool) -> LiteralTree:
+        if self.root.tag == "mujoco":
+            from echelon.formats.mjcf import read_mjcf
+
+            return read_mjcf(self.data, self.source, self.directory, mimics=mimics)
+        if self.root.tag == "sdf":
+            from echelon.formats.sdf import read_sdf
+
+            return read_sdf(self.root, self.source, mimics=mimics)
+        from echelon.formats.urdf import read_urdf
+
+        return read_urdf(self.root, self.source, mimics=mimics)
+
+    # -- mechanisms ------------------------------------------------------------------------------------------------
+
+    def mechanism(self, options: ReadingOptions | None = None, literal: Collection[str] = ()) -> Mechanism:
+        """The robot.
+
+        Parameters
+        ----------
+        options : ReadingOptions, optional
+        literal : collection of str
+            Elements whose numbers are not to be read as nearby exact ones.
+
+        Raises
+        ------
+        InputError
+            If the file is not a valid robot; names file and element.
+        """
+        options = ReadingOptions() if options is None else options
+        built = self.built(options, literal)
+        mechanism = built.mechanism if options.symbolic else in_numbers(built.mechanism)
+        mechanism = _with_friction(mechanism) if options.friction else mechanism
+        return mechanism.as_read(Reading(built.snaps, built.notes, self, options))
+
+    def built(self, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
+        """The robot with symbols, and what was read as exact."""
+        try:
+            if not self.is_description:
+                return build_mechanism(self.tree(mimics=not options.independent_mimics), options, literal)
+            from echelon.formats.description_build import build_description
+
+            base = None if self.robot is None else partial(self.robot.built, literal=literal)
+            return build_description(*self._checked, options, literal, base)
+        except InputError as error:
+            raise error.located(self.source) from None
+
+    def recoupled(self, options: ReadingOptions) -> Mechanism | None:
+        """The robot with its couplings ignored, or kept if the options ignore them; None if the file has none."""
+        coupled = not options.independent_mimics
+        if self.robot is None or not self.robot.tree(mimics=coupled).has_mimics:
+            return None
+        return self.mechanism(replace(options, independent_mimics=coupled))
+
+
+def open_robot(path: str | os.PathLike[str]) -> RobotFile:
+    """A robot file of any supported format.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is empty or of an unknown format.
+    """
+    file = Path(path)
+    return RobotFile.of(read_content(file), str(file), file.parent)
+
+
+def _with_friction(mechanism: Mechanism) -> Mechanism:
+    """The mechanism with viscous and Coulomb friction and an offset in the drive of every joint coordinate."""
+    effects = tuple(effect for kind in _FRICTION for effect in _at_every_joint(mechanism, kind))
+    return replace(mechanism, effects=effects)
+
+
+def _at_every_joint(mechanism: Mechanism, kind: str) -> Iterator[Effect]:
+    for index, body in enumerate(mechanism.bodies):
+        joint = body.joint
+        motions = [m for m in joint.motions if m.name in mechanism.independent_velocities]
+        body_label = mechanism.joint_label(index)
+        for k, motion in enumerate(() if joint.kind == "floating" else motions):
+            label = body_label if len(motions) == 1 else f"{body_label}_{k + 1}"
+            slides = motion.kind is MotionKind.TRANSLATION
+            yield from ready_made(kind, motion.name, Side.ACTUATOR, label, sliding=slides)
