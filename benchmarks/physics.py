@@ -75,10 +75,10 @@ def run(name: str, base: BaseModel, stated: np.ndarray) -> None:
     )
     print(f"    weight {fit.prior_weight:g}, misfit {fit.misfit - fit.least_misfit:.1f} above the least one")
     timed("lift to standard parameters", lambda: physical_lift(base, fit.base))
-    print("    " + timed("proof that a robot has these values", lambda: feasibility(base, fit.base)).proof)
+    print("    " + timed("a robot has these values", lambda: feasibility(base, fit.base)).evidence)
     wrong = fit.base.copy()
     wrong[next(k for k, p in enumerate(base.matrix.pivots) if base.mechanism.columns[p].kind == 5)] *= -2
-    print("    " + timed("proof that no robot has other values", lambda: feasibility(base, wrong)).proof)
+    print("    " + timed("no robot has other values", lambda: feasibility(base, wrong)).evidence)
 
 
 def main() -> None:

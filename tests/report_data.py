@@ -245,7 +245,7 @@ def hostile(run: Identification) -> Identification:
         validations=tuple(dirty(v) for v in run.validations),
         estimate=replace(run.estimate, method=HOSTILE, units=(HOSTILE,) * run.base.rank, diagnostics={HOSTILE: 1}),
         excitation=replace(run.excitation, weak=weak),
-        feasibility=replace(run.feasibility, proof=HOSTILE),
+        feasibility=replace(run.feasibility, evidence=HOSTILE),
         physical=replace(run.physical, parameters=other.parameters, margins=margins, prior=HOSTILE, status=HOSTILE),
         preparation=replace(run.preparation, still={HOSTILE: 1.0}, reasons={"still": HOSTILE}),
     )  # fmt: skip

@@ -71,7 +71,7 @@ def print_identification(result: Identification) -> None:
     console.print(_parameters(result))
     console.print(Text(_conditioning(result)))
     if result.feasibility is not None:
-        console.print(Text(result.feasibility.proof))
+        console.print(Text(result.feasibility.evidence))
     console.print(Text(result.verdict, style="bold"))
 
 

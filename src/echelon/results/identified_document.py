@@ -18,7 +18,7 @@ from echelon.identification.result import Identification
 from echelon.results.saved import to_dict
 from echelon.version import __version__
 
-_COMPUTED_WITH = ("numpy", "scipy", "sympy", "python-flint", "llvmlite", "clarabel", "scs", "pyarrow")
+_COMPUTED_WITH = ("numpy", "scipy", "sympy", "python-flint", "llvmlite", "clarabel", "pyarrow")
 _BLOCK = 1 << 20
 
 
@@ -98,10 +98,9 @@ def _feasibility(result: Identification) -> dict[str, Any] | None:
         return None
     return {
         "feasible": found.feasible,
-        "proof": found.proof,
+        "evidence": found.evidence,
         "distance": found.distance,
         "nearest": None if found.nearest is None else found.nearest.tolist(),
-        "separator": None if found.separator is None else found.separator.tolist(),
     }
 
 

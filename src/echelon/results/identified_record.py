@@ -60,10 +60,9 @@ class FeasibilityRecord(_Strict):
     """Whether a physical robot has the estimated base parameters."""
 
     feasible: bool | None
-    proof: str
+    evidence: str
     distance: float | None
     nearest: list[float] | None
-    separator: list[float] | None
 
 
 class PhysicalRecord(_Strict):

@@ -1,31 +1,26 @@
 """Cone programmes: minimise ½ xᵀP x + qᵀx with b − A x in a product of cones, straight to the solver.
 
 A modelling language would compile one programme per fit, and choosing the weight of a prior takes dozens.  The blocks
-here are few and regular (ten numbers per body), so they are written down as sparse rows at once.  One form serves two
-solvers: Clarabel, an interior-point method, and SCS, a first-order method for when the first one fails.
+here are few and regular (ten numbers per body), so they are written down as sparse rows at once and
+given to Clarabel, an interior-point method.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from echelon.arrays import Floats
-from echelon.errors import EchelonError, InputError, MissingExtraError
+from echelon.errors import EchelonError, MissingExtraError
 from echelon.identification.physics.triangles import order
 
 _KINDS = ("zero", "nonnegative", "second_order", "semidefinite", "exponential")
-"""In the order in which SCS wants them."""
 
 _UNITS = (1.0, 1e-2, 1e-4, 1e-6)
 """Units of the objective that are tried one after another."""
 _ALMOST = "Almost"
-_ITERATIONS, _WORK = 50_000, 2e10
-"""Iterations of the first-order solver, and entries that they may go through together: a minute or so."""
 
 SOLVED, INFEASIBLE, UNBOUNDED, FAILED = "solved", "infeasible", "unbounded", "failed"
 
@@ -39,14 +34,13 @@ class ConeSolution:
     x : array of shape (n,)
     status : str
         ``"solved"``, ``"infeasible"``, ``"unbounded"`` or ``"failed"``.
-    solver, message : str
-        Who found it, and the solver's own word for it.
+    message : str
+        The solver's status.
     iterations : int
     """
 
     x: Floats
     status: str
-    solver: str
     message: str
     iterations: int
 
@@ -81,41 +75,22 @@ class ConeProgram:
         if len(offset):
             self._blocks[kind].append((csr_array(matrix), np.asarray(offset, dtype=float)))
 
-    def solve(self, quadratic: Any, linear: Floats, solver: str = "CLARABEL") -> ConeSolution:
-        """Minimise ½ xᵀ quadratic x + linearᵀ x.
-
-        Parameters
-        ----------
-        quadratic : sparse array of shape (size, size)
-            Symmetric, positive semidefinite.
-        linear : array of shape (size,)
-        solver : str
-            ``"CLARABEL"`` or ``"SCS"``.
-
-        Raises
-        ------
-        InputError
-            For an unknown solver.
-        MissingExtraError
-            If the solver is not installed.
-        """
-        solvers: dict[str, Callable[..., ConeSolution]] = {"CLARABEL": _clarabel, "SCS": _scs}
-        if solver.upper() not in solvers:
-            raise InputError(f"unknown solver '{solver}' (valid: {', '.join(solvers)})")
+    def solve(self, quadratic: Any, linear: Floats) -> ConeSolution:
+        """Minimise ½ xᵀ quadratic x + linearᵀ x with a symmetric, positive semidefinite, sparse quadratic part."""
         from scipy.sparse import csc_array, triu, vstack
 
         blocks = [block for kind in _KINDS for block in self._blocks[kind]]
         rows = csc_array(vstack([-matrix for matrix, _ in blocks]))
         offsets = np.concatenate([offset for _, offset in blocks])
-        return solvers[solver.upper()](self, csc_array(triu(quadratic)), linear, rows, offsets)
+        return _clarabel(self, csc_array(triu(quadratic)), linear, rows, offsets)
 
     def lengths(self, kind: str) -> list[int]:
         """Rows of every block of a kind."""
         return [len(offset) for _, offset in self._blocks[kind]]
 
 
-def solve_with_fallback(program: ConeProgram, quadratic: Any, linear: Floats, solver: str) -> ConeSolution:
-    """Solve; if the solver gives up without a verdict, with the objective in other units, then by the other solver.
+def solve_in_units(program: ConeProgram, quadratic: Any, linear: Floats) -> ConeSolution:
+    """Solve; if the solver gives up without a verdict, with the objective in other units.
 
     Solvers stop by a mixture of relative and absolute tolerances, so the unit of the objective matters to them.
 
@@ -125,24 +100,15 @@ def solve_with_fallback(program: ConeProgram, quadratic: Any, linear: Floats, so
         If no attempt comes to a verdict.
     """
     attempts = []
-    for unit in _UNITS if solver.upper() == "CLARABEL" else _UNITS[:1]:
-        attempts.append(program.solve(unit * quadratic, unit * linear, solver))
+    for unit in _UNITS:
+        attempts.append(program.solve(unit * quadratic, unit * linear))
         if attempts[-1].status != FAILED and not attempts[-1].message.startswith(_ALMOST):
             return attempts[-1]
     almost = next((found for found in attempts if found.status != FAILED), None)
-    if almost is not None:
-        return almost
-    first, other = attempts[0], "SCS" if solver.upper() == "CLARABEL" else "CLARABEL"
-    try:
-        second = program.solve(quadratic, linear, other)
-    except MissingExtraError:
-        raise EchelonError(f"{first.solver} gave up ({first.message}) and {other} is not installed") from None
-    if second.status == FAILED:
-        raise EchelonError(
-            f"{first.solver} gave up ({first.message}), and so did {other} ({second.message}): "
-            "check the scale of the data and of the prior"
-        )
-    return second
+    if almost is None:
+        problem = f"the solver gave up ({attempts[0].message}): check the scale of the data and of the prior"
+        raise EchelonError(problem)
+    return almost
 
 
 def _clarabel(program: ConeProgram, P: Any, q: Floats, A: Any, b: Floats) -> ConeSolution:
@@ -169,42 +135,4 @@ def _clarabel(program: ConeProgram, P: Any, q: Floats, A: Any, b: Floats) -> Con
     }
     message = str(found.status)
     x = np.array(found.x, dtype=float)
-    return ConeSolution(x, words.get(message, FAILED), "CLARABEL", message, found.iterations)
-
-
-def _scs(program: ConeProgram, P: Any, q: Floats, A: Any, b: Floats) -> ConeSolution:
-    try:
-        import scs
-    except ImportError:
-        raise MissingExtraError("scs", "identify") from None
-    from scipy.sparse import csc_matrix
-
-    permutation = _lower_triangles(program)
-    data = {"P": csc_matrix(P), "c": q, "A": csc_matrix(A)[permutation], "b": b[permutation]}
-    cone = {
-        "z": sum(program.lengths("zero")),
-        "l": sum(program.lengths("nonnegative")),
-        "q": program.lengths("second_order"),
-        "s": [order(k) for k in program.lengths("semidefinite")],
-        "ep": sum(program.lengths("exponential")) // 3,
-    }
-    entries = P.nnz + A.nnz + sum(order(k) ** 3 for k in program.lengths("semidefinite"))
-    most = min(_ITERATIONS, 1 + int(_WORK / entries))
-    found = scs.SCS(data, cone, verbose=False, eps_abs=1e-7, eps_rel=1e-7, max_iters=most).solve()
-    info = found["info"]
-    words = {1: SOLVED, 2: FAILED, -1: UNBOUNDED, -2: INFEASIBLE}
-    status = words.get(info["status_val"], FAILED)
-    return ConeSolution(np.array(found["x"]), status, "SCS", info["status"], info["iter"])
-
-
-def _lower_triangles(program: ConeProgram) -> npt.NDArray[np.int64]:
-    """Rows in the order of SCS, which takes lower triangles by columns where Clarabel takes upper ones."""
-    start = sum(sum(program.lengths(kind)) for kind in _KINDS[:3])
-    rows = list(range(start))
-    for length in program.lengths("semidefinite"):
-        n = order(length)
-        place = {(i, j): start + j * (j + 1) // 2 + i for j in range(n) for i in range(j + 1)}
-        rows += [place[j, i] for j in range(n) for i in range(j, n)]
-        start += length
-    rows += range(start, start + sum(program.lengths("exponential")))
-    return np.array(rows, dtype=np.int64)
+    return ConeSolution(x, words.get(message, FAILED), message, found.iterations)

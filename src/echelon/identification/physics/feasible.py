@@ -1,40 +1,30 @@
-"""Whether any robot that can exist has given base parameters, with a proof either way.
+"""Whether any robot that can exist has given base parameters.
 
-Solvers answer in floats; near the boundary their yes or no is worth little.  So their answer is only a hint, from which
-a proof in exact arithmetic is made.  B is in reduced echelon form: any rational values of the parameters that are no
-pivots give pivots with which B ζ = ζ̄ holds exactly, so a robot well inside stays one, and LDLᵀ over the rationals
-verifies it.  If there is none, a linear function separates the values from all robots
-(:mod:`echelon.identification.physics.separation`).
+If one has them, it is found: the values of the parameters that are no pivots give pivots with which B ζ = ζ̄ holds, and
+plain linear algebra confirms that all pseudo-inertias are positive definite.  If none has them, the nearest robot is
+the solution of a convex problem, and its distance tells how far they are off.
 """
 
 from __future__ import annotations
 
-from fractions import Fraction
+from contextlib import suppress
 
-import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
 from echelon.base.model import BaseModel
-from echelon.conventions import PER_BODY
-from echelon.errors import EchelonError, InputError
-from echelon.identification.physics.constraints import Roles, roles
-from echelon.identification.physics.dual_problem import DualProblem
-from echelon.identification.physics.exact_algebra import as_fraction
-from echelon.identification.physics.exact_base import ExactBase, exact_base, precision, rational_number
-from echelon.identification.physics.nearest import checked_values, nearest_physical, physical_lift, sizes_of
-from echelon.identification.physics.pseudo_inertia import exact_pseudo_inertia, is_semidefinite
+from echelon.errors import EchelonError
+from echelon.identification.physics.constraints import roles
+from echelon.identification.physics.nearest import checked_values, exact_lift, nearest_physical
 from echelon.identification.physics.result import Feasibility
-from echelon.identification.physics.separation import separator
-from echelon.mechanism.values import characteristic_length
+
+_DISTINCT = 2e-3
+"""Distance from which on values are not those of the nearest robot: solvers and margins account for less."""
 
 
 def feasibility(
     base: BaseModel,
     values: npt.ArrayLike,
     covariance: npt.ArrayLike | None = None,
-    *,
-    solver: str = "CLARABEL",
 ) -> Feasibility:
     """Whether a robot that can exist has given base parameters.
 
@@ -45,16 +35,15 @@ def feasibility(
     ----------
     base : BaseModel
     values : array of shape (r,)
-        Base parameters, SI units; floats are taken as the dyadic fractions that they are.
+        Base parameters, SI units.
     covariance : array of shape (r, r), optional
         Of the values, for the distance to the nearest robot; without it the distance is relative to the sizes of the
         values.
-    solver : str
 
     Returns
     -------
     Feasibility
-        ``feasible`` is None where the values are so near to the boundary that neither was proved.
+        ``feasible`` is None where the values are on the boundary of what robots can have.
 
     Raises
     ------
@@ -69,62 +58,17 @@ def feasibility(
     >>> feasibility(base, values).feasible, feasibility(base, -values).feasible
     (True, False)
     """
-    target = checked_values(base, values)
-    role, B = roles(base.mechanism), base.B_float()
-    with precision():
-        exact = exact_base(base)
-        witness = _witness(base, role, exact, target, solver)
-        if witness is not None:
-            hint, numbers = witness
-            return Feasibility(True, _proof(role, exact, "a robot"), standard=hint, exact=numbers)
-        scales, sizes = _scales(role), sizes_of(base, target)
-        found = separator(DualProblem(role, exact, B, target, scales, sizes, solver))
-    standard, distance = nearest_physical(base, target, covariance, solver=solver)
-    nearest = B @ standard
-    if found is None:
-        text = "neither a robot with these base parameters nor a proof that there is none was found: they are on the "
-        text += f"boundary of what robots can have, to within {distance:.2g} of their size or standard deviation"
-        return Feasibility(None, text, nearest=nearest, distance=distance)
-    return Feasibility(
-        False,
-        _proof(role, exact, "a separator"),
-        separator=found.values,
-        nearest=nearest,
-        distance=distance,
-        exact=found.exact,
-    )
-
-
-def _witness(
-    base: BaseModel, role: Roles, exact: ExactBase, target: Floats, solver: str
-) -> tuple[Floats, tuple[Fraction, ...]] | None:
-    """Standard parameters of a robot that exact arithmetic confirms, in floats and exactly, or None."""
-    try:
-        hint = physical_lift(base, target, solver=solver)
-    except (InputError, EchelonError):
-        return None
-    standard = exact.completed([rational_number(x) for x in hint], [rational_number(x) for x in target])
-    if not all(standard[c] >= 0 for c in role.positive):
-        return None
-    for start in role.starts:
-        body = standard[start : start + PER_BODY]
-        if not is_semidefinite(exact_pseudo_inertia(body), definite=True):
-            return None
-    return hint, tuple(as_fraction(x) for x in standard) if exact.rational else ()
-
-
-def _scales(role: Roles) -> Floats:
-    """Diagonal factors that give every block of a dual matrix the unit of a mass, shape (b, 4)."""
-    length = characteristic_length(role.mechanism)
-    return np.tile([length, length, length, 1.0], (len(role.bodies), 1))
-
-
-def _proof(role: Roles, exact: ExactBase, what: str) -> str:
-    arithmetic = "exact rational arithmetic" if exact.rational else "interval arithmetic of 256 bits"
-    bodies = f"{len(role.bodies)} pseudo-inertias"
+    target, role = checked_values(base, values), roles(base.mechanism)
     signs = f" and {len(role.positive)} signs" if role.positive else ""
-    if what == "a robot":
-        return f"a robot with exactly these base parameters: {bodies}{signs} verified in {arithmetic}"
-    return (
-        f"a linear function that no robot makes negative and these values do: {bodies}{signs} verified in {arithmetic}"
-    )
+    with suppress(EchelonError):  # where the solver gives up, the distance decides
+        lift = exact_lift(base, target)
+        if lift is not None:
+            text = f"a robot has these base parameters: {len(role.bodies)} pseudo-inertias{signs} were verified"
+            return Feasibility(True, text, standard=lift)
+    standard, distance = nearest_physical(base, target, covariance)
+    away = f"{distance:.2g} {'of their size' if covariance is None else 'standard deviations'}"
+    nearest = base.B_float() @ standard
+    if distance > _DISTINCT:
+        return Feasibility(False, f"the nearest robot is {away} away", nearest=nearest, distance=distance)
+    text = f"these base parameters are on the boundary of what robots can have, to within {away}"
+    return Feasibility(None, text, nearest=nearest, distance=distance)

@@ -49,7 +49,6 @@ def physical_fit(
     prior_name: str = "prior",
     pieces: Sequence[Observation] = (),
     weights: npt.ArrayLike | None = None,
-    solver: str = "CLARABEL",
 ) -> PhysicalFit:
     """Fit the standard parameters of a robot that can exist.
 
@@ -73,8 +72,6 @@ def physical_fit(
         The data in stretches of time, for ``"auto"``.
     weights : array of shape (outputs,), optional
         Those with which ``triangle`` was combined, for ``"auto"`` with pieces; all 1 if omitted.
-    solver : str
-        ``"CLARABEL"`` or ``"SCS"``; the other one is tried when it gives up.
 
     Returns
     -------
@@ -89,10 +86,10 @@ def physical_fit(
     """
     if tuple(triangle.parameters) != tuple(base.pivots):
         raise InputError("the triangle's columns are not the base parameters of this model")
-    problem = _Problem.of(base, triangle, bounds, prior, solver)
+    problem = _Problem.of(base, triangle, bounds, prior)
     choice = _weight(problem, triangle, prior_weight, pieces, weights)
     standard, found = problem.solve(problem.matrix(triangle.R), triangle.qty, choice.weight)
-    standard, step = put_inside(problem.programme, standard, solver)
+    standard, step = put_inside(problem.programme, standard)
     values = problem.B @ standard
     programme, reached = problem.programme, problem.programme.margins(standard)
     names = [name for name, _ in programme.role.bodies]
@@ -109,7 +106,6 @@ def physical_fit(
         prior_weight=choice.weight if prior is not None else 0.0,
         status=found.message,
         diagnostics={
-            "solver": found.solver,
             "iterations": found.iterations,
             "active": active(programme, standard, problem.matrix(triangle.R)),
             "divergence": dict(zip(names, map(float, apart), strict=True)),
@@ -125,19 +121,16 @@ def physical_fit(
 class _Problem:
     B: Floats
     programme: Programme
-    solver: str
 
     @staticmethod
-    def of(
-        base: BaseModel, triangle: Triangle, bounds: Bounds | None, prior: npt.ArrayLike | None, solver: str
-    ) -> _Problem:
+    def of(base: BaseModel, triangle: Triangle, bounds: Bounds | None, prior: npt.ArrayLike | None) -> _Problem:
         role, limits = roles(base.mechanism), bounds or Bounds()
         B = base.B_float()
         mass = common_mass(role, triangle.R @ B, triangle.qty)
         programme = Programme(role, linear_limits(role, limits), reference(role, prior, mass), limits.margin)
         if bounds is not None:
-            interior_point(programme, solver)
-        return _Problem(B, programme, solver)
+            interior_point(programme)
+        return _Problem(B, programme)
 
     def matrix(self, R: Floats) -> Floats:
         design: Floats = R @ self.B
@@ -146,11 +139,11 @@ class _Problem:
     def solve(self, design: Floats, target: Floats, weight: float) -> tuple[Floats, ConeSolution]:
         informed = self.programme.reference.informed
         weights = np.where(informed, max(weight, PLAIN_WEIGHT), PLAIN_WEIGHT)
-        standard, found = self.programme.fit(design, target, weights, weight, self.solver)
+        standard, found = self.programme.fit(design, target, weights, weight)
         if found.status == INFEASIBLE:
             raise InputError("the bounds contradict each other: no body that can exist satisfies all of them")
         if found.status != SOLVED:
-            raise EchelonError(f"{found.solver} found no physically consistent fit: {found.message}")
+            raise EchelonError(f"the solver found no physically consistent fit: {found.message}")
         return standard, found
 
 

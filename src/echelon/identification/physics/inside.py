@@ -12,7 +12,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
 from echelon.errors import EchelonError, InputError
-from echelon.identification.physics.cones import INFEASIBLE, ConeProgram, solve_with_fallback
+from echelon.identification.physics.cones import INFEASIBLE, ConeProgram, solve_in_units
 from echelon.identification.physics.constraints import LinearLimits
 from echelon.identification.physics.programme import Programme
 from echelon.identification.physics.triangles import SVEC, sparse_diagonal, svec
@@ -23,14 +23,13 @@ _INVISIBLE = 1e-3
 """A change by which data change this little of their noise cannot be seen."""
 
 
-def put_inside(programme: Programme, standard: Floats, solver: str) -> tuple[Floats, float]:
+def put_inside(programme: Programme, standard: Floats) -> tuple[Floats, float]:
     """Parameters next to given ones that satisfy every constraint.
 
     Parameters
     ----------
     programme : Programme
     standard : array of shape (p,)
-    solver : str
 
     Returns
     -------
@@ -48,7 +47,7 @@ def put_inside(programme: Programme, standard: Floats, solver: str) -> tuple[Flo
     start = _signed(programme.limits, _equal(programme.limits, standard))
     if holds(programme, start):
         return start, 0.0
-    inner = interior_point(programme, solver)
+    inner = interior_point(programme)
     for step in _STEPS:
         mixed = (1 - step) * start + step * inner
         if holds(programme, mixed):
@@ -56,7 +55,7 @@ def put_inside(programme: Programme, standard: Floats, solver: str) -> tuple[Flo
     raise EchelonError("the solver's answer violates the constraints by far more than its tolerance")
 
 
-def interior_point(programme: Programme, solver: str) -> Floats:
+def interior_point(programme: Programme) -> Floats:
     """A point well inside of all constraints: with the largest least slack, in units of the reference bodies.
 
     Raises
@@ -89,7 +88,7 @@ def interior_point(programme: Programme, solver: str) -> Floats:
     program.add("nonnegative", cap, np.array([0.5]))
     # the middle of the mass of the reference keeps what is not bounded from running away
     quadratic = sparse_diagonal(np.append(np.full(p, 1e-9), 0.0))
-    found = solve_with_fallback(program, quadratic, np.append(np.zeros(p), -1.0), solver)
+    found = solve_in_units(program, quadratic, np.append(np.zeros(p), -1.0))
     if found.status == INFEASIBLE or found.x[p] <= 1e-9:
         raise InputError("the bounds contradict each other: no body that can exist satisfies all of them")
     return _equal(limits, programme.unwhiten @ found.x[:p])

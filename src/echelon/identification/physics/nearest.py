@@ -27,7 +27,6 @@ def physical_lift(
     *,
     prior: npt.ArrayLike | None = None,
     bounds: Bounds | None = None,
-    solver: str = "CLARABEL",
 ) -> Floats:
     """Standard parameters of a robot that can exist and has exactly given base parameters.
 
@@ -42,7 +41,6 @@ def physical_lift(
     prior : array of shape (p,), optional
         Standard parameters, nan where unknown.
     bounds : Bounds, optional
-    solver : str
 
     Returns
     -------
@@ -63,15 +61,24 @@ def physical_lift(
     (20,)
     """
     target = checked_values(base, values)
+    standard = exact_lift(base, target, prior, bounds)
+    if standard is None:
+        raise InputError(_difference(base, target, prior, bounds))
+    return standard
+
+
+def exact_lift(
+    base: BaseModel, target: Floats, prior: npt.ArrayLike | None = None, bounds: Bounds | None = None
+) -> Floats | None:
+    """Standard parameters of the robot of :func:`physical_lift`, shape (p,), or None where none was found."""
     B = base.B_float()
     programme = _programme(base, B, target, np.eye(len(target)) / sizes_of(base, target)[:, None], prior, bounds)
-    standard, found = programme.fit(B, target, np.ones(len(programme.role.bodies)), 1.0, solver, exact=True)
-    if found.status == SOLVED:
-        standard, _ = put_inside(programme, on_pivots(base, B, target, standard), solver)
-        standard = on_pivots(base, B, target, standard)
-        if holds(programme, standard):
-            return standard
-    raise InputError(_difference(base, target, prior, bounds, solver))
+    standard, found = programme.fit(B, target, np.ones(len(programme.role.bodies)), 1.0, exact=True)
+    if found.status != SOLVED:
+        return None
+    standard, _ = put_inside(programme, on_pivots(base, B, target, standard))
+    standard = on_pivots(base, B, target, standard)
+    return standard if holds(programme, standard) else None
 
 
 def nearest_physical(
@@ -81,7 +88,6 @@ def nearest_physical(
     *,
     prior: npt.ArrayLike | None = None,
     bounds: Bounds | None = None,
-    solver: str = "CLARABEL",
 ) -> tuple[Floats, float]:
     """Standard parameters of the physical robot whose base parameters are nearest to given ones.
 
@@ -94,7 +100,6 @@ def nearest_physical(
         the values of the same unit.
     prior : array of shape (p,), optional
     bounds : Bounds, optional
-    solver : str
 
     Returns
     -------
@@ -111,10 +116,10 @@ def nearest_physical(
     B = base.B_float()
     programme = _programme(base, B, target, root, prior, bounds)
     weights = np.full(len(programme.role.bodies), _WEIGHT)
-    standard, found = programme.fit(root @ B, root @ target, weights, _WEIGHT, solver)
+    standard, found = programme.fit(root @ B, root @ target, weights, _WEIGHT)
     if found.status != SOLVED:
-        raise EchelonError(f"{found.solver} found no nearest physical robot: {found.message}")
-    inside, _ = put_inside(programme, standard, solver)
+        raise EchelonError(f"the solver found no nearest physical robot: {found.message}")
+    inside, _ = put_inside(programme, standard)
     return inside, float(np.linalg.norm(root @ (B @ inside - target)))
 
 
@@ -184,15 +189,13 @@ def sizes_of(base: BaseModel, target: Floats) -> Floats:
     return np.array([others if p is None else mass * length**p for p in powers])
 
 
-def _difference(
-    base: BaseModel, target: Floats, prior: npt.ArrayLike | None, bounds: Bounds | None, solver: str
-) -> str:
-    standard, _ = nearest_physical(base, target, prior=prior, bounds=bounds, solver=solver)
+def _difference(base: BaseModel, target: Floats, prior: npt.ArrayLike | None, bounds: Bounds | None) -> str:
+    standard, _ = nearest_physical(base, target, prior=prior, bounds=bounds)
     change = base.B_float() @ standard - target
     worst = int(np.argmax(np.abs(change) / sizes_of(base, target)))
     name, unit = base.pivots[worst], base.units[worst]
     within = " within the bounds" if bounds is not None else ""
     return (
         f"no robot that can exist{within} has these base parameters; the nearest one differs most in [{name}], by "
-        f"{change[worst]:.3g} {unit}: see nearest_physical(), and feasibility() for a proof"
+        f"{change[worst]:.3g} {unit}: see nearest_physical()"
     )

@@ -17,7 +17,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
-from echelon.identification.physics.cones import ConeProgram, ConeSolution, solve_with_fallback
+from echelon.identification.physics.cones import ConeProgram, ConeSolution, solve_in_units
 from echelon.identification.physics.constraints import LinearLimits, Roles
 from echelon.identification.physics.pseudo_inertia import SIZE, factor, margins
 from echelon.identification.physics.reference import Reference, unwhitenings
@@ -70,7 +70,7 @@ class Programme:
         return matrix
 
     def fit(
-        self, design: Floats, target: Floats, weights: Floats, drawing: float, solver: str, *, exact: bool = False
+        self, design: Floats, target: Floats, weights: Floats, drawing: float, *, exact: bool = False
     ) -> tuple[Floats, ConeSolution]:
         """Minimise ‖design · ζ − target‖² + Σ weights · divergence + drawing of the other parameters to their priors.
 
@@ -82,10 +82,6 @@ class Programme:
             Of each body's divergence from its reference.
         drawing : float
             Weight of ((value − prior)/prior)² of the parameters outside the bodies.
-        solver : str
-        exact : bool
-            Require design · ζ = target instead; parameters that are not negative by themselves then stay inside, too,
-            by the divergence of a single number, x/x₀ − log(x/x₀) − 1.
 
         Returns
         -------
@@ -116,7 +112,7 @@ class Programme:
         else:
             diagonal[size - k :] = 2.0
         self._draw(diagonal, linear, matrix, drawing)
-        found = solve_with_fallback(program, sparse_diagonal(diagonal), linear, solver)
+        found = solve_in_units(program, sparse_diagonal(diagonal), linear)
         return self.unwhiten @ found.x[:p], found
 
     def _signed(self) -> list[tuple[int, float]]:

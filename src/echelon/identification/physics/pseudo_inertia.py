@@ -9,9 +9,6 @@ independently of units and frames: it sees only the eigenvalues of J J₀⁻¹.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
@@ -20,44 +17,8 @@ from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 from echelon.inertia.spatial import frame_change, parameter_array, pseudo_inertia
 
-Array = npt.NDArray[Any]
-
 SIZE = 4
 """Rows of a pseudo-inertia."""
-
-_XX, _XY, _XZ, _YY, _YZ, _ZZ, _MX, _MY, _MZ, _M = range(PER_BODY)
-
-
-def dual_matrix(coefficients: Array) -> Array:
-    """The matrix S of a linear function of the ten parameters: c · ζ = tr(S J(ζ)).
-
-    A function is not negative on all bodies that can exist exactly if S ⪰ 0.
-
-    Parameters
-    ----------
-    coefficients : array of shape (..., 10)
-        Floats, or objects that are exact and can be divided by 2.
-
-    Returns
-    -------
-    array of shape (..., 4, 4)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from echelon.inertia.spatial import pseudo_inertia
-    >>> c, body = np.arange(10.0), np.array([3, 0.1, 0, 4, 0, 5, 0.2, 0, 0, 2])
-    >>> bool(np.isclose(c @ body, np.trace(dual_matrix(c) @ pseudo_inertia(body))))
-    True
-    """
-    c = np.moveaxis(coefficients, -1, 0)
-    rows = [
-        [c[_YY] + c[_ZZ], -c[_XY] / 2, -c[_XZ] / 2, c[_MX] / 2],
-        [-c[_XY] / 2, c[_XX] + c[_ZZ], -c[_YZ] / 2, c[_MY] / 2],
-        [-c[_XZ] / 2, -c[_YZ] / 2, c[_XX] + c[_YY], c[_MZ] / 2],
-        [c[_MX] / 2, c[_MY] / 2, c[_MZ] / 2, c[_M]],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def divergence(values: npt.ArrayLike, reference: npt.ArrayLike) -> Floats:
@@ -155,44 +116,3 @@ def _definite(body: Floats) -> bool:
     # the squares of L's diagonal are the exact pivots; those beneath rounding decide nothing
     pivots = np.square(np.diagonal(unit)) / np.diagonal(pseudo_inertia(body))
     return bool(pivots.min() > 16 * np.finfo(float).eps)
-
-
-def exact_pseudo_inertia(body: Sequence[Any]) -> list[list[Any]]:
-    """J of ten exact numbers of any kind that can be divided by 2, rows of shape (4, 4)."""
-    xx, xy, xz, yy, yz, zz, mx, my, mz, m = body
-    return [
-        [(yy + zz - xx) / 2, -xy, -xz, mx],
-        [-xy, (xx + zz - yy) / 2, -yz, my],
-        [-xz, -yz, (xx + yy - zz) / 2, mz],
-        [mx, my, mz, m],
-    ]
-
-
-def is_semidefinite(matrix: Sequence[Sequence[Any]] | Array, *, definite: bool = False) -> bool:
-    """Whether an exact symmetric matrix is positive semidefinite, decided by LDLᵀ without any rounding.
-
-    Parameters
-    ----------
-    matrix : array of shape (n, n)
-        Fractions, FLINT rationals, or balls: with balls True is a proof, and False only means that none was found.
-    definite : bool
-        Ask for positive definite.
-    """
-    rest = [list(row) for row in matrix]
-    for k in range(len(rest)):
-        pivot = rest[k][k]
-        if not pivot > 0:
-            # a zero on the diagonal of a semidefinite matrix stands in a row of zeros
-            if definite or not all(map(is_zero, rest[k][k:])):
-                return False
-            continue
-        for i in range(k + 1, len(rest)):
-            share = rest[i][k] / pivot
-            for j in range(k + 1, len(rest)):
-                rest[i][j] = rest[i][j] - share * rest[k][j]
-    return True
-
-
-def is_zero(x: Any) -> bool:
-    """Whether a number is exactly zero; a ball around zero is not."""
-    return bool(x == 0)

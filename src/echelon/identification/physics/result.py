@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from fractions import Fraction
 from typing import Any
 
 from echelon.arrays import Floats
@@ -12,37 +11,30 @@ from echelon.arrays import Floats
 
 @dataclass(frozen=True, repr=False)
 class Feasibility:
-    """Whether any physical robot has given base parameters, with a proof.
+    """Whether any physical robot has given base parameters.
 
     Attributes
     ----------
     feasible : bool or None
-        None where neither could be proved.
-    proof : str
-        What was verified, in a sentence: exact rational arithmetic or interval arithmetic, and of what.
+        None on the boundary of what robots can have.
+    evidence : str
+        What was found, in a sentence.
     standard : array of shape (p,), optional
-        If feasible: standard parameters of a physical robot that has them (the proof's witness).
-    separator : array of shape (r,), optional
-        If not: λ with λᵀζ̄ < 0 although λᵀB ζ ≥ 0 for every physical robot (the proof's witness).
+        If feasible: standard parameters of a physical robot that has them.
     nearest : array of shape (r,), optional
         If not: base parameters of the nearest physical robot.
     distance : float
         Of the nearest ones, in standard deviations of the estimate (Mahalanobis); 0 if feasible.
-    exact : tuple of Fraction
-        The proof's witness, ζ or λ, in the exact numbers that were verified, so that anybody can verify them again;
-        empty where the geometry is irrational or nothing was proved.
     """
 
     feasible: bool | None
-    proof: str
+    evidence: str
     standard: Floats | None = None
-    separator: Floats | None = None
     nearest: Floats | None = None
     distance: float = 0.0
-    exact: tuple[Fraction, ...] = ()
 
     def __repr__(self) -> str:
-        return f"Feasibility({self.feasible}: {self.proof})"
+        return f"Feasibility({self.feasible}: {self.evidence})"
 
 
 @dataclass(frozen=True, repr=False)
