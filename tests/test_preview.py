@@ -26,10 +26,10 @@ from echelon.excite.verify.conditioning import conditioning_of
 from echelon.excite.verify.margins import Margin
 from echelon.logs.finding import Finding, Severity
 from echelon.report.digits import significant
-from echelon.report.environment import plotly_source
+from echelon.report.page import plotly_source
 from echelon.report.pose import pose_at
-from echelon.report.preview.page import SECTIONS, preview_html
-from echelon.report.preview.scene import scene
+from echelon.report.preview import TITLES, preview_html
+from echelon.report.scene import scene
 from report_data import EXAMPLES, HOSTILE, Page
 
 Floats = npt.NDArray[np.float64]
@@ -126,7 +126,7 @@ def test_same_input_same_page(html: str) -> None:
 
 def test_everything_is_there(page: Page) -> None:
     anchors = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
-    assert {section.key for section in SECTIONS} | {"top", "preview-data"} <= set(anchors)
+    assert {*TITLES} | {"top", "preview-data"} <= set(anchors)
     assert len(anchors) == len(set(anchors))
     assert page.open == []
 
@@ -343,7 +343,7 @@ def test_pictures_agree_with_single_poses(robot: str) -> None:
     mechanism, names = found.base.mechanism, found.trajectory.coordinates
     for k in (0, len(view.time) // 3, len(view.time) - 1):
         state = dict(zip(names, found.trajectory([view.time[k]])[0].tolist(), strict=True))
-        pose = pose_at(mechanism, {name: state[name] for name in mechanism.positions})
+        pose = pose_at(mechanism, np.array([state[name] for name in mechanism.positions]))
         assert np.allclose(view.origins[k], pose.origins, atol=1e-12)
         assert np.allclose(view.axes[k], pose.axes, atol=1e-12)
     assert np.allclose(view.up, pose.up)

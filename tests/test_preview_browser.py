@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from browser import Browser, check_buttons, needs_browser, plots
-from echelon.report.preview.page import preview_html
+from echelon.report.preview import preview_html
 from test_preview import broken, hostile, trajectory
 
 pytestmark = needs_browser

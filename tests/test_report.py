@@ -16,9 +16,8 @@ from hypothesis import strategies as st
 
 from echelon.errors import MissingExtraError
 from echelon.identification.result import Identification
-from echelon.report.environment import plotly_source
-from echelon.report.page import SECTIONS, report_html
-from echelon.report.payload import script_safe
+from echelon.report.page import plotly_source, script_safe
+from echelon.report.report import TITLES, report_html
 from report_data import Page, bare, base_of, hostile, identification
 
 
@@ -38,7 +37,7 @@ def test_same_input_same_page(full: Identification) -> None:
 
 def test_everything_is_there(page: Page, full: Identification) -> None:
     anchors = {attributes.get("id") for _, attributes in page.elements}
-    assert {section.key for section in SECTIONS} | {"top", "plot-data"} <= anchors
+    assert {*TITLES} | {"top", "plot-data"} <= anchors
     assert page.open == []
     for said in (
         full.verdict,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from browser import Browser, check_buttons, needs_browser, plots
-from echelon.report.page import report_html
+from echelon.report.report import report_html
 from report_data import bare, hostile, identification
 
 pytestmark = needs_browser

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from base64 import b64decode
 from dataclasses import replace
 from itertools import pairwise
@@ -16,13 +15,10 @@ from scipy.signal import welch
 
 import echelon as ec
 from echelon.report.digits import significant, with_uncertainty
-from echelon.report.downsampling import envelope
+from echelon.report.drawing import drawing, seen_bodies
 from echelon.report.matrix_picture import matrix_picture, mergings
-from echelon.report.payload import payload
 from echelon.report.pose import drawable_pose, pose_at
-from echelon.report.residuals import residual
-from echelon.report.seen import seen_bodies
-from echelon.report.skeleton import drawing
+from echelon.report.signals import envelope, payload, residual
 from kinematics import pose_of
 from report_data import EXAMPLES, base_of, identification
 
@@ -95,7 +91,7 @@ def test_plots_hold_the_peaks() -> None:
     measured = trace.measured.copy()
     measured[1234] = 1e4
     spiky = replace(full.validations[1], traces=(replace(trace, measured=measured),))
-    data = json.loads(payload([spiky]))
+    data = payload([spiky])
     for name in ("measured", "residual"):
         values = np.frombuffer(b64decode(data["traces"]["0/0"]["signals"][name][1]), dtype="<f4")
         assert values.max() > 9.9e3
@@ -152,7 +148,7 @@ def test_frames_agree_with_textbook_formulas(robot: str) -> None:
         if len(motion.positions) == 4:
             unit = rng.normal(size=4)
             q |= dict(zip(motion.positions, (unit / np.linalg.norm(unit)).tolist(), strict=True))
-    found = pose_at(mechanism, q)
+    found = pose_at(mechanism, np.array([q[name] for name in mechanism.positions]))
     poses: list[np.ndarray] = []
     for index, body in enumerate(mechanism.bodies):
         above = np.eye(4) if body.parent < 0 else poses[body.parent]

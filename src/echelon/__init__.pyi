@@ -58,8 +58,8 @@ from echelon.mechanism.motor_side import joint_side as joint_side
 from echelon.models.linear_model import LinearModel as LinearModel
 from echelon.observe.normal import NormalEquations as NormalEquations
 from echelon.observe.observation import Observation as Observation
-from echelon.report.page import report_html as report_html
-from echelon.report.preview.page import preview_html as preview_html
+from echelon.report.preview import preview_html as preview_html
+from echelon.report.report import report_html as report_html
 from echelon.results.identified import load_identified as load_identified
 from echelon.results.identified import save_identification as save_identification
 from echelon.results.saved import load_base as load_base

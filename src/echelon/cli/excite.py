@@ -95,7 +95,7 @@ def run_check(
     from echelon.excite.files.read_trajectory import read_trajectory
     from echelon.excite.problem.task import changed as changed_entry
     from echelon.excite.problem.task import task_of
-    from echelon.report.preview.page import preview_html
+    from echelon.report.preview import preview_html
 
     started = perf_counter()
     setup = load_setup(setup_path, prior=prior, **reading)
@@ -124,7 +124,7 @@ def _files(found: ExcitingTrajectory, request: ExciteRequest) -> dict[str, str |
     """Everything that is written, by name, so that nothing is written unless all of it can be."""
     from echelon.excite.files.coefficients import text_of
     from echelon.excite.files.write_trajectory import design_to_json, trajectory_content
-    from echelon.report.preview.page import preview_html
+    from echelon.report.preview import preview_html
 
     files: dict[str, str | bytes] = {
         TRAJECTORY: text_of(design_to_json(found)),

@@ -6,12 +6,17 @@ import re
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
+from typing import TYPE_CHECKING
 
 from echelon.base.expression import Expression, TextStyle, angle_text, render
 from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS
 from echelon.errors import one_line
 from echelon.exact.polynomial import is_trigonometric
+from echelon.report.page import trusted
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 _LONG = 72  # characters of a closed form that are shown at once
 _GROUPS = 3  # shown of one that is longer
@@ -44,10 +49,9 @@ def _symbol(name: str) -> str:
 class ClosedForm:
     """A base parameter to be shown."""
 
-    name: str  # its representative and the whole, as safe HTML
-    html: str
-    text: str  # the whole as plain text
-    start: str  # the beginning of a long one as safe HTML; empty if it is short
+    html: Markup
+    text: str  # as plain text
+    start: Markup  # the beginning of a long one; empty if it is short
     terms: int  # standard parameters in it
 
 
@@ -69,9 +73,9 @@ class ClosedForms:
             }
         )
 
-    def name(self, parameter: str) -> str:
+    def name(self, parameter: str) -> Markup:
         """A parameter's name as safe HTML."""
-        return self.style.parameter(parameter)
+        return trusted(self.style.parameter(parameter))
 
     def all(self) -> list[ClosedForm]:
         """One per base parameter."""
@@ -83,9 +87,9 @@ class ClosedForms:
         if len(text) > _LONG and len(expression.groups) > 1:
             start = render(replace(expression, groups=expression.groups[:_GROUPS]), self.style)
             if len(expression.groups) <= _GROUPS:
-                start = self.name(expression.name)
+                start = self.style.parameter(expression.name)
         terms = sum(len(group.parameters) for group in expression.groups)
-        return ClosedForm(self.name(expression.name), render(expression, self.style), text, start, terms)
+        return ClosedForm(trusted(render(expression, self.style)), text, trusted(start), terms)
 
 
 def _split(name: str) -> tuple[str, str]:

@@ -1,75 +1,101 @@
-"""The report: one page that needs nothing but itself.
+"""One page that needs nothing but itself: sections with templates, numbers packed for scripts, and no network.
 
-A report is a list of sections; each has a template and a function that says what it shows.  The page forbids its own
-requests to the network, so that it shows the same everywhere and tells nobody that it was opened.
+Everything that comes from a file is escaped, and a name without value is an error.  A page forbids its own requests to
+the network, so that it shows the same everywhere and tells nobody that it was opened.  Arrays are 32-bit floats in
+base 64: seven digits are more than a screen shows, and a third of the size of decimal text.  jinja2 is imported here
+only, and only when a page is made.
 """
 
 from __future__ import annotations
 
-from echelon.errors import one_line
-from echelon.identification.result import Identification
-from echelon.report.environment import plotly_source, render
-from echelon.report.payload import payload
-from echelon.report.section import Section
-from echelon.report.sections import (
-    conditioning,
-    header,
-    links,
-    parameters,
-    physics,
-    preparation,
-    residuals,
-    structure,
-    summary,
-    traces,
-)
+import json
+from base64 import b64encode
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import MissingExtraError, one_line
+from echelon.report import digits
 from echelon.version import __version__
 
-SECTIONS = (
-    Section("summary", "Fit of each output", summary.context),
-    Section("parameters", "Base parameters", parameters.context),
-    Section("traces", "Measured and predicted", traces.context),
-    Section("residuals", "Residuals", residuals.context),
-    Section("conditioning", "What the data show", conditioning.context),
-    Section("links", "What the sensors see of each link", links.context),
-    Section("structure", "Which parameters merge where", structure.context),
-    Section("physics", "Physical consistency", physics.context),
-    Section("preparation", "Preparation and settings", preparation.context),
-)
-"""The sections below the header, in order."""
+if TYPE_CHECKING:
+    from jinja2 import Environment
+    from markupsafe import Markup
+
+TEMPLATES = Path(__file__).with_name("templates")
+Context = dict[str, Any]
+"""What a template shows."""
 
 
-def report_html(identification: Identification) -> str:
-    """A report about an identification, as one HTML file.
+def html_page(
+    title: str, prefix: str, titles: Mapping[str, str], contexts: Mapping[str, Context], data: Any, **page: Any
+) -> str:
+    """A page as text: a header, and a section by each key of ``titles``, from templates ``PREFIX + KEY``."""
+    html = {key: render(f"{prefix}{key}.html.j2", context) for key, context in contexts.items()}
+    sections = [{"key": key, "title": text, "html": html[key]} for key, text in titles.items()]
+    shown = {"title": title, "header": html["header"], "sections": sections, "version": __version__, **page}
+    return str(render("page.html.j2", {**shown, "data": script_safe(data), "plotly": plotly_source()})) + "\n"
 
-    The same identification gives the same text.  Names that come from files are escaped; nothing is loaded from
-    anywhere.
 
-    Parameters
-    ----------
-    identification : Identification
+def render(template: str, context: Mapping[str, Any]) -> Markup:
+    """A template with its names filled in, as safe HTML."""
+    return trusted(_environment().get_template(template).render(context))
 
-    Returns
-    -------
-    str
-        To be written as UTF-8.
 
-    Raises
-    ------
-    MissingExtraError
-        If plotly is not installed.
+def trusted(html: str) -> Markup:
+    """HTML whose names have been escaped already."""
+    from markupsafe import Markup
+
+    return Markup(html)
+
+
+def plotly_source() -> Markup:
+    """The plotting library, as the content of a script element."""
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError:
+        raise MissingExtraError("plotly", "identify") from None
+    # neither text occurs outside of string literals, where a backslash before / or ! changes nothing
+    return trusted(get_plotlyjs().replace("</script", "<\\/script").replace("<!--", "<\\!--"))
+
+
+def script_safe(data: Any) -> str:
+    r"""JSON in which no text can end a script element; without numbers that are not finite.
+
+    >>> script_safe({"name": "</script>"})
+    '{"name":"\\u003c/script\\u003e"}'
     """
-    bodies = [
-        {"key": s.key, "title": s.title, "html": render(f"{s.key}.html.j2", s.context(identification))}
-        for s in SECTIONS
-    ]
-    head = header.context(identification)
-    page = {
-        "title": f"Identification of {one_line(identification.base.mechanism.name)}",
-        "header": render("header.html.j2", head),
-        "sections": bodies,
-        "plotly": plotly_source(),
-        "data": payload(identification.validations),
-        "version": __version__,
+    text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def packed(values: npt.ArrayLike) -> str:
+    """An array for a script: row-major, little endian, in base 64."""
+    with np.errstate(over="ignore"):
+        return b64encode(np.asarray(values, dtype=float).astype("<f4").tobytes()).decode("ascii")
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        undefined=StrictUndefined,
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "line": one_line,
+        "number": digits.significant,
+        "percent": digits.percent,
+        "share": digits.share,
+        "px": lambda value: f"{value:.1f}",
+        "count": lambda value: f"{value:,}".replace(",", "\N{NARROW NO-BREAK SPACE}"),
     }
-    return str(render("page.html.j2", page)) + "\n"
+    return environment

@@ -1,25 +1,24 @@
-"""Where the bodies of a mechanism are, in numbers: the recorded steps of its joints, put one behind the other."""
+"""Poses of a robot that can be drawn: where its bodies and joint axes are, and which way is up."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.dynamics.kinematics import moved
+from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import EchelonError
+from echelon.exact.polynomial import float_generators
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
-from echelon.mechanism.values import symbol_values
-from echelon.program.schedule import FloatArithmetic, Schedule
-from echelon.program.tape import Program, Scalar
+from echelon.mechanism.placement import Placement
+from echelon.mechanism.values import placement_matrix, symbol_values
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.spatial import Mat, Vec, apply
-from echelon.regressor.steps import Recorder, Step
 
 _BEND = 0.5  # rad, between neighbouring joints of a robot whose zero pose is a line
+_VIEWS = 12  # directions that are tried
 _FLAT = 0.15  # ratio of a pose's second extent to its first, below which it is called a line
 
 
@@ -36,22 +35,24 @@ class Pose:
 
 
 def drawable_pose(mechanism: Mechanism) -> Pose | None:
-    """A pose in which a robot can be recognised: assembled where there are loops, else zero, bent if that is a line."""
+    """A pose in which a robot can be recognised: assembled where there are loops, else zero, bent if that is a line.
+
+    None where lengths have no values or loops do not close.
+    """
     try:
         if mechanism.closures:
-            positions = dict(zip(mechanism.positions, Assembly(mechanism).pose.tolist(), strict=True))
-            return pose_at(mechanism, positions)
-        straight = pose_at(mechanism, _positions(mechanism, 0.0))
+            return pose_at(mechanism, Assembly(mechanism).pose)
+        straight = pose_at(mechanism, positions_of(mechanism))
         extent = np.linalg.svd(straight.origins - straight.origins.mean(axis=0), compute_uv=False)
         if len(mechanism.bodies) > 1 and extent[1] < _FLAT * extent[0]:
-            return pose_at(mechanism, _positions(mechanism, _BEND), bent=True)
+            return pose_at(mechanism, positions_of(mechanism, _BEND), bent=True)
         return straight
     except EchelonError:
         return None
 
 
-def _positions(mechanism: Mechanism, bend: float) -> dict[str, float]:
-    """Positions of all coordinates: rotations alternate between bend and −bend; balls are upright."""
+def positions_of(mechanism: Mechanism, bend: float = 0.0) -> Floats:
+    """All positions, shape (positions,): rotations alternate between bend and −bend; balls are upright; others zero."""
     found: dict[str, float] = {}
     sign = 1.0
     for motion in mechanism.motions:
@@ -60,30 +61,41 @@ def _positions(mechanism: Mechanism, bend: float) -> dict[str, float]:
         elif motion.kind is MotionKind.ROTATION:
             found[motion.name] = sign * bend
             sign = -sign
-        else:
-            found[motion.name] = 0.0
-    return found
+    return np.array([found.get(name, 0.0) for name in mechanism.positions])
 
 
-def pose_at(mechanism: Mechanism, positions: Mapping[str, float], *, bent: bool = False) -> Pose:
-    """Frames of all bodies at given positions."""
-    program = Program()
-    recorder = Recorder(mechanism, program)
-    start = _start(program)
-    frames: list[_Frame] = []
-    for index, body in enumerate(mechanism.bodies):
-        frame = start if body.parent == GROUND else replace(frames[body.parent], axis=start.axis)
-        for step in recorder.steps(index):
-            frame = frame.after(step)
-        frames.append(frame)
-    scalars = [s for frame in frames for s in (*frame.shift, *frame.axis, *(e for row in frame.rotation for e in row))]
-    states = [dict(positions), _positions(mechanism, 0.0)]
-    values = _evaluated(mechanism, program, [*scalars, *recorder.gravity()], states)
-    (here, zero), gravity = values[:, :-3].reshape(2, -1, 15), values[0, -3:]
+def pose_at(mechanism: Mechanism, q: Floats, *, bent: bool = False) -> Pose:
+    """Frames of all bodies at positions of shape (positions,); an InputError if a geometry symbol has no value."""
+    symbols = symbol_values(mechanism, sorted({s for body in mechanism.bodies for s in body.joint.symbols()}))
+    here, zero = Kinematics(mechanism).frames(np.array([q, positions_of(mechanism)]))
+    axes = joint_axes(mechanism, here[None, :, :, :3], symbols)[0]
+    turns = _turns(mechanism, here[:, :, :3], zero[:, :, :3])
+    return Pose(here[:, :, 3], turns, axes, upward(mechanism), bent)
+
+
+def upward(mechanism: Mechanism) -> Floats:
+    """Unit vector against gravity; z without gravity."""
+    entries = mechanism.gravity or ()
+    symbols = symbol_values(mechanism, sorted({s for entry in entries for s in entry.symbols()}))
+    gravity = np.array([e.evaluate(float_generators(e.generators(), symbols), float) for e in entries])
     size = float(np.linalg.norm(gravity))
-    up = -gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
-    turns = _turns(mechanism, here[:, 6:].reshape(-1, 3, 3), zero[:, 6:].reshape(-1, 3, 3))
-    return Pose(here[:, :3], turns, here[:, 3:6], up, bent)
+    return -gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
+
+
+def joint_axes(mechanism: Mechanism, rotations: Floats, symbols: Mapping[str, float]) -> Floats:
+    """Direction of each joint's first freedom, shape (N, bodies, 3), for rotations of all bodies, (N, bodies, 3, 3).
+
+    It is fixed in the parent's frame, behind constant placements; zero for fixed joints.
+    """
+    axes = np.zeros(rotations.shape[:-1])
+    for index, body in enumerate(mechanism.bodies):
+        if body.joint.is_fixed:
+            continue
+        first, motion = body.joint.steps[0], body.joint.motions[0]
+        frame = placement_matrix(first, symbols)[:3, :3] if isinstance(first, Placement) else np.eye(3)
+        own = frame[:, 0] if motion.kind is MotionKind.BALL else motion.sign * frame[:, motion.axis]
+        axes[:, index] = own if body.parent == GROUND else rotations[:, body.parent] @ own
+    return axes
 
 
 def _turns(mechanism: Mechanism, here: Floats, zero: Floats) -> Floats:
@@ -95,39 +107,26 @@ def _turns(mechanism: Mechanism, here: Floats, zero: Floats) -> Floats:
     return turns
 
 
-@dataclass(frozen=True)
-class _Frame:
-    """Rotation and origin in the base frame, and direction of the first freedom behind the parent."""
-
-    rotation: Mat
-    shift: Vec
-    axis: Vec
-
-    def after(self, step: Step) -> _Frame:
-        rotation, shift = moved((self.rotation, self.shift), step)
-        axis = self.axis
-        if step.freedoms and all(entry.is_zero for entry in axis):
-            first = step.freedoms[0]
-            still = all(entry.is_zero for entry in first.angular)
-            axis = apply(rotation, first.linear if still else first.angular)
-        return _Frame(rotation, shift, axis)
+def sides(up: Floats) -> tuple[Floats, Floats]:
+    """Two unit vectors perpendicular to a third and to each other; the script of the preview derives the same ones."""
+    side = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 1.0, 0.0])
+    side /= np.linalg.norm(side)
+    return side, np.cross(side, up)
 
 
-def _start(program: Program) -> _Frame:
-    zero, one = program.zero, program.one
-    return _Frame(((one, zero, zero), (zero, one, zero), (zero, zero, one)), (zero, zero, zero), (zero, zero, zero))
+def projection(up: Floats, turn: float, elevation: float) -> Floats:
+    """Right and up on paper, as rows, seen from a direction around the vertical that looks down; angles in rad."""
+    side, front = sides(up)
+    right = np.cos(turn) * side + np.sin(turn) * front
+    return np.stack([right, np.cos(elevation) * up + np.sin(elevation) * np.cross(up, right)])
 
 
-def _evaluated(
-    mechanism: Mechanism, program: Program, scalars: list[Scalar], states: Sequence[Mapping[str, float]]
-) -> Floats:
-    """Values of recorded scalars at positions, shape (states, scalars)."""
-    schedule = Schedule(program, [scalar.node for scalar in scalars])
-    leaves = {node: program.inputs[node] for node in schedule.leaves}
-    known = symbol_values(mechanism, [leaf.name for leaf in leaves.values() if leaf.role == "symbol"])
-    given = {}
-    for node, leaf in leaves.items():
-        fixed = known.get(leaf.name)
-        given[node] = np.array([state[leaf.name[2:-1]] if fixed is None else fixed for state in states])
-    values: Floats = schedule.run(FloatArithmetic(), given, len(states)).T
-    return values
+def widest_view(points: Floats, up: Floats, elevation: float) -> float:
+    """Direction of view around the vertical, rad, from which points of about unit size fill the largest area."""
+
+    def area(turn: float) -> float:
+        flat = points @ projection(up, turn, elevation).T
+        values = np.linalg.svd(flat - flat.mean(axis=0), compute_uv=False)
+        return round(float(values[0] * values[1]), 6)  # rounded, so that the view is the same everywhere
+
+    return max((float(np.pi * (k + 0.25) / _VIEWS) for k in range(_VIEWS)), key=area)

@@ -12,9 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from echelon.arrays import Floats
+from echelon.base.base_set import Identifiability
+from echelon.base.model import BaseModel
+from echelon.conventions import PARAMETERS, PER_BODY
+from echelon.errors import one_line
 from echelon.mechanism.mechanism import GROUND, Mechanism
-from echelon.report.pose import Pose
-from echelon.report.seen import SeenBody
+from echelon.report.pose import Pose, projection, widest_view
+
+CLASSES = {
+    Identifiability.ALONE: "alone",
+    Identifiability.COMBINATION: "combined",
+    Identifiability.UNIDENTIFIABLE: "unseen",
+}
+"""Names of the classes in style sheets."""
 
 Point = tuple[float, float]
 
@@ -24,9 +34,56 @@ WIDTH, LABEL = 940.0, 262.0
 _ROW = 24.0  # height of a label
 _HEIGHTS = 180.0, 420.0  # of a drawing, if its labels need no more
 _MARGIN = 24.0
-_VIEWS, _ELEVATION = 12, 0.35  # directions that are tried, and how far they look down, rad
+_ELEVATION = 0.35  # how far the view looks down, rad
 _AXIS = 0.035  # half-length of a joint's axis, of the robot's extent
 _STUB = 0.2  # length of a last body, of the robot's extent
+
+
+@dataclass(frozen=True)
+class SeenBody:
+    """One body."""
+
+    index: int  # in ``mechanism.bodies``
+    label: str
+    name: str
+    cells: tuple[str, ...]  # for XX … M a value of :data:`CLASSES`; empty for what it does not carry
+    parameters: tuple[tuple[str, tuple[str, ...]], ...]  # shape (str, tuple of str): class → names of its parameters
+
+    @property
+    def level(self) -> int:
+        """How much of it is seen: 0 nothing, 1 to 3 in thirds, 4 everything."""
+        carried = sum(1 for cell in self.cells if cell)
+        seen = sum(1 for cell in self.cells if cell in ("alone", "combined"))
+        if seen in (0, carried):
+            return 4 if seen else 0
+        return min(1 + 3 * seen // carried, 3)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of parameters in each class."""
+        return {kind: len(names) for kind, names in self.parameters}
+
+    @property
+    def words(self) -> str:
+        """All in one sentence."""
+        known = {"alone": "alone", "combined": "in combination", "unseen": "not at all"}
+        parts = [f"{known[kind]}: {', '.join(names)}" for kind, names in self.parameters if names]
+        return one_line(f"{self.name} (link {self.label}) – {'; '.join(parts)}")
+
+
+def seen_bodies(base: BaseModel) -> list[SeenBody]:
+    """All bodies that carry parameters, base to tip."""
+    classes = [CLASSES[kind] for kind in base.classification.values()]
+    found = []
+    for index in base.mechanism.carriers:
+        body, first = base.mechanism.bodies[index], base.mechanism.first_column[index]
+        own = {kind: classes[first + k] for k, kind in enumerate(body.carried)}
+        names = {kind: tuple(f"{PARAMETERS[k]}" for k in own if own[k] == kind) for kind in CLASSES.values()}
+        cells = tuple(own.get(k, "") for k in range(PER_BODY))
+        found.append(
+            SeenBody(index, body.label, one_line(base.mechanism.carrier_name(index)), cells, tuple(names.items()))
+        )
+    return found
 
 
 @dataclass(frozen=True)
@@ -112,12 +169,7 @@ class _Paper:
     """Points in space to points on paper."""
 
     def __init__(self, cloud: Floats, up: Floats, least: float) -> None:
-        side = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 1.0, 0.0])
-        side /= np.linalg.norm(side)
-        front = np.cross(side, up)
-        size = _extent(cloud)
-        views = [_view(side, front, up, np.pi * (k + 0.25) / _VIEWS) for k in range(_VIEWS)]
-        self._axes = max(views, key=lambda axes: _spread(cloud @ axes.T / size))
+        self._axes = projection(up, widest_view(cloud / _extent(cloud), up, _ELEVATION), _ELEVATION)
         flat = cloud @ self._axes.T
         low, high = flat.min(axis=0), flat.max(axis=0)
         width, tall = np.maximum(high - low, 1e-9 * max(float(np.max(high - low)), 1e-300))
@@ -129,19 +181,6 @@ class _Paper:
     def __call__(self, point: Floats) -> Point:
         x, y = self._centre + self._scale * np.array([1.0, -1.0]) * (self._axes @ point - self._middle)
         return float(x), float(y)
-
-
-def _view(side: Floats, front: Floats, up: Floats, turn: float) -> Floats:
-    """Right and up on paper, as rows, seen from a direction around the vertical and from a little above."""
-    right = np.cos(turn) * side + np.sin(turn) * front
-    away = np.cross(up, right)
-    return np.stack([right, np.cos(_ELEVATION) * up + np.sin(_ELEVATION) * away])
-
-
-def _spread(points: Floats) -> float:
-    """Area that points fill; rounded, so that the same robot is always seen from the same side."""
-    values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return round(float(values[0] * values[1]), 9)
 
 
 def _labels(anchors: dict[int, Point], height: float) -> dict[int, tuple[Point, tuple[Point, ...]]]:

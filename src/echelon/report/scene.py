@@ -18,9 +18,10 @@ from echelon.errors import EchelonError, one_line
 from echelon.excite.exciting_trajectory import ExcitingTrajectory
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import GROUND, Body, Mechanism
+from echelon.mechanism.values import known_values
 from echelon.regressor.loops.assembly import Assembly
-from echelon.report.pose import Pose, pose_at
-from echelon.report.preview.packed import packed
+from echelon.report.page import Context, packed
+from echelon.report.pose import Pose, joint_axes, pose_at, positions_of, widest_view
 
 _RATE = 30.0
 """Pictures per second; fewer where a page would become too large.  Between them a script interpolates."""
@@ -28,7 +29,7 @@ _BYTES = 500_000  # of all pictures together, about
 _NUMBERS, _PER_NUMBER = 10, 4 * 4 / 3  # of a body in a picture, and bytes of each in base 64
 _STUB = 0.12  # length of a last body, of the robot's extent
 _STILL = 1e-9  # of the robot's extent, and rad, below which a body counts as not moving
-_VIEWS, ELEVATION = 12, 0.4  # directions that are tried, and how far they look down, rad
+ELEVATION = 0.4  # how far the view looks down, rad
 
 
 @dataclass(frozen=True)
@@ -49,23 +50,23 @@ class Scene:
 
 
 def scene(found: ExcitingTrajectory) -> Scene:
-    """Where everything is, picture by picture."""
+    """Where everything is, picture by picture; an InputError if a length has no value."""
     mechanism, trajectory = found.base.mechanism, found.trajectory
-    zero = pose_at(mechanism, dict(zip(mechanism.positions, _upright(mechanism).tolist(), strict=True)))
+    zero = pose_at(mechanism, positions_of(mechanism))
     kinematics = Kinematics(mechanism)
-    at_zero = kinematics.frames(_upright(mechanism)[None])[0]
     time = _times(trajectory.duration, len(mechanism.bodies))
-    q, qd = trajectory(time), trajectory(time, 1)
     frames = kinematics.frames(_positions(found, time))
-    turns, origins = frames[..., :3], frames[..., 3]
+    rotations, origins = frames[..., :3], frames[..., 3]
     cloud = np.vstack([origins.reshape(-1, 3), np.zeros((1, 3))])
     extent = float(np.linalg.norm(np.ptp(cloud, axis=0))) or 1.0
     carriers = {body.parent for body in mechanism.bodies}
     last = tuple(i for i in range(len(mechanism.bodies)) if i not in carriers)
-    ends = [_STUB * extent * _ahead(mechanism.bodies[i], i, zero, at_zero[..., :3], extent) for i in last]
-    tips = np.stack([origins[:, i] + turns[:, i] @ end for i, end in zip(last, ends, strict=True)], axis=1)
-    moved = np.ptp(origins, axis=0).max(axis=1) / extent + np.ptp(turns, axis=0).max(axis=(1, 2))
-    axes = _axes(mechanism, zero, at_zero[..., :3], turns)
+    at_zero = kinematics.frames(positions_of(mechanism)[None])[0, :, :, :3]
+    ends = [_STUB * extent * _ahead(mechanism.bodies[i], i, zero, at_zero, extent) for i in last]
+    tips = np.stack([origins[:, i] + rotations[:, i] @ end for i, end in zip(last, ends, strict=True)], axis=1)
+    moved = np.ptp(origins, axis=0).max(axis=1) / extent + np.ptp(rotations, axis=0).max(axis=(1, 2))
+    axes = joint_axes(mechanism, rotations, known_values(mechanism))
+    q, qd = trajectory(time), trajectory(time, 1)
     return Scene(mechanism, time, q, qd, origins, axes, tips, last, moved < _STILL, zero.up, extent)
 
 
@@ -78,23 +79,20 @@ def _positions(found: ExcitingTrajectory, time: Floats) -> Floats:
     return trajectory(time)[:, columns]
 
 
-def _upright(mechanism: Mechanism) -> Floats:
-    """All positions at zero, balls upright."""
-    upright = {m.positions[0] for m in mechanism.motions if m.kind is MotionKind.BALL}
-    return np.array([float(name in upright) for name in mechanism.positions])
-
-
-def context(found: ExcitingTrajectory) -> dict[str, Any]:
-    """What the section says beside its picture."""
+def robot(found: ExcitingTrajectory) -> tuple[Context, dict[str, Any] | None]:
+    """What the section with the picture shows, and all pictures, JSON-able; None where a length has no value."""
     try:
         view = scene(found)
     except EchelonError as error:
-        return {"problem": str(error)}
+        return {"problem": str(error)}, None
+    return _context(found, view), _payload(found, view)
+
+
+def _context(found: ExcitingTrajectory, view: Scene) -> Context:
     heights = view.origins @ view.up
     lowest = int(heights.min(axis=0).argmin())
     return {
         "problem": "",
-        "rate": round((len(view.time) - 1) / max(found.trajectory.duration, 1e-300), 1),
         "below": max(-float(heights.min()), 0.0) if heights.min() < -1e-6 * view.extent else 0.0,
         "lowest": view.mechanism.bodies[lowest].name,
         "still": [body.name for body, still in zip(view.mechanism.bodies, view.still, strict=True) if still],
@@ -103,12 +101,7 @@ def context(found: ExcitingTrajectory) -> dict[str, Any]:
     }
 
 
-def payload(found: ExcitingTrajectory) -> dict[str, Any] | None:
-    """All pictures, JSON-able; None where a length has no value."""
-    try:
-        view = scene(found)
-    except EchelonError:
-        return None
+def _payload(found: ExcitingTrajectory, view: Scene) -> dict[str, Any]:
     bodies = [
         {
             "name": one_line(body.name),
@@ -119,6 +112,8 @@ def payload(found: ExcitingTrajectory) -> dict[str, Any] | None:
         }
         for i, (body, still) in enumerate(zip(view.mechanism.bodies, view.still, strict=True))
     ]
+    points = np.vstack([view.origins.reshape(-1, 3), view.tips.reshape(-1, 3), np.zeros((1, 3))])
+    arrays = {name: packed(getattr(view, name)) for name in ("origins", "axes", "tips", "q", "qd")}
     return {
         "bodies": bodies,
         "pictures": len(view.time),
@@ -126,21 +121,10 @@ def payload(found: ExcitingTrajectory) -> dict[str, Any] | None:
         "coordinates": [one_line(name) for name in found.trajectory.coordinates],
         "units": [one_line(unit) for unit in found.trajectory.units],
         "up": view.up.tolist(),
-        "turn": _turn(view),
+        "turn": widest_view(points / view.extent, view.up, ELEVATION),
         "elevation": ELEVATION,
-        "origins": packed(view.origins),
-        "axes": packed(view.axes),
-        "tips": packed(view.tips),
-        "q": packed(view.q),
-        "qd": packed(view.qd),
+        **arrays,
     }
-
-
-def sides(up: Floats) -> tuple[Floats, Floats]:
-    """Two unit vectors perpendicular to a third and to each other; a script derives the same ones."""
-    side = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 1.0, 0.0])
-    side /= np.linalg.norm(side)
-    return side, np.cross(side, up)
 
 
 def _times(duration: float, bodies: int) -> Floats:
@@ -159,36 +143,9 @@ def _ahead(body: Body, index: int, zero: Pose, turns: Floats, extent: float) -> 
     return found
 
 
-def _axes(mechanism: Mechanism, zero: Pose, at_zero: Floats, turns: Floats) -> Floats:
-    """Joint axes over time: the first freedom of a joint is fixed in the parent, behind constant placements."""
-    axes = np.empty((len(turns), len(mechanism.bodies), 3))
-    for index, body in enumerate(mechanism.bodies):
-        if body.parent == GROUND:
-            axes[:, index] = zero.axes[index]
-        else:
-            axes[:, index] = turns[:, body.parent] @ (at_zero[body.parent].T @ zero.axes[index])
-    return axes
-
-
 def _kind(body: Body) -> str:
     """How a joint is drawn."""
     kinds = [motion.kind for motion in body.joint.motions]
     if not kinds:
         return "fixed"
     return {MotionKind.TRANSLATION: "slide", MotionKind.SCREW: "screw"}.get(kinds[0], "turn")
-
-
-def _turn(view: Scene) -> float:
-    """Direction of view around the vertical, rad, from which the motion spreads widest."""
-    side, front = sides(view.up)
-    cloud = np.vstack([view.origins.reshape(-1, 3), view.tips.reshape(-1, 3), np.zeros((1, 3))]) / view.extent
-    angles = [np.pi * (k + 0.25) / _VIEWS for k in range(_VIEWS)]
-
-    def spread(angle: float) -> float:
-        right = np.cos(angle) * side + np.sin(angle) * front
-        high = np.cos(ELEVATION) * view.up + np.sin(ELEVATION) * np.cross(view.up, right)
-        flat = cloud @ np.stack([right, high]).T
-        values = np.linalg.svd(flat - flat.mean(axis=0), compute_uv=False)
-        return round(float(values[0] * values[1]), 6)  # rounded, so that the view is the same everywhere
-
-    return float(max(angles, key=spread))

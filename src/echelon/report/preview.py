@@ -1,0 +1,274 @@
+"""The preview: one page that shows a trajectory, and how far it stays from every limit, before a robot runs it.
+
+What would stop an engineer comes first: broken limits, then warnings.  The motion follows, then the numbers.  Signals
+are sampled densely against the fastest component of their family, and thinned only where a page would be too large.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from math import inf, isfinite, isnan
+from typing import Any
+
+import numpy as np
+
+from echelon.errors import InputError, one_line
+from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.excite.problem.motion_limits import ORDERS
+from echelon.excite.verify.margins import ACTIVE, Margin
+from echelon.report.closed_forms import ClosedForms
+from echelon.report.digits import significant
+from echelon.report.page import Context, html_page, packed
+from echelon.report.report import findings_of
+from echelon.report.scene import robot
+from echelon.report.signals import envelope
+
+TITLES = {
+    "robot": "How the robot moves",
+    "motion": "Joint motion against its limits",
+    "limits": "Margins to every limit",
+    "showing": "What the motion will show",
+    "starts": "Starts of the optimisation",
+    "settings": "Settings",
+}
+"""Sections below the header, in order."""
+
+CRITERIA = {
+    "d_optimal": "smallest confidence ellipsoid (D-optimal)",
+    "a_optimal": "smallest sum of variances (A-optimal)",
+    "condition": "smallest condition number",
+}
+"""The criteria in words."""
+
+_VAGUE = 30.0  # per cent of its value beyond which a deviation is remarked
+_ROOM = 0.1  # of the width of a picture, beside limits on both sides
+_PLOTTED = 3  # positions, velocities, accelerations
+_SUFFIXES = ("", "/s", "/s²")
+_PER_PERIOD = 100  # samples per period of the highest frequency
+_FEWEST, _MOST = 600, 20_000
+_BYTES = 500_000  # of all signals together
+_PER_SAMPLE = 2 * 4 * 4 / 3  # bytes of time and value in base 64
+
+
+def preview_html(found: ExcitingTrajectory) -> str:
+    """A page about an exciting trajectory, as one HTML file.
+
+    The same trajectory gives the same text.  Names that come from files are escaped; nothing is loaded from anywhere.
+
+    Parameters
+    ----------
+    found : ExcitingTrajectory
+
+    Returns
+    -------
+    str
+        To be written as UTF-8.
+
+    Raises
+    ------
+    MissingExtraError
+        If plotly is not installed.
+    """
+    picture, pictures = robot(found)
+    contexts = {
+        "header": _header(found),
+        "robot": picture,
+        "motion": _motion(found),
+        "limits": _limits(found),
+        "showing": _showing(found),
+        "starts": _starts(found),
+        "settings": {"repeat": json.dumps(_plain(found.settings), indent=2, ensure_ascii=False, default=str)},
+    }
+    seen = [(time, condition) for time, condition in found.conditioning.over_time if isfinite(condition)]
+    data = {
+        "robot": pictures,
+        "motion": _signals(found),
+        "conditioning": {"time": [time for time, _ in seen], "condition": [condition for _, condition in seen]},
+        "starts": [{"number": s.number, "history": [v for v in s.history if isfinite(v)]} for s in found.starts],
+    }
+    return html_page(
+        f"Exciting trajectory of {one_line(found.base.mechanism.name)}",
+        "preview_",
+        TITLES,
+        contexts,
+        data,
+        data_id="preview-data",
+        styles=["report.css", "preview.css"],
+        scripts=["preview.js", "preview_robot.js", "preview_plots.js"],
+        without_script="The moving picture and the plots need JavaScript, which is off.",
+    )
+
+
+def _header(found: ExcitingTrajectory) -> Context:
+    """May this run?  The verdict on the limits, what else is wrong, and how well the parameters will be seen."""
+    conditioning = found.conditioning
+    return {
+        "robot": found.base.mechanism.name,
+        "verdict": verdict(found.margins),
+        "safe": found.safe and bool(found.margins),
+        "broken": [margin for margin in found.margins if not margin.kept],
+        "active": found.active,
+        "limits": len(found.margins),
+        "blind": not isfinite(conditioning.condition),
+        **findings_of(found.findings),
+        "criterion": CRITERIA.get(found.criterion, found.criterion),
+        "held": [(name, significant(position)) for name, position in found.held.items()],
+        "moving": found.trajectory.coordinates,
+        "facts": [
+            ("duration", significant(found.trajectory.duration), "s"),
+            ("condition number", significant(conditioning.condition), ""),
+            ("condition number, columns of norm 1", significant(conditioning.scaled_condition), ""),
+            ("log det of the information", significant(conditioning.log_det), ""),
+            ("base parameters", str(found.base.rank), ""),
+        ],
+    }
+
+
+def verdict(margins: tuple[Margin, ...]) -> str:
+    """Whether limits are kept, in words.
+
+    >>> verdict((Margin("velocity of j1", "rad/s", -2.0, 2.0, -1.0, 1.5),))
+    'Every limit is kept at every time.'
+    >>> verdict((Margin("velocity of j1", "rad/s", -2.0, 2.0, -1.0, 2.5),))
+    'Do not run this: 1 of 1 limits is broken.'
+    """
+    broken = sum(1 for margin in margins if not margin.kept)
+    if not margins:
+        return "No limit was checked."
+    if not broken:
+        return "Every limit is kept at every time."
+    return f"Do not run this: {broken} of {len(margins)} limits {'is' if broken == 1 else 'are'} broken."
+
+
+def _motion(found: ExcitingTrajectory) -> Context:
+    """Coordinates, and those of their quantities that have no limit."""
+    labels = {margin.label for margin in found.margins}
+    quantities = [_quantity(name, order) for name in found.trajectory.coordinates for order in range(_PLOTTED)]
+    return {
+        "coordinates": found.trajectory.coordinates,
+        "free": [label for label in quantities if label not in labels],
+    }
+
+
+def _quantity(coordinate: str, order: int) -> str:
+    """A derivative of a coordinate as margins call it."""
+    return f"{ORDERS[order]} of {coordinate}"
+
+
+def _signals(found: ExcitingTrajectory) -> dict[str, Any]:
+    """Positions, velocities and accelerations of every coordinate with their limits, JSON-able."""
+    trajectory = found.trajectory
+    periods = trajectory.basis.frequency * trajectory.duration
+    samples = int(np.clip(np.ceil(_PER_PERIOD * periods), _FEWEST, _MOST)) + 1
+    time = np.linspace(0.0, trajectory.duration, samples)
+    values = [trajectory(time, order) for order in range(_PLOTTED)]
+    ends = {margin.label: (margin.low, margin.high) for margin in found.margins}
+    buckets = int(np.clip(_BYTES / (2 * _PER_SAMPLE * _PLOTTED * max(len(trajectory.coordinates), 1)), 50, _MOST))
+
+    def signal(k: int, order: int) -> dict[str, Any]:
+        kept = envelope(time, values[order][:, k], buckets)
+        low, high = ends.get(_quantity(trajectory.coordinates[k], order), (-inf, inf))
+        return {
+            "unit": one_line(trajectory.units[k]) + _SUFFIXES[order],
+            "time": packed(kept.time),
+            "values": packed(kept.values),
+            "low": low if isfinite(low) else None,
+            "high": high if isfinite(high) else None,
+        }
+
+    coordinates = [
+        {"name": one_line(name), "orders": [signal(k, order) for order in range(_PLOTTED)]}
+        for k, name in enumerate(trajectory.coordinates)
+    ]
+    return {"duration": trajectory.duration, "titles": list(ORDERS[:_PLOTTED]), "coordinates": coordinates}
+
+
+def _limits(found: ExcitingTrajectory) -> Context:
+    """What every limit allows, what the trajectory reaches, and the room between, the least room first."""
+    rows = sorted((_limit(margin) for margin in found.margins), key=_urgency)
+    counts = {state: sum(row["state"] == state for row in rows) for state in ("broken", "active", "kept")}
+    return {"rows": rows, "counts": counts, "near": f"{100 * ACTIVE:g}"}
+
+
+def _limit(margin: Margin) -> Context:
+    """One limit, with what is reached in per cent of the width of a picture in which the limits stand at 10 and 90."""
+    state = "active" if margin.active else "kept" if margin.kept else "broken"
+    left, right = (_place(margin, value) for value in (margin.least, margin.largest))
+    return {"margin": margin, "state": state, "percent": 100 * margin.relative, "left": left, "width": right - left}
+
+
+def _urgency(row: Context) -> tuple[int, float]:
+    """Broken ones before active ones before others, each by their share of the range; unknown shares first."""
+    order = ("broken", "active", "kept").index(row["state"])
+    return order, -inf if isnan(row["percent"]) else row["percent"]
+
+
+def _place(margin: Margin, value: float) -> float:
+    """Where a value stands between the limits, 0 to 100; zero or the value itself replaces a limit that is missing."""
+    low = margin.low if isfinite(margin.low) else min(margin.least, 0.0)
+    high = margin.high if isfinite(margin.high) else max(margin.largest, 0.0)
+    span = high - low
+    if not (isfinite(value) and isfinite(span) and span > 0):
+        return 50.0
+    return 100 * min(max(_ROOM + (1 - 2 * _ROOM) * (value - low) / span, 0.0), 1.0)
+
+
+def _showing(found: ExcitingTrajectory) -> Context:
+    """How conditioning grows with time, and how exactly each base parameter will be known."""
+    base, conditioning = found.base, found.conditioning
+    try:
+        values: list[float | None] = base.values().tolist()
+    except InputError:  # the file states no inertia, or a length has no value
+        values = [None] * base.rank
+    each = zip(ClosedForms(base).all(), base.units, conditioning.std, values, strict=True)
+    rows = [{"form": form, "unit": unit, **_expected(std, value)} for form, unit, std, value in each]
+    return {
+        "shown": conditioning,
+        "rows": rows,
+        "known": any(value is not None for value in values),
+        "vague": sum(row["vague"] for row in rows),
+        "singular": max((time for time, condition in conditioning.over_time if not isfinite(condition)), default=0.0),
+        "noise": _noise(found),
+    }
+
+
+def _expected(std: float, value: float | None) -> Context:
+    """A deviation, SI units, beside the value of the robot file, also in per cent of it."""
+    percent = None if value is None else 100 * std / abs(value) if value else inf
+    return {"std": std, "value": value, "percent": percent, "vague": percent is not None and not percent <= _VAGUE}
+
+
+def _noise(found: ExcitingTrajectory) -> str:
+    """Noise that the deviations are for, as the settings state it."""
+    section = found.settings.get("excitation")
+    noise = section.get("noise") if isinstance(section, Mapping) else None
+    if not isinstance(noise, Mapping):
+        return ""
+    parts = [f"{significant(float(value), 3)} ({name})" for name, value in noise.items()]
+    return ", ".join(part.removesuffix(" (all)") if len(parts) == 1 else part for part in parts)
+
+
+def _starts(found: ExcitingTrajectory) -> Context:
+    """Starts of the optimisation, which tell whether another one would find more."""
+    values = [start.value for start in found.starts if isfinite(start.value)]
+    return {
+        "starts": found.starts,
+        "best": min(values, default=None),
+        "failed": len(found.starts) - len(values),
+        "curves": any(len(start.history) > 1 for start in found.starts),
+        "criterion": found.criterion,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Settings in terms of JSON; limits that do not exist are none, as in set-ups."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(part) for key, part in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    if isinstance(value, float) and not isfinite(value):
+        return "none"
+    return value

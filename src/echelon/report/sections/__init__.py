@@ -1,1 +1,0 @@
-"""Sections of the report: what each of them shows."""

@@ -1,0 +1,244 @@
+"""Signals and residuals of logs, packed for plots.
+
+Of a long signal the smallest and the largest value of every stretch of time remain.  Taking every k-th sample loses
+peaks, and averaging flattens them; both make a fit look better than it is.  When each stretch is no wider than a pixel,
+its extremes are all that a plot of the full signal would show there.  Stretches get wider where a page with many
+outputs would become too large to open quickly.
+
+Residuals have gaps, because samples near rest are left out and logs are interrupted.  An autocorrelation counts only
+pairs of samples that are there, so gaps do not bias it; its Fourier transform (Blackman & Tukey) then is a spectrum
+that needs no unbroken stretch, as an averaged periodogram would.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.arrays import Floats
+from echelon.errors import one_line
+from echelon.identification.validation.validation import Trace, Validation
+from echelon.report.page import packed
+
+_BUCKETS, _FEWEST = 1200, 100  # stretches of one plot
+_BYTES = 2_400_000  # of all plots together
+_PER_SAMPLE = 2 * 4 * 4 / 3  # bytes of time and value in base 64
+_EPOCH = 1e6  # s; larger times are those of a calendar, and count from the first sample
+
+_GAP = 4.0  # times the usual step
+
+_BINS = 48
+_WIDTH = 4.0  # standard deviations to either side of a histogram
+_LAGS, _SHOWN = 512, 120  # of the autocorrelation, and how many of them are drawn
+_FREQUENCIES = 256
+_WHITE = 1.96  # of a standard normal variable, two-sided 95 %
+
+
+def outputs_of(validations: Sequence[Validation]) -> list[tuple[str, str]]:
+    """Names and units of all outputs with traces, in order."""
+    return list({trace.output: (trace.output, trace.unit) for v in validations for trace in v.traces}.values())
+
+
+def buckets_for(validations: Sequence[Validation]) -> int:
+    """Stretches into which every plotted signal is cut."""
+    signals = sum(3 + (trace.prior is not None) for v in validations for trace in v.traces)
+    return int(np.clip(_BYTES / (2 * _PER_SAMPLE * max(signals, 1)), _FEWEST, _BUCKETS))
+
+
+def payload(validations: Sequence[Validation]) -> dict[str, Any]:
+    """All plots, JSON-able."""
+    places = {name: i for i, (name, _) in enumerate(outputs_of(validations))}
+    buckets = buckets_for(validations)
+    traces = {
+        f"{number}/{places[trace.output]}": _packed(trace, buckets)
+        for number, validation in enumerate(validations)
+        for trace in validation.traces
+    }
+    return {"buckets": buckets, "traces": traces}
+
+
+def _packed(trace: Trace, buckets: int) -> dict[str, Any]:
+    first = trace.time[np.isfinite(trace.time)][:1]
+    start = float(first[0]) if len(first) else 0.0
+    difference = trace.measured - trace.predicted
+    signals = {"measured": trace.measured, "predicted": trace.predicted, "residual": difference}
+    if trace.prior is not None:
+        signals["prior"] = trace.prior
+    kept = {name: envelope(trace.time, values, buckets) for name, values in signals.items()}
+    return {
+        "unit": one_line(trace.unit),
+        "start": start if abs(start) <= _EPOCH else 0.0,
+        "since": None if abs(start) <= _EPOCH else start,
+        "samples": len(trace.time),
+        "lost": max(e.lost for e in kept.values()),
+        "drawn": max(int(np.isfinite(e.values).sum()) for e in kept.values()),
+        "signals": {name: _signal(e, start) for name, e in kept.items()},
+        "residual": _residual(trace.time, difference),
+    }
+
+
+def _signal(kept: Envelope, start: float) -> list[str]:
+    return [packed(kept.time - start), packed(kept.values)]
+
+
+def _residual(time: Floats, values: Floats) -> dict[str, Any] | None:
+    found = residual(time, values)
+    if found is None:
+        return None
+    arrays = ("edges", "density", "normal", "lags", "correlation", "frequency", "amplitude")
+    return {name: packed(getattr(found, name)) for name in arrays} | {"band": found.band, "white": found.white}
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """What remains of a signal."""
+
+    time: Floats  # shape (k,), in order, s
+    values: Floats  # shape (k,); nan where a line must not be drawn
+    samples: int  # how many there were
+    lost: int  # how many of these were not finite
+
+
+def envelope(time: Floats, values: Floats, buckets: int) -> Envelope:
+    """The extremes of a signal in stretches of equal time; the signal itself if it is short.
+
+    Lines break at gaps: where neighbours are further apart than four usual steps, and than a stretch is wide.
+
+    >>> import numpy as np
+    >>> y = np.zeros(10_000)
+    >>> y[1234] = 5.0
+    >>> found = envelope(np.arange(10_000) / 100, y, 50)
+    >>> len(found.values) <= 102, found.values.max()
+    (True, np.float64(5.0))
+    """
+    finite = np.isfinite(values) & np.isfinite(time)
+    kept = np.flatnonzero(finite)
+    t, y = time[kept], values[kept]
+    if len(t) > 2 * buckets:
+        places = np.minimum((t - t[0]) * (buckets / max(t[-1] - t[0], 1e-300)), buckets - 1).astype(np.intp)
+        chosen = _extremes(y, places)
+        width = float(t[-1] - t[0]) / buckets
+    else:
+        chosen, width = np.arange(len(t)), 0.0
+    broken = _after_gaps(kept, t, width)
+    return Envelope(*_with_breaks(t, y, chosen, broken), len(values), int(len(values) - len(kept)))
+
+
+def _extremes(y: Floats, places: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+    """First places of the smallest and largest value of every bucket, and the ends, ascending."""
+    starts = np.flatnonzero(np.diff(places, prepend=-1))
+    number = np.cumsum(np.diff(places, prepend=places[0]) != 0)  # buckets without samples do not count
+    found = [np.array([0, len(y) - 1])]
+    for extreme in (np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)):
+        hits = np.flatnonzero(y == extreme[number])
+        found.append(hits[np.unique(number[hits], return_index=True)[1]])
+    return np.unique(np.concatenate(found))
+
+
+def _after_gaps(kept: npt.NDArray[np.intp], t: Floats, width: float) -> npt.NDArray[np.bool_]:
+    """Which samples have a gap or a value that is not finite before them."""
+    steps = np.diff(t)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    far = steps > max(_GAP * usual, width)
+    lost = (np.diff(kept) > 1) & (width == 0)
+    return np.concatenate([[False], far | lost]) if len(t) else np.zeros(0, dtype=bool)
+
+
+def _with_breaks(
+    t: Floats, y: Floats, chosen: npt.NDArray[np.intp], broken: npt.NDArray[np.bool_]
+) -> tuple[Floats, Floats]:
+    """The chosen samples, with nan between those that a gap separates."""
+    count = np.cumsum(broken)[chosen] if len(chosen) else np.zeros(0, dtype=np.intp)
+    breaks = np.flatnonzero(np.diff(count) > 0) + 1
+    return (
+        np.insert(t[chosen], breaks, t[chosen[breaks]] if len(breaks) else []),
+        np.insert(y[chosen], breaks, np.nan),
+    )
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Pictures of one residual."""
+
+    std: float  # standard deviation, unit of the output
+    edges: Floats  # shape (bins + 1,): of the histogram, unit of the output; the outer bins also hold what lies beyond
+    # shape (bins,): share of samples in each bin, in per cent, and what a normal distribution would give
+    density: Floats
+    normal: Floats
+    lags: Floats  # shape (lags,): autocorrelation against lag, s, from the first sample on
+    correlation: Floats  # shape (lags,): autocorrelation against lag, s, from the first sample on
+    band: float  # within ± band lie 95 % of the autocorrelations of white noise
+    frequency: Floats  # shape (frequencies,): spectrum: Hz, unit of the output per √Hz
+    amplitude: Floats  # shape (frequencies,): spectrum: Hz, unit of the output per √Hz
+    white: float  # amplitude that white noise of the same variance would have
+
+
+def residual(time: Floats, values: Floats) -> Residual | None:
+    """Pictures of a residual at ascending times, s; None below eight finite values, or without duration or variance."""
+    finite = np.isfinite(time) & np.isfinite(values)
+    t, y = time[finite], values[finite]
+    if len(t) < 8 or not t[-1] > t[0]:
+        return None
+    std = float(y.std())
+    if not 0 < std < np.inf:
+        return None
+    step = float(np.median(np.diff(t)))
+    step = step if step > 0 else float(t[-1] - t[0]) / (len(t) - 1)
+    lags = int(min(_LAGS, len(t) // 2))
+    correlation = _autocorrelation(t, y - y.mean(), step, lags)
+    frequency, amplitude = _spectrum(correlation, std, step)
+    edges, density, normal = _histogram(y, std)
+    shown = slice(1, min(_SHOWN, lags) + 1)  # at lag 0 it is 1, always
+    return Residual(
+        std,
+        edges,
+        density,
+        normal,
+        (step * np.arange(lags + 1, dtype=np.float64))[shown],
+        correlation[shown],
+        _WHITE / float(np.sqrt(len(y))),
+        frequency,
+        amplitude,
+        std * float(np.sqrt(2 * step)),
+    )
+
+
+def _histogram(y: Floats, std: float) -> tuple[Floats, Floats, Floats]:
+    from scipy.special import ndtr
+
+    mean = float(y.mean())
+    edges = mean + std * np.linspace(-_WIDTH, _WIDTH, _BINS + 1)
+    # values beyond are counted in the outer bins, so that no sample is hidden
+    counts = np.histogram(np.clip(y, edges[0], edges[-1]), edges)[0]
+    inner = ndtr(np.linspace(-_WIDTH, _WIDTH, _BINS + 1))
+    inner[0], inner[-1] = 0.0, 1.0
+    return edges, 100 * counts / len(y), 100 * np.diff(inner)
+
+
+def _autocorrelation(t: Floats, y: Floats, step: float, lags: int) -> Floats:
+    """Of samples on a grid with holes, shape (lags + 1,)."""
+    # gaps longer than the longest lag need not be longer: no pair spans them
+    jumps = np.clip(np.rint(np.diff(t) / step), 1, lags + 1).astype(np.intp)
+    place = np.concatenate([[0], np.cumsum(jumps)])
+    size = 1 << int(np.ceil(np.log2(place[-1] + lags + 2)))
+    signal, there = np.zeros(size), np.zeros(size)
+    signal[place], there[place] = y, 1.0
+    products, pairs = (np.fft.irfft(np.abs(np.fft.rfft(x)) ** 2, size)[: lags + 1] for x in (signal, there))
+    mean = products / np.maximum(np.rint(pairs), 1.0)
+    correlation: Floats = mean / mean[0]
+    return correlation
+
+
+def _spectrum(correlation: Floats, std: float, step: float) -> tuple[Floats, Floats]:
+    """One-sided amplitude spectral density by a Parzen window, which keeps it positive where nothing is missing."""
+    lags = len(correlation) - 1
+    u = np.arange(lags + 1) / (lags + 1)
+    window = np.where(u <= 0.5, 1 - 6 * u**2 + 6 * u**3, 2 * (1 - u) ** 3)
+    frequency = np.linspace(0.0, 0.5 / step, _FREQUENCIES + 1)[1:]
+    weighted = window * correlation * np.where(np.arange(lags + 1) == 0, 1.0, 2.0)
+    density = 2 * step * std**2 * np.cos(2 * np.pi * step * np.outer(frequency, np.arange(lags + 1))) @ weighted
+    return frequency, np.sqrt(np.maximum(density, 0.0))
