@@ -18,9 +18,8 @@ import pytest
 from echelon.errors import EchelonError
 from echelon.machine import cache
 from echelon.machine import kernel as kernel_module
-from echelon.machine.compiler import object_code
 from echelon.machine.kernel import Kernel
-from echelon.machine.target import Target, host
+from echelon.machine.target import Target, host, object_code
 from kernels import function
 
 posix = pytest.mark.skipif(os.name != "posix", reason="permissions are those of POSIX systems")

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from echelon.machine.kernel import Kernel
+from echelon.machine.operations_text import LARGEST_ANGLE
 from echelon.machine.target import host
-from echelon.machine.trigonometry import LARGEST_ANGLE
 from kernels import LANES, FloatArray, function, same_bits
 
 FUNCTIONS = {"sin": flint.arb.sin, "cos": flint.arb.cos, "tan": flint.arb.tan}

@@ -27,7 +27,7 @@ from echelon.identification.rows.batches import BATCHES, Batcher, grouped, total
 from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.taking import take
 from echelon.logs.preparation.settings import Preparation
-from echelon.observe.slim import slim_qr
+from echelon.observe.triangle import upper_triangle
 from swinging import PREPARATION, pendulum, write_log, write_logs
 
 _PEAK = """
@@ -214,14 +214,14 @@ def test_a_reader_stops_when_nobody_listens() -> None:
     assert len(made) < 10
 
 
-# -- slim matrices -----------------------------------------------------------------------------------------------------
+# -- tall matrices -----------------------------------------------------------------------------------------------------
 
 
 @settings(deadline=None, max_examples=60)
 @given(st.integers(0, 400), st.integers(0, 90), st.integers(0, 2**32 - 1))
-def test_slim_factors_are_those_of_lapack(rows: int, columns: int, seed: int) -> None:
+def test_factors_of_parts_are_those_of_the_whole(rows: int, columns: int, seed: int) -> None:
     matrix = np.random.default_rng(seed).standard_normal((rows, columns))
-    found = slim_qr().triangle(matrix[: rows // 3], matrix[rows // 3 :])
+    found = upper_triangle(matrix[: rows // 3], matrix[rows // 3 :])
     assert found.shape == (columns, columns)
     assert not np.tril(found, -1).any()
     assert np.all(np.diagonal(found) >= 0)

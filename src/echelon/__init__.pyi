@@ -56,7 +56,7 @@ from echelon.inertia.convert import convert_columns as convert_columns
 from echelon.mechanism.mechanism import Mechanism as Mechanism
 from echelon.mechanism.motor_side import joint_side as joint_side
 from echelon.models.linear_model import LinearModel as LinearModel
-from echelon.observe.normal import NormalEquations as NormalEquations
+from echelon.observe.observation import NormalEquations as NormalEquations
 from echelon.observe.observation import Observation as Observation
 from echelon.report.preview import preview_html as preview_html
 from echelon.report.report import report_html as report_html

@@ -6,9 +6,9 @@ Each function is recorded once and runs as machine code; observation matrices ar
 from __future__ import annotations
 
 from abc import ABC
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,9 +22,12 @@ from echelon.program.function import Function
 if TYPE_CHECKING:
     from echelon.dynamics.closed_states import ClosedStates
     from echelon.dynamics.evaluator import Evaluator
-    from echelon.dynamics.observer import Log, RobotObserver
-    from echelon.observe.normal import NormalEquations
-    from echelon.observe.observation import Observation
+    from echelon.dynamics.values import Values
+    from echelon.observe.accumulate import Observer
+    from echelon.observe.observation import NormalEquations, Observation
+
+Log = Mapping[str, Any]
+"""``q``, ``qd``, ``qdd`` and ``y``, and ``inputs`` where effects use measured inputs."""
 
 
 class Recorded(ABC):
@@ -360,7 +363,7 @@ class Logs(Recorded):
         InputError
             If arrays do not fit, or values are missing or not finite.
         """
-        return self._observer.observation(log, symbols, block, threads)
+        return self._observer(self._values(log, symbols), block=block, threads=threads)
 
     def normal_equations(
         self,
@@ -370,7 +373,7 @@ class Logs(Recorded):
         block: int | None = None,
         threads: int | None = None,
     ) -> NormalEquations:
-        """WᵀW and Wᵀy, without building W: about twice as fast as :meth:`accumulate`, with half the digits.
+        """WᵀW and Wᵀy, without building W: faster than :meth:`accumulate`, with half the digits.
 
         ``log``, ``symbols``, ``block`` and ``threads`` are those of :meth:`accumulate`.
 
@@ -378,10 +381,19 @@ class Logs(Recorded):
         -------
         NormalEquations
         """
-        return self._observer.normal_equations(log, symbols, block, threads)
+        return self._observer.normal_equations(self._values(log, symbols), block=block, threads=threads)
 
     @cached_property
-    def _observer(self) -> RobotObserver:
-        from echelon.dynamics.observer import RobotObserver
+    def _observer(self) -> Observer:
+        from echelon.observe.accumulate import Observer
 
-        return RobotObserver(self.mechanism, self.function("regressor"), loops=self._loops)
+        return Observer(self.function("regressor"))
+
+    def _values(self, log: Log | Iterable[Log], symbols: Mapping[str, float] | None) -> Iterator[Values]:
+        """Arguments of the regressor and measured outputs, piece by piece."""
+        from echelon.dynamics.values import function_values
+
+        regressor = self.function("regressor")
+        for piece in [log] if isinstance(log, Mapping) else log:
+            state = {name: value for name, value in piece.items() if name != "inputs"}
+            yield function_values(self.mechanism, regressor, state, symbols, piece.get("inputs"), self._loops)

@@ -20,8 +20,7 @@ from echelon.identification.rows.model_rows import ModelRows, rows_taken
 from echelon.logs.preparation.prepare import prepare
 from echelon.logs.preparation.settings import Preparation
 from echelon.logs.recording import Samples, Segment
-from echelon.observe.slim import slim_qr
-from echelon.observe.triangle import column_norms
+from echelon.observe.triangle import column_norms, upper_triangle
 from echelon.signals.clock import shift_reach, shifted
 
 _LONGEST = 0.02
@@ -101,7 +100,7 @@ def _rest(matrix: Floats, values: Floats) -> Floats:
     """Squares that no parameters explain, for each column of values."""
     if not len(matrix):
         return np.zeros(values.shape[1])
-    R = slim_qr().triangle(matrix)
+    R = upper_triangle(matrix)
     scales = column_norms(R)
     scales = np.where(scales == 0, 1.0, scales)
     singular, right = np.linalg.svd(R / scales)[1:]

@@ -20,20 +20,11 @@ _LINE = 64
 
 @dataclass(frozen=True)
 class Batch:
-    """Arguments of many samples.
-
-    Attributes
-    ----------
-    samples : int
-    columns : tuple of array of shape (samples, size)
-        Arguments that vary, each row contiguous.
-    uniform : array of shape (uniform entries,)
-        The others, one after another.
-    """
+    """Arguments of many samples."""
 
     samples: int
-    columns: tuple[Floats, ...]
-    uniform: Floats
+    columns: tuple[Floats, ...]  # arguments that vary, of shape (samples, size), each row contiguous
+    uniform: Floats  # the others, one after another
 
     @property
     def addresses(self) -> npt.NDArray[np.uint64]:
@@ -45,69 +36,56 @@ class Batch:
         """Bytes from row to row."""
         return np.array([a.strides[0] for a in self.columns], dtype=np.int64)
 
+    def part(self, first: int, end: int) -> Batch:
+        """Some of the samples, in place."""
+        return Batch(end - first, tuple(column[first:end] for column in self.columns), self.uniform)
+
+    def copy(self) -> Batch:
+        """The same samples in arrays that nobody else can change."""
+        return Batch(self.samples, tuple(column.copy() for column in self.columns), self.uniform)
+
+    @staticmethod
+    def joined(pieces: Sequence[Batch]) -> Batch:
+        """The samples of several batches of the same function; those of one stay where they are."""
+        if len(pieces) == 1:
+            return pieces[0]
+        columns = zip(*(piece.columns for piece in pieces), strict=True)
+        joined = tuple(np.concatenate(some) for some in columns)
+        return Batch(sum(piece.samples for piece in pieces), joined, pieces[0].uniform)
+
 
 def batch(arguments: Sequence[Argument], values: Mapping[str, npt.ArrayLike]) -> Batch:
-    """Check and arrange the values of a function's arguments.
-
-    Parameters
-    ----------
-    arguments : sequence of Argument
-    values : mapping of str to array
-        By the argument's name: of shape (samples, size), or (size,) for one sample and for uniform ones.
-
-    Raises
-    ------
-    InputError
-        If an argument is missing, holds no real numbers, or has a wrong shape.
-    """
+    """Check and arrange values of arguments: of shape (samples, size), or (size,) for one sample and uniform ones."""
     columns, uniform = [], [np.zeros(0)]
     for argument in arguments:
         array = real_array(argument.name, value_of(argument, values))
-        check_shape(argument, array.shape)
+        _check_shape(argument, array.shape)
         if argument.uniform:
             uniform.append(array)
             continue
         array = np.atleast_2d(array)
         whole = array.strides[1] == _DOUBLE or len(argument) < 2
         columns.append(array if whole and array.flags.aligned else np.ascontiguousarray(array))
-    return Batch(sample_count(arguments, [len(c) for c in columns]), tuple(columns), np.concatenate(uniform))
+    return Batch(_sample_count(arguments, [len(c) for c in columns]), tuple(columns), np.concatenate(uniform))
 
 
 def value_of(argument: Argument, values: Mapping[str, Any]) -> Any:
-    """The value of an argument.
-
-    Raises
-    ------
-    InputError
-        If it is missing.
-    """
+    """The value of an argument."""
     if argument.name not in values:
         raise InputError(f"{argument.name} is missing; it holds {_contents(argument)}")
     return values[argument.name]
 
 
-def check_shape(argument: Argument, shape: tuple[int, ...]) -> None:
-    """Check that an array fits an argument: (size,) for uniform ones and single samples, else (samples, size).
-
-    Raises
-    ------
-    InputError
-        If it does not.
-    """
+def _check_shape(argument: Argument, shape: tuple[int, ...]) -> None:
+    """Check that an array fits an argument: (size,) for uniform ones and single samples, else (samples, size)."""
     size = len(argument)
     if shape != (size,) and (argument.uniform or len(shape) != 2 or shape[1] != size):
         expected = f"({size},)" if argument.uniform else f"(samples, {size})"
         raise InputError(f"{argument.name} has shape {shape}; expected {expected}: {_contents(argument)}")
 
 
-def sample_count(arguments: Sequence[Argument], lengths: Sequence[int]) -> int:
-    """The number of samples, given that of each argument that varies; 1 if none does.
-
-    Raises
-    ------
-    InputError
-        If they differ.
-    """
+def _sample_count(arguments: Sequence[Argument], lengths: Sequence[int]) -> int:
+    """The number of samples, given that of each argument that varies; 1 if none does."""
     counts = dict(zip((a.name for a in arguments if not a.uniform), lengths, strict=True))
     if len(set(lengths)) > 1:
         shown = ", ".join(f"{name} {count}" for name, count in counts.items())
@@ -116,13 +94,7 @@ def sample_count(arguments: Sequence[Argument], lengths: Sequence[int]) -> int:
 
 
 def real_array(name: str, values: npt.ArrayLike) -> Floats:
-    """An array in double precision; one that already is stays where it is.
-
-    Raises
-    ------
-    InputError
-        If it does not hold real numbers.
-    """
+    """An array in double precision; one that already is stays where it is."""
     if np.ma.is_masked(values):
         raise InputError(f"{name} has masked values; leave out samples that are not complete")
     try:
@@ -135,13 +107,7 @@ def real_array(name: str, values: npt.ArrayLike) -> Floats:
 
 
 def result_array(shape: tuple[int, ...], out: Floats | None, inputs: Sequence[Floats]) -> Floats:
-    """The array to write a result to: a new one, or the caller's after a check.
-
-    Raises
-    ------
-    InputError
-        If the caller's array has a wrong shape or type, cannot be written to, is not contiguous, or overlaps an input.
-    """
+    """The array to write a result to: a new one, or the caller's after a check."""
     if out is None:
         return aligned(shape)
     if not isinstance(out, np.ndarray):

@@ -24,21 +24,7 @@ _VARIABLE = "ECHELON_CACHE"
 
 
 def cached_object(identity: str, text: str, make: Callable[[], bytes]) -> bytes:
-    """Object code from the cache, or made and stored there.
-
-    Parameters
-    ----------
-    identity : str
-        What the code depends on beside its source.
-    text : str
-        The source.
-    make : callable
-        Makes the code.
-
-    Returns
-    -------
-    bytes
-    """
+    """Object code from the cache, or made and stored there."""
     folder = cache_folder()
     if folder is None:
         return make()

@@ -17,6 +17,8 @@ import ctypes
 import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,18 +27,16 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.machine.batch import Batch, aligned, batch, result_array
 from echelon.machine.cache import cached_object
-from echelon.machine.compiler import Library, object_code
-from echelon.machine.kernel_text import kernel_text
-from echelon.machine.layout import Rows, rows_of
-from echelon.machine.lowering import lowered
-from echelon.machine.prepare_text import prepare_text
-from echelon.machine.rows_text import rows_text
-from echelon.machine.target import Target, host
+from echelon.machine.kernel_text import Block, kernel_text, prepare_text
+from echelon.machine.lowering import Lowered, lowered
+from echelon.machine.rows_text import rows_of, rows_text
+from echelon.machine.target import Library, Target, host, object_code
 from echelon.machine.text import Vector, module_text
 from echelon.program.function import Function
 
 _POINTER, _INTEGER = ctypes.c_void_p, ctypes.c_int64
-_RUN = (_POINTER, _POINTER, _POINTER, _INTEGER, _INTEGER, _POINTER, _POINTER)
+_COMPUTE = (_POINTER, _POINTER, _POINTER, _INTEGER, _INTEGER, _POINTER)
+_RUN = (*_COMPUTE, _POINTER)
 _CACHED_BYTES = 1 << 22  # results beyond this size leave the caches before anyone reads them
 _PAGE = 4096  # bytes
 _FEWEST = 512  # samples worth a thread of their own
@@ -44,17 +44,9 @@ _SHARES = 4  # pieces per thread, so that a thread that is held up does not hold
 
 
 class Kernel:
-    """Machine code of a function.
+    """Machine code of a function: compiled when it is first called, or taken from the cache on disk.
 
-    Compiled when it is first called, or taken from the cache on disk.
-
-    Parameters
-    ----------
-    function : Function
-    sparse : bool
-        Results hold the function's entries in their order, and no structural zeros.
-    target : Target, optional
-        The processor at hand if omitted.
+    Results of a sparse kernel hold the function's entries in their order, and no structural zeros.
     """
 
     def __init__(self, function: Function, *, sparse: bool = False, target: Target | None = None) -> None:
@@ -75,31 +67,15 @@ class Kernel:
     def __call__(
         self, values: Mapping[str, npt.ArrayLike], out: Floats | None = None, threads: int | None = None
     ) -> Floats:
-        """Evaluate the function.
+        r"""Evaluate the function; returns an array of shape (samples, \*shape).
 
-        Parameters
-        ----------
-        values : mapping of str to array
-            The arguments by name, of shape (samples, size), or (size,) for uniform ones.
-        out : array of shape (samples, *shape), optional
-            Where to write; C-contiguous float64.  Reusing an array is several times faster than a new one for results
-            beyond the caches, because the system clears new memory page by page.
-        threads : int, optional
-            At most so many; as many as there are processors if omitted.  Results do not depend on it.
-
-        Returns
-        -------
-        array of shape (samples, *shape)
-
-        Raises
-        ------
-        InputError
-            If arrays do not fit.
+        Arguments are of shape (samples, size), or (size,) for uniform ones.  ``out`` is where to write; to reuse an
+        array is several times faster than a new one for results beyond the caches, because the system clears new memory
+        page by page.  Results do not depend on the number of threads, by default that of the processors.
         """
         given = batch(self.function.arguments, values)
         result = result_array((given.samples, *self.shape), out, given.columns)
-        code = self._code(big=result.nbytes > _CACHED_BYTES)
-        run, workers = code.runner(given, result), _threads(threads, given.samples)
+        run, workers = self._runner(given, result), _threads(threads, given.samples)
         if workers == 1:
             run((0, given.samples))
             return result
@@ -107,11 +83,24 @@ class Kernel:
             list(pool.map(run, _pieces(given.samples, workers, self.target.lanes)))
         return result
 
+    def _runner(self, given: Batch, result: Floats) -> Callable[[tuple[int, int]], None]:
+        """What computes a piece of a batch, from its first sample to its end."""
+        code = self._code(big=result.nbytes > _CACHED_BYTES)
+        arrays = code.inputs(given)
+
+        def run(piece: tuple[int, int]) -> None:
+            with code.scratch() as scratch:
+                pointers = (array.ctypes.data for array in arrays)
+                code.run(*pointers, *piece, scratch.ctypes.data, result.ctypes.data)
+
+        return run
+
     def _code(self, *, big: bool) -> _Code:
         """Code for results beyond the caches, or within."""
         if big not in self._codes:
             rows = rows_of(lowered(self.function), Vector(self.target.lanes), self._places(), big=big)
-            self._codes[big] = _Code(rows, self.target)
+            text = module_text(kernel_text(rows.block), rows_text(rows))
+            self._codes[big] = _Code(rows.block.lowered, text, ("run", _RUN), rows.doubles, self.target)
         return self._codes[big]
 
     def _places(self) -> tuple[int, ...]:
@@ -130,63 +119,74 @@ class Kernel:
         return f"Kernel({self.function}, {self.target.cpu}, {self.target.lanes} lanes)"
 
 
-class _Code:
-    """Compiled rows."""
+class Columns:
+    """A function's entries for a block of samples at a time, each entry's values one after another."""
 
-    def __init__(self, rows: Rows, target: Target) -> None:
-        self._rows = rows
-        text = module_text(prepare_text(rows.block.lowered), kernel_text(rows.block), rows_text(rows))
-        library = loaded(text, target)
-        self._run = library.function("run", _RUN)
+    def __init__(self, function: Function, samples: int, target: Target | None = None) -> None:
+        self.function, self.samples, self._asked = function, samples, target
+        self._made: _Code | None = None
+
+    def __call__(self, given: Batch) -> Iterator[Floats]:
+        """Arrays of shape (entries, samples); each is valid until the next one is asked for."""
+        code, entries = self._code(), len(self.function.entries)
+        arrays = code.inputs(given)
+        with code.scratch() as scratch:
+            table = scratch[: entries * self.samples].reshape(entries, self.samples)
+            for first in range(0, given.samples, self.samples):
+                count = min(self.samples, given.samples - first)
+                code.run(*(array.ctypes.data for array in arrays), first, count, scratch.ctypes.data)
+                yield table[:, :count]
+
+    def _code(self) -> _Code:
+        if self._made is None:
+            target = self._asked or host()
+            block = Block(lowered(self.function), Vector(target.lanes), self.samples)
+            self._made = _Code(block.lowered, kernel_text(block), ("compute", _COMPUTE), block.doubles, target)
+        return self._made
+
+    def __getstate__(self) -> dict[str, object]:
+        """Copies compile their own code."""
+        return {**vars(self), "_made": None}
+
+
+class _Code:
+    """Compiled text in this process, with the memory that it works in."""
+
+    def __init__(
+        self, function: Lowered, text: str, entry: tuple[str, tuple[Any, ...]], doubles: int, target: Target
+    ) -> None:
+        library = loaded(module_text(prepare_text(function), text), target)
+        self.run = library.function(*entry)
         self._prepare = library.function("prepare", (_POINTER, _POINTER))
+        self._uniform, self._doubles = max(len(function.uniform), 1), doubles
         self._scratch: list[Floats] = []  # of threads that have done their work; its zeros are still zero
 
-    def runner(self, given: Batch, result: Floats) -> Callable[[tuple[int, int]], None]:
-        """What computes a piece of a batch, from its first sample to its end."""
-        prepared = aligned((max(len(self._rows.block.lowered.uniform), 1),))
+    def inputs(self, given: Batch) -> tuple[npt.NDArray[Any], ...]:
+        """What the code reads: addresses and strides of arguments, and values that are the same for all samples."""
+        prepared = aligned((self._uniform,))
         self._prepare(given.uniform.ctypes.data, prepared.ctypes.data)
-        arrays = (given.addresses, given.strides, prepared)
+        return given.addresses, given.strides, prepared
 
-        def run(piece: tuple[int, int]) -> None:
-            scratch = self._scratch_memory()
-            pointers = (array.ctypes.data for array in arrays)
-            self._run(*pointers, *piece, scratch.ctypes.data, result.ctypes.data)
-            self._scratch.append(scratch)
-
-        return run
-
-    def _scratch_memory(self) -> Floats:
+    @contextmanager
+    def scratch(self) -> Iterator[Floats]:
         """Memory that no other thread works in."""
         try:
-            return self._scratch.pop()
+            memory = self._scratch.pop()
         except IndexError:
             # by pages, because some relative places of the parts cost a tenth, and chance should not choose them
-            return aligned((self._rows.doubles,), zero=True, boundary=_PAGE)
+            memory = aligned((self._doubles,), zero=True, boundary=_PAGE)
+        yield memory
+        self._scratch.append(memory)
 
 
 def loaded(text: str, target: Target, level: int = 1) -> Library:
-    """A module's machine code in this process, through the cache on disk.
-
-    Parameters
-    ----------
-    text : str
-        LLVM's textual representation.
-    target : Target
-    level : int
-        The code generator's effort.
-    """
+    """A module's machine code in this process, through the cache on disk."""
     code = cached_object(f"{target.identity} {level}", text, lambda: object_code(text, target, level))
     return Library(code, target)
 
 
 def _threads(wanted: int | None, samples: int) -> int:
-    """How many threads are worth starting.
-
-    Raises
-    ------
-    InputError
-        If fewer than one is wanted.
-    """
+    """How many threads are worth starting."""
     if wanted is not None and wanted < 1:
         raise InputError(f"threads is {wanted}; expected at least 1")
     return max(1, min(wanted or processors(), samples // _FEWEST))

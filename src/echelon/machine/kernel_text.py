@@ -11,9 +11,10 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from echelon.machine.lowering import Lowered
-from echelon.machine.operations_text import Writer, declared
+from echelon.machine.operations_text import Writer, declarations, declared, sincos
 from echelon.machine.text import LARGE_FRAME, Code, Vector, prefetched, stream_line
-from echelon.machine.trigonometry import sincos
+from echelon.program.operations import Op
+from echelon.program.order import operands
 
 _DOUBLE, _LINE = 8, 64  # bytes
 _STREAM = ", ptr noalias %from, ptr noalias %to"
@@ -26,22 +27,13 @@ _DECLARED = (
 
 @dataclass(frozen=True)
 class Block:
-    """The shape of what a kernel writes.
-
-    Attributes
-    ----------
-    lowered : Lowered
-    vector : Vector
-    samples : int
-        K, a multiple of the vector's lanes.
-    streamed : int
-        Cache lines that are copied from ``%from`` to ``%to``, past the caches, between the operations on each vector:
-        memory is slower than the processor, so it must never wait.
-    """
+    """The shape of what a kernel writes."""
 
     lowered: Lowered
     vector: Vector
-    samples: int
+    samples: int  # K, a multiple of the vector's lanes
+    # Cache lines that are copied from ``%from`` to ``%to``, past the caches, between the operations on each vector:
+    # memory is slower than the processor, so it must never wait
     streamed: int = 0
 
     @property
@@ -86,9 +78,9 @@ def _part(block: Block, number: int) -> str:
     lowered, v = block.lowered, block.vector
     writer = Writer(lowered, v)
     code, nodes = writer.code, lowered.parts[number]
-    operands = {a for n in nodes for a in (lowered.program.lhs[n], lowered.program.rhs[n])}
-    _load_columns(writer, operands)
-    for node in sorted(operands & lowered.waiting.keys() - set(nodes)):
+    read = {a for n in nodes for a in operands(lowered.program, n)}
+    _load_columns(writer, read)
+    for node in sorted(read & lowered.waiting.keys() - set(nodes)):
         writer.names[node] = code.let(f"load {v.type}, ptr {_waiting(code, block, node)}")
     before = sum(len(part) for part in lowered.parts[:number])
     for done, node in enumerate(nodes, before):
@@ -96,7 +88,7 @@ def _part(block: Block, number: int) -> str:
         writer.operation(node)
         for entry in lowered.places.get(node, ()):
             _store_entry(writer, block, entry, node)
-        if node in lowered.waiting and lowered.last_part[node] > number:
+        if node in lowered.waiting:
             code.do(f"store {v.type} {writer.value(node)}, ptr {_waiting(code, block, node)}")
     return (
         f"define internal void @part{number}(ptr noalias %rows, ptr noalias %uniforms, ptr noalias %waiting, "
@@ -241,3 +233,26 @@ def _store_the_rest(block: Block, code: Code) -> None:
     for node, entries in rest.items():
         for entry in entries:
             _store_entry(writer, block, entry, node)
+
+
+# -- what is the same for all samples ----------------------------------------------------------------------------------
+
+
+def prepare_text(lowered: Lowered) -> str:
+    """The definition of ``@prepare``, which computes the uniform values from the uniform arguments."""
+    scalar = Vector(1)
+    writer = Writer(lowered, scalar)
+    code, program = writer.code, lowered.program
+    arguments = [a for a in lowered.function.arguments if a.uniform]
+    place = {node: i for i, node in enumerate(n for a in arguments for n in a.nodes)}
+    for node in program.needed(lowered.uniform):
+        if program.ops[node] == Op.INPUT:
+            pointer = code.let(f"getelementptr double, ptr %given, i64 {place[node]}")
+            writer.names[node] = code.let(f"load double, ptr {pointer}")
+        elif program.ops[node] != Op.CONSTANT:
+            writer.operation(node)
+    for i, node in enumerate(lowered.uniform):
+        pointer = code.let(f"getelementptr double, ptr %uniforms, i64 {i}")
+        code.do(f"store double {writer.value(node)}, ptr {pointer}")
+    head = f"define void @prepare(ptr %given, ptr %uniforms) {LARGE_FRAME} {{\nentry:\n"
+    return "\n".join([declarations(scalar), *declared(scalar), f"{head}{code.text()}\n  ret void\n}}\n"])

@@ -1,41 +1,34 @@
-"""The processor that machine code is made for, and how many doubles its vectors hold."""
+"""The processor that machine code is made for, and object code: made by LLVM from text, loaded into this process."""
 
 from __future__ import annotations
 
+import ctypes
+import ctypes.util
 import os
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import llvmlite
 import llvmlite.binding as llvm
 
-from echelon.errors import InputError
+from echelon.errors import EchelonError, InputError
 
 _WIDTHS = (2, 4, 8)
 _WIDEST = _WIDTHS[-1]
+_LIBRARY_FUNCTIONS = ("sin", "cos", "exp", "log", "tanh", "atan", "memcpy", "memset")
 
 
 @dataclass(frozen=True)
 class Target:
-    """A processor.
-
-    Attributes
-    ----------
-    triple, cpu, features : str
-        As LLVM names them.
-    lanes : int
-        Samples that one vector holds: 8 (AVX-512), 4 (AVX2) or 2 (NEON, SSE2).
-    """
+    """A processor, as LLVM names it."""
 
     triple: str
     cpu: str
     features: str
-    lanes: int
-
-    @property
-    def registers(self) -> int:
-        """Vector registers."""
-        return 32 if self.lanes == _WIDEST or self.triple.startswith(("aarch64", "arm64")) else 16
+    lanes: int  # samples that one vector holds: 8 (AVX-512), 4 (AVX2) or 2 (NEON, SSE2)
 
     @property
     def identity(self) -> str:
@@ -44,13 +37,7 @@ class Target:
         return f"{self.triple} {self.cpu} {self.features} {self.lanes} llvmlite {llvmlite.__version__} LLVM {version}"
 
     def machine(self, level: int) -> llvm.TargetMachine:
-        """LLVM's code generator for this processor.
-
-        Parameters
-        ----------
-        level : int
-            Effort, 0 to 3.  Programs here are straight lines in good order, so 1 is as good as 3 and much faster.
-        """
+        """LLVM's code generator; programs are straight lines in good order, so effort 1 is as good as 3 and faster."""
         _initialise()
         target = llvm.Target.from_triple(self.triple)
         return target.create_target_machine(
@@ -60,19 +47,7 @@ class Target:
 
 @cache
 def host(lanes: int | None = None) -> Target:
-    """The processor at hand.
-
-    Parameters
-    ----------
-    lanes : int, optional
-        Narrower vectors than the processor has, for comparison; the widest if omitted.  The environment variable
-        ``ECHELON_LANES`` sets the default.
-
-    Raises
-    ------
-    InputError
-        If the processor has no such vectors.
-    """
+    """The processor at hand, with vectors as wide as it has, or as ``ECHELON_LANES`` or the caller says."""
     _initialise()
     known = llvm.get_host_cpu_features()
     # without fused multiply-add every reduction of an angle would call a library, so such vectors are not worth having
@@ -91,3 +66,56 @@ def host(lanes: int | None = None) -> Target:
 def _initialise() -> None:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
+
+
+def object_code(text: str, target: Target, level: int = 1) -> bytes:
+    """Machine code of a module; no optimiser runs over the text, since programs leave it nothing to find."""
+    machine = target.machine(level)
+    try:
+        module = llvm.parse_assembly(text, llvm.create_context())
+    except RuntimeError as error:
+        raise EchelonError(f"LLVM does not accept a kernel: {error}") from None
+    module.triple = target.triple
+    module.data_layout = str(machine.target_data)
+    code: bytes = machine.emit_object(module)
+    return code
+
+
+class Library:
+    """Object code loaded into this process."""
+
+    def __init__(self, code: bytes, target: Target) -> None:
+        _know_library_functions()
+        # in the global context: one of our own could be collected before the engine, which would then crash
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), target.machine(1))
+        self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+        self._engine.finalize_object()
+
+    def function(self, name: str, arguments: Sequence[Any]) -> Any:
+        """A function of the library; calling it lets other Python threads run."""
+        call = ctypes.CFUNCTYPE(None, *arguments)(self.address(name))
+        call.library = self  # type: ignore[attr-defined]  # the code lives as long as anyone can call it
+        return call
+
+    def address(self, name: str) -> int:
+        """Where a function is, for other compiled code; it lives as long as the library."""
+        address: int = self._engine.get_function_address(name)
+        if not address:
+            raise EchelonError(f"the object code has no function '{name}'")
+        return address
+
+
+@cache
+def _know_library_functions() -> None:
+    """Tell LLVM where the C library's functions are; on some systems it does not find them by itself."""
+    names = [None, ctypes.util.find_library("m"), ctypes.util.find_library("c")]
+    if sys.platform == "win32":
+        names = ["ucrtbase", "msvcrt"]
+    for function in _LIBRARY_FUNCTIONS:
+        for name in dict.fromkeys(names):
+            try:
+                found = getattr(ctypes.CDLL(name), function)
+            except (OSError, AttributeError):
+                continue
+            llvm.add_symbol(function, ctypes.cast(found, ctypes.c_void_p).value)
+            break

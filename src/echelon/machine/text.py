@@ -53,8 +53,6 @@ class Vector:
 def number(value: float) -> str:
     """A double, bit for bit.
 
-    Examples
-    --------
     >>> number(1.0)
     '0x3FF0000000000000'
     """
@@ -93,23 +91,7 @@ _AHEAD = 4  # vectors of samples
 
 
 def prefetched(code: Code, address: str, row: int, lanes: int, every: int, stride: str) -> None:
-    """Ask for memory that will be used a few vectors of samples later.
-
-    Parameters
-    ----------
-    code : Code
-    address : str
-        Of the first row of this vector's samples.
-    row : int
-        Bytes of a row.
-    lanes : int
-        Rows of a vector.
-    every : int
-        Bytes from one place that is asked for to the next: a cache line for what is read; a page for what is written
-        past the caches, where only the page's translation is wanted.
-    stride : str
-        Bytes from row to row.
-    """
+    """Ask for memory that will be used a few vectors of samples later."""
     offset = code.let(f"mul i64 {stride}, {_AHEAD * lanes}")
     ahead = code.let(f"getelementptr i8, ptr {address}, i64 {offset}")
     for start in range(0, lanes * row, every):

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
-from echelon.arrays import Floats
+from echelon.arrays import Integers
 from echelon.errors import InputError
 from echelon.program.function import Argument, Function
 
@@ -18,38 +17,19 @@ from echelon.program.function import Argument, Function
 class Layout:
     """Rows and columns of [W y], output by output.
 
-    A row of an output that is structurally zero in a column never enters that output's R-factor: joints of a serial arm
-    do not see the bodies before them.
-
-    Attributes
-    ----------
-    outputs : tuple of str
-        Labels of the m outputs.
-    parameters : tuple of str
-        Labels of the n parameters.
-    columns : tuple of tuple of int
-        For each output, the parameters that it can depend on, ascending.
+    Columns in which an output is structurally zero never enter that output's R-factor: joints of a serial arm do not
+    see the bodies before them.
     """
 
     outputs: tuple[str, ...]
     parameters: tuple[str, ...]
     columns: tuple[tuple[int, ...], ...]
+    """For each output, the parameters that it can depend on, ascending."""
 
     @cached_property
     def sizes(self) -> tuple[int, ...]:
         """Rows and columns of each output's R-factor: its parameters and the measured value."""
         return tuple(len(columns) + 1 for columns in self.columns)
-
-    @cached_property
-    def doubles(self) -> int:
-        """Doubles in all outputs' factors, one after another."""
-        return sum(size * size for size in self.sizes)
-
-    def split(self, values: Floats) -> tuple[Floats, ...]:
-        """The factors of the outputs, from one array of shape (doubles,)."""
-        ends = np.cumsum([size * size for size in self.sizes])[:-1]
-        parts = np.split(values, ends)
-        return tuple(part.reshape(size, size) for part, size in zip(parts, self.sizes, strict=True))
 
     def places(self, output: int) -> list[int]:
         """Columns of an output's factor among those of [W y]: its parameters, then y."""
@@ -57,25 +37,7 @@ class Layout:
 
 
 def measured(function: Function, name: str = "y") -> Function:
-    """A regressor with the measured outputs as one more column.
-
-    Parameters
-    ----------
-    function : Function
-        Of shape (m, n): outputs by parameters.
-    name : str
-        Of the argument that holds the measured outputs.
-
-    Returns
-    -------
-    Function
-        Of shape (m, n + 1), with one more argument.
-
-    Raises
-    ------
-    InputError
-        If the function is not a matrix, or has an argument of this name.
-    """
+    """A regressor of shape (m, n) with the measured outputs, an argument of this name, as one more column."""
     if len(function.axes) != 2:
         raise InputError(f"{function} is not a regressor: expected a result of shape (outputs, parameters)")
     if any(argument.name == name for argument in function.arguments):
@@ -89,7 +51,7 @@ def measured(function: Function, name: str = "y") -> Function:
     return replace(function, arguments=(*function.arguments, argument), entries=entries, axes=axes)
 
 
-def layout_of(function: Function) -> tuple[Layout, npt.NDArray[np.int64]]:
+def layout_of(function: Function) -> tuple[Layout, Integers]:
     """The layout of a regressor with measured outputs, and for each output's columns the entries of the function."""
     outputs, columns = function.axes
     entry = {index: e for e, index in enumerate(function.entries)}
@@ -101,13 +63,7 @@ def layout_of(function: Function) -> tuple[Layout, npt.NDArray[np.int64]]:
 
 
 def restricted(layout: Layout, parameters: Sequence[int]) -> tuple[Layout, list[list[int]]]:
-    """The layout of some parameters, in the given order, and for each output the places of its columns.
-
-    Raises
-    ------
-    InputError
-        If a parameter does not exist or is given twice.
-    """
+    """The layout of some parameters, in the given order, and for each output the places of its columns."""
     count = len(layout.parameters)
     wrong = [p for p in parameters if not 0 <= p < count]
     if wrong or len(set(parameters)) != len(parameters):

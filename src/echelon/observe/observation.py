@@ -1,8 +1,9 @@
-"""Observation: what is kept of [W y], output by output, instead of the matrix.
+"""What is kept of [W y], output by output, instead of the matrix: R-factors, or normal equations.
 
 Each output has an R-factor of its own.  That is less work than one factor for all (half for a serial arm), and outputs
 can be weighted or left out afterwards: the factor of the stacked and weighted matrix is that of the stacked and
-weighted factors.
+weighted factors.  Normal equations are faster, and good enough where W is well conditioned: their errors grow with the
+square of the condition number.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.observe.layout import Layout, restricted
 from echelon.observe.triangle import Triangle, positive, upper_triangle
+
+_FEWEST_DIGITS = 1e-14  # smaller squares of pivots, with columns of norm 1, are mostly rounding errors
 
 
 @dataclass(frozen=True, repr=False)
@@ -93,7 +96,7 @@ class Observation:
         if self.layout != other.layout:
             raise InputError("observations of different outputs or parameters cannot be merged")
         pairs = zip(self.factors, other.factors, strict=True)
-        factors = tuple(upper_triangle(np.vstack(pair)) for pair in pairs)
+        factors = tuple(upper_triangle(*pair) for pair in pairs)
         counts = tuple(a + b for a, b in zip(self.counts, other.counts, strict=True))
         return Observation(self.layout, factors, counts)
 
@@ -125,7 +128,7 @@ class Observation:
             full = np.zeros((len(R), n + 1))
             full[:, self.layout.places(output)] = weight * R
             rows.append(full)
-        whole = upper_triangle(np.vstack([np.zeros((0, n + 1)), *rows]))
+        whole = upper_triangle(np.zeros((0, n + 1)), *rows)
         used = sum(count for count, weight in zip(self.counts, w, strict=True) if weight)
         return Triangle(
             self.layout.parameters, whole[:n, :n], whole[:n, n], float(abs(whole[n, n])), self.samples, used
@@ -196,14 +199,101 @@ class Observation:
         return f"Observation({self.samples} samples × {m} outputs × {n} parameters)"
 
 
-def checked_weights(layout: Layout, weights: Sequence[float] | Floats | None) -> Floats:
-    """Weights of the outputs, shape (m,).
+@dataclass(frozen=True, repr=False)
+class NormalEquations:
+    """Gram matrices of the outputs' rows of [W y].
 
-    Raises
-    ------
-    InputError
-        If they have a wrong shape or are negative or not finite.
+    Attributes
+    ----------
+    layout : Layout
+    grams : tuple of array of shape (n_i + 1, n_i + 1)
+        For each output that of its own columns and y.
+    samples : int
     """
+
+    layout: Layout
+    grams: tuple[Floats, ...]
+    samples: int
+
+    def merged(self, other: NormalEquations) -> NormalEquations:
+        """The normal equations of both sets of samples.
+
+        Parameters
+        ----------
+        other : NormalEquations
+
+        Raises
+        ------
+        InputError
+            If they are not of the same outputs and parameters.
+        """
+        if self.layout != other.layout:
+            raise InputError("normal equations of different outputs or parameters cannot be merged")
+        grams = tuple(a + b for a, b in zip(self.grams, other.grams, strict=True))
+        return NormalEquations(self.layout, grams, self.samples + other.samples)
+
+    def __add__(self, other: NormalEquations) -> NormalEquations:
+        """The normal equations of both sets of samples; see :meth:`merged`."""
+        return self.merged(other)
+
+    def combined(self, weights: Sequence[float] | Floats | None = None) -> tuple[Floats, Floats, float]:
+        """WᵀW, Wᵀy and yᵀy of all outputs' rows together.
+
+        Parameters
+        ----------
+        weights : array of shape (m,), optional
+            Factor of each output's rows; all 1 if omitted.
+
+        Returns
+        -------
+        (array of shape (n, n), array of shape (n,), float)
+        """
+        n = len(self.layout.parameters)
+        total = np.zeros((n + 1, n + 1))
+        for output, (gram, weight) in enumerate(zip(self.grams, checked_weights(self.layout, weights), strict=True)):
+            places = self.layout.places(output)
+            total[np.ix_(places, places)] += weight**2 * gram
+        return total[:n, :n], total[:n, n], float(total[n, n])
+
+    def solve(self, weights: Sequence[float] | Floats | None = None) -> Floats:
+        """The least-squares solution, by Cholesky's method with columns scaled to norm 1.
+
+        Parameters
+        ----------
+        weights : array of shape (m,), optional
+            Factor of each output's rows; all 1 if omitted.
+
+        Returns
+        -------
+        array of shape (n,)
+
+        Raises
+        ------
+        InputError
+            If the matrix cannot be told from a singular one.
+        """
+        gram, moment, _ = self.combined(weights)
+        scales = np.sqrt(np.diagonal(gram))
+        safe = np.where(scales == 0, 1.0, scales)
+        try:
+            L = np.linalg.cholesky(gram / safe[:, None] / safe)
+            singular = np.diagonal(L).min(initial=1.0) ** 2 < _FEWEST_DIGITS * len(L)
+        except np.linalg.LinAlgError:
+            singular = True
+        if singular:
+            raise InputError(
+                "the normal equations are singular to half the digits of a double; use the R-factors, which keep all"
+            )
+        solution: Floats = np.linalg.solve(L.T, np.linalg.solve(L, moment / safe)) / safe
+        return solution
+
+    def __repr__(self) -> str:
+        m, n = len(self.layout.outputs), len(self.layout.parameters)
+        return f"NormalEquations({self.samples} samples × {m} outputs × {n} parameters)"
+
+
+def checked_weights(layout: Layout, weights: Sequence[float] | Floats | None) -> Floats:
+    """Weights of the outputs, shape (m,): finite and not negative, or 1 where none are given."""
     m = len(layout.outputs)
     w = np.ones(m) if weights is None else np.asarray(weights, dtype=float)
     if w.shape != (m,):

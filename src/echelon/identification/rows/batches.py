@@ -18,7 +18,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.rows.rows import RowBlock
 from echelon.observe.observation import Observation
-from echelon.observe.slim import slim_qr
+from echelon.observe.triangle import upper_triangle
 
 BATCHES = 40
 """Batches that the data are cut into at least, if they are long enough."""
@@ -187,7 +187,7 @@ def stacked(a: Observation, b: Observation) -> Observation:
     a, b : Observation
         Of the same layout.
     """
-    factors = tuple(slim_qr().triangle(*pair) for pair in zip(a.factors, b.factors, strict=True))
+    factors = tuple(upper_triangle(*pair) for pair in zip(a.factors, b.factors, strict=True))
     counts = tuple(m + n for m, n in zip(a.counts, b.counts, strict=True))
     return Observation(a.layout, factors, counts)
 

@@ -23,7 +23,7 @@ from echelon.identification.rows.rows import RowBlock
 from echelon.logs.recording import Samples
 from echelon.observe.layout import Layout, layout_of, measured
 from echelon.observe.observation import Observation
-from echelon.observe.slim import slim_qr
+from echelon.observe.triangle import upper_triangle
 
 _WINDOW = 1 << 14
 """Samples whose regressor is held at once: a few tens of megabytes for an arm, and long against filters."""
@@ -233,7 +233,7 @@ def rows_taken(samples: Samples, values: Floats) -> list[tuple[Floats, Floats]]:
 def observed(layout: Layout, block: RowBlock) -> Observation:
     """The R-factors of a block of rows."""
     pairs = zip(block.matrices, block.y, strict=True)
-    factors = tuple(slim_qr().triangle(np.column_stack([matrix, y])) for matrix, y in pairs)
+    factors = tuple(upper_triangle(np.column_stack([matrix, y])) for matrix, y in pairs)
     return Observation(layout, factors, tuple(len(y) for y in block.y))
 
 
