@@ -72,7 +72,7 @@ COMMANDS = {
     "check": "check-trajectory arm.yaml motion/trajectory.csv -o check.html --json",
     "identify": "identify arm.yaml run1.csv run2.csv -o identified",
     "identify-json": "identify arm.yaml run1.csv --estimator huber --no-physical --target none --json",
-    "complement": "excite arm.yaml --complement run1.csv --starts 1 --iterations 5 --json",
+    "complement": "excite arm.yaml --prior-log run1.csv --starts 1 --iterations 5 --json",
     "predict": "predict identified/model.json run1.csv -o predicted.csv --json",
     "predict-parquet": "predict identified/model.json run1.csv -o predicted.parquet",
     **{f"schema-{name}": f"schema {name}" for name in SCHEMAS},

@@ -10,7 +10,14 @@ import numpy.typing as npt
 
 import echelon as ec
 import linkages
-from echelon.excite.problem.closed_loops import LoopEfforts, LoopLimits, LoopPart, LoopRegressor, state_regressor
+from echelon.excite.problem.closed_loops import (
+    LoopEfforts,
+    LoopLimits,
+    LoopPart,
+    LoopRegressor,
+    loop_limits,
+    state_regressor,
+)
 from echelon.excite.problem.effort_limits import EffortLimit, EffortModel
 from echelon.excite.problem.loop_motion import LoopMotion
 from echelon.excite.problem.state_limits import PointLimit, point_limits
@@ -88,7 +95,7 @@ def limited(name: str, rng: np.random.Generator) -> LoopLimits:
     robot = mechanism(name)
     efforts = [EffortLimit(output.name, output.unit, 500.0) for output in robot.outputs]
     points = [PointLimit("p", robot.bodies[-1].name, (0.1, 0.2, 0.3), (0.6, 0.0, 0.8), -3.0, 3.0)]
-    return LoopLimits(
+    return loop_limits(
         LoopMotion(robot),
         [LoopEfforts(robot, efforts, identified(name, rng), 0.1, None), LoopPart(point_limits(robot, points))],
     )

@@ -36,7 +36,7 @@ excitation:
   limits: {position: [-2, 2], velocity: SPEED, acceleration: 20, jerk: 400, effort: {j1: 12, j2: 5}}
   frames: [{body: j2, point: [0.3, 0, 0], box: {x: [-0.55, none]}}]
 """
-FORMATS = ("csv", "parquet", "yaml", "mcap")
+FORMATS = ("csv", "parquet", "yaml")
 
 
 def setup_file(folder: Path, speed: float = 3.0) -> Path:
@@ -150,7 +150,7 @@ def test_text_for_people(tmp_path: Path) -> None:
 def test_options_replace_the_section(tmp_path: Path) -> None:
     file = setup_file(tmp_path)
     file.write_text(file.read_text().replace("{j1: 12, j2: 5}", "12"), encoding="utf-8")
-    options = "--duration 4 --family bspline --pieces 6 --criterion condition --seed 3 --iterations 20 --move j2"
+    options = "--duration 4 --family bspline --segments 6 --criterion condition --seed 3 --iterations 20 --move j2"
     done = call("excite", str(file), *options.split(), "--json")
     assert done.returncode == 0, done.stderr
     document = json.loads(done.stdout)
@@ -214,7 +214,7 @@ def test_a_log_at_hand_is_complemented(tmp_path: Path) -> None:
     rows = np.stack([t, q1, np.zeros_like(t), tau1, tau2], axis=1)
     np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,q1,q2,tau1,tau2", comments="")
     arguments = "excite", str(file), "--iterations", "20", "--json"
-    plain, done = call(*arguments), call(*arguments, "--complement", str(tmp_path / "log.csv"))
+    plain, done = call(*arguments), call(*arguments, "--prior-log", str(tmp_path / "log.csv"))
     assert done.returncode == 0, done.stderr
     assert (plain.returncode, done.stderr) == (0, "")
     first, second = json.loads(plain.stdout), json.loads(done.stdout)
@@ -223,7 +223,7 @@ def test_a_log_at_hand_is_complemented(tmp_path: Path) -> None:
     assert second["motion"] != first["motion"]
     deviations = first["standard_deviations"], second["standard_deviations"]
     assert deviations[0].keys() == deviations[1].keys()
-    held = call(*arguments, "--complement", str(tmp_path / "log.csv"), "--move", "j1")
+    held = call(*arguments, "--prior-log", str(tmp_path / "log.csv"), "--move", "j1")
     assert held.returncode in (0, 2)
     assert "Traceback" not in held.stderr
 
@@ -249,7 +249,7 @@ def test_wrong_input_is_one_line_and_nothing_is_written(tmp_path: Path) -> None:
         ("--move", "j3"): "there is no coordinate 'j3'",
         ("--rate", "0", "--iterations", "20"): "no sampling rate",
         ("--duration", "-1"): "excitation.duration",
-        ("--complement", str(tmp_path / "no.csv")): "no.csv",
+        ("--prior-log", str(tmp_path / "no.csv")): "no.csv",
     }
     for options, message in cases.items():
         text = refused("excite", file, "-o", out, *options)

@@ -337,7 +337,7 @@ def test_better_with_unmodelled_effects(tmp_path: Path) -> None:
 
 def complement(first: Floats, seed: int, **changes: Any) -> Floats:
     """Information of a trajectory that is designed to complement other information."""
-    found = ec.exciting_trajectory(known().setup, known=first, seed=seed, **changes)
+    found = ec.exciting_trajectory(known().setup, prior_information=first, seed=seed, **changes)
     seen = rows(found.trajectory).information
     # what is shown is both together
     assert found.conditioning.log_det == pytest.approx(log_det(first + seen), rel=1e-9)

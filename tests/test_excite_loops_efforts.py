@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from echelon.excite.problem.closed_loops import LoopEfforts, LoopLimits, LoopPart
+from echelon.excite.problem.closed_loops import LoopEfforts, LoopPart, loop_limits
 from echelon.excite.problem.effort_limits import EffortLimit, EffortModel
 from echelon.excite.problem.loop_motion import LoopMotion
 from echelon.excite.problem.state_limits import PointLimit, point_limits
@@ -30,7 +30,7 @@ def test_slopes_of_limits_are_those_of_differences(name: str, made: Callable[...
     robot, rng = mechanism(name), np.random.default_rng(7)
     efforts = [EffortLimit(output.name, output.unit, 10.0) for output in robot.outputs]
     points = [PointLimit("p", body.name, (0.1, 0.2, 0.3), (0.6, 0.0, 0.8), -1.0, 1.0) for body in robot.bodies[-2:]]
-    limits = LoopLimits(
+    limits = loop_limits(
         LoopMotion(robot),
         [LoopEfforts(robot, efforts, made(name, rng), 0.1, 0.02), LoopPart(point_limits(robot, points))],
     )
@@ -46,7 +46,7 @@ def test_slopes_of_limits_are_those_of_differences(name: str, made: Callable[...
 def test_uncertain_efforts_are_those_of_the_base_model() -> None:
     robot, model = mechanism("delta"), identified("delta", np.random.default_rng(8))
     limited = [EffortLimit(output.name, output.unit, 10.0) for output in robot.outputs]
-    limits = LoopLimits(LoopMotion(robot), [LoopEfforts(robot, limited, model, 0.1, None)])
+    limits = loop_limits(LoopMotion(robot), [LoopEfforts(robot, limited, model, 0.1, None)])
     state = states(limits.motion)
     X = base("delta").regressor(*state.values())
     std = np.sqrt(np.einsum("nik,kl,nil->ni", X, model.covariance, X))
@@ -62,7 +62,7 @@ def test_efforts_are_those_of_the_base_model() -> None:
     efforts = LoopEfforts(
         robot, [EffortLimit(o.name, o.unit, 10.0) for o in robot.outputs], EffortModel(standard), 0.1, None
     )
-    limits = LoopLimits(LoopMotion(robot), [efforts])
+    limits = loop_limits(LoopMotion(robot), [efforts])
     state = states(limits.motion)
     model = base("gough_stewart")
     expected = model.predict(*state.values(), model.values(standard))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from echelon.excite.problem.closed_loops import LoopLimits
+from echelon.excite.problem.closed_loops import loop_limits
 from echelon.excite.problem.loop_motion import LoopMotion
 from echelon.excite.verify.loop_enclosures import LoopEnclosures, WholeMotion, loop_margins
 from echelon.excite.verify.margins import ranges
@@ -14,7 +14,7 @@ from exciting_loops import limited, mechanism, motion_of
 
 @pytest.mark.parametrize("name", ["four-bar", "slider-crank", "delta", "gough_stewart"])
 def test_whole_states_stay_in_their_boxes(name: str) -> None:
-    limits = LoopLimits(LoopMotion(mechanism(name)))
+    limits = loop_limits(LoopMotion(mechanism(name)))
     size = 0.03 if name == "gough_stewart" else 0.15  # its legs slide
     trajectory, enclosures = motion_of(limits, size), LoopEnclosures(limits.motion)
     edges = np.linspace(0, 2, {"four-bar": 100, "slider-crank": 100}.get(name, 2000))

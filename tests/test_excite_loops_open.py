@@ -9,7 +9,7 @@ import numpy as np
 
 import echelon as ec
 import linkages
-from echelon.excite.problem.closed_loops import LoopLimits, LoopRegressor
+from echelon.excite.problem.closed_loops import LoopRegressor, loop_limits
 from echelon.excite.problem.loop_motion import Closed, LoopMotion
 from echelon.excite.problem.trajectory import Fourier, Trajectory, resting_ends
 from echelon.excite.verify.loop_enclosures import loop_margins
@@ -63,7 +63,7 @@ def test_samples_fade_out_towards_singular_poses() -> None:
 
 def test_the_way_back_is_told() -> None:
     made, state = beyond()
-    limits = LoopLimits(made.motion)
+    limits = loop_limits(made.motion)
     values, slopes = limits.values(*state.values())[:, 0], limits.slopes(*state.values())[0]
     assert slopes is not None
     outside = state["q"][:, 0] > end_of_rocker()
@@ -84,7 +84,7 @@ def test_what_was_found_does_not_depend_on_what_was_asked_before() -> None:
 
 def test_a_motion_through_a_flat_parallelogram_is_not_safe() -> None:
     robot = mechanism("parallelogram")
-    limits, basis = LoopLimits(LoopMotion(robot)), resting_ends(Fourier(4.0, 2))
+    limits, basis = loop_limits(LoopMotion(robot)), resting_ends(Fourier(4.0, 2))
     coefficients = np.zeros((basis.size, 1))
     rest = np.linalg.lstsq(basis.values(np.linspace(0, 4, 50), 0), np.ones(50), rcond=None)[0]
     swing = np.random.default_rng(1).normal(size=(basis.size, 1))
@@ -113,5 +113,5 @@ def test_another_way_of_assembly_counts_as_open_loops() -> None:
     basis = resting_ends(Fourier(1.0, 2))
     trajectory = Trajectory(("crank",), ("rad",), basis, 0.1 * np.ones((basis.size, 1)))
     for motion, kept in ((LoopMotion(linkages.four_bar()), True), (HalfMirrored(linkages.four_bar()), False)):
-        (margin,) = loop_margins(trajectory, LoopLimits(motion))
+        (margin,) = loop_margins(trajectory, loop_limits(motion))
         assert margin.kept is kept

@@ -186,7 +186,7 @@ def test_conditioning_and_deviations_are_those_of_equations_by_hand() -> None:
 def test_information_at_hand_is_complemented() -> None:
     """What is known well needs no motion: of the rest the new motion shows more than the one for everything."""
     known = 1e6 * np.diag([1.0, 1, 1, 0, 0, 0])
-    plain, found = swung("fourier"), design(PENDULUM, known=known, **SWING)
+    plain, found = swung("fourier"), design(PENDULUM, prior_information=known, **SWING)
     assert [found.base.mechanism.parameters[k] for k in found.base.matrix.pivots[:3]] == ["ZZ1", "MX1", "MY1"]
     assert found.safe
     new, old = (np.linalg.slogdet(W.T @ W + known)[1] for W in map(observation, (found, plain)))
@@ -375,8 +375,8 @@ def test_changes_are_checked_like_the_section(tmp_path: Path) -> None:
     assert re.search(r"excitation\.criterion: .*'condition'", refusal(file, criterion="c_optimal"))
     assert re.search(r"excitation: unknown key; did you mean 'duration'", refusal(file, durations=3))
     assert "excitation.duration" in refusal(file, duration=-1)
-    assert "expected a square matrix" in refusal(file, known=[[np.nan]])
-    assert "the robot has 15 base parameters" in refusal(file, known=[[1.0]])
+    assert "expected a square matrix" in refusal(file, prior_information=[[np.nan]])
+    assert "the robot has 15 base parameters" in refusal(file, prior_information=[[1.0]])
 
 
 MESH = """

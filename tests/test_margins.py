@@ -31,7 +31,7 @@ def moving(basis: Basis, like: StateLimits, size: float, seed: int = 0) -> Traje
 
 def reached(motion: Trajectory, limits: StateLimits) -> tuple[Floats, Floats]:
     """The least and the largest of ten thousand samples per second, without smoothing."""
-    sharp = StateLimits(limits.function, limits.uniform, limits.labels, limits.units, limits.low, limits.high)
+    sharp = StateLimits(limits.labels, limits.units, limits.low, limits.high, limits.function, limits.uniform)
     values = sharp.values(*motion.states(motion.times(RATE)))
     return values.min(axis=0), values.max(axis=0)
 
@@ -62,12 +62,12 @@ def test_bounds_are_sharp_where_limits_are_near(case: int) -> None:
     limits = limits_of(case)
     motion = moving(families(2.0)["fourier at rest"], limits, 0.1)
     low, high = reached(motion, limits)
-    near = StateLimits(limits.function, limits.uniform, limits.labels, limits.units, low - 1e-4, high + 1e-4)
+    near = StateLimits(limits.labels, limits.units, low - 1e-4, high + 1e-4, limits.function, limits.uniform)
     least, largest = reach(motion, near)
     allowed = 1.05e-3 * (near.high - near.low) + 1e-4
     assert np.all(low - least <= allowed)
     assert np.all(largest - high <= allowed)
-    far = StateLimits(limits.function, limits.uniform, limits.labels, limits.units, low - 50, high + 50)
+    far = StateLimits(limits.labels, limits.units, low - 50, high + 50, limits.function, limits.uniform)
     least, largest = reach(motion, far)
     assert np.all(low - least <= 0.25 * 50 + 0.2)
     assert np.all(largest - high <= 0.25 * 50 + 0.2)
@@ -90,7 +90,7 @@ def function_of(make: Callable[..., Scalar], arguments: str = "q") -> StateLimit
     node = make(**inputs).node
     given = tuple(Argument(name, (x.node,), ("q1",), ("rad",)) for name, x in inputs.items())
     function = Function("f", program, given, {(0,): node}, (("f",),))
-    return StateLimits(function, {}, ("f",), ("1",), np.array([-2.0]), np.array([2.0]))
+    return StateLimits(("f",), ("1",), np.array([-2.0]), np.array([2.0]), function, {})
 
 
 def sweep(rate: float = 1.0, harmonics: int = 1) -> Trajectory:

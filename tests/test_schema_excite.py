@@ -40,7 +40,7 @@ excitation:
   rate: 200
   family: bspline
   harmonics: 7
-  pieces: 12
+  segments: 12
   criterion: condition
   noise: {all: 1, j2: 1/10}
   move: [j1]
@@ -77,7 +77,7 @@ def read(section: str) -> ExcitationEntry:
 
 def test_every_key_becomes_numbers_in_si_units() -> None:
     entry = read(FULL)
-    assert (entry.duration, entry.rate, entry.family, entry.harmonics, entry.pieces) == (10, 200, "bspline", 7, 12)
+    assert (entry.duration, entry.rate, entry.family, entry.harmonics, entry.segments) == (10, 200, "bspline", 7, 12)
     assert (entry.criterion, entry.noise, entry.move) == ("condition", {"all": 1, "j2": 0.1}, ("j1",))
     assert (entry.hold, entry.centre, entry.effort_margin) == ({"j2": -math.pi / 2}, {"j1": 0.3}, 0.2)
     assert (entry.starts, entry.seed, entry.iterations) == (8, 0, 60)
@@ -106,7 +106,13 @@ def test_every_key_becomes_numbers_in_si_units() -> None:
 @pytest.mark.parametrize("section", ["", "excitation: {limits: {}, collisions: {}, iterations: 500}"])
 def test_what_is_absent_has_the_defaults(section: str) -> None:
     entry = read(section)
-    assert (entry.duration, entry.rate, entry.family, entry.harmonics, entry.pieces) == (None, 100, "fourier", None, 8)
+    assert (entry.duration, entry.rate, entry.family, entry.harmonics, entry.segments) == (
+        None,
+        100,
+        "fourier",
+        None,
+        8,
+    )
     assert (entry.criterion, entry.noise, entry.move) == ("d_optimal", {"all": 1}, None)
     assert (entry.hold, entry.centre, entry.effort_margin, entry.frames) == ({}, {}, 0.1, ())
     assert (entry.starts, entry.seed, entry.iterations) == (4, 2015, 500)
@@ -173,7 +179,7 @@ def test_numbers_of_python_are_accepted() -> None:
         ("{family: fourrier}", "excitation.family: 'fourrier' is not valid; did you mean 'fourier'?"),
         ("{criterion: d}", "excitation.criterion: 'd' is not valid"),
         ("{harmonics: 2.5}", "excitation.harmonics: needs a whole number, found '2.5'"),
-        ("{pieces: 0}", "excitation.pieces: Input should be greater than or equal to 1"),
+        ("{segments: 0}", "excitation.segments: Input should be greater than or equal to 1"),
         ("{starts: inf}", "excitation.starts: needs a whole number, found 'inf'"),
         ("{seed: -1}", "excitation.seed: Input should be greater than or equal to 0"),
         ("{iterations: 0}", "excitation.iterations: Input should be greater than or equal to 1"),

@@ -13,7 +13,9 @@ from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import InputError
 from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_limits
 from echelon.excite.problem.motion_limits import MotionLimit
-from echelon.excite.problem.state_limits import PointLimit, StateConstraint, StateLimits, point_limits, tightened
+from echelon.excite.problem.optimisation import Problem, beyond
+from echelon.excite.problem.state_limits import PointLimit, StateConstraint, StateLimits, point_limits
+from echelon.excite.problem.trajectory import Fourier
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Argument, Function
 from echelon.program.tape import Program
@@ -170,7 +172,7 @@ def test_enclosures_hold(case: int, size: float) -> None:
     rng = np.random.default_rng(0)
     centres = dict(zip(STATE, random_states(mechanism, 300), strict=True))
     low, high = limits.enclosures({name: (x - size, x + size) for name, x in centres.items()})
-    sharp = StateLimits(limits.function, limits.uniform, limits.labels, limits.units, limits.low, limits.high)
+    sharp = StateLimits(limits.labels, limits.units, limits.low, limits.high, limits.function, limits.uniform)
     assert low.shape == (300, len(limits.labels))
     for _ in range(20):
         inside = [x + size * rng.choice([-1, 1, rng.uniform(-1, 1)], x.shape) for x in centres.values()]
@@ -191,7 +193,7 @@ def with_zeros() -> StateLimits:
     # not in the order of the rows, either
     function = Function("mixed", program, (argument,), {(3,): (x * y).node, (1,): (x + y).node}, (labels,))
     high = np.array([1.0, 5, 1, 20, 1])
-    return StateLimits(function, {}, labels, ("",) * 5, -high, high)
+    return StateLimits(labels, ("",) * 5, -high, high, function, {})
 
 
 def test_functions_that_vanish_keep_their_places() -> None:
@@ -222,18 +224,18 @@ def test_a_limit_is_broken_where_it_is_although_others_vanish() -> None:
 # -- other constraints -------------------------------------------------------------------------------------------------
 
 
-def test_narrowed_constraints() -> None:
-    inner = point_limits(ur10(), points())
-    first = tightened(inner, np.array([0.1, 0.0, 0.2]), np.array([0.0, 0.3, 0.0]))
-    second = tightened(first, np.array([0.1, 0.0, 0.0]), np.array([0.0, 0.1, 0.0]))
-    assert second.constraint is inner
-    np.testing.assert_allclose(second.low, [0.3, -np.inf, -0.8])
-    np.testing.assert_allclose(second.high, [1.2, 0.1, 1.0])
-    assert second.labels == inner.labels
-    assert second.units == inner.units
-    state = random_states(ur10(), 2)
-    np.testing.assert_array_equal(second.values(*state), inner.values(*state))
-    np.testing.assert_array_equal(second.slopes(*state)[0], inner.slopes(*state)[0])
+def test_tightened_bounds() -> None:
+    inner, basis = point_limits(ur10(), points()), Fourier(1.0, 1)
+    problem = Problem(basis, 6, None, None, (), (inner,), np.zeros(6))  # type: ignore[arg-type]
+    first = problem.tightened([np.array([0.1, 0.0, 0.2])], [np.array([0.0, 0.3, 0.0])])
+    second = first.tightened([np.array([0.1, 0.0, 0.0])], [np.array([0.0, 0.1, 0.0])])
+    assert second.constraints == (inner,)
+    low, high = (end.reshape(-1, 3)[0] for end in second.bounds)
+    np.testing.assert_allclose(low, [0.3, -np.inf, -0.8])
+    np.testing.assert_allclose(high, [1.2, 0.1, 1.0])
+    x = np.random.default_rng(1).normal(size=problem.size)
+    values = inner.values(*second.state(x))
+    np.testing.assert_array_equal(second.violations(x)[0], beyond(values, low, high))
 
 
 def test_what_limits_of_the_motion_are_called() -> None:

@@ -1,18 +1,15 @@
-"""Trajectories as messages of ROS: YAML and MCAP as other programs read them."""
+"""Trajectories as messages of ROS: YAML as other programs read it."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.reader import make_reader
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
 
 from echelon.excite.files.joint_trajectory import yaml_text
 from echelon.excite.files.trajectory_samples import sampled
@@ -68,31 +65,3 @@ def test_names_of_joints_survive_yaml(names: list[str]) -> None:
 def test_names_that_yaml_would_convert() -> None:
     test_names_of_joints_survive_yaml.hypothesis.inner_test(["no", "1"])
     test_names_of_joints_survive_yaml.hypothesis.inner_test(["[a, b]: *c", "1e3"])
-
-
-def test_mcap_is_read_by_the_readers_of_others(tmp_path: Path) -> None:
-    there, path = smooth(1.0), tmp_path / "run.mcap"
-    write_trajectory(there, path, 300)
-    with path.open("rb") as stream:
-        reader = make_reader(stream, validate_crcs=True)
-        assert reader.get_header().profile == "ros2"
-        ((schema, channel, record),) = reader.iter_messages()
-    assert (schema.name, schema.encoding, channel.message_encoding) == (KIND, "ros2msg", "cdr")
-    assert channel.topic == "/joint_trajectory_controller/joint_trajectory"
-    store = get_typestore(Stores.EMPTY)  # the definition in the file is enough
-    store.register(get_types_from_msg(schema.data.decode(), schema.name))
-    check_message(store.deserialize_cdr(record.data, KIND), there)
-    with AnyReader([path]) as bag:
-        ((connection, _, raw),) = bag.messages()
-        check_message(bag.deserialize(raw, connection.msgtype), there)
-
-
-def check_message(message: Any, there: Trajectory) -> None:
-    assert (message.header.stamp.sec, message.header.stamp.nanosec, message.header.frame_id) == (0, 0, "")
-    assert message.joint_names == list(NAMES)
-    t = np.arange(301) / 300
-    for order, field in enumerate(("positions", "velocities", "accelerations")):
-        np.testing.assert_array_equal([getattr(point, field) for point in message.points], there(t, order))
-    times = [point.time_from_start.sec * 10**9 + point.time_from_start.nanosec for point in message.points]
-    assert times == [round(k * 10**9 / 300) for k in range(301)]
-    assert all(len(point.effort) == 0 for point in message.points)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from mcap.writer import Writer as McapWriter
 
 from echelon.errors import InputError
 from echelon.excite.files.read_trajectory import read_trajectory
-from motions import KIND, NAMES, UNITS, WAVE, T
+from motions import NAMES, UNITS, WAVE, T
 
 
 def message(**others: Any) -> dict[str, Any]:
@@ -101,35 +99,3 @@ def test_aliases_cannot_blow_up(tmp_path: Path) -> None:
     (tmp_path / "run.yaml").write_text("\n".join(lines))
     with pytest.raises(InputError, match=r"aliases .* are not accepted"):
         read_trajectory(tmp_path / "run.yaml", NAMES, UNITS)
-
-
-# -- recordings --------------------------------------------------------------------------------------------------------
-
-
-def recording(path: Path, *messages: tuple[str, dict[str, Any]]) -> Path:
-    """An MCAP file of JSON messages."""
-    with path.open("wb") as stream:
-        writer = McapWriter(stream)
-        writer.start(profile="", library="own")
-        channels: dict[str, int] = {}
-        for k, (topic, content) in enumerate(messages):
-            if topic not in channels:
-                channels[topic] = writer.register_channel(topic=topic, message_encoding="json", schema_id=0)
-            writer.add_message(channels[topic], log_time=k, publish_time=k, data=json.dumps(content).encode())
-        writer.finish()
-    return path
-
-
-def test_other_messages_of_a_recording_do_not_matter(tmp_path: Path) -> None:
-    path = recording(tmp_path / "run.mcap", ("/state", {"x": 1.0}), ("/plan", message()), ("/plan", {"y": 1.0}))
-    found = read_trajectory(path, NAMES, UNITS)
-    np.testing.assert_allclose(found(T), np.column_stack([WAVE, 1 - WAVE]), rtol=0, atol=1e-12)
-
-
-def test_a_recording_holds_one_trajectory(tmp_path: Path) -> None:
-    none = recording(tmp_path / "none.mcap", ("/state", {"x": 1.0}))
-    with pytest.raises(InputError, match=rf"none.mcap: holds 0 messages of the type {KIND}; needs one"):
-        read_trajectory(none, NAMES, UNITS)
-    two = recording(tmp_path / "two.mcap", ("/plan", message()), ("/other", message()))
-    with pytest.raises(InputError, match=rf"holds 2 messages of the type {KIND} in '/other', '/plan'; needs one"):
-        read_trajectory(two, NAMES, UNITS)

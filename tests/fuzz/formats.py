@@ -193,26 +193,23 @@ def _states(material: Material) -> list[dict[str, Any]]:
     ]
 
 
-def _mcap(messages: Callable[[Material], list[Any]]) -> Maker:
-    def make(material: Material, rng: Random, folder: Path) -> Path:
-        from mcap.writer import CompressionType, Writer
+def _mcap(material: Material, rng: Random, folder: Path) -> Path:
+    from mcap.writer import CompressionType, Writer
 
-        stream = io.BytesIO()
-        writer = Writer(stream, compression=rng.choice(list(CompressionType)), use_chunking=rng.random() < 0.8)
-        writer.start(profile="", library="fuzz")
-        channel = writer.register_channel(
-            topic="/joint_states", message_encoding=rng.choice(("json",) * 9 + ("cdr",)), schema_id=0
-        )
-        for k, message in enumerate(messages(material)):
-            changed = changed_data(message, rng) if rng.random() < 0.1 else message
-            text = json.dumps(changed)
-            text = changed_text(text, rng) if rng.random() < 0.02 else text
-            time = _START + 10**7 * k if rng.random() < 0.99 else rng.choice((0, 2**63, 2**64 - 1))
-            writer.add_message(channel, time, text.encode(errors="surrogatepass"), time)
-        writer.finish()
-        return _written(folder / "run.mcap", stream.getvalue(), rng, 0.5)
-
-    return make
+    stream = io.BytesIO()
+    writer = Writer(stream, compression=rng.choice(list(CompressionType)), use_chunking=rng.random() < 0.8)
+    writer.start(profile="", library="fuzz")
+    channel = writer.register_channel(
+        topic="/joint_states", message_encoding=rng.choice(("json",) * 9 + ("cdr",)), schema_id=0
+    )
+    for k, message in enumerate(_states(material)):
+        changed = changed_data(message, rng) if rng.random() < 0.1 else message
+        text = json.dumps(changed)
+        text = changed_text(text, rng) if rng.random() < 0.02 else text
+        time = _START + 10**7 * k if rng.random() < 0.99 else rng.choice((0, 2**63, 2**64 - 1))
+        writer.add_message(channel, time, text.encode(errors="surrogatepass"), time)
+    writer.finish()
+    return _written(folder / "run.mcap", stream.getvalue(), rng, 0.5)
 
 
 def _bag(material: Material, rng: Random, folder: Path) -> Path:
@@ -298,12 +295,11 @@ FORMATS: dict[str, Maker] = {
     "values": _values,
     "trajectory as JSON": _document("motion.json", lambda m, _: m.trajectory),
     "trajectory as YAML": _document("motion.yaml", lambda m, _: m.message),
-    "trajectory as MCAP": _mcap(lambda m: [m.message]),
     "trajectory as a table": _sampled,
     "CSV log": _csv,
     "Parquet log": _parquet,
     "NumPy log": _npz,
     "MAT log": _mat,
-    "MCAP log": _mcap(_states),
+    "MCAP log": _mcap,
     "ROS bag": _bag,
 }

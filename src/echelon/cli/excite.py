@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from echelon.excite.exciting_trajectory import ExcitingTrajectory
 
 TRAJECTORY, PREVIEW = "trajectory.json", "preview.html"
-FORMATS = ("csv", "parquet", "yaml", "mcap")
+FORMATS = ("csv", "parquet", "yaml")
 BROKEN = 1
 """Exit code where a limit is broken."""
 

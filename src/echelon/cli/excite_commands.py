@@ -67,7 +67,7 @@ def excite(
     prior: Prior = None,
     model: Model = None,
     formats: Annotated[
-        list[str] | None, typer.Option("--format", "-f", help="Of samples: csv, parquet, yaml or mcap (ROS 2).")
+        list[str] | None, typer.Option("--format", "-f", help="Of samples: csv, parquet or yaml (ROS 2).")
     ] = None,
     rate: Annotated[float, typer.Option(help="Of samples, Hz.")] = 1000.0,
     repeats: Annotated[int, typer.Option(min=1, help="How often a periodic motion is run.")] = 1,
@@ -115,7 +115,7 @@ def excite(
 @app.command(epilog="Example: echelon check-trajectory ur10.yaml motion.csv -o preview.html")
 def check_trajectory(
     setup: SetupFile,
-    trajectory: Annotated[Path, typer.Argument(help="JSON, CSV, Parquet, or a ROS 2 JointTrajectory (YAML, MCAP).")],
+    trajectory: Annotated[Path, typer.Argument(help="JSON, CSV, Parquet, or a ROS 2 JointTrajectory (YAML).")],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Preview page to write (HTML).")] = None,
     force: Force = False,
     move: Annotated[list[str] | None, typer.Option(help="A coordinate that moves; may be repeated.")] = None,

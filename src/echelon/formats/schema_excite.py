@@ -253,7 +253,7 @@ class ExcitationEntry(Model):
         description="Harmonics of Fourier series; default: 7, fewer where more than 8 coordinates move.",
         examples=[5],
     )
-    pieces: Count = Field(8, description="Pieces of B-splines.", examples=[12])
+    segments: Count = Field(8, description="Segments of B-splines.", examples=[12])
     criterion: Literal["d_optimal", "a_optimal", "condition"] = Field(
         "d_optimal",
         description="What is optimised: the volume of the confidence ellipsoid, the sum of the variances, or the "

@@ -17,8 +17,8 @@ from scipy.interpolate import BSpline, make_interp_spline
 from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
 from echelon.excite.files.coefficients import trajectory_from_json
-from echelon.excite.files.joint_trajectory import from_mcap, from_yaml
-from echelon.excite.files.trajectory_samples import FEWEST, Samples, read_samples
+from echelon.excite.files.joint_trajectory import from_yaml
+from echelon.excite.files.trajectory_samples import FEWEST, Samples, places, read_samples
 from echelon.excite.problem.trajectory import DEGREE, DURATIONS, LARGEST, SHORTEST_STEP, Splines, Trajectory
 from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json
@@ -89,7 +89,7 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-SUFFIXES = (".json", ".csv", ".parquet", ".yaml", ".mcap")
+SUFFIXES = (".json", ".csv", ".parquet", ".yaml")
 """Of the names of trajectories' files; .yml counts as .yaml."""
 
 
@@ -111,7 +111,7 @@ def read_trajectory(path: str | os.PathLike[str], coordinates: Sequence[str], un
     Parameters
     ----------
     path : path
-        JSON, CSV, Parquet, a JointTrajectory of ROS 2 as YAML, or MCAP with one, by suffix.
+        JSON, CSV, Parquet, or a JointTrajectory of ROS 2 as YAML, by suffix.
     coordinates : sequence of str
         Those that move, in the order of the trajectory's columns.
     units : sequence of str
@@ -147,24 +147,16 @@ def _read(path: str | os.PathLike[str], coordinates: Sequence[str], units: Seque
         return _arranged(trajectory, coordinates, units, source)
     if kind == ".yaml":
         return interpolated(from_yaml(read_content(found), source, coordinates), units, source, "point")
-    if kind == ".mcap":
-        return interpolated(from_mcap(path, coordinates), units, source, "point")
     return interpolated(read_samples(path, coordinates, units), units, source)
 
 
 def _arranged(trajectory: Trajectory, coordinates: Sequence[str], units: Sequence[str], source: str) -> Trajectory:
     """The same motion with its coordinates in the order asked for."""
-    there = ", ".join(f"'{one_line(name)}'" for name in trajectory.coordinates)
-    for name, unit in zip(coordinates, units, strict=True):
-        if name not in trajectory.coordinates:
-            problem = f"the coordinate '{name}' is missing; there are {there}"
-            raise InputError(problem, source=source, element="coordinates")
-        stated = trajectory.units[trajectory.coordinates.index(name)]
-        if stated != unit:
-            raise InputError(f"'{name}' is in {stated}; needs {unit}", source=source, element="units")
-    surplus = ", ".join(f"'{one_line(name)}'" for name in trajectory.coordinates if name not in coordinates)
-    if surplus:
-        problem = f"there is no coordinate for {surplus}; valid are {', '.join(map(repr, coordinates))}"
-        raise InputError(problem, source=source, element="coordinates")
-    order = [trajectory.coordinates.index(name) for name in coordinates]
+    try:
+        order = places(trajectory.coordinates, coordinates, "coordinates")
+    except InputError as error:
+        raise error.located(source) from None
+    for name, unit, place in zip(coordinates, units, order, strict=True):
+        if trajectory.units[place] != unit:
+            raise InputError(f"'{name}' is in {trajectory.units[place]}; needs {unit}", source=source, element="units")
     return Trajectory(tuple(coordinates), tuple(units), trajectory.basis, trajectory.coefficients[:, order])

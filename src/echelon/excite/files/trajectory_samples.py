@@ -55,6 +55,21 @@ class Samples:
                         yield order, j, values[:, j]
 
 
+def places(names: Sequence[str], coordinates: Sequence[str], element: str) -> list[int]:
+    """Place of each coordinate among the names of a file, which are the same in any order."""
+    there = ", ".join(f"'{one_line(name)}'" for name in names)
+    if len(set(names)) < len(names):
+        raise InputError(f"a joint occurs twice: {there}", element=element)
+    for name in coordinates:
+        if name not in names:
+            raise InputError(f"the coordinate '{name}' is missing; there are {there or 'none'}", element=element)
+    surplus = ", ".join(f"'{one_line(name)}'" for name in names if name not in coordinates)
+    if surplus:
+        problem = f"there is no coordinate for {surplus}; valid are {', '.join(map(repr, coordinates))}"
+        raise InputError(problem, element=element)
+    return [names.index(name) for name in coordinates]
+
+
 def sampled(trajectory: Trajectory, rate: float, repeats: int = 1) -> Samples:
     """A trajectory at equal steps from its beginning to its end, both included.
 

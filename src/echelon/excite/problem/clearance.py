@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +20,7 @@ from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import InputError
 from echelon.excite.problem.distances import Engine, checked_pairs, owner_name
 from echelon.excite.problem.shapes import Balls, Owner, Shape
-from echelon.excite.problem.state_limits import Slopes
+from echelon.excite.problem.state_limits import Slopes, StateConstraint
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
 
@@ -41,45 +41,19 @@ class Nearest:
 
 
 @dataclass(frozen=True, eq=False)
-class Clearance:
-    """Bodies stay a distance apart; a :class:`echelon.excite.problem.state_limits.StateConstraint`.
-
-    Made by :func:`clearance_of`.
-    """
+class Clearance(StateConstraint):
+    """Bodies stay a distance apart; made by :func:`clearance_of`."""
 
     mechanism: Mechanism
     shapes: tuple[Shape, ...]
     pairs: Integers  # shape (P, 2); indices of shapes that are checked, pairs of the same owners next to each other
-    clearance: float  # Least distance, m
     reach: float  # larger distances are not told apart: values stop here and slopes are zero, m
     notes: tuple[str, ...] = ()  # which pairs were left out because they touch at the reference pose
 
     @cached_property
     def owners(self) -> tuple[tuple[Owner, Owner], ...]:
         """Pairs of bodies, or of an obstacle and a body: what the values belong to."""
-        return tuple(dict.fromkeys(self._owners))
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """``"distance of link2 and link5"``; what does not move comes last: ``"distance of link3 and table"``."""
-        moving_first = (pair[::-1] if pair[0][0] == GROUND else pair for pair in self.owners)
-        names = [[owner_name(self.mechanism, owner) for owner in pair] for pair in moving_first]
-        return tuple(f"distance of {first} and {second}" for first, second in names)
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Metres."""
-        return ("m",) * len(self.owners)
-
-    @property
-    def low(self) -> Floats:
-        """The clearance, shape (m,)."""
-        return np.full(len(self.owners), self.clearance)
-
-    @property
-    def high(self) -> Floats:
-        """None: ∞, shape (m,)."""
-        return np.full(len(self.owners), np.inf)
+        return tuple(dict.fromkeys(_owners(self.shapes, self.pairs)))
 
     def __getstate__(self) -> dict[str, object]:
         """Copies make their own engine: it belongs to one process."""
@@ -163,17 +137,12 @@ class Clearance:
     def groups(self) -> Integers:
         """For every pair of shapes, the index of its pair of owners, shape (P,)."""
         index = {pair: k for k, pair in enumerate(self.owners)}
-        return np.array([index[pair] for pair in self._owners], dtype=np.intp)
+        return np.array([index[pair] for pair in _owners(self.shapes, self.pairs)], dtype=np.intp)
 
     @cached_property
     def starts(self) -> Integers:
         """The first pair of shapes of every pair of owners, shape (m,)."""
         return np.searchsorted(self.groups, np.arange(len(self.owners)))
-
-    @property
-    def _owners(self) -> list[tuple[Owner, Owner]]:
-        """Of every pair of shapes."""
-        return [(self.shapes[i].owner, self.shapes[j].owner) for i, j in self.pairs.tolist()]
 
 
 def clearance_of(
@@ -195,22 +164,42 @@ def clearance_of(
     balls = [motion.name for motion in mechanism.motions if motion.kind is MotionKind.BALL]
     if balls:
         raise InputError(f"clearances are for joints with single coordinates; '{balls[0]}' rotates freely")
-    pairs = checked_pairs(mechanism, shapes, exclude)
-    found = Clearance(mechanism, tuple(shapes), pairs, float(clearance), float(farthest))
-    return _without_touching(found, reference) if ignore_touching else found
+    found = _clearance(mechanism, tuple(shapes), checked_pairs(mechanism, shapes, exclude), clearance, farthest)
+    return _without_touching(found, clearance, reference) if ignore_touching else found
 
 
-def _without_touching(clearance: Clearance, reference: npt.ArrayLike | None) -> Clearance:
-    count = len(clearance.mechanism.positions)
+def _clearance(
+    mechanism: Mechanism,
+    shapes: tuple[Shape, ...],
+    pairs: Integers,
+    clearance: float,
+    reach: float,
+    notes: tuple[str, ...] = (),
+) -> Clearance:
+    # what does not move comes last: "distance of link3 and table"
+    owners = [two[::-1] if two[0][0] == GROUND else two for two in dict.fromkeys(_owners(shapes, pairs))]
+    names = [[owner_name(mechanism, owner) for owner in two] for two in owners]
+    labels = tuple(f"distance of {first} and {second}" for first, second in names)
+    low, high = np.full(len(labels), float(clearance)), np.full(len(labels), np.inf)
+    return Clearance(labels, ("m",) * len(labels), low, high, mechanism, shapes, pairs, float(reach), notes)
+
+
+def _owners(shapes: Sequence[Shape], pairs: Integers) -> list[tuple[Owner, Owner]]:
+    """The owners of every pair of shapes."""
+    return [(shapes[i].owner, shapes[j].owner) for i, j in pairs.tolist()]
+
+
+def _without_touching(found: Clearance, clearance: float, reference: npt.ArrayLike | None) -> Clearance:
+    count = len(found.mechanism.positions)
     pose = np.zeros(count) if reference is None else np.asarray(reference, dtype=float)
     if pose.shape != (count,):
         raise InputError(f"the reference pose needs {count} positions, got shape {pose.shape}")
-    places, pairs = clearance.places(pose[None]), clearance.pairs
+    places, pairs = found.places(pose[None]), found.pairs
     asked = np.column_stack([np.zeros(len(pairs), dtype=np.intp), pairs])
-    near = clearance.engine.measure(places, asked, clearance.reach).distances < clearance.clearance
-    names = [(clearance.shapes[i].name, clearance.shapes[j].name) for i, j in pairs[near].tolist()]
+    near = found.engine.measure(places, asked, found.reach).distances < clearance
+    names = [(found.shapes[i].name, found.shapes[j].name) for i, j in pairs[near].tolist()]
     notes = tuple(f"'{a}' and '{b}' are not checked: they are too near at the reference pose" for a, b in names)
-    return replace(clearance, pairs=pairs[~near], notes=notes)
+    return _clearance(found.mechanism, found.shapes, pairs[~near], clearance, found.reach, notes)
 
 
 def _normals(points: Floats, distances: Floats) -> Floats:

@@ -8,7 +8,7 @@ the constraint :class:`LoopLimits` will not let it stay, and its trial points ha
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -96,13 +96,11 @@ class LoopRegressor(StateRegressor):
         return share**2 * (3 - 2 * share), 6 * share * (1 - share) * scale
 
 
+@dataclass(frozen=True, eq=False)
 class LoopPart:
     """Some functions of the whole state."""
 
-    def __init__(self, constraint: StateConstraint) -> None:
-        self.constraint = constraint
-        self.labels, self.units = constraint.labels, constraint.units
-        self.low, self.high = constraint.low, constraint.high
+    constraint: StateConstraint
 
     def values(self, _motion: LoopMotion, closed: Closed) -> Floats:
         """The functions, shape (N, m)."""
@@ -111,7 +109,7 @@ class LoopPart:
     def slopes(self, motion: LoopMotion, closed: Closed) -> list[Triple]:
         """Of each function, the derivatives by the independent q, q̇ and q̈."""
         parts = self.constraint.slopes(closed.q, closed.qd, closed.qdd)
-        rows = range(len(self.labels))
+        rows = range(len(self.constraint.labels))
         return [motion.pulled(closed, *(None if part is None else part[:, row] for part in parts)) for row in rows]
 
 
@@ -127,8 +125,6 @@ class LoopEfforts:
         smooth: float | None,
     ) -> None:
         self.constraint = effort_limits(mechanism, limits, model, margin, smooth)
-        self.labels, self.units = self.constraint.labels, self.constraint.units
-        self.low, self.high = self.constraint.low, self.constraint.high
         outputs = tuple(effort_output(mechanism, limit) for limit in limits)
         measured = replace(mechanism, measured=outputs)
         self.bounded_nodes = _bounded_nodes(measured, self.constraint.recorded.program)
@@ -143,7 +139,7 @@ class LoopEfforts:
         by_q, *by_rates = self.constraint.slopes(*motion.independent(closed).values())
         assert by_q is not None
         found: list[Triple] = []
-        for row in range(len(self.labels)):
+        for row in range(len(self.constraint.labels)):
             by_qd, by_qdd = (closed.counted(part[:, row]) for part in by_rates if part is not None)
             found.append((motion.along(closed, by_q[:, row]), by_qd, by_qdd))
         return found
@@ -176,48 +172,23 @@ OPEN = 0.15
 """Least openness that a solver has to keep, as a share of :attr:`LoopMotion.reference`."""
 
 
-class LoopLimits:
-    """What a motion of the independent coordinates has to keep; a :class:`StateConstraint`.
+@dataclass(frozen=True, eq=False)
+class LoopLimits(StateConstraint):
+    """What a motion of the independent coordinates has to keep; made by :func:`loop_limits`.
 
     The first function is the openness of the loops as a share of the usual one; where they cannot be closed, it is
     negative, by how far it is back to where they can.  All others count as kept there.
     """
 
-    def __init__(self, motion: LoopMotion, parts: Sequence[LoopPart | LoopEfforts] = ()) -> None:
-        self.motion, self.parts = motion, tuple(parts)
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """What each function is, for messages."""
-        return ("distance of the loops from singular poses", *(label for part in self.parts for label in part.labels))
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """SI units of the functions."""
-        return ("1", *(unit for part in self.parts for unit in part.units))
-
-    @property
-    def low(self) -> Floats:
-        """Least values, shape (m,)."""
-        return np.concatenate([[OPEN], *(part.low for part in self.parts)])
-
-    @property
-    def high(self) -> Floats:
-        """Largest values, shape (m,)."""
-        return np.concatenate([[np.inf], *(part.high for part in self.parts)])
+    motion: LoopMotion
+    parts: tuple[LoopPart | LoopEfforts, ...]
 
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """The functions at independent states of shape (N, k), shape (N, m)."""
-        return self._at(self.motion.at(q, qd, qdd))
-
-    def _at(self, closed: Closed) -> Floats:
+        closed = self.motion.at(q, qd, qdd)
         away = np.linalg.norm(closed.missing, axis=1)
-        found = np.column_stack(
-            [
-                np.where(closed.done, closed.openness / self.motion.reference, -away),
-                *(part.values(self.motion, closed) for part in self.parts),
-            ]
-        )
+        share = np.where(closed.done, closed.openness / self.motion.reference, -away)
+        found = np.column_stack([share, *(part.values(self.motion, closed) for part in self.parts)])
         kept = np.clip(0.0, self.low, self.high)
         return np.where(closed.done[:, None] | (np.arange(len(kept)) == 0), found, kept)
 
@@ -232,3 +203,13 @@ class LoopLimits:
         rows = [first, *(row for part in self.parts for row in part.slopes(self.motion, closed))]
         by_q, by_qd, by_qdd = (np.stack([row[order] for row in rows], axis=1) for order in range(3))
         return by_q, by_qd, by_qdd
+
+
+def loop_limits(motion: LoopMotion, parts: Sequence[LoopPart | LoopEfforts] = (), open_: float = OPEN) -> LoopLimits:
+    """Limits of openness and of the whole state."""
+    limits = [part.constraint for part in parts]
+    labels = ("distance of the loops from singular poses", *(label for limit in limits for label in limit.labels))
+    units = ("1", *(unit for limit in limits for unit in limit.units))
+    low, high = ([limit.low for limit in limits], [limit.high for limit in limits])
+    ends = np.concatenate([[open_], *low]), np.concatenate([[np.inf], *high])
+    return LoopLimits(labels, units, *ends, motion, tuple(parts))

@@ -20,7 +20,7 @@ from echelon.dynamics.arguments import STATE, geometry_values
 from echelon.dynamics.functions import robot_function
 from echelon.errors import InputError
 from echelon.excite.problem.information import StateRegressor
-from echelon.excite.problem.state_limits import Slopes, StateLimits, enclosures_of
+from echelon.excite.problem.state_limits import Enclosed, Slopes, StateLimits, enclosures_of
 from echelon.formats.schema_excite import ExcitationEntry
 from echelon.identification.physics.prior import prior_from
 from echelon.identification.settings import Setup
@@ -111,45 +111,25 @@ class EffortLimit:
     limit: float  # N·m or N, both directions
 
 
-@dataclass(frozen=True, eq=False)
-class EffortBounds:
-    """Bounds of predicted efforts: one function for each, or two where deviations are kept free."""
-
-    labels: tuple[str, ...]
-    units: tuple[str, ...]
-    low: Floats  # shape (m,)
-    high: Floats  # shape (m,)
-
-    @staticmethod
-    def of(limits: Sequence[EffortLimit], model: EffortModel, margin: float) -> EffortBounds:
-        """Bounds of what a model predicts."""
-        labels = tuple(f"{'force' if limit.unit == 'N' else 'torque'} of {limit.name}" for limit in limits)
-        units = tuple(limit.unit for limit in limits)
-        high = np.array([limit.limit for limit in limits]) * (1 - margin)
-        if model.certain:
-            return EffortBounds(labels, units, -high, high)
-        labels = tuple(f"{label} {sign} {model.deviations:g} deviations" for label in labels for sign in SIGNS)
-        none = np.full(len(high), np.inf)
-        low, most = np.column_stack([-none, -high]).ravel(), np.column_stack([high, none]).ravel()
-        return EffortBounds(labels, tuple(unit for unit in units for _ in SIGNS), low, most)
-
-
 def effort_limits(
-    mechanism: Mechanism,
-    limits: Sequence[EffortLimit],
-    model: EffortModel,
-    margin: float,
-    smooth: float | None,
+    mechanism: Mechanism, limits: Sequence[EffortLimit], model: EffortModel, margin: float, smooth: float | None
 ) -> StateLimits | UncertainEfforts:
-    """Limits of efforts as constraints of the state."""
+    """Limits of efforts as constraints of the state, of which a share, the margin, is kept free as well."""
     check_model(mechanism, model)
     measured = replace(mechanism, measured=tuple(effort_output(mechanism, limit) for limit in limits))
-    bounds = EffortBounds.of(limits, model, margin)
-    if not model.certain:
-        return UncertainEfforts(measured, model, bounds, smooth)
-    function = robot_function("inverse_dynamics", measured, model.places(mechanism))
-    uniform = {"parameters": model.values, **geometry_values(mechanism, function.arguments)}
-    return StateLimits(function, uniform, bounds.labels, bounds.units, bounds.low, bounds.high, smooth)
+    labels = tuple(f"{'force' if limit.unit == 'N' else 'torque'} of {limit.name}" for limit in limits)
+    units = tuple(limit.unit for limit in limits)
+    high = np.array([limit.limit for limit in limits]) * (1 - margin)
+    if model.certain:
+        function = robot_function("inverse_dynamics", measured, model.places(mechanism))
+        uniform = {"parameters": model.values, **geometry_values(mechanism, function.arguments)}
+        return StateLimits(labels, units, -high, high, function, uniform, smooth)
+    # plus deviations below the highest, minus deviations above the lowest value
+    labels = tuple(f"{label} {sign} {model.deviations:g} deviations" for label in labels for sign in SIGNS)
+    none = np.full(len(high), np.inf)
+    ends = np.column_stack([-none, -high]).ravel(), np.column_stack([high, none]).ravel()
+    regressor = StateRegressor(measured, model.places(measured), smooth)
+    return UncertainEfforts(labels, tuple(np.repeat(units, 2)), *ends, measured, model, regressor)
 
 
 def check_model(mechanism: Mechanism, model: EffortModel) -> None:
@@ -167,51 +147,60 @@ def effort_output(mechanism: Mechanism, limit: EffortLimit) -> Output:
     return plain(limit.name, limit.unit, channel)
 
 
-class UncertainEfforts:
-    """Two functions for each effort; a :class:`echelon.excite.problem.state_limits.StateConstraint`."""
+@dataclass(frozen=True, eq=False)
+class UncertainEfforts(Enclosed):
+    """Two functions for each effort: plus and minus the deviations that are kept free."""
 
-    def __init__(self, mechanism: Mechanism, model: EffortModel, bounds: EffortBounds, smooth: float | None) -> None:
-        self.labels, self.units, self.low, self.high = bounds.labels, bounds.units, bounds.low, bounds.high
-        self._regressor = StateRegressor(mechanism, model.places(mechanism), smooth)
-        self._rows = [(row.entries, model.part(row.columns)) for row in self._regressor.rows]
-        self._uniform = geometry_values(mechanism, self._regressor.recorded.arguments)
+    mechanism: Mechanism  # whose outputs are the efforts
+    model: EffortModel
+    regressor: StateRegressor
 
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """The functions at states of shape (N, n), shape (N, 2m)."""
-        entries = self._regressor.entries(dict(zip(STATE, (q, qd, qdd), strict=True)))
+        entries = self.regressor.entries(dict(zip(STATE, (q, qd, qdd), strict=True)))
         return np.hstack([model.extremes(entries[:, mine]) for mine, model in self._rows])
 
     def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
         """Their derivatives by q, q̇ and q̈, each of shape (N, 2m, n)."""
         state = dict(zip(STATE, (q, qd, qdd), strict=True))
-        entries, found = self._regressor.entries(state), []
+        entries, found = self.regressor.entries(state), []
         for mine, model in self._rows:
             for part in model.adjoints(entries[:, mine]):
                 adjoint = np.zeros_like(entries)
                 adjoint[:, mine] = part
-                found.append(self._regressor.pulled(state, adjoint))
+                found.append(self.regressor.pulled(state, adjoint))
         by_q, by_qd, by_qdd = (np.stack(parts, axis=1) for parts in zip(*found, strict=True))
         return by_q, by_qd, by_qdd
 
     @property
     def recorded(self) -> Function:
         """The regressor, without smoothing."""
-        return self._regressor.recorded
+        return self.regressor.recorded
 
     def enclosures(self, ranges: Mapping[str, Interval], known: Sequence[Argument] = ()) -> Interval:
         """Bounds of the functions while states stay in intervals, without smoothing, shape (cells, 2m)."""
-        low, high = enclosures_of(self.recorded, self._uniform, ranges, known)
+        uniform = geometry_values(self.mechanism, self.recorded.arguments)
+        low, high = enclosures_of(self.recorded, uniform, ranges, known)
         parts = [model.enclosed((low[:, mine], high[:, mine])) for mine, model in self._rows]
         return np.hstack([part for part, _ in parts]), np.hstack([part for _, part in parts])
 
+    @cached_property
+    def _rows(self) -> list[tuple[slice, EffortModel]]:
+        """For each effort, its entries and the model of their parameters."""
+        return [(row.entries, self.model.part(row.columns)) for row in self.regressor.rows]
+
 
 def effort_model(
-    setup: Setup, entry: ExcitationEntry, mechanism: Mechanism, limits: Sequence[EffortLimit]
-) -> tuple[EffortModel | None, list[Finding]]:
-    """The model that predicts efforts, and what is to be said about it."""
+    setup: Setup,
+    entry: ExcitationEntry,
+    mechanism: Mechanism,
+    limits: Sequence[EffortLimit],
+    findings: list[Finding],
+) -> EffortModel | None:
+    """The model that predicts efforts, None where nothing does; what does not move is held in the mechanism."""
     if entry.model is not None:
-        return _identified(setup, entry, mechanism, limits), []
-    return _standard(setup, entry, mechanism)
+        return _identified(setup, entry, mechanism, limits)
+    return _standard(setup, entry, mechanism, findings)
 
 
 def _identified(
@@ -224,11 +213,8 @@ def _identified(
     ours, theirs = (tuple(map(str, base.expressions)) for base in (whole, found.base))
     if ours != theirs:
         problem = f"the model {entry.model} has other base parameters than this robot with its sensors"
-        raise InputError(problem, source=setup.source, element="excitation.model")
-    try:
-        check_determined(setup.mechanism, limits, whole.rank, setup.settings.seed)
-    except InputError as error:
-        raise InputError(error.problem, source=setup.source, element="excitation.model") from None
+        raise InputError(problem, element="excitation.model")
+    check_determined(setup.mechanism, limits, whole.rank, setup.settings.seed)
     parameters = list(mechanism.parameters)
     columns = [parameters.index(setup.mechanism.parameters[pivot]) for pivot in whole.matrix.pivots]
     covariance = np.array(found.document["estimate"]["covariance"], dtype=float)
@@ -241,10 +227,13 @@ def check_determined(mechanism: Mechanism, limits: Sequence[EffortLimit], rank: 
     named = tuple(replace(output, name=f"effort of {output.name}") for output in efforts)
     both = replace(mechanism, measured=(*mechanism.outputs, *named))
     if base_parameters(both, seed=seed).rank > rank:
-        raise InputError("the identified model does not determine all torques and forces that are limited")
+        problem = "the identified model does not determine all torques and forces that are limited"
+        raise InputError(problem, element="excitation.model")
 
 
-def _standard(setup: Setup, entry: ExcitationEntry, mechanism: Mechanism) -> tuple[EffortModel | None, list[Finding]]:
+def _standard(
+    setup: Setup, entry: ExcitationEntry, mechanism: Mechanism, findings: list[Finding]
+) -> EffortModel | None:
     """Standard parameters of the prior; friction without a value counts as none."""
     names = setup.mechanism.parameters
     if setup.prior is not None:
@@ -257,16 +246,12 @@ def _standard(setup: Setup, entry: ExcitationEntry, mechanism: Mechanism) -> tup
     inertial = np.array([column.body is not None for column in mechanism.columns])
     if np.isnan(values[inertial]).any():
         if entry.limits.effort:
-            problem = (
-                "limits of torques need inertial values: state them, an identified model under excitation: model, "
-            )
-            raise InputError(
-                problem + "or a file under identification: prior", source=setup.source, element="effort limits"
-            )
+            problem = "limits of torques need inertial values: state them, an identified model under excitation: model,"
+            raise InputError(f"{problem} or a file under identification: prior", element="effort limits")
         text = "torques are not limited, because the robot file states no inertial values to predict them with"
-        return None, [Finding(Severity.WARNING, "effort", setup.source, text)]
-    findings = []
+        findings.append(Finding(Severity.WARNING, "effort", setup.source, text))
+        return None
     if np.isnan(values).any():
         text = "friction has no values in the prior model: it is left to the margin of the torque limits"
         findings.append(Finding(Severity.NOTE, "effort", setup.source, text))
-    return EffortModel(np.nan_to_num(values)), findings
+    return EffortModel(np.nan_to_num(values))

@@ -6,7 +6,7 @@ where it does not, :mod:`echelon.excite.solve.safety` tightens the bounds.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,6 +19,7 @@ from echelon.excite.problem.information import Criterion, Information
 from echelon.excite.problem.motion_limits import MotionLimit
 from echelon.excite.problem.state_limits import StateConstraint
 from echelon.excite.problem.trajectory import Basis
+from echelon.program.intervals import Interval
 
 _PER_PERIOD = 20
 """Constrained samples per period of the highest frequency: between them a sine rises by 1.2 % of its amplitude."""
@@ -39,6 +40,7 @@ class Problem:
     limits: tuple[MotionLimit, ...]
     constraints: tuple[StateConstraint, ...]
     centre: Floats  # shape (n,); a pose that keeps all limits
+    ranges: tuple[Interval, ...] = ()  # bounds of each constraint's functions, tighter than its own; its own if omitted
     # shape (grid, m); for each constraint, at which samples which of its functions are asked for; all of them if
     # omitted
     asked: tuple[Flags, ...] | None = None
@@ -135,9 +137,18 @@ class Problem:
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
         """Least and largest values of the constraints that are asked for."""
-        low = [c.low[columns] for c, (_, columns) in zip(self.constraints, self._rows, strict=True)]
-        high = [c.high[columns] for c, (_, columns) in zip(self.constraints, self._rows, strict=True)]
+        low = [low[columns] for (low, _), (_, columns) in zip(self._ranges, self._rows, strict=True)]
+        high = [high[columns] for (_, high), (_, columns) in zip(self._ranges, self._rows, strict=True)]
         return np.concatenate([np.zeros(0), *low]), np.concatenate([np.zeros(0), *high])
+
+    @property
+    def _ranges(self) -> tuple[Interval, ...]:
+        return self.ranges or tuple((c.low, c.high) for c in self.constraints)
+
+    def tightened(self, below: Sequence[Floats], above: Sequence[Floats]) -> Problem:
+        """The problem whose constraints' least values rise, and largest ones fall, by some amounts."""
+        tight = [(low + b, high - a) for (low, high), b, a in zip(self._ranges, below, above, strict=True)]
+        return replace(self, ranges=tuple(tight))
 
     # -- starting points -------------------------------------------------------------------------------------------
 
@@ -188,7 +199,7 @@ class Problem:
     def violations(self, x: Floats) -> list[Floats]:
         """Of every constraint the same, of each function at each sample, shape (grid, m)."""
         state = self.state(x)
-        return [beyond(c.values(*state), c.low, c.high) for c in self.constraints]
+        return [beyond(c.values(*state), *ends) for c, ends in zip(self.constraints, self._ranges, strict=True)]
 
     # -- parts of the problem ----------------------------------------------------------------------------------------
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -32,58 +32,49 @@ Slopes = tuple[Floats | None, Floats | None, Floats | None]
 _NUMBERS = 2**22  # that are worked on together: every operation keeps its result
 
 
-class Limited(Protocol):
+@dataclass(frozen=True, eq=False)
+class Limits:
     """Some functions of the state with limits."""
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """What each function is, for messages: ``"torque of j2"``."""
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """SI units of the functions."""
-
-    @property
-    def low(self) -> Floats:
-        """Least values, shape (m,); −∞ for none."""
-
-    @property
-    def high(self) -> Floats:
-        """Largest values, shape (m,); ∞ for none."""
+    labels: tuple[str, ...]  # what each function is, for messages: ``"torque of j2"``
+    units: tuple[str, ...]  # SI units of the functions
+    low: Floats  # least values, shape (m,); −∞ for none
+    high: Floats  # largest values, shape (m,); ∞ for none
 
 
-class StateConstraint(Limited, Protocol):
+class StateConstraint(Limits, ABC):
     """Limited functions that a solver can keep."""
 
+    @abstractmethod
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """The functions at states of shape (N, n), shape (N, m)."""
 
+    @abstractmethod
     def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
         """Their derivatives."""
 
 
-class Bounded(Limited, Protocol):
+class Bounded(Limits, ABC):
     """Limited functions with bounds of what they reach between samples."""
 
+    @abstractmethod
     def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
-        """Bounds of the functions while states stay in intervals: least and largest, each of shape (cells, m)."""
+        """Least and largest values, each of shape (cells, m), while states stay in intervals, without smoothing.
+
+        Ranges are those of ``q``, ``qd`` and ``qdd``, of shape (cells, n), and of ``t``, of shape (cells, 1).
+        """
 
 
-@runtime_checkable
-class Enclosed(StateConstraint, Bounded, Protocol):
+class Enclosed(StateConstraint, Bounded):
     """A constraint with bounds of what happens between samples."""
 
 
 @dataclass(frozen=True, eq=False)
-class StateLimits:
+class StateLimits(Enclosed):
     """Limits of recorded functions, such as torques and coordinates of points."""
 
     function: Function  # of some of ``q``, ``qd`` and ``qdd`` and of uniform arguments; of shape (m,)
     uniform: Mapping[str, Floats]  # values of the uniform arguments
-    labels: tuple[str, ...]
-    units: tuple[str, ...]
-    low: Floats  # shape (m,)
-    high: Floats  # shape (m,)
     # velocity within which dry friction changes sign gradually in what the solver sees, rad/s or m/s
     smooth: float | None = None
 
@@ -176,50 +167,14 @@ def state_slopes(function: Function) -> Function:
     return Function(f"{function.name}_slopes", function.program, function.arguments, entries, (*function.axes, axis))
 
 
-@dataclass(frozen=True, eq=False)
-class TightenedBounds:
-    """A constraint between other bounds."""
-
-    constraint: StateConstraint
-    low: Floats  # shape (m,)
-    high: Floats  # shape (m,)
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Those of the constraint."""
-        return self.constraint.labels
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Those of the constraint."""
-        return self.constraint.units
-
-    def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-        """Those of the constraint."""
-        return self.constraint.values(q, qd, qdd)
-
-    def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
-        """Those of the constraint."""
-        return self.constraint.slopes(q, qd, qdd)
-
-
-def tightened(constraint: StateConstraint, below: Floats, above: Floats) -> TightenedBounds:
-    """A constraint with its limits drawn in."""
-    inner = constraint.constraint if isinstance(constraint, TightenedBounds) else constraint
-    return TightenedBounds(inner, constraint.low + below, constraint.high - above)
-
-
-Point = tuple[float, float, float]
-
-
 @dataclass(frozen=True)
 class PointLimit:
     """low ≤ direction · p ≤ high for a point p of a body, in the base frame."""
 
     name: str  # for messages: ``"z of tool"``
     body: str
-    point: Point  # in the body's frame, m
-    direction: Point  # unit vector in the base frame
+    point: tuple[float, float, float]  # in the body's frame, m
+    direction: tuple[float, float, float]  # unit vector in the base frame
     low: float  # m; infinite for none
     high: float  # m; infinite for none
 
@@ -243,7 +198,7 @@ def point_limits(mechanism: Mechanism, limits: Sequence[PointLimit]) -> StateLim
     function = Function("points", program, arguments, entries, (_axis(limits),))
     uniform = geometry_values(mechanism, arguments)
     low, high = np.array([limit.low for limit in limits]), np.array([limit.high for limit in limits])
-    return StateLimits(function, uniform, _axis(limits), ("m",) * len(limits), low, high)
+    return StateLimits(_axis(limits), ("m",) * len(limits), low, high, function, uniform)
 
 
 def _axis(limits: Sequence[PointLimit]) -> tuple[str, ...]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.excite.problem.clearance import Clearance, clearance_of
-from echelon.excite.problem.closed_loops import LoopEfforts, LoopLimits, LoopPart, check_loops
+from echelon.excite.problem.closed_loops import LoopEfforts, LoopPart, check_loops, loop_limits
 from echelon.excite.problem.effort_limits import effort_limits, effort_model
 from echelon.excite.problem.loop_motion import LoopMotion, LoopPositions
 from echelon.excite.problem.motion_limits import ResolvedLimits, resolved_limits
@@ -60,9 +61,23 @@ class Task:
 
 
 def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
-    """Work out what moves and what limits there are."""
+    """Work out what moves and what limits there are, for the section ``excitation`` as it is or changed."""
     try:
-        return _Reader(setup, entry).task()
+        findings: list[Finding] = []
+        positions = _held(setup, entry, findings)
+        mechanism = held(setup.mechanism, positions)
+        if not mechanism.velocities:
+            raise InputError("nothing moves: every coordinate is held", element="excitation")
+        base = base_parameters(mechanism, seed=setup.settings.seed)
+        if not base.rank:
+            raise InputError("the outputs see no parameter, however the robot moves: the base set is empty")
+        stated = stated_limits(setup.robot_file, mechanism) if setup.robot_file else {}
+        limits = resolved_limits(mechanism, entry.limits, stated, setup.source, names_of(setup.mechanism))
+        findings += limits.findings
+        smooth = _SMOOTH * min([limit.high for limit in limits.motion if limit.order == 1], default=1.0)
+        constraints = _constraints(setup, entry, mechanism, limits, smooth, findings)
+        weights = _weights(setup, entry, base)
+        return Task(setup, entry, base, positions, limits, constraints, weights, smooth, tuple(findings))
     except InputError as error:
         raise error.located(setup.source) from None
 
@@ -72,135 +87,98 @@ def names_of(mechanism: Mechanism) -> frozenset[str]:
     return frozenset((*mechanism.velocities, *(actuator.name for actuator in mechanism.actuators)))
 
 
-class _Reader:
-    def __init__(self, setup: Setup, entry: ExcitationEntry) -> None:
-        self.setup, self.entry, self.source = setup, entry, setup.source
-        self.findings: list[Finding] = []
+def _held(setup: Setup, entry: ExcitationEntry, findings: list[Finding]) -> dict[str, float]:
+    """Motions that do not move, and where they are."""
+    mechanism = setup.mechanism
+    if mechanism.closures:
+        check_loops(mechanism, entry.move, entry.hold, setup.source)
+        return {}
+    motions = [m for m in mechanism.motions if m.name not in mechanism.dependent]
+    names = [m.name for m in motions]
+    for name in (*(entry.move or ()), *entry.hold):
+        if name not in names:
+            raise InputError(f"there is no coordinate '{name}'{nearest_of(name, names)}", element="excitation")
+    free = {m.name for body in mechanism.bodies if body.joint.kind == "floating" for m in body.joint.motions}
+    free |= {m.name for m in motions if m.kind is MotionKind.BALL}
+    moving = [name for name in names if name not in free] if entry.move is None else list(entry.move)
+    undriven = [name for name in moving if name in free]
+    if undriven:
+        problem = f"'{undriven[0]}' is not driven by a motor of its own: it can only be held"
+        raise InputError(problem, element="move")
+    if entry.move is None and free:
+        text = f"{', '.join(sorted(free))} are held: a floating base is moved by nothing but its joints"
+        findings.append(Finding(Severity.NOTE, "held", setup.source, text))
+    return {name: float(entry.hold.get(name, 0.0)) for name in names if name not in moving or name in entry.hold}
 
-    def task(self) -> Task:
-        positions = self._held()
-        mechanism = held(self.setup.mechanism, positions)
-        if not mechanism.velocities:
-            raise InputError("nothing moves: every coordinate is held", source=self.source, element="excitation")
-        base = base_parameters(mechanism, seed=self.setup.settings.seed)
-        if not base.rank:
-            problem = "the outputs see no parameter, however the robot moves: the base set is empty"
-            raise InputError(problem, source=self.source)
-        file = self.setup.robot_file
-        stated = stated_limits(file, mechanism) if file else {}
-        limits = resolved_limits(mechanism, self.entry.limits, stated, self.source, names_of(self.setup.mechanism))
-        self.findings += limits.findings
-        smooth = _SMOOTH * min([limit.high for limit in limits.motion if limit.order == 1], default=1.0)
-        constraints = tuple(self._constraints(mechanism, limits, smooth))
-        weights, found = self._weights(base), tuple(self.findings)
-        return Task(self.setup, self.entry, base, positions, limits, constraints, weights, smooth, found)
 
-    # -- what moves ------------------------------------------------------------------------------------------------
+def _constraints(
+    setup: Setup,
+    entry: ExcitationEntry,
+    mechanism: Mechanism,
+    limits: ResolvedLimits,
+    smooth: float,
+    findings: list[Finding],
+) -> tuple[StateConstraint, ...]:
+    """Limits of torques, points and distances; one constraint of all of them where there are loops."""
+    model = None
+    if limits.efforts:
+        model = effort_model(setup, entry, mechanism, limits.efforts, findings)
+    else:
+        text = "there are no limits of torques or forces: the trajectory may ask for more than the drives can give"
+        findings.append(Finding(Severity.WARNING, "effort", setup.source, text))
+    found: list[StateConstraint] = []
+    points = [limit for frame in entry.frames for limit in _point_limits(frame)]
+    if points:
+        found.append(point_limits(mechanism, points))
+    clearance = _clearance(setup, entry, mechanism, limits, findings)
+    found += [] if clearance is None else [clearance]
+    if mechanism.closures:
+        efforts = [] if model is None else [LoopEfforts(mechanism, limits.efforts, model, entry.effort_margin, smooth)]
+        return (loop_limits(LoopMotion(mechanism), (*efforts, *map(LoopPart, found))),)
+    if model is None:
+        return tuple(found)
+    return (effort_limits(mechanism, limits.efforts, model, entry.effort_margin, smooth), *found)
 
-    def _held(self) -> dict[str, float]:
-        """Motions that do not move, and where they are."""
-        mechanism, entry = self.setup.mechanism, self.entry
-        if mechanism.closures:
-            check_loops(mechanism, entry.move, entry.hold, self.source)
-            return {}
-        motions = [m for m in mechanism.motions if m.name not in mechanism.dependent]
-        names = [m.name for m in motions]
-        for name in (*(entry.move or ()), *entry.hold):
-            if name not in names:
-                raise InputError(
-                    f"there is no coordinate '{name}'{nearest_of(name, names)}",
-                    source=self.source,
-                    element="excitation",
-                )
-        free = {m.name for body in mechanism.bodies if body.joint.kind == "floating" for m in body.joint.motions}
-        free |= {m.name for m in motions if m.kind is MotionKind.BALL}
-        moving = [name for name in names if name not in free] if entry.move is None else list(entry.move)
-        balls = [name for name in moving if name in free]
-        if balls:
-            raise InputError(
-                f"'{balls[0]}' is not driven by a motor of its own: it can only be held",
-                source=self.source,
-                element="move",
-            )
-        if entry.move is None and free:
-            text = f"{', '.join(sorted(free))} are held: a floating base is moved by nothing but its joints"
-            self.findings.append(Finding(Severity.NOTE, "held", self.source, text))
-        return {name: float(entry.hold.get(name, 0.0)) for name in names if name not in moving or name in entry.hold}
 
-    # -- limits ----------------------------------------------------------------------------------------------------
+def _clearance(
+    setup: Setup, entry: ExcitationEntry, mechanism: Mechanism, limits: ResolvedLimits, findings: list[Finding]
+) -> Clearance | None:
+    """Distances between bodies, and to obstacles."""
+    section, file, folder = entry.collisions, setup.robot_file, Path(setup.source).parent
+    if "collisions" not in entry.model_fields_set:
+        text = "collisions are not checked: state the section collisions, with obstacles and shapes"
+        findings.append(Finding(Severity.WARNING, "collisions", setup.source, text))
+        return None
+    shapes, excluded = list(entry_shapes(mechanism, section.shapes, folder)), list(section.exclude)
+    if file is not None and not file.is_description:
+        # shapes that the set-up states stand in for those of the file that cannot be read
+        geometry = read_geometry(mechanism, file, tolerant=bool(shapes))
+        shapes, excluded = [*geometry.shapes, *shapes], [*geometry.excluded, *excluded]
+        findings += [Finding(Severity.NOTE, "collisions", setup.source, text) for text in geometry.notes]
+    around = entry_shapes(mechanism, [{"body": "world", **obstacle} for obstacle in section.obstacles], folder)
+    shapes += [replace(shape, obstacle=True) for shape in around]
+    if not section.self:
+        excluded += combinations([body.name for body in mechanism.bodies], 2)
+    names = mechanism.independent_velocities
+    start = [entry.centre.get(name, middle) for name, middle in zip(names, limits.middle, strict=True)]
+    if mechanism.closures:
+        start = LoopPositions(mechanism).positioned(np.array([start])).q[0].tolist()
+    pure = replace(mechanism)  # how the file was read is of no use to another process
+    found = clearance_of(
+        pure, shapes, section.clearance, excluded, reference=start, ignore_touching=section.ignore_touching
+    )
+    findings += [Finding(Severity.WARNING, "collisions", setup.source, text) for text in found.notes]
+    return found
 
-    def _constraints(self, mechanism: Mechanism, limits: ResolvedLimits, smooth: float) -> Sequence[StateConstraint]:
-        found: list[StateConstraint] = []
-        efforts: list[LoopEfforts] = []
-        if limits.efforts:
-            model, findings = effort_model(self.setup, self.entry, mechanism, limits.efforts)
-            self.findings += findings
-            if model is not None:
-                given = mechanism, limits.efforts, model, self.entry.effort_margin, smooth
-                if mechanism.closures:
-                    efforts.append(LoopEfforts(*given))
-                else:
-                    found.append(effort_limits(*given))
-        else:
-            text = "there are no limits of torques or forces: the trajectory may ask for more than the drives can give"
-            self.findings.append(Finding(Severity.WARNING, "effort", self.source, text))
-        points = [limit for entry in self.entry.frames for limit in _point_limits(entry)]
-        if points:
-            found.append(point_limits(mechanism, points))
-        clearance = self._clearance(mechanism, limits)
-        found += [] if clearance is None else [clearance]
-        if not mechanism.closures:
-            return found
-        return [LoopLimits(LoopMotion(mechanism), (*efforts, *map(LoopPart, found)))]
 
-    def _clearance(self, mechanism: Mechanism, limits: ResolvedLimits) -> Clearance | None:
-        """Distances between bodies, and to obstacles."""
-        entry, file, folder = self.entry.collisions, self.setup.robot_file, Path(self.source).parent
-        if "collisions" not in self.entry.model_fields_set:
-            text = "collisions are not checked: state the section collisions, with obstacles and shapes"
-            self.findings.append(Finding(Severity.WARNING, "collisions", self.source, text))
-            return None
-        shapes, excluded = list(entry_shapes(mechanism, entry.shapes, folder)), list(entry.exclude)
-        if file is not None and not file.is_description:
-            # shapes that the set-up states stand in for those of the file that cannot be read
-            geometry = read_geometry(mechanism, file, tolerant=bool(shapes))
-            shapes, excluded = [*geometry.shapes, *shapes], [*geometry.excluded, *excluded]
-            self._note("collisions", geometry.notes)
-        around = entry_shapes(mechanism, [{"body": "world", **obstacle} for obstacle in entry.obstacles], folder)
-        shapes += [replace(shape, obstacle=True) for shape in around]
-        if not entry.self:
-            names = [body.name for body in mechanism.bodies]
-            excluded += [(a, b) for k, a in enumerate(names) for b in names[:k]]
-        start = [
-            self.entry.centre.get(name, middle)
-            for name, middle in zip(mechanism.independent_velocities, limits.middle, strict=True)
-        ]
-        if mechanism.closures:
-            start = LoopPositions(mechanism).positioned(np.array([start])).q[0].tolist()
-        found = clearance_of(
-            mechanism,
-            shapes,
-            entry.clearance,
-            excluded,
-            reference=start,
-            ignore_touching=entry.ignore_touching,
-        )
-        self.findings += [Finding(Severity.WARNING, "collisions", self.source, text) for text in found.notes]
-        return found
-
-    def _note(self, kind: str, texts: Sequence[str]) -> None:
-        self.findings += [Finding(Severity.NOTE, kind, self.source, text) for text in texts]
-
-    def _weights(self, base: BaseModel) -> Floats:
-        names = [output.name for output in base.mechanism.outputs]
-        given = self.entry.noise
-        every = [output.name for output in self.setup.mechanism.outputs]
-        for name in given:
-            if name not in (EVERY, *every):
-                raise InputError(
-                    f"there is no output '{name}'{nearest_of(name, every)}", source=self.source, element="noise"
-                )
-        return np.array([1 / given.get(name, given.get(EVERY, 1.0)) ** 2 for name in names])
+def _weights(setup: Setup, entry: ExcitationEntry, base: BaseModel) -> Floats:
+    """1/σ² of each output's noise."""
+    every = [output.name for output in setup.mechanism.outputs]
+    for name in entry.noise:
+        if name not in (EVERY, *every):
+            raise InputError(f"there is no output '{name}'{nearest_of(name, every)}", element="noise")
+    rest = entry.noise.get(EVERY, 1.0)
+    return np.array([1 / entry.noise.get(output.name, rest) ** 2 for output in base.mechanism.outputs])
 
 
 def _point_limits(entry: FrameEntry) -> list[PointLimit]:

@@ -242,9 +242,9 @@ class Splines(Basis):
         return np.concatenate([[0.0] * self.degree, self.breaks, [self.duration] * self.degree])
 
 
-def uniform_splines(duration: float, pieces: int) -> Splines:
-    """B-splines of pieces of one length."""
-    return Splines(tuple(np.linspace(0.0, duration, pieces + 1).tolist()))
+def uniform_splines(duration: float, segments: int) -> Splines:
+    """B-splines with segments of one length."""
+    return Splines(tuple(np.linspace(0.0, duration, segments + 1).tolist()))
 
 
 DURATIONS = (1e-6, 1e6)

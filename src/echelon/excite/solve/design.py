@@ -182,14 +182,26 @@ class Design:
         names = self.task.mechanism.independent_velocities
         return Trajectory(names, self.task.units, self.problem.basis, x.reshape(self.problem.shape))
 
+    @property
+    def named_centre(self) -> dict[str, float]:
+        """The centre by coordinate."""
+        return dict(zip(self.task.mechanism.independent_velocities, self.centre.tolist(), strict=True))
 
-def designed(task: Task, known: Floats | None = None) -> Design:
-    """Decide what the solver needs."""
+
+def designed(task: Task, prior: Floats | None = None) -> Design:
+    """Decide what the solver needs; ``prior`` is information of shape (r, r) that there is already."""
+    try:
+        return _designed(task, prior)
+    except InputError as error:
+        raise error.located(task.setup.source) from None
+
+
+def _designed(task: Task, prior: Floats | None) -> Design:
     entry, base, limits = task.entry, task.base, task.limits
     centre = start_pose(_stated_centre(task), limits, task.constraints, entry.seed)
-    prior = np.zeros((base.rank, base.rank)) if known is None else known
+    prior = np.zeros((base.rank, base.rank)) if prior is None else prior
     if prior.shape != (base.rank, base.rank):
-        raise InputError(f"known has shape {prior.shape}; the robot has {base.rank} base parameters")
+        raise InputError(f"prior_information has shape {prior.shape}; the robot has {base.rank} base parameters")
     n = len(base.mechanism.independent_velocities)
     basis = resting_ends(family(entry, n))
     regressor = state_regressor(base.mechanism, base.matrix.pivots, task.smooth)
@@ -208,7 +220,7 @@ def _stated_centre(task: Task) -> Floats:
     for name in task.entry.centre:
         if name not in names and name not in names_of(task.setup.mechanism):
             problem = f"there is no coordinate '{name}'{nearest_of(name, names)}"
-            raise InputError(problem, source=task.setup.source, element="centre")
+            raise InputError(problem, element="centre")
     return np.array([task.entry.centre.get(name, np.nan) for name in names])
 
 
@@ -223,5 +235,5 @@ def family(entry: ExcitationEntry, count: int) -> Basis:
     """The family of motions that a set-up asks for, with any ends."""
     duration = DURATION if entry.duration is None else entry.duration
     harmonics = min(max(_FUNCTIONS // count, _FEWEST), _MOST) if entry.harmonics is None else entry.harmonics
-    series, splines = Fourier(duration, harmonics), uniform_splines(duration, entry.pieces)
+    series, splines = Fourier(duration, harmonics), uniform_splines(duration, entry.segments)
     return {"fourier": series, "bspline": splines, "sum": Combined((series, splines))}[entry.family]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from itertools import islice
 from math import isfinite
 
 import numpy as np
@@ -11,14 +11,13 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.problem.optimisation import Problem
-from echelon.excite.problem.state_limits import tightened
 from echelon.excite.solve.design import Design
 from echelon.excite.solve.solver import Solution, SolverOptions, constraint_generation
 from echelon.excite.verify import margins_of
 from echelon.excite.verify.margins import Margin, motion_margins
 
 _ROUNDS = 5
-_MORE = 1.5  # a limit is drawn in by so many times what it was broken by
+_MORE = 1.5  # times what a limit was broken by, by which it is tightened
 _LITTLE = 1e-4  # of a motion that is given up to be on the safe side
 _LITTLE_LESS = (0.998, 0.99)
 """Shares of a motion that are as good as the whole."""
@@ -31,12 +30,12 @@ _ITERATIONS = 100  # of a solver that starts next to its goal
 def safe(design: Design, solutions: Sequence[Solution]) -> tuple[Floats, list[Margin]]:
     """The best solution, changed so that every limit holds at every time, and the margins.
 
-    A little that is missing between samples is given by a smaller motion; where that costs too much, limits are drawn
-    in and the search goes on.
+    A slightly smaller motion makes up for what is missing between samples.  Where that costs too much, the broken
+    limits are tightened and the search goes on.
     """
     options = SolverOptions(iterations=min(_ITERATIONS, design.task.entry.iterations))
     worst = ""
-    for solution in sorted(solutions, key=lambda s: s.value):
+    for solution in sorted((s for s in solutions if s.x is not None), key=lambda s: s.value):
         problem, x = design.problem, solution.x
         for _ in range(_ROUNDS):
             if x is None:
@@ -46,12 +45,12 @@ def safe(design: Design, solutions: Sequence[Solution]) -> tuple[Floats, list[Ma
             if not broken:
                 return found, margins
             worst = ", ".join(margin.label for margin in broken[:6])
-            problem = _drawn_in(problem, margins, design)
+            problem = _tightened(problem, margins, design)
             x = constraint_generation(problem, problem.shrunk(x, _BACK), options, x).x
-        if solution.x is not None:
-            found, margins = _smaller(design, solution.x, _MUCH_LESS)
-            if all(margin.kept for margin in margins):
-                return found, margins
+        assert solution.x is not None
+        found, margins = _smaller(design, solution.x, _MUCH_LESS)
+        if all(margin.kept for margin in margins):
+            return found, margins
     reason = f"the limits of {worst} are broken between samples" if worst else "no start found a motion that keeps them"
     raise InputError(f"no trajectory keeps all limits: {reason}", source=design.task.setup.source, element="excitation")
 
@@ -92,18 +91,17 @@ def _share(still: Margin, moving: Margin) -> float:
     return min((max(room, 0.0) / reached for room, reached in ends if reached > room), default=1.0)
 
 
-def _drawn_in(problem: Problem, margins: Sequence[Margin], design: Design) -> Problem:
+def _tightened(problem: Problem, margins: Sequence[Margin], design: Design) -> Problem:
     """The problem with tighter limits where they were broken."""
-    states = list(margins[len(design.task.limits.motion) :])
-    constraints = []
+    states = iter(margins[len(design.task.limits.motion) :])
+    below, above = [], []
     for constraint in problem.constraints:
-        own, states = states[: len(constraint.labels)], states[len(constraint.labels) :]
-        below = _MORE * np.array([_broken_by(m.low - m.least) for m in own])
-        above = _MORE * np.array([_broken_by(m.largest - m.high) for m in own])
-        constraints.append(tightened(constraint, below, above))
-    return replace(problem, constraints=tuple(constraints))
+        own = list(islice(states, len(constraint.labels)))
+        below.append(_MORE * np.array([_broken_by(m.low - m.least) for m in own]))
+        above.append(_MORE * np.array([_broken_by(m.largest - m.high) for m in own]))
+    return problem.tightened(below, above)
 
 
 def _broken_by(beyond: float) -> float:
-    """How far a limit is broken; nothing where there is no limit, or where nobody knows how far."""
+    """How far a limit is broken; nothing where there is no limit, or where that is not known."""
     return max(beyond, 0.0) if isfinite(beyond) else 0.0

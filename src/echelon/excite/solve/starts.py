@@ -22,26 +22,25 @@ import numpy as np
 from echelon.errors import EchelonError
 from echelon.excite.problem.optimisation import Problem
 from echelon.excite.solve.solver import Solution, SolverOptions, constraint_generation
-
-OnEnd = Callable[[int, Solution], None]
-"""Told the number of a start and where it ended."""
+from echelon.formats.schema_excite import ExcitationEntry
 
 
 def solutions(
-    problem: Problem, count: int, seed: int, iterations: int, jobs: int, on_end: OnEnd | None = None
+    problem: Problem, entry: ExcitationEntry, jobs: int, step: Callable[[str], None] = lambda _: None
 ) -> list[Solution]:
-    """Solve from random starting points."""
-    tell = on_end or (lambda _k, _solution: None)
+    """Where random starts end: the same for the same seed, whatever the number of processes at a time."""
+    count, seed, iterations = entry.starts, entry.seed, entry.iterations
+
+    def tell(k: int, solution: Solution) -> Solution:
+        step(f"start {k + 1} of {count}: {solution.status}, criterion {solution.value:.5g}")
+        return solution
+
     if count == 1:
-        found = started(problem, seed, iterations, 0)
-        tell(0, found)
-        return [found]
+        return [tell(0, started(problem, seed, iterations, 0))]
     document, processes = pickle.dumps((problem, seed, iterations)), _Processes()
 
     def run(k: int) -> Solution:
-        solution = processes.solution(document, k)
-        tell(k, solution)
-        return solution
+        return tell(k, processes.solution(document, k))
 
     with ThreadPoolExecutor(max(min(jobs, count), 1)) as pool:
         try:

@@ -146,10 +146,10 @@ def least_clearances(clearance: Clearance, trajectory: Travel, tolerance: float 
 
 def clearance_margins(trajectory: Travel, clearance: Clearance) -> list[Margin]:
     """How near bodies come to each other."""
-    least = least_clearances(clearance, trajectory, _TOUCH * clearance.clearance or _TOUCH)
+    least = least_clearances(clearance, trajectory, _TOUCH * clearance.low.max(initial=0.0) or _TOUCH)
     return [
-        Margin(label, "m", clearance.clearance, np.inf, bound, np.inf)
-        for label, bound in zip(least.labels, least.bounds.tolist(), strict=True)
+        Margin(label, "m", low, np.inf, bound, np.inf)
+        for label, low, bound in zip(least.labels, clearance.low.tolist(), least.bounds.tolist(), strict=True)
     ]
 
 
@@ -202,7 +202,7 @@ class _Search:
 
     def _goals(self) -> Floats:
         """Bounds that are good enough, by what was found so far; they never rise."""
-        spare = np.abs(self.found - self.clearance.clearance)
+        spare = np.abs(self.found - self.clearance.low)
         return np.asarray(self.found - np.maximum(self.tolerance, _SPARE * spare))
 
     def _measured(self, places: Floats, times: Floats, at: Integers, pair: Integers) -> Floats:

@@ -20,9 +20,9 @@ import numpy.typing as npt
 from echelon.arrays import Flags, Floats
 from echelon.errors import EchelonError
 from echelon.excite.problem.clearance import Clearance
-from echelon.excite.problem.closed_loops import SEEN, LoopEfforts, LoopLimits, LoopPart
+from echelon.excite.problem.closed_loops import SEEN, LoopEfforts, LoopLimits, LoopPart, loop_limits
 from echelon.excite.problem.loop_motion import Closed, LoopMotion
-from echelon.excite.problem.state_limits import Enclosed
+from echelon.excite.problem.state_limits import Bounded, Enclosed
 from echelon.excite.problem.trajectory import Trajectory
 from echelon.excite.verify.clearance_bounds import clearance_margins
 from echelon.excite.verify.margins import PER_PERIOD, Margin, ranges, reach, state_margins
@@ -236,7 +236,7 @@ class WholeMotion:
     def __init__(self, motion: LoopMotion, trajectory: Trajectory) -> None:
         self._motion, self._trajectory = motion, trajectory
         self.coordinates, self.duration = motion.mechanism.positions, trajectory.duration
-        least, largest = reach(trajectory, _Rates(motion, trajectory))
+        least, largest = reach(trajectory, _rates(motion, trajectory))
         most = np.maximum(np.abs(least), np.abs(largest))
         if not np.isfinite(most).all():
             raise EchelonError("nothing bounds the velocities of the dependent coordinates")
@@ -252,26 +252,29 @@ class WholeMotion:
         return self._bounds[order]
 
 
-class _Rates:
-    """Single positions, velocities and accelerations, between limits far beyond what they reach."""
+@dataclass(frozen=True, eq=False)
+class _Rates(Bounded):
+    """Single positions, velocities and accelerations."""
 
-    def __init__(self, motion: LoopMotion, trajectory: Trajectory) -> None:
-        self._motion, self._enclosures = motion, LoopEnclosures(motion)
-        n = len(motion.mechanism.velocities)
-        self.labels = self.units = ("",) * (3 * n)
-        closed = motion.at(*trajectory.states(np.linspace(0.0, trajectory.duration, _SAMPLES)))
-        seen = np.abs(np.hstack([motion.single(closed.q), closed.qd, closed.qdd])).max(axis=0)
-        self.high = 2.0 * seen + 1e-3
-        self.low = -self.high
+    motion: LoopMotion
 
     def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
         """Their bounds while independent states stay in intervals."""
-        located = self._enclosures.located(ranges)
-        states = self._enclosures.states(located, ranges)
-        single = tuple(self._motion.single(end) for end in states["q"])
+        enclosures = LoopEnclosures(self.motion)
+        located = enclosures.located(ranges)
+        states = enclosures.states(located, ranges)
+        single = tuple(self.motion.single(end) for end in states["q"])
         least, largest = (np.hstack([single[k], states["qd"][k], states["qdd"][k]]) for k in (0, 1))
         unknown = ~located.found[:, None]
         return np.where(unknown, -np.inf, least), np.where(unknown, np.inf, largest)
+
+
+def _rates(motion: LoopMotion, trajectory: Trajectory) -> _Rates:
+    """Between limits far beyond what they reach."""
+    closed = motion.at(*trajectory.states(np.linspace(0.0, trajectory.duration, _SAMPLES)))
+    high = 2.0 * np.abs(np.hstack([motion.single(closed.q), closed.qd, closed.qdd])).max(axis=0) + 1e-3
+    labels = ("",) * len(high)
+    return _Rates(labels, labels, -high, high, motion)
 
 
 def loop_margins(trajectory: Trajectory, limits: LoopLimits) -> list[Margin]:
@@ -285,34 +288,37 @@ def loop_margins(trajectory: Trajectory, limits: LoopLimits) -> list[Margin]:
         fields = zip(limits.labels, limits.units, limits.low.tolist(), limits.high.tolist(), strict=True)
         return [Margin(*field, -np.inf if k else 0.0, np.inf) for k, field in enumerate(fields)]
     bounded = [part for part in parts if isinstance(part, LoopEfforts) or isinstance(part.constraint, Enclosed)]
-    found = iter(state_margins(trajectory, _Whole(limits, bounded)))
+    found = iter(state_margins(trajectory, _whole(limits, bounded)))
     margins = [next(found)]
     for part in parts:
         if isinstance(part, LoopPart) and isinstance(part.constraint, Clearance):
             margins += clearance_margins(WholeMotion(limits.motion, trajectory), part.constraint)
         else:
-            margins += [next(found) for _ in part.labels]
+            margins += [next(found) for _ in part.constraint.labels]
     return margins
 
 
-class _Whole:
+@dataclass(frozen=True, eq=False)
+class _Whole(Bounded):
     """Openness and all parts that are functions of the state; what :func:`state_margins` bounds."""
 
-    def __init__(self, limits: LoopLimits, parts: list[LoopPart | LoopEfforts]) -> None:
-        self._limits, self._enclosures = LoopLimits(limits.motion, parts), LoopEnclosures(limits.motion)
-        self.labels, self.units, self.high = self._limits.labels, self._limits.units, self._limits.high
-        self.low = self._limits.low
-        self.low[0] = SEEN
+    limits: LoopLimits
 
     def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
         """Bounds of the functions while independent states stay in intervals."""
-        limits, located = self._limits, self._enclosures.located(ranges)
-        states = self._enclosures.states(located, ranges)
-        first = tuple(end[:, None] / limits.motion.reference for end in self._enclosures.openness(located))
-        found = [first, *(_bounded(part, self._enclosures, located, states) for part in limits.parts)]
+        limits, enclosures = self.limits, LoopEnclosures(self.limits.motion)
+        located = enclosures.located(ranges)
+        states = enclosures.states(located, ranges)
+        first = tuple(end[:, None] / limits.motion.reference for end in enclosures.openness(located))
+        found = [first, *(_bounded(part, enclosures, located, states) for part in limits.parts)]
         unknown = ~located.found[:, None]
         least, largest = (np.hstack([ends[k] for ends in found]) for k in (0, 1))
         return np.where(unknown, -np.inf, least), np.where(unknown, np.inf, largest)
+
+
+def _whole(limits: LoopLimits, parts: Sequence[LoopPart | LoopEfforts]) -> _Whole:
+    found = loop_limits(limits.motion, parts, SEEN)
+    return _Whole(found.labels, found.units, found.low, found.high, found)
 
 
 def _bounded(
