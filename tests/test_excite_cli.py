@@ -10,13 +10,16 @@ import subprocess
 import sys
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.cli import excite_commands
 from echelon.cli.commands import run as main
+from echelon.excite.files.read_trajectory import SUFFIXES
+from echelon.formats.schema_excite import ExcitationEntry
 from test_cli import run
 from test_exciting_trajectory import evaluated
 
@@ -65,7 +68,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     """A set-up, the folder that the command wrote, and what it said."""
     folder = tmp_path_factory.mktemp("excite")
     file = setup_file(folder)
-    formats = [word for name in FORMATS for word in ("-f", name)]
+    formats = [word for name in FORMATS for word in ("--format", name)]
     done = run("excite", str(file), "-o", str(folder / "out"), *formats, "--rate", "500", "--json")
     assert done.returncode == 0, done.stderr
     return file, folder / "out", done
@@ -231,6 +234,13 @@ def test_a_log_at_hand_is_complemented(tmp_path: Path) -> None:
 # -- what is refused ---------------------------------------------------------------------------------------------------
 
 
+def test_choices_are_those_of_the_section() -> None:
+    """They are stated once more for the command line, so that ``--help`` is instant."""
+    for ours, name in ((excite_commands.Criterion, "criterion"), (excite_commands.Family, "family")):
+        assert ours == ExcitationEntry.model_fields[name].annotation
+    assert {f".{name}" for name in get_args(excite_commands.SampleFormat)} == {*SUFFIXES} - {".json"}
+
+
 def refused(*arguments: object) -> str:
     done = call(*arguments)
     assert done.returncode == 2, done.stdout + done.stderr
@@ -244,7 +254,6 @@ def test_wrong_input_is_one_line_and_nothing_is_written(tmp_path: Path) -> None:
     file = setup_file(tmp_path)
     out = tmp_path / "out"
     cases = {
-        ("-f", "cvs"): "there is no format 'cvs'; did you mean 'csv'",
         ("--family", "bspline", "--repeats", "2", "--iterations", "20"): "not periodic cannot be run 2 times",
         ("--move", "j3"): "there is no coordinate 'j3'",
         ("--rate", "0", "--iterations", "20"): "no sampling rate",
@@ -256,8 +265,9 @@ def test_wrong_input_is_one_line_and_nothing_is_written(tmp_path: Path) -> None:
         assert message in text
         assert len(text.strip().splitlines()) == 1
         assert not out.exists()
-    assert "criterion" in refused("excite", file, "-o", out, "--criterion", "best")
-    assert not out.exists()
+    for option, value in {"--criterion": "best", "--format": "cvs", "--family": "sines"}.items():
+        assert option in refused("excite", file, "-o", out, option, value)
+        assert not out.exists()
 
 
 def test_an_output_directory_that_is_a_file_is_refused(tmp_path: Path) -> None:

@@ -1,102 +1,81 @@
-"""The ``excite`` and ``check-trajectory`` commands."""
+"""The ``excite`` and ``check-trajectory`` commands, and what they say on a terminal."""
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from echelon.cli.destination import Destination
 from echelon.cli.screen import say_time, show, steps
-from echelon.errors import InputError
+from echelon.errors import one_line
+from echelon.excite.excite import exciting_trajectory, judged_trajectory
+from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.excite.files.coefficients import text_of
+from echelon.excite.files.read_trajectory import read_trajectory
+from echelon.excite.files.write_trajectory import design_to_json, trajectory_content
+from echelon.excite.problem.prior_information import information_of_logs
+from echelon.excite.problem.task import changed as changed_entry
+from echelon.excite.problem.task import task_of
 from echelon.identification.setup import load_setup
-
-if TYPE_CHECKING:
-    from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.logs.finding import Severity
+from echelon.report.preview import preview_html
 
 TRAJECTORY, PREVIEW = "trajectory.json", "preview.html"
-FORMATS = ("csv", "parquet", "yaml")
 BROKEN = 1
 """Exit code where a limit is broken."""
 
 
-@dataclass(frozen=True)
-class ExciteRequest:
-    """Arguments of the command.
-
-    Attributes
-    ----------
-    setup : Path
-    output : Destination, optional
-        Directory for what is written.
-    prior : Path, optional
-    logs : tuple of Path
-        Logs that the trajectory is to complement.
-    changed : mapping
-        Fields of the section ``excitation``.
-    reading : mapping
-        Keyword arguments of ``load``.
-    formats : tuple of str
-        Of the samples.
-    sampling : float
-        Hz.
-    repeats : int
-    jobs : int, optional
-    """
-
-    setup: Path
-    output: Destination | None
-    prior: Path | None
-    logs: tuple[Path, ...]
-    changed: Mapping[str, Any]
-    reading: Mapping[str, Any]
-    formats: tuple[str, ...]
-    sampling: float
-    repeats: int
-    jobs: int | None
-
-
-def run_excite(request: ExciteRequest, *, as_json: bool) -> None:
-    """Design a trajectory, write all files, and print the summary."""
-    from echelon.excite.excite import exciting_trajectory
-    from echelon.excite.problem.prior_information import information_of_logs
-
-    started = perf_counter()
-    _check_formats(request.formats)
-    if request.output is not None:
-        request.output.check((TRAJECTORY, PREVIEW, *(f"trajectory.{name}" for name in request.formats)))
-    setup = load_setup(request.setup, prior=request.prior, **request.reading)
+def run_excite(
+    setup_path: Path,
+    reading: Mapping[str, Any],
+    prior: Path | None,
+    changed: Mapping[str, Any],
+    logs: Sequence[Path],
+    jobs: int | None,
+    output: Destination | None,
+    samples: tuple[Sequence[str], float, int],
+    *,
+    as_json: bool,
+) -> None:
+    """Design a trajectory, write all files, and print the summary; samples have formats, a rate and repeats."""
+    started, (formats, rate, repeats) = perf_counter(), samples
+    if output is not None:
+        output.check((TRAJECTORY, PREVIEW, *(f"trajectory.{name}" for name in formats)))
+    setup = load_setup(setup_path, prior=prior, **reading)
     with steps() as step:
         step("reading logs")
-        known = information_of_logs(setup, request.logs) if request.logs else None
-        found = exciting_trajectory(setup, known=known, jobs=request.jobs, on_step=step, **request.changed)
+        information = information_of_logs(setup, logs) if logs else None
+        found = exciting_trajectory(setup, prior_information=information, jobs=jobs, on_step=step, **changed)
         step("writing")
-        files = {} if request.output is None else _files(found, request)
-    paths = [] if request.output is None else request.output.write_into(files)
-    _say(found, paths, started, as_json=as_json)
+        # nothing is written unless all of it can be
+        files: dict[str, str | bytes] = {}
+        if output is not None:
+            files = {TRAJECTORY: text_of(design_to_json(found)), PREVIEW: preview_html(found)}
+            for kind in (f".{name}" for name in formats):
+                files[f"trajectory{kind}"] = trajectory_content(found.trajectory, kind, rate, repeats)
+    _say(found, [] if output is None else output.write_into(files), started, as_json=as_json)
 
 
 def run_check(
     setup_path: Path,
-    path: Path,
-    output: Destination | None,
+    reading: Mapping[str, Any],
     prior: Path | None,
     changed: Mapping[str, Any],
-    reading: Mapping[str, Any],
+    path: Path,
+    output: Destination | None,
     *,
     as_json: bool,
 ) -> None:
     """Judge a trajectory made elsewhere; exit with 1 if it breaks a limit."""
-    from echelon.excite.excite import judged_trajectory
-    from echelon.excite.files.read_trajectory import read_trajectory
-    from echelon.excite.problem.task import changed as changed_entry
-    from echelon.excite.problem.task import task_of
-    from echelon.report.preview import preview_html
-
     started = perf_counter()
     setup = load_setup(setup_path, prior=prior, **reading)
     with steps() as step:
@@ -112,42 +91,84 @@ def run_check(
         raise typer.Exit(BROKEN)
 
 
-def _check_formats(formats: Sequence[str]) -> None:
-    from echelon.hints import nearest_of
-
-    for name in formats:
-        if name not in FORMATS:
-            raise InputError(f"there is no format '{name}'{nearest_of(name, FORMATS)}")
-
-
-def _files(found: ExcitingTrajectory, request: ExciteRequest) -> dict[str, str | bytes]:
-    """Everything that is written, by name, so that nothing is written unless all of it can be."""
-    from echelon.excite.files.coefficients import text_of
-    from echelon.excite.files.write_trajectory import design_to_json, trajectory_content
-    from echelon.report.preview import preview_html
-
-    files: dict[str, str | bytes] = {
-        TRAJECTORY: text_of(design_to_json(found)),
-        PREVIEW: preview_html(found),
-    }
-    for name in request.formats:
-        kind = f".{name}"
-        files[f"trajectory{kind}"] = trajectory_content(found.trajectory, kind, request.sampling, request.repeats)
-    return files
-
-
 def _say(found: ExcitingTrajectory, paths: Sequence[Path], started: float, *, as_json: bool) -> None:
     if as_json:
-        import json
-
-        from echelon.excite.files.write_trajectory import design_to_json
-
         document = {**design_to_json(found), "files": [str(path) for path in paths]}
         show(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
         return
-    from echelon.cli.excite_terminal import print_trajectory
-
     print_trajectory(found)
     if paths:
         show(f"wrote {', '.join(map(str, paths))}")
     say_time(started)
+
+
+# -- on a terminal -----------------------------------------------------------------------------------------------------
+
+_LIMITS = 16
+"""Limits that are listed, the nearest first; all are in trajectory.json and on the preview page."""
+
+
+def print_trajectory(found: ExcitingTrajectory) -> None:
+    """Print what a user needs to know before opening the preview."""
+    console = Console()
+    console.print(Text(_headline(found), style="bold"))
+    for finding in found.findings:
+        style = "yellow" if finding.severity is Severity.WARNING else "dim"
+        console.print(Text(f"{finding.severity.value}: {one_line(str(finding))}", style=style))
+    console.print(_limits(found))
+    if found.starts:
+        console.print(Text(_starts(found)))
+    console.print(Text(_conditioning(found)))
+    style = "bold green" if found.safe else "bold red"
+    console.print(Text(verdict(found), style=style))
+
+
+def verdict(found: ExcitingTrajectory) -> str:
+    """Whether all limits are kept, in a sentence."""
+    broken = [margin.label for margin in found.margins if not margin.kept]
+    if not broken:
+        return f"all {len(found.margins)} limits are kept at every time"
+    more = f" and {len(broken) - 6} more" if len(broken) > 6 else ""
+    return f"broken limits: {', '.join(map(one_line, broken[:6]))}{more}"
+
+
+def _headline(found: ExcitingTrajectory) -> str:
+    name, trajectory = one_line(found.base.mechanism.name), found.trajectory
+    moving = f"{len(trajectory.coordinates)} coordinates move for {trajectory.duration:g} s"
+    return f"{name}: {moving} and show {found.base.rank} base parameters"
+
+
+def _limits(found: ExcitingTrajectory) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for column in ("limit", "reaches", "allowed", "margin", "unit"):
+        table.add_column(column, justify="left" if column in ("limit", "unit") else "right", overflow="fold")
+    nearest = sorted(found.margins, key=lambda margin: margin.relative)
+    for margin in nearest[:_LIMITS]:
+        style = "" if margin.kept else "bold red"
+        cells = (_range(margin.least, margin.largest), _range(margin.low, margin.high), f"{margin.relative:.2%}")
+        table.add_row(Text(one_line(margin.label)), *cells, Text(one_line(margin.unit)), style=style)
+    if len(nearest) > _LIMITS:
+        table.add_row(Text(f"… and {len(nearest) - _LIMITS} more"), "", "", "", "")
+    return table
+
+
+def _range(low: float, high: float) -> Text:
+    if not math.isfinite(high):
+        return Text(f"≥ {low:.4g}")
+    if not math.isfinite(low):
+        return Text(f"≤ {high:.4g}")
+    return Text(f"{low:.4g} … {high:.4g}")
+
+
+def _starts(found: ExcitingTrajectory) -> str:
+    done = [f"{start.status} after {start.iterations} iterations" for start in found.starts]
+    return f"starts: {'; '.join(done)}"
+
+
+def _conditioning(found: ExcitingTrajectory) -> str:
+    shown, names = (
+        found.conditioning,
+        {"d_optimal": "D-optimal", "a_optimal": "A-optimal", "condition": "condition number"},
+    )
+    numbers = f"condition number {shown.condition:.3g}, with scaled columns {shown.scaled_condition:.3g}"
+    return f"{names[found.criterion]}; {numbers}; log det of the information {shown.log_det:.5g}"

@@ -5,36 +5,22 @@ Only typer is imported here; each command imports what it needs when it runs, so
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from echelon.cli.app import app
-from echelon.cli.options import AsJson, EveryLink, Floating, Force, Gravity, Massless, Tolerance, reading
+from echelon.cli.options import AsJson, Force, reads_robot
 
-
-class CriterionName(StrEnum):
-    """What is optimised."""
-
-    D_OPTIMAL = "d_optimal"
-    A_OPTIMAL = "a_optimal"
-    CONDITION = "condition"
-
-
-class FamilyName(StrEnum):
-    """Functions of time."""
-
-    FOURIER = "fourier"
-    BSPLINE = "bspline"
-    SUM = "sum"
-
+Criterion = Literal["d_optimal", "a_optimal", "condition"]
+Family = Literal["fourier", "bspline", "sum"]
+SampleFormat = Literal["csv", "parquet", "yaml"]
 
 SetupFile = Annotated[
     Path, typer.Argument(help="Robot description with its sensors and the section 'excitation'; or URDF, MJCF.")
 ]
+Move = Annotated[list[str] | None, typer.Option(help="A coordinate that moves; may be repeated.")]
 Prior = Annotated[
     Path | None, typer.Option(help="The same robot with inertial values, for torques (URDF, MJCF, description).")
 ]
@@ -45,37 +31,35 @@ Model = Annotated[
 
 
 @app.command(epilog="Example: echelon excite ur10.yaml -o motion/ --duration 10 --criterion condition")
+@reads_robot("floating", "gravity", "tolerance", "every_link", "massless")
 def excite(
     setup: SetupFile,
+    read: dict[str, Any],
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Directory for trajectory.json, samples and preview.html.")
     ] = None,
     force: Force = False,
     duration: Annotated[float | None, typer.Option(help="Length of the motion, or of its period, s.")] = None,
-    family: Annotated[FamilyName | None, typer.Option(help="Functions of time.")] = None,
-    harmonics: Annotated[int | None, typer.Option(min=1, help="Of Fourier series.")] = None,
-    pieces: Annotated[int | None, typer.Option(min=1, help="Of B-splines.")] = None,
-    criterion: Annotated[CriterionName | None, typer.Option(help="What is optimised.")] = None,
-    move: Annotated[list[str] | None, typer.Option(help="A coordinate that moves; may be repeated.")] = None,
+    family: Annotated[Family | None, typer.Option(help="Functions of time.")] = None,
+    harmonics: Annotated[int | None, typer.Option(min=1, help="Harmonics of Fourier series.")] = None,
+    segments: Annotated[int | None, typer.Option(min=1, help="Segments of B-splines.")] = None,
+    criterion: Annotated[Criterion | None, typer.Option(help="What is optimised.")] = None,
+    move: Move = None,
     starts: Annotated[int | None, typer.Option(min=1, help="Random starts; the best one counts.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Of the random starts.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random starts.")] = None,
     iterations: Annotated[int | None, typer.Option(min=1, help="Steps of the solver in each start, at most.")] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Starts that run at the same time.")] = None,
-    complement: Annotated[
-        list[Path] | None, typer.Option(help="A log at hand, which the trajectory complements; may be repeated.")
+    prior_log: Annotated[
+        list[Path] | None,
+        typer.Option(help="A log at hand, to whose information the motion adds; may be repeated."),
     ] = None,
     prior: Prior = None,
     model: Model = None,
     formats: Annotated[
-        list[str] | None, typer.Option("--format", "-f", help="Of samples: csv, parquet or yaml (ROS 2).")
+        list[SampleFormat] | None, typer.Option("--format", help="Of samples; may be repeated; yaml is for ROS 2.")
     ] = None,
-    rate: Annotated[float, typer.Option(help="Of samples, Hz.")] = 1000.0,
+    rate: Annotated[float, typer.Option(help="Rate of samples, Hz.")] = 1000.0,
     repeats: Annotated[int, typer.Option(min=1, help="How often a periodic motion is run.")] = 1,
-    floating: Floating = False,
-    gravity: Gravity = "file",
-    tolerance: Tolerance = None,
-    every_link: EveryLink = False,
-    massless: Massless = None,
     as_json: AsJson = False,
 ) -> None:
     """Design a motion that makes every base parameter visible and keeps all limits at every time.
@@ -83,60 +67,46 @@ def excite(
     With -o: trajectory.json (coefficients and all figures), samples, and a preview page.
     """
     from echelon.cli.destination import output_folder
-    from echelon.cli.excite import ExciteRequest, run_excite
+    from echelon.cli.excite import run_excite
 
-    changed = {
-        "duration": duration,
-        "family": family and family.value,
-        "harmonics": harmonics,
-        "pieces": pieces,
-        "criterion": criterion and criterion.value,
-        "move": move or None,
-        "starts": starts,
-        "seed": seed,
-        "iterations": iterations,
-        "model": model and str(model.absolute()),
-    }
-    request = ExciteRequest(
-        setup,
-        None if output is None else output_folder(output, force),
-        prior,
-        tuple(complement or ()),
-        _stated(changed),
-        reading(floating, gravity, tolerance, every_link=every_link, massless=massless),
-        tuple(formats or ("csv",)),
-        rate,
-        repeats,
-        jobs,
+    folder = None if output is None else output_folder(output, force)
+    changed = _stated(
+        duration=duration,
+        family=family,
+        harmonics=harmonics,
+        segments=segments,
+        criterion=criterion,
+        move=move or None,
+        starts=starts,
+        seed=seed,
+        iterations=iterations,
+        model=model and str(model.absolute()),
     )
-    run_excite(request, as_json=as_json)
+    samples = list(formats or ["csv"]), rate, repeats
+    run_excite(setup, read, prior, changed, prior_log or (), jobs, folder, samples, as_json=as_json)
 
 
 @app.command(epilog="Example: echelon check-trajectory ur10.yaml motion.csv -o preview.html")
+@reads_robot("floating", "gravity", "tolerance", "every_link", "massless")
 def check_trajectory(
     setup: SetupFile,
     trajectory: Annotated[Path, typer.Argument(help="JSON, CSV, Parquet, or a ROS 2 JointTrajectory (YAML).")],
+    read: dict[str, Any],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Preview page to write (HTML).")] = None,
     force: Force = False,
-    move: Annotated[list[str] | None, typer.Option(help="A coordinate that moves; may be repeated.")] = None,
+    move: Move = None,
     prior: Prior = None,
     model: Model = None,
-    floating: Floating = False,
-    gravity: Gravity = "file",
-    tolerance: Tolerance = None,
-    every_link: EveryLink = False,
-    massless: Massless = None,
     as_json: AsJson = False,
 ) -> None:
     """Judge a trajectory made elsewhere by the limits of a set-up; exit code 1 if it breaks one."""
     from echelon.cli.destination import output_file
     from echelon.cli.excite import run_check
 
-    read = reading(floating, gravity, tolerance, every_link=every_link, massless=massless)
-    changed = {"move": move or None, "model": model and str(model.absolute())}
-    run_check(setup, trajectory, output_file(output, force), prior, _stated(changed), read, as_json=as_json)
+    changed = _stated(move=move or None, model=model and str(model.absolute()))
+    run_check(setup, read, prior, changed, trajectory, output_file(output, force), as_json=as_json)
 
 
-def _stated(changed: Mapping[str, Any]) -> dict[str, Any]:
-    """What was asked for, of what can be."""
+def _stated(**changed: Any) -> dict[str, Any]:
+    """The fields of the section ``excitation`` that are given."""
     return {name: value for name, value in changed.items() if value is not None}
