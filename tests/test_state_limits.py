@@ -144,14 +144,16 @@ def test_slopes_of_points() -> None:
     assert found[2] is None
 
 
-def test_points_of_open_geometry() -> None:
+def test_points_of_open_geometry(tmp_path: Path) -> None:
     arm = ec.load(EXAMPLES / "stanford.yaml")
     limit = PointLimit("y", arm.bodies[-1].name, (0.0, 0.0, 0.1), (0.0, 1.0, 0.0), 0, 1)
     with pytest.raises(InputError, match="d2"):
         point_limits(arm, [limit])
     q, qd, qdd = random_states(arm, 3)
+    stated = tmp_path / "stanford.yaml"
+    stated.write_text((EXAMPLES / "stanford.yaml").read_text().replace("d2: null", "d2: 0.2"))
     frames = Kinematics(arm, {"d2": 0.2}).frames(q)[:, -1]
-    found = point_limits(arm, [limit], {"d2": 0.2}).values(q, qd, qdd)[:, 0]
+    found = point_limits(ec.load(stated), [limit]).values(q, qd, qdd)[:, 0]
     np.testing.assert_allclose(found, frames[:, 1, 2] * 0.1 + frames[:, 1, 3], atol=1e-14)
 
 

@@ -115,14 +115,9 @@ _SINGULAR = 1e-9  # openness; beyond this dependent rates are of no use
 class Closed:
     """States of all coordinates."""
 
-    # shape (N, ...); of all coordinates.  Where loops are not closed, q is as near as was reached, and the others
-    # are zero.
+    # of all coordinates, shape (N, ...); where loops are not closed, q is as near as was reached, the others are zero
     q: Floats
-    # shape (N, ...); of all coordinates.  Where loops are not closed, q is as near as was reached, and the others
-    # are zero.
     qd: Floats
-    # shape (N, ...); of all coordinates.  Where loops are not closed, q is as near as was reached, and the others
-    # are zero.
     qdd: Floats
     done: Flags  # shape (N,); where the loops are closed
     # shape (N, k); what is left of the way to the independent positions, rad or characteristic lengths; 0 where

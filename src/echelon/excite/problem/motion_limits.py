@@ -37,7 +37,7 @@ class MotionLimit:
     order: int  # of the derivative; see :data:`ORDERS`
     weights: Floats  # shape (n,); over the coordinates that move
     low: float  # SI units; infinite where there is no limit
-    high: float  # SI units; infinite where there is no limit
+    high: float
 
     @property
     def kind(self) -> str:
@@ -63,7 +63,7 @@ class ResolvedLimits:
     motion: tuple[MotionLimit, ...]
     efforts: tuple[EffortLimit, ...]
     low: Floats  # shape (n,); positions of the coordinates that move; infinite where the set-up says so
-    high: Floats  # shape (n,); positions of the coordinates that move; infinite where the set-up says so
+    high: Floats
     units: tuple[str, ...]  # of these coordinates, ``"rad"`` or ``"m"``
     findings: tuple[Finding, ...]  # defaults that were taken
 

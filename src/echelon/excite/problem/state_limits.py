@@ -176,7 +176,7 @@ class PointLimit:
     point: tuple[float, float, float]  # in the body's frame, m
     direction: tuple[float, float, float]  # unit vector in the base frame
     low: float  # m; infinite for none
-    high: float  # m; infinite for none
+    high: float
 
 
 def point_limits(mechanism: Mechanism, limits: Sequence[PointLimit]) -> StateLimits:

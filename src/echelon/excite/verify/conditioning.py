@@ -17,17 +17,13 @@ _MOMENTS = 40  # at which conditioning is reported
 
 @dataclass(frozen=True)
 class Conditioning:
-    """What a trajectory shows of the base parameters, without smoothing."""
+    """Conditioning of the base parameters, with friction that is not smoothed."""
 
-    # condition number of the observation matrix whose rows are divided by the outputs' noise, and with columns of
-    # norm 1
-    condition: float
-    # condition number of the observation matrix whose rows are divided by the outputs' noise, and with columns of
-    # norm 1
-    scaled_condition: float
+    condition: float  # condition number of the observation matrix whose rows are divided by the outputs' noise
+    scaled_condition: float  # the same with columns of norm 1
     log_det: float  # of the information matrix
-    std: tuple[float, ...]  # standard deviation that each base parameter will have, SI units
-    over_time: tuple[tuple[float, float], ...]  # scaled condition number of what was seen up to some times, s
+    std: tuple[float, ...]  # standard deviation of each base parameter, SI units
+    over_time: tuple[tuple[float, float], ...]  # time, s, and the scaled condition number of all samples up to it
 
 
 def conditioning_of(task: Task, trajectory: Trajectory, prior: Floats | None = None) -> Conditioning:

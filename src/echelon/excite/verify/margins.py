@@ -31,9 +31,9 @@ class Margin:
     label: str  # ``"velocity of j3"``
     unit: str
     low: float  # the limit, SI units; infinite for none
-    high: float  # the limit, SI units; infinite for none
+    high: float
     least: float  # bounds of what the trajectory reaches at any time: it goes neither below nor above
-    largest: float  # bounds of what the trajectory reaches at any time: it goes neither below nor above
+    largest: float
 
     @property
     def margin(self) -> float:
