@@ -10,7 +10,7 @@ import subprocess
 import sys
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import pytest
@@ -238,7 +238,7 @@ def test_choices_are_those_of_the_section() -> None:
     """They are stated once more for the command line, so that ``--help`` is instant."""
     for ours, name in ((excite_commands.Criterion, "criterion"), (excite_commands.Family, "family")):
         assert ours == ExcitationEntry.model_fields[name].annotation
-    assert {f".{name}" for name in get_args(excite_commands.SampleFormat)} == {*SUFFIXES} - {".json"}
+    assert {f".{name}" for name in excite_commands.SampleFormat} == {*SUFFIXES} - {".json"}
 
 
 def refused(*arguments: object) -> str:

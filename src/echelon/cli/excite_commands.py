@@ -5,6 +5,7 @@ Only typer is imported here; each command imports what it needs when it runs, so
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,7 +16,15 @@ from echelon.cli.options import AsJson, Force, reads_robot
 
 Criterion = Literal["d_optimal", "a_optimal", "condition"]
 Family = Literal["fourier", "bspline", "sum"]
-SampleFormat = Literal["csv", "parquet", "yaml"]
+
+
+class SampleFormat(StrEnum):
+    """Files of samples."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+    YAML = "yaml"
+
 
 SetupFile = Annotated[
     Path, typer.Argument(help="Robot description with its sensors and the section 'excitation'; or URDF, MJCF.")
@@ -82,7 +91,7 @@ def excite(
         iterations=iterations,
         model=model and str(model.absolute()),
     )
-    samples = list(formats or ["csv"]), rate, repeats
+    samples = [one.value for one in formats or [SampleFormat.CSV]], rate, repeats
     run_excite(setup, read, prior, changed, prior_log or (), jobs, folder, samples, as_json=as_json)
 
 
