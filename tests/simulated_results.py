@@ -21,11 +21,11 @@ from test_cli import run
 
 FRESH = 12
 """Seed of a motion that nobody has seen."""
-QUICK = ("arm", "five-bar")
+QUICK = ("arm",)
 
 
 def params(*robots: str) -> list[Any]:
-    """Systems by what they came as (all by default); those beyond the first ones are slow."""
+    """Systems by what they came as (all by default); those beyond the first one are slow."""
     names = [name for name, system in SYSTEMS.items() if not robots or system.robot in robots]
     return [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in names]
 

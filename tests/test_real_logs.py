@@ -67,6 +67,9 @@ def test_emps_gives_the_published_values() -> None:
 # -- TX40 --------------------------------------------------------------------------------------------------------------
 
 
+TX40 = "staubli_tx40/tx40_5kHz.parquet"
+
+
 def published_tx40() -> dict[str, tuple[float, float]]:
     """Ordinary least-squares values and standard deviations by the name of the representative."""
     found = {}
@@ -86,7 +89,7 @@ def test_tx40_gives_all_published_values() -> None:
     published = published_tx40()
     assert len(published) == 60
     setup = changed(load_setup(EXAMPLES / "tx40.yaml"), holdout=0.0, physical=False)
-    result = identify(setup, [measured("staubli_tx40/tx40_5kHz.parquet")])
+    result = identify(setup, [measured(TX40)])
     found = values(result)
     assert set(found) - set(published) == {"Ia6"}
     apart = {name: abs(found[name] - value) / std for name, (value, std) in published.items()}
@@ -97,10 +100,16 @@ def test_tx40_gives_all_published_values() -> None:
     assert 0.9 < np.median(ratio) < 1.1
 
 
-def test_tx40_automatic_preparation_is_as_good_on_unseen_data() -> None:
-    path = measured("staubli_tx40/tx40_5kHz.parquet")
+@pytest.fixture(scope="module")
+def tx40() -> tuple[Setup, Identification]:
     setup = changed(load_setup(EXAMPLES / "tx40.yaml"), physical=False, essential="none")
-    by_hand = identify(setup, [path])
+    return setup, identify(setup, [measured(TX40)])
+
+
+@pytest.mark.slow
+def test_tx40_automatic_preparation_is_as_good_on_unseen_data(tx40: tuple[Setup, Identification]) -> None:
+    setup, by_hand = tx40
+    path = measured(TX40)
     automatic = identify(replace(setup, preparation=Preparation()), [path])
     # both models predict the same rows, prepared either way
     for preparation in (by_hand.preparation, automatic.preparation):
@@ -109,11 +118,9 @@ def test_tx40_automatic_preparation_is_as_good_on_unseen_data() -> None:
         assert scores[0] <= scores[1]
 
 
-def test_tx40_needs_its_coupled_wrist() -> None:
-    path = measured("staubli_tx40/tx40_5kHz.parquet")
-    setup = changed(load_setup(EXAMPLES / "tx40.yaml"), physical=False, essential="none")
-    coupled = identify(setup, [path])
-    without = identify(changed(setup, known=dict.fromkeys(("Iam6", "fvm6", "fsm6"), 0.0)), [path])
+def test_tx40_needs_its_coupled_wrist(tx40: tuple[Setup, Identification]) -> None:
+    setup, coupled = tx40
+    without = identify(changed(setup, known=dict.fromkeys(("Iam6", "fvm6", "fsm6"), 0.0)), [measured(TX40)])
     for joint in (4, 5):
         assert coupled.validations[0].scores[joint].r2 > 0.97
         assert without.validations[0].scores[joint].r2 < 0.93
