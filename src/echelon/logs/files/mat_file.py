@@ -1,10 +1,10 @@
-"""MATLAB's files, versions 4 to 7, element by element.
+"""MATLAB's files, versions 5 to 7, element by element.
 
-A file of version 5 or later is a tree of elements, each with a tag that says its type and its length.  scipy reads them
+A file is a tree of elements, each with a tag that says its type and its length.  scipy reads them
 too, but looks types and lengths up without asking whether they can be: one wrong byte in a file without compression may
 end the whole process or keep it busy for ever, where a log that is damaged should be an error.  What is no array of
 real numbers, a struct or a cell is not decoded.  Files of version 7.3 are HDF5 with conventions of MATLAB's own; MATLAB
-writes the older format on request (``-v7``), and the error says so.
+writes version 7 on request (``-v7``), and the error says so.
 
 The format is described in MathWorks' "MAT-File Level 5 File Format".
 """
@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
 from math import prod
@@ -25,8 +25,8 @@ import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.inputs.limits import COLUMNS, check_unpacked, most_unpacked
-from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file
-from echelon.logs.files.numpy_file import ArrayColumns, NamedArray
+from echelon.logs.files.log_file import decoding, existing_file
+from echelon.logs.files.numpy_file import ArrayFile, NamedArray
 
 _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15
@@ -34,8 +34,6 @@ _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f
 _CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16, 17
 _COMPLEX = 0x0800
 _COMPLEX_NUMBERS = "holds complex numbers, not real numbers"
-_OLD_NUMBERS = ("f8", "f4", "i4", "i2", "u2", "u1")
-_OLD_TYPES, _OLD_SPARSE = 5000, 2
 MANY = 256
 """Structs or cells of an array that are opened."""
 _OTHER = {
@@ -69,7 +67,7 @@ Value = npt.NDArray[Any] | Group | Unread
 
 
 def variables(content: bytes) -> Iterator[tuple[str, Value]]:
-    """The variables of a file of version 5 or later, by name; a damaged one raises what the decoder stumbles over."""
+    """The variables of a file, by name; a damaged one raises what the decoder stumbles over."""
     order = {b"IM": "<", b"MI": ">"}[content[126:_HEADER]]
     reader, unpacked = _Reader(order), 0
     for kind, payload in _elements(memoryview(content)[_HEADER:], order):
@@ -83,29 +81,6 @@ def variables(content: bytes) -> Iterator[tuple[str, Value]]:
         name, value = reader.variable(payload)
         if name:  # one without a name belongs to MATLAB's objects
             yield name, value
-
-
-def old_variables(content: bytes) -> Iterator[tuple[str, Value]]:
-    """The variables of a file of version 4, which knows nothing but matrices, by name."""
-    order = "<" if int.from_bytes(content[:4], "little") < _OLD_TYPES else ">"
-    place = 0
-    while place < len(content):
-        kind, rows, columns, imaginary, length = struct.unpack_from(f"{order}5I", content, place)
-        machine, digits = divmod(kind, 1000)
-        numbers, meaning = np.dtype(order + _OLD_NUMBERS[digits // 10]), digits % 10
-        if machine > 1 or meaning > _OLD_SPARSE:
-            raise ValueError(f"a matrix cannot be of type {kind}")
-        first = place + 20 + length
-        place = first + rows * columns * numbers.itemsize * (1 + bool(imaginary))
-        if place > len(content):
-            raise ValueError("a matrix is longer than the file")
-        name = _text(content[first - length : first])
-        if meaning:
-            yield name, Unread(_OTHER[_SPARSE if meaning == _OLD_SPARSE else _CHAR])
-        elif imaginary:
-            yield name, Unread(_COMPLEX_NUMBERS)
-        else:
-            yield name, np.frombuffer(content, numbers, rows * columns, first).reshape((rows, columns), order="F")
 
 
 def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
@@ -182,7 +157,7 @@ def _text(payload: memoryview | bytes) -> str:
     return bytes(payload).split(b"\0")[0].decode()
 
 
-class MatFile:
+class MatFile(ArrayFile):
     """A MAT file.
 
     Rows and columns of numbers are columns of the log, a matrix gives ``name[0]``, ``name[1]``, …; fields of structs
@@ -191,42 +166,32 @@ class MatFile:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        found, self.source = existing_file(path), os.fspath(path)
+        found, source = existing_file(path), os.fspath(path)
         content = found.read_bytes()  # as large as the file is on disk
-        if content.startswith(b"MATLAB 7.3") or _HDF5 in content[:520]:
-            problem = "is a MAT file of version 7.3, which is not read; save it in MATLAB with  save(…, '-v7')"
-            raise InputError(problem, source=self.source)
-        self._left_out: dict[str, str] = {}
-        with decoding(self.source, _KIND):
-            arrays = list(self._arrays(content))
-        self._columns = ArrayColumns(self.source, arrays, self._left_out, len(content))
-        self.names: tuple[str, ...] = self._columns.names
+        newer = content.startswith(b"MATLAB 7.3") or _HDF5 in content[:520]
+        if newer or 0 in content[:4]:
+            problem = f"is a MAT file of version {'7.3' if newer else '4'}, which is not read"
+            raise InputError(f"{problem}; save it in MATLAB with  save(…, '-v7')", source=source)
+        left_out: dict[str, str] = {}
+        with decoding(source, _KIND):
+            arrays = [array for name, value in variables(content) for array in _inside(name, value, left_out)]
+        super().__init__(found, _KIND, arrays, left_out, source)
 
-    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
-        """Pieces of the file."""
-        yield from self._columns.tables(names, rows)
 
-    def _arrays(self, content: bytes) -> Iterator[NamedArray]:
-        for name, value in old_variables(content) if 0 in content[:4] else variables(content):
-            yield from self._inside(name, value)
-
-    def _inside(self, name: str, value: Value) -> Iterator[NamedArray]:
-        """The arrays in a variable, with structs and cells opened."""
-        if isinstance(value, Unread):
-            self._left_out[name] = value.reason
-        elif isinstance(value, Group):
-            yield from self._opened(name, value)
-        else:
-            array = _without_singletons(value)
-            yield NamedArray(name, array.shape, array.dtype, lambda: array)
-
-    def _opened(self, name: str, value: Group) -> Iterator[NamedArray]:
+def _inside(name: str, value: Value, left_out: dict[str, str]) -> Iterator[NamedArray]:
+    """The arrays in a variable, with structs and cells opened."""
+    if isinstance(value, Unread):
+        left_out[name] = value.reason
+    elif isinstance(value, Group):
         fields = value.fields or ("",)
         count = len(value.members) // len(fields)
         for index, member in enumerate(value.members):
             element, field = divmod(index, len(fields))
             label = name if count == 1 else f"{name}[{element}]"
-            yield from self._inside(f"{label}.{fields[field]}".removesuffix("."), member)
+            yield from _inside(f"{label}.{fields[field]}".removesuffix("."), member, left_out)
+    else:
+        array = _without_singletons(value)
+        yield NamedArray(name, array.shape, array.dtype, lambda: array)
 
 
 def _without_singletons(array: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -13,7 +13,7 @@ from typing import IO, Any
 from echelon.errors import InputError, MissingExtraError, one_line
 from echelon.inputs.json_text import parse_json
 from echelon.logs.files.log_file import decoding, existing_file
-from echelon.logs.files.ros_bag import Definition, RosTypes, ros_name
+from echelon.logs.files.ros_bag import RosTypes, readable_topics, ros_name
 from echelon.logs.files.unpacked_size import check_chunks
 
 _KIND = "an MCAP file"
@@ -41,7 +41,10 @@ class Mcap:
             index = _index(stream)
             self._decoders, unread = _decoders(index, self.source)
         self.start, self._indexed = index.start, index.complete
-        self.topics: Mapping[str, str] = _topics(index, unread)
+        self.topics: Mapping[str, str] = readable_topics(
+            (channel.topic, index.counts.get(number, 0), unread.get(number, ""))
+            for number, channel in index.channels.items()
+        )
 
     def messages(self, topics: Collection[str], head: int | None = None) -> Iterator[tuple[str, int, Any]]:
         """Messages in the order of reception: topic, time in ns, content; or only the first few of each topic."""
@@ -117,35 +120,26 @@ def _decoders(index: _Index, source: str) -> tuple[dict[int, _Decoder], dict[int
     """How the messages of each channel are decoded; and for the other channels why not."""
     found: dict[int, _Decoder] = {}
     unread: dict[int, str] = {}
-    definitions: dict[int, Definition] = {}
+    names: dict[int, str] = {}
+    definitions: dict[str, tuple[str, str]] = {}
     for number, channel in index.channels.items():
         schema = index.schemas.get(channel.schema_id)
         if channel.message_encoding == _JSON:
             found[number] = partial(parse_json, source=source)
         elif channel.message_encoding == _CDR and schema is not None:
-            language = _LANGUAGES.get(schema.encoding, "")
-            definitions[number] = Definition(ros_name(schema.name), language, schema.data.decode())
+            names[number] = ros_name(schema.name)
+            definitions[names[number]] = (_LANGUAGES.get(schema.encoding, ""), schema.data.decode())
         else:
             unread[number] = _unread(channel.message_encoding, schema)
     if definitions:
-        types = RosTypes(definitions.values())
-        for number, definition in definitions.items():
-            found[number] = partial(types.decode, definition.name)
-            if definition.name in types.left_out:
-                unread[number] = types.left_out[definition.name]
+        types = RosTypes(definitions)
+        for number, name in names.items():
+            found[number] = partial(types.decode, name)
+            if name in types.left_out:
+                unread[number] = types.left_out[name]
     return found, unread
 
 
 def _unread(encoding: str, schema: Any) -> str:
     name = f" (schema {one_line(schema.name)})" if schema is not None else ", without a schema"
     return f"its messages are encoded as '{one_line(encoding)}'{name}; JSON and ROS 2's CDR are read"
-
-
-def _topics(index: _Index, unread: Mapping[int, str]) -> dict[str, str]:
-    """Topics with messages, and those without; a topic can be read if all its channels can."""
-    counts: Counter[str] = Counter()
-    reasons: dict[str, str] = {}
-    for number, channel in index.channels.items():
-        counts[channel.topic] += index.counts.get(number, 0)
-        reasons[channel.topic] = reasons.get(channel.topic) or unread.get(number, "")
-    return {topic: reason if counts[topic] else "its topic has no messages" for topic, reason in reasons.items()}

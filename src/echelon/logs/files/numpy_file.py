@@ -52,11 +52,13 @@ class _Column:
     fields: tuple[str | int, ...] = ()
 
 
-class ArrayColumns:
-    """Columns of a file's arrays: ``name``, ``name[0]``, ``name[0][1]``, ``name.field``."""
+class ArrayFile:
+    """A file of arrays with columns ``name``, ``name[0]``, ``name[0][1]`` and ``name.field``."""
 
-    def __init__(self, source: str, arrays: Sequence[NamedArray], left_out: Mapping[str, str], packed: int) -> None:
-        self._source, self._left_out, self._packed = source, dict(left_out), packed
+    def __init__(
+        self, path: Path, kind: str, arrays: Sequence[NamedArray], left_out: Mapping[str, str], source: str
+    ) -> None:
+        self.source, self._kind, self._left_out, self._packed = source, kind, dict(left_out), path.stat().st_size
         repeated = {name for name, count in Counter(array.name for array in arrays).items() if count > 1}
         self._left_out |= dict.fromkeys(repeated, "occurs more than once")
         COLUMNS.check(len(arrays), source)
@@ -80,21 +82,22 @@ class ArrayColumns:
         if not self.names or not self.length:
             raise InputError("holds no arrays of numbers with a row per sample" + self._reasons(), source=source)
 
-    def tables(self, names: Sequence[str] | None, rows: int) -> Iterator[Table]:
+    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
         """Pieces of the file."""
-        chosen = selected(self._source, names, self.names, self._left_out)
+        chosen = selected(self.source, names, self.names, self._left_out)
         picked = {name: self._columns[name] for name in chosen}
         self._check_memory([column.array for column in picked.values()])
-        loaded = {column.array.name: column.array.load() for column in picked.values()}
+        with decoding(self.source, self._kind):
+            loaded = {column.array.name: column.array.load() for column in picked.values()}
         for first in range(0, self.length, rows):
             columns = {name: _values(column, loaded[column.array.name][first : first + rows])
                        for name, column in picked.items()}  # fmt: skip
-            yield Table(self._source, columns, first=first)
+            yield Table(self.source, columns, first=first)
 
     def _check_memory(self, arrays: Sequence[NamedArray]) -> None:
         """As numbers, which take eight bytes each, and as the arrays that hold them."""
         sizes = {array.name: array.kind.itemsize * prod(array.shape) for array in arrays}
-        check_unpacked(max(sum(sizes.values()), 8 * self.length * len(arrays)), self._packed, self._source)
+        check_unpacked(max(sum(sizes.values()), 8 * self.length * len(arrays)), self._packed, self.source)
 
     def _is_usable(self, array: NamedArray) -> bool:
         entries, numbers = prod(array.shape[1:]), _count_numbers(array.kind)
@@ -172,7 +175,7 @@ def _described(kind: np.dtype[Any]) -> str:
     return words.get(kind.kind, str(kind))
 
 
-class NpzFile:
+class NpzFile(ArrayFile):
     """An archive of arrays, or a single array.
 
     A vector is a column of its name, an array of more dimensions gives ``name[0]``, ``name[1]``, …, a structured array
@@ -181,33 +184,21 @@ class NpzFile:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self._path, self.source = existing_file(path), os.fspath(path)
-        with decoding(self.source, _KIND):
-            arrays = _members(self._path) if zipfile.is_zipfile(self._path) else [self._single()]
-        self._columns = ArrayColumns(self.source, arrays, {}, self._path.stat().st_size)
-        self.names: tuple[str, ...] = self._columns.names
+        found, source = existing_file(path), os.fspath(path)
+        with decoding(source, _KIND):
+            arrays = _members(found) if zipfile.is_zipfile(found) else [_single(found)]
+        super().__init__(found, _KIND, arrays, {}, source)
 
-    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
-        """Pieces of the file."""
-        pieces = self._columns.tables(names, rows)
-        while True:
-            with decoding(self.source, _KIND):
-                piece = next(pieces, None)
-            if piece is None:
-                return
-            yield piece
 
-    def _single(self) -> NamedArray:
-        """The array of an NPY file, which stays on disk until its rows are asked for."""
-        with self._path.open("rb") as stream:
-            shape, kind = _header(stream)
-            rest = os.fstat(stream.fileno()).st_size - stream.tell()
-        if kind.hasobject:
-            raise InputError(
-                "holds pickled Python objects, which are not loaded: they can run code", source=self.source
-            )
-        _check_complete(shape, kind, rest)
-        return NamedArray("", shape, kind, lambda: np.load(self._path, mmap_mode="r", allow_pickle=False))
+def _single(path: Path) -> NamedArray:
+    """The array of an NPY file, which stays on disk until its rows are asked for."""
+    with path.open("rb") as stream:
+        shape, kind = _header(stream)
+        rest = os.fstat(stream.fileno()).st_size - stream.tell()
+    if kind.hasobject:
+        raise InputError("holds pickled Python objects, which are not loaded: they can run code")
+    _check_complete(shape, kind, rest)
+    return NamedArray("", shape, kind, lambda: np.load(path, mmap_mode="r", allow_pickle=False))
 
 
 def _members(path: Path) -> list[NamedArray]:

@@ -2,15 +2,15 @@
 
 Everything goes through rosbags: no ROS has to be installed.  Bags carry the definitions of their messages since ROS 2
 Iron.  Older ones do not, so that what is missing is taken from Humble, the last release before it; standard messages
-have not changed since.
+have not changed since.  ``AnyReader`` of rosbags is not used: one definition that is wrong would cost it the whole bag,
+and a bag of ROS 1, which it reads too, can make it unpack one chunk for every message.
 """
 
 from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -26,35 +26,29 @@ _KIND = "a ROS 2 bag"
 _METADATA = "metadata.yaml"
 
 
-@dataclass(frozen=True)
-class Definition:
-    """How a bag defines a type."""
-
-    name: str  # such as ``sensor_msgs/msg/JointState``
-    language: str  # ``"msg"`` or ``"idl"``; empty if the bag does not define it
-    text: str
-
-
 class RosTypes:
-    """Decodes messages of the types that a bag defines; ``left_out`` says which cannot be decoded, and why."""
+    """Decodes messages of the types that a bag defines; ``left_out`` says which cannot be decoded, and why.
 
-    def __init__(self, definitions: Iterable[Definition]) -> None:
+    Definitions are by name, such as ``sensor_msgs/msg/JointState``: language (``"msg"``, ``"idl"``, or empty if the
+    bag does not define it) and text.
+    """
+
+    def __init__(self, definitions: Mapping[str, tuple[str, str]]) -> None:
         try:
             from rosbags.typesys import Stores, TypesysError, get_typestore
         except ImportError:
             raise MissingExtraError("rosbags", "ros") from None
 
         self.left_out: dict[str, str] = {}
-        needed = {definition.name: definition for definition in definitions}
         types: dict[str, Any] = {}
-        for name, definition in needed.items():
+        for name, (language, text) in definitions.items():
             try:
-                types |= _parsed(definition)
+                types |= _parsed(name, language, text)
             except TypesysError as error:
                 self.left_out[name] = f"its type {name} is not defined properly in the bag: {error}"
-        if any(name not in types and name not in self.left_out for name in needed):
+        if any(name not in types and name not in self.left_out for name in definitions):
             types = {**get_typestore(Stores.ROS2_HUMBLE).fielddefs, **types}
-        for name in needed:
+        for name in definitions:
             if name not in types and name not in self.left_out:
                 self.left_out[name] = f"its type {name} is defined neither in the bag nor by ROS 2"
         self._store = get_typestore(Stores.EMPTY)
@@ -71,14 +65,14 @@ def ros_name(name: str) -> str:
     return f"{package}/msg/{rest}" if rest and "/" not in rest else name
 
 
-def _parsed(definition: Definition) -> dict[str, Any]:
+def _parsed(name: str, language: str, text: str) -> dict[str, Any]:
     """Parsed types of a definition, with those that it uses."""
     from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
-    if definition.language == "msg":
-        return dict(get_types_from_msg(definition.text, definition.name))
-    if definition.language == "idl":
-        parts = definition.text.split(_RULE) if definition.text.startswith(_RULE) else [definition.text]
+    if language == "msg":
+        return dict(get_types_from_msg(text, name))
+    if language == "idl":
+        parts = text.split(_RULE) if text.startswith(_RULE) else [text]
         found: dict[str, Any] = {}
         for part in filter(None, parts):
             found |= get_types_from_idl(part.split("\n", 1)[1] if part.startswith("IDL: ") else part)
@@ -101,8 +95,15 @@ class Rosbag:
             self.start: int = reader.start_time
             if not isinstance(self.start, int) or abs(self.start) >= END_OF_TIME:
                 raise InputError("is damaged: its start is no time in nanoseconds", source=self.source)
-            self._types = RosTypes(_definition(connection) for connection in connections)
-        self.topics: Mapping[str, str] = self._readable(connections)
+            self._types = RosTypes({some.msgtype: _definition(some) for some in connections})
+        for connection in connections:
+            if not isinstance(connection.msgcount, int):
+                problem = "is damaged: a number of messages is no whole number"
+                raise InputError(problem, source=self.source, element=connection.topic)
+        unread = self._types.left_out
+        self.topics: Mapping[str, str] = readable_topics(
+            (some.topic, some.msgcount, unread.get(some.msgtype, "")) for some in connections
+        )
 
     def messages(self, topics: Collection[str], head: int | None = None) -> Iterator[tuple[str, int, Any]]:
         """Messages in the order of reception: topic, time in ns, content; or only the first few of each publisher."""
@@ -120,19 +121,15 @@ class Rosbag:
             raise MissingExtraError("rosbags", "ros") from None
         return Reader(self._path)
 
-    def _readable(self, connections: Sequence[Any]) -> dict[str, str]:
-        """A topic can be read if the messages of all its publishers can."""
-        counts: Counter[str] = Counter()
-        reasons: dict[str, str] = {}
-        for connection in connections:
-            topic = connection.topic
-            if not isinstance(connection.msgcount, int):
-                raise InputError(
-                    "is damaged: a number of messages is no whole number", source=self.source, element=topic
-                )
-            counts[topic] += connection.msgcount
-            reasons[topic] = reasons.get(topic) or self._types.left_out.get(connection.msgtype, "")
-        return {topic: reason if counts[topic] else "its topic has no messages" for topic, reason in reasons.items()}
+
+def readable_topics(channels: Iterable[tuple[str, int, str]]) -> dict[str, str]:
+    """Topics, and why they cannot be read: by topic, messages and reason of every channel, all of which must be."""
+    counts: Counter[str] = Counter()
+    reasons: dict[str, str] = {}
+    for topic, count, reason in channels:
+        counts[topic] += count
+        reasons[topic] = reasons.get(topic) or reason
+    return {topic: reason if counts[topic] else "its topic has no messages" for topic, reason in reasons.items()}
 
 
 def _files(path: Path) -> list[Path]:
@@ -153,7 +150,6 @@ def _check_closed(file: Path, source: str) -> None:
         raise InputError(problem, source=source)
 
 
-def _definition(connection: Any) -> Definition:
+def _definition(connection: Any) -> tuple[str, str]:
     """How the bag defines a connection's type."""
-    format_ = connection.msgdef.format.name.lower()
-    return Definition(connection.msgtype, "" if format_ == "none" else format_, connection.msgdef.data)
+    return connection.msgdef.format.name.lower().replace("none", ""), connection.msgdef.data
