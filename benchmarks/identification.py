@@ -123,7 +123,7 @@ def processes(folder: Path, logs: int, samples: int) -> None:
 
 def merging(folder: Path) -> tuple[float, float]:
     """Seconds and bytes of one merge of two R-factors."""
-    from echelon.identification.passes import Passes
+    from echelon.identification.passes_over_data import Passes
     from echelon.identification.rows.plan import Plan
     from echelon.identification.survey import survey
 

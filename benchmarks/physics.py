@@ -14,11 +14,10 @@ import numpy as np
 
 import echelon as ec
 from echelon.base.model import BaseModel
-from echelon.identification.physics.constraints import roles
-from echelon.identification.physics.feasible import feasibility
+from echelon.identification.physics.bounds import roles
+from echelon.identification.physics.feasibility import feasibility, physical_lift
 from echelon.identification.physics.fit import physical_fit
-from echelon.identification.physics.nearest import physical_lift
-from echelon.identification.physics.reference import reference
+from echelon.identification.physics.prior_information import reference
 from echelon.observe.observation import Observation
 
 ROBOTS = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"

@@ -18,7 +18,7 @@ import numpy as np
 
 import echelon as ec
 from echelon.formats.robot_file import RobotFile
-from echelon.identification.excitation.excitation import excitation
+from echelon.identification.conditioning import excitation
 from echelon.regressor.virtual_power import virtual_power_form
 from swinging import pendulum, write_log
 

@@ -9,13 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.identification.estimators.covariance import clustered
+from echelon.identification.estimators.errors_in_variables import instrumental, tls
 from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.instrumental import instrumental
-from echelon.identification.estimators.least_squares import ols
+from echelon.identification.estimators.huber import huber
+from echelon.identification.estimators.least_squares import irls, ols, wls
 from echelon.identification.estimators.ridge import ridge
-from echelon.identification.estimators.robust import huber
-from echelon.identification.estimators.total import tls
-from echelon.identification.estimators.weighted import irls, wls
 from observations import SERIAL
 from rows import ArrayRows
 

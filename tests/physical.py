@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 import echelon as ec
 from echelon.base.model import BaseModel
-from echelon.identification.physics.constraints import Roles, roles
+from echelon.identification.physics.bounds import Roles, roles
 from echelon.inertia.spatial import from_pseudo_inertia
 from echelon.mechanism.values import characteristic_length
 from echelon.observe.observation import Observation

@@ -11,11 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 import echelon as ec
+from echelon.identification.conditioning import Direction, Excitation
 from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.excitation.excitation import Direction, Excitation
-from echelon.identification.physics.result import Feasibility, PhysicalFit
+from echelon.identification.physics.feasibility import Feasibility
+from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.result import Identification
-from echelon.identification.validation.validation import Score, Trace, Validation
+from echelon.identification.validation import Score, Trace, Validation
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.preparation.settings import Preparation
 

@@ -18,8 +18,7 @@ import pytest
 
 from echelon.errors import InputError
 from echelon.identification import cluster
-from echelon.identification.cluster import connect, versions
-from echelon.identification.distributed import each
+from echelon.identification.cluster import connect, each, versions
 
 distributed = pytest.importorskip("distributed")
 HERE = Path(__file__).parent

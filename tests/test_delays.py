@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.identification.delays import with_delays
+from echelon.identification.survey import with_delays
 from echelon.logs.preparation.choices import chosen
 from echelon.logs.preparation.settings import Preparation
 from echelon.logs.recording import Segment

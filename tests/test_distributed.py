@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from echelon.errors import InputError
-from echelon.identification.cluster import connect
-from echelon.identification.distributed import each, tree
+from echelon.identification.cluster import connect, each, tree
 from echelon.identification.identify import identify
 from echelon.identification.result import Identification
 from echelon.results.identified import identification_to_json

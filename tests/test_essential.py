@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import echelon as ec
-from echelon.identification.estimators.essential import essential
-from echelon.identification.estimators.leverage import leverages
+from echelon.identification.estimators.essential import essential, leverages
 from rows import ArrayRows
 
 TRUTH = np.array([3.0, 0.0, -2.0, 0.0, 0.5, 0.0])

@@ -12,11 +12,9 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from echelon.errors import InputError
-from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.least_squares import by_output, ols
-from echelon.identification.estimators.solution import solved
-from echelon.identification.estimators.total import tls
-from echelon.identification.estimators.weighted import irls, own_noise, wls
+from echelon.identification.estimators.errors_in_variables import tls
+from echelon.identification.estimators.estimate import Estimate, solved
+from echelon.identification.estimators.least_squares import by_output, irls, ols, own_noise, wls
 from estimation import METHODS, NOISE, TRUTH, Floats, assert_same, dense, line, scaled, serial
 from rows import ArrayRows
 

@@ -8,9 +8,8 @@ import pytest
 
 from echelon.errors import InputError
 from echelon.identification.estimators.covariance import clustered
-from echelon.identification.estimators.least_squares import ols
-from echelon.identification.estimators.robust import huber
-from echelon.identification.estimators.weighted import irls
+from echelon.identification.estimators.huber import huber
+from echelon.identification.estimators.least_squares import irls, ols
 from estimation import METHODS, dense, line, serial
 from rows import ArrayRows
 

@@ -7,10 +7,8 @@ import numpy.typing as npt
 import pytest
 
 from echelon.errors import InputError
-from echelon.identification.estimators.instrumental import instrumental
-from echelon.identification.estimators.least_squares import ols
-from echelon.identification.estimators.total import tls
-from echelon.identification.estimators.weighted import irls, wls
+from echelon.identification.estimators.errors_in_variables import instrumental, tls
+from echelon.identification.estimators.least_squares import irls, ols, wls
 from echelon.identification.rows.rows import Rows
 from estimation import NOISE, TRUTH, Floats, assert_same, dense, line, scaled, serial
 from observations import SERIAL

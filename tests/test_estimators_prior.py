@@ -9,15 +9,12 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from echelon.errors import InputError
-from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.known import Substitution, equal, known
-from echelon.identification.estimators.least_squares import ols
-from echelon.identification.estimators.minimum_norm import minimum_norm
+from echelon.identification.estimators.errors_in_variables import tls
+from echelon.identification.estimators.estimate import Estimate, direction_text, open_directions
+from echelon.identification.estimators.fixed_parameters import Substitution, equal, known
+from echelon.identification.estimators.huber import huber
+from echelon.identification.estimators.least_squares import irls, minimum_norm, ols, wls
 from echelon.identification.estimators.ridge import ridge
-from echelon.identification.estimators.robust import huber
-from echelon.identification.estimators.solution import direction_text, open_directions
-from echelon.identification.estimators.total import tls
-from echelon.identification.estimators.weighted import irls, wls
 from estimation import NOISE, TRUTH, Floats, assert_same, dense, line, serial, unseen
 from rows import ArrayRows
 

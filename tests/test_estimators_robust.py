@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import least_squares
 
 from echelon.errors import InputError
-from echelon.identification.estimators.robust import gaussian_square, huber
-from echelon.identification.estimators.weighted import irls
+from echelon.identification.estimators.huber import gaussian_square, huber
+from echelon.identification.estimators.least_squares import irls
 from estimation import NOISE, TRUTH, assert_same, dense, line, serial
 from rows import ArrayRows
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 import echelon as ec
 from arms import double_pendulum, spherical
-from echelon.identification.excitation.advice import sensitivities
-from echelon.identification.excitation.excitation import excitation, sparse_basis
+from echelon.identification.conditioning import excitation, sparse_basis
+from echelon.identification.motion_advice import sensitivities
 from echelon.mechanism.effect import Side, ready_made
 from linkages import four_bar
 from rows import ArrayRows

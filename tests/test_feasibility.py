@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 import echelon as ec
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.identification.physics.constraints import Roles, roles
-from echelon.identification.physics.feasible import feasibility
-from echelon.identification.physics.nearest import nearest_physical, sizes_of
+from echelon.identification.physics.bounds import Roles, roles
+from echelon.identification.physics.feasibility import feasibility, nearest_physical, sizes_of
 from echelon.identification.physics.pseudo_inertia import is_physical
 from physical import robot
 

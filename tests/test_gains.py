@@ -14,9 +14,9 @@ from arms import body, modified_dh, tree
 from arms import puma560 as puma
 from echelon.formats.description import read_description
 from echelon.formats.options import ReadingOptions
-from echelon.identification.gains.gains import drive_gains, gain_names
-from echelon.identification.gains.payload import JoinedRows, Payload, loaded_rows, with_zeros
-from echelon.identification.rows.model_rows import ModelRows
+from echelon.identification.gains import drive_gains, gain_names
+from echelon.identification.payload import JoinedRows, Payload, loaded_rows, with_zeros
+from echelon.identification.rows.rows import ModelRows
 from echelon.identification.settings import Setup
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.recording import Samples

@@ -14,7 +14,7 @@ from echelon.cli.predict import _fit
 from echelon.errors import InputError
 from echelon.excite.files.coefficients import trajectory_to_json
 from echelon.excite.files.read_trajectory import read_trajectory
-from echelon.identification.excitation.excitation import without_rounding
+from echelon.identification.conditioning import without_rounding
 from echelon.identification.predict import Prediction
 from echelon.logs.files.message_columns import nanoseconds
 from echelon.regressor.loops import poses

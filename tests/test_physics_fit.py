@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from echelon.errors import InputError
-from echelon.identification.physics.bounds import Bounds
-from echelon.identification.physics.constraints import Roles
+from echelon.identification.physics.bounds import Bounds, Roles
 from echelon.identification.physics.fit import PLAIN_WEIGHT, physical_fit
 from echelon.identification.physics.pseudo_inertia import divergence, factor, is_physical
 from echelon.inertia.spatial import from_pseudo_inertia, pseudo_inertia

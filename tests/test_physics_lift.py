@@ -10,9 +10,8 @@ import pytest
 import echelon as ec
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.identification.physics.bounds import Bounds
-from echelon.identification.physics.constraints import roles
-from echelon.identification.physics.nearest import physical_lift
+from echelon.identification.physics.bounds import Bounds, roles
+from echelon.identification.physics.feasibility import physical_lift
 from echelon.identification.physics.pseudo_inertia import divergence, is_physical
 from physical import model, robot
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import arms
 import echelon as ec
 from echelon.errors import InputError
-from echelon.identification.physics.prior import prior_from
+from echelon.identification.physics.prior_information import prior_from
 from echelon.identification.physics.pseudo_inertia import is_physical
 from echelon.mechanism.joint import Joint, merge, rotation
 from echelon.mechanism.mechanism import GROUND, Body, Mechanism

@@ -7,8 +7,8 @@ import pytest
 
 from echelon.errors import InputError
 from echelon.identification.physics.fit import physical_fit
+from echelon.identification.physics.prior_information import reference
 from echelon.identification.physics.pseudo_inertia import is_physical
-from echelon.identification.physics.reference import reference
 from physical import model, observed, robot
 
 

@@ -20,7 +20,7 @@ from echelon.identification.result import Identification
 from echelon.identification.rows.plan import Plan
 from echelon.identification.settings import Setup
 from echelon.identification.setup import load_setup
-from echelon.identification.validation.validation import Validation, validate
+from echelon.identification.validation import Validation, validate
 from echelon.logs.preparation.settings import Preparation
 from measured_logs import measured
 

@@ -22,9 +22,8 @@ from echelon.dynamics.functions import robot_function
 from echelon.formats.options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.write_robot import identified_robot
-from echelon.identification.physics.bounds import Bounds
-from echelon.identification.physics.constraints import linear_limits, roles
-from echelon.identification.physics.prior import prior_from
+from echelon.identification.physics.bounds import Bounds, linear_limits, roles
+from echelon.identification.physics.prior_information import prior_from
 from recorded import evaluate
 from written import random_parameters
 

@@ -17,15 +17,15 @@ from hypothesis import strategies as st
 import echelon as ec
 from echelon.errors import InputError
 from echelon.identification.estimators.covariance import clustered, clustered_by
-from echelon.identification.estimators.weighted import irls
+from echelon.identification.estimators.least_squares import irls
 from echelon.identification.identify import identify
-from echelon.identification.passes import Passes
+from echelon.identification.passes_over_data import Passes
 from echelon.identification.result import Identification
 from echelon.identification.rows import model_rows
-from echelon.identification.rows.ahead import ahead
 from echelon.identification.rows.batches import BATCHES, Batcher, grouped, total
+from echelon.identification.rows.ingest import take
 from echelon.identification.rows.plan import Plan
-from echelon.identification.rows.taking import take
+from echelon.identification.rows.rows import ahead
 from echelon.logs.preparation.settings import Preparation
 from echelon.observe.triangle import upper_triangle
 from swinging import PREPARATION, pendulum, write_log, write_logs

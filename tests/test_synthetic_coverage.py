@@ -22,10 +22,9 @@ from scipy.stats import binom
 from echelon.base.model import BaseModel
 from echelon.identification.estimators.covariance import clustered
 from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.least_squares import ols
-from echelon.identification.estimators.weighted import irls, wls
+from echelon.identification.estimators.least_squares import irls, ols, wls
 from echelon.identification.identify import identify
-from echelon.identification.rows.model_rows import ModelRows
+from echelon.identification.rows.rows import ModelRows
 from echelon.logs.preparation.prepare import prepare
 from echelon.logs.preparation.settings import Preparation
 from echelon.logs.recording import Segment

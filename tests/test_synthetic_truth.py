@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from echelon.identification.rows.model_rows import rows_taken
+from echelon.identification.rows.rows import rows_taken
 from generated import compiled, tool
 from simulated import Motion, System
 from simulated_models import Floats

@@ -14,12 +14,11 @@ from scipy.signal import lfilter
 from scipy.stats import chi2, kstest
 
 import echelon as ec
-from echelon.identification.rows.holdout import split
-from echelon.identification.rows.model_rows import ModelRows
-from echelon.identification.validation.correlation import LAGS, Correlations, CorrelationSums
-from echelon.identification.validation.traces import TraceKeeper, thinned
-from echelon.identification.validation.validation import Score, Trace, Validation, validate
-from echelon.identification.validation.verdict import Grade, grade, overall_verdict, verdict
+from echelon.identification.correlation import LAGS, Correlations, CorrelationSums
+from echelon.identification.rows.plan import split
+from echelon.identification.rows.rows import ModelRows
+from echelon.identification.validation import Score, Trace, TraceKeeper, Validation, thinned, validate
+from echelon.identification.verdict import Grade, grade, overall_verdict, verdict
 from echelon.logs.recording import Samples
 from rows import ArrayRows
 

@@ -43,10 +43,10 @@ from echelon.excite.problem.trajectory import Trajectory as Trajectory
 from echelon.formats.linear import load_linear as load_linear
 from echelon.formats.load import load as load
 from echelon.identification.estimators.estimate import Estimate as Estimate
-from echelon.identification.gains.from_logs import gains_from_logs as gains_from_logs
-from echelon.identification.gains.gains import drive_gains as drive_gains
-from echelon.identification.gains.payload import Payload as Payload
+from echelon.identification.gains import drive_gains as drive_gains
+from echelon.identification.gains import gains_from_logs as gains_from_logs
 from echelon.identification.identify import identify as identify
+from echelon.identification.payload import Payload as Payload
 from echelon.identification.predict import predict_log as predict_log
 from echelon.identification.result import Identification as Identification
 from echelon.identification.settings import Setup as Setup

@@ -18,7 +18,7 @@ from echelon.logs.finding import Severity
 
 if TYPE_CHECKING:
     from echelon.identification.result import Identification
-    from echelon.identification.validation.validation import Score, Validation
+    from echelon.identification.validation import Score, Validation
 
 _COLOURS = {
     Identifiability.ALONE: "green",

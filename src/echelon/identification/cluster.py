@@ -1,18 +1,28 @@
-"""A Dask cluster to work on: one that is there, or processes of this machine that only their user can reach.
+"""A Dask cluster to work on, and logs spread over its processes.
+
+A Dask cluster to work on: one that is there, or processes of this machine that only their user can reach.
 
 Whoever can connect to a scheduler can run code as the user who started it, and loopback is open to all users of a
 machine.  So a cluster of our own speaks TLS with keys that are made for it, never leave its processes, and are asked
 for on both sides.
+
+Logs spread over the processes of a Dask cluster: a tree of R-factors.
+
+What travels is a plan, which is small, and R-factors, which are small; never samples.  Merging R-factors is
+associative, so every log can be taken in anywhere and the factors be merged pairwise in a tree of logarithmic depth; a
+task whose worker died is simply run again.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
+from itertools import pairwise
 from tempfile import TemporaryDirectory
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -32,21 +42,7 @@ _SILENT: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distr
 
 @contextmanager
 def connect(where: str) -> Iterator[Client]:
-    """A Dask client.
-
-    Parameters
-    ----------
-    where : str
-        Address of a scheduler, such as ``tcp://10.0.0.1:8786``, or a number of processes to start on this machine,
-        which nobody but this user can reach.
-
-    Raises
-    ------
-    MissingExtraError
-        If Dask is not installed, or what it needs to make keys.
-    InputError
-        If the scheduler cannot be reached, or works with other versions.
-    """
+    """A Dask client."""
     try:
         from distributed import Client
     except ImportError:
@@ -101,20 +97,7 @@ def versions() -> dict[str, str]:
 
 
 def check_versions(wanted: Mapping[str, str], found: Mapping[str, str | None], who: str) -> None:
-    """Compare the versions of a process with those of the one that asks for work.
-
-    Parameters
-    ----------
-    wanted, found : mapping of str to str
-        By package; None where it is missing.
-    who : str
-        Whose the found ones are.
-
-    Raises
-    ------
-    InputError
-        If they differ.
-    """
+    """Compare the versions of a process with those of the one that asks for work."""
     for name, version in wanted.items():
         other = found.get(name)
         if other != version:
@@ -137,18 +120,7 @@ def _check_versions(client: Client, where: str) -> None:
 
 
 def result(client: Client, future: Future[Any]) -> Any:
-    """What a task gave, while there is anyone to work on it.
-
-    Parameters
-    ----------
-    client : distributed.Client
-    future : distributed.Future
-
-    Raises
-    ------
-    InputError
-        If all workers are gone, the scheduler is, or a task ended several workers.
-    """
+    """What a task gave, while there is anyone to work on it."""
     from concurrent.futures import CancelledError
 
     from distributed import KilledWorker
@@ -171,3 +143,73 @@ def result(client: Client, future: Future[Any]) -> Any:
         elif monotonic() - seen > _PATIENCE:
             problem = f"the cluster has had no worker for {_PATIENCE:.0f} s; start some and run this again"
             raise InputError(problem, source=address)
+
+
+Common = TypeVar("Common")
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def each(
+    client: Client | None, function: Callable[[Common, Item], Result], common: Common, items: Iterable[Item]
+) -> Iterator[Result]:
+    """Results of a function for all items, in their order; on a cluster, or one after another here."""
+    if client is None:
+        yield from (function(common, item) for item in items)
+        return
+    futures = _mapped(client, function, common, list(items))
+    while futures:
+        # a result that was taken need not be kept by its worker
+        yield result(client, futures.pop(0))
+
+
+def summed(
+    client: Client | None,
+    function: Callable[[Common, Item], Result],
+    merge: Callable[[Result, Result], Result],
+    common: Common,
+    items: Sequence[Item],
+    groups: int,
+) -> list[Result]:
+    """Results of a function for all items, merged into so many groups of neighbours."""
+    bounds = [round(k * len(items) / groups) for k in range(groups + 1)]
+    parts = [items[low:high] for low, high in pairwise(bounds) if high > low]
+    if client is None:
+        return [tree((function(common, item) for item in part), merge) for part in parts]
+    there = partial(client.submit, merge, pure=False)
+    trees = [tree(_mapped(client, function, common, part), there) for part in parts]
+    return [result(client, future) for future in trees]
+
+
+def tree(values: Iterable[Any], merge: Callable[[Any, Any], Any]) -> Any:
+    """Merge neighbours pairwise until one value is left, holding no more values than the tree is deep."""
+    waiting: list[tuple[int, Any]] = []  # how many values were merged into it, a power of two; descending
+    for value in values:
+        size = 1
+        while waiting and waiting[-1][0] == size:
+            value, size = merge(waiting.pop()[1], value), 2 * size
+        waiting.append((size, value))
+    result = waiting.pop()[1]
+    while waiting:
+        result = merge(waiting.pop()[1], result)
+    return result
+
+
+def _mapped(client: Client, function: Callable[..., Any], common: object, items: Sequence[Any]) -> list[Any]:
+    # the result of a task can be made again if the worker that holds it dies; data that were only sent could not
+    shared = client.submit(_itself, common, pure=False)
+    return list(client.map(partial(_checked, versions(), function), [shared] * len(items), items, pure=False))
+
+
+def _checked(
+    expected: dict[str, str], function: Callable[[Common, Item], Result], common: Common, item: Item
+) -> Result:
+    """The function, by a worker that may have come later than others."""
+    from distributed import get_worker
+
+    check_versions(expected, versions(), f"worker {get_worker().address}")
+    return function(common, item)
+
+
+def _itself(value: Item) -> Item:
+    return value

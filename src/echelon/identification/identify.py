@@ -19,27 +19,23 @@ from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
+from echelon.identification.conditioning import Excitation, excitation, without_rounding
 from echelon.identification.estimators.essential import essential
-from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.minimum_norm import minimum_norm
-from echelon.identification.estimators.solution import solved
-from echelon.identification.estimators.weighted import own_noise
-from echelon.identification.excitation.excitation import Excitation, excitation, without_rounding
-from echelon.identification.findings import dampened, fit_findings
-from echelon.identification.fitting import fitted, usable_noise
-from echelon.identification.passes import Passes
-from echelon.identification.physics.feasible import feasibility
-from echelon.identification.physics.fit import physical_fit
-from echelon.identification.physics.prior import Prior, prior_from
-from echelon.identification.physics.result import Feasibility, PhysicalFit
-from echelon.identification.result import Identification
+from echelon.identification.estimators.estimate import Estimate, solved
+from echelon.identification.estimators.fit import fitted, usable_noise
+from echelon.identification.estimators.least_squares import minimum_norm, own_noise
+from echelon.identification.passes_over_data import Passes
+from echelon.identification.physics.feasibility import Feasibility, feasibility
+from echelon.identification.physics.fit import PhysicalFit, physical_fit
+from echelon.identification.physics.prior_information import Prior, prior_from
+from echelon.identification.result import Identification, dampened, fit_findings
+from echelon.identification.rows.ingest import MEMORY
 from echelon.identification.rows.plan import Part, Plan
-from echelon.identification.rows.taking import MEMORY
 from echelon.identification.settings import Setup
 from echelon.identification.setup import stated_bounds
 from echelon.identification.survey import Survey, survey
-from echelon.identification.validation.validation import Validation
-from echelon.identification.validation.verdict import overall_verdict
+from echelon.identification.validation import Validation
+from echelon.identification.verdict import overall_verdict
 from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import Finding, Severity
 from echelon.machine.threads import one_thread

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.identification.rows.model_rows import rows_taken
 from echelon.identification.rows.plan import Plan
+from echelon.identification.rows.rows import rows_taken
 
 _ROUNDINGS = 64.0  # of a constant, that filters leave
 

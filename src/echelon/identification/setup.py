@@ -106,18 +106,7 @@ def _settings(entry: IdentificationEntry) -> Settings:
 
 
 def stated_bounds(setup: Setup, base: BaseModel) -> Bounds:
-    """Bounds of the physical fit that a set-up states; known parameters that are seen alone are fixed.
-
-    Parameters
-    ----------
-    setup : Setup
-    base : BaseModel
-
-    Raises
-    ------
-    InputError
-        If a body or a parameter does not exist, or a range is none.
-    """
+    """Bounds of the physical fit that a set-up states; known parameters that are seen alone are fixed."""
     settings = setup.settings
     alone = {name for name, seen in base.classification.items() if seen is Identifiability.ALONE}
     fixed = {name: (value, value) for name, value in settings.known.items() if name in alone}

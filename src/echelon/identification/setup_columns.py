@@ -22,22 +22,7 @@ EVERY, DRIVES = "all", "actuators"
 
 
 def stated_columns(log: LogEntry, mechanism: Mechanism, document: Document, path: str = "log") -> ColumnMap:
-    """What a ``log`` section of a description says.
-
-    Parameters
-    ----------
-    log : LogEntry
-    mechanism : Mechanism
-    document : Document
-        For messages.
-    path : str
-        Of the section in the document.
-
-    Raises
-    ------
-    InputError
-        If a coordinate, drive or output does not exist, or an expression has no value; names the element and its line.
-    """
+    """What a ``log`` section of a description says."""
     return _Columns(mechanism, document, path).read(log)
 
 

@@ -1,4 +1,15 @@
-"""Survey: a first look at the logs, from which everything is chosen that the set-up leaves open."""
+"""Survey: a first look at the logs, from which everything is chosen that the set-up leaves open.
+
+Delay of the measured outputs behind positions, found by the model itself.
+
+Torques and positions come from different devices.  A constant delay d between them leaves a residual that no parameters
+explain, so d is where the residuals of the outputs' own least-squares fits are smallest: W stays, y is shifted, and one
+R-factor of W gives the residuals of all fits.  Outputs that come over one bus are late together, and a single one with
+many parameters could explain almost anything by a delay of its own; so one delay is sought for all, by the mean of the
+logarithms of their residuals, and taken only where it removes more than noise would.
+
+Survey: a first look at the logs, from which everything is chosen that the set-up leaves open.
+"""
 
 from __future__ import annotations
 
@@ -6,59 +17,138 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
+from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.identification.delays import with_delays
+from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.identification.settings import Setup
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.preparation.choices import chosen
+from echelon.logs.preparation.prepare import prepare
 from echelon.logs.preparation.settings import Preparation
 from echelon.logs.read_log import LogPiece, read_log
-from echelon.logs.recording import Segment
+from echelon.logs.recording import Samples, Segment
+from echelon.observe.triangle import column_norms, upper_triangle
+from echelon.signals.clock import shift_reach, shifted
+
+_LONGEST = 0.02
+"""Longest delay that is looked for, s: beyond it the log is at fault."""
+_STEPS = 20
+"""Delays to either side that are tried before the parabola through the best ones."""
+_GAIN = 0.05
+"""Least share of the residual's squares that a delay must remove."""
+_SHORTEST = 10 * _LONGEST
+"""Segments are at least so long, s."""
+_SAMPLES = 50_000
+"""Samples that are looked at: a delay shows in any motion, and some ten seconds of it are enough."""
+
+
+def with_delays(preparation: Preparation, segments: Sequence[Segment], base: BaseModel) -> Preparation:
+    """The preparation with delays estimated, where it leaves them open."""
+    if preparation.delays is not None:
+        return preparation
+    tried = np.linspace(-_LONGEST, _LONGEST, 2 * _STEPS + 1)
+    squares = _residuals(replace(preparation, delays={}), segments, base, tried)
+    delay, gain = _best(tried, squares)
+    if gain < _GAIN:
+        text = f"none: no common delay would remove {_GAIN:.0%} of the residuals' squares"
+        return replace(preparation, delays={}, reasons={**preparation.reasons, "delays": text})
+    found = {output.name: delay for output in base.mechanism.outputs}
+    text = f"outputs are {1e3 * delay:.2g} ms behind positions: undoing it removes {gain:.0%} of the residuals' squares"
+    return replace(preparation, delays=found, reasons={**preparation.reasons, "delays": text})
+
+
+def _residuals(preparation: Preparation, segments: Sequence[Segment], base: BaseModel, delays: Floats) -> Floats:
+    """Squares of each output's residual for each delay, shape (delays, outputs)."""
+    count = len(base.mechanism.outputs)
+    matrices: list[list[Floats]] = [[] for _ in range(count)]
+    values: list[list[Floats]] = [[] for _ in range(count)]
+    left = _SAMPLES
+    for segment in segments:
+        if len(segment) / segment.rate < _SHORTEST or left <= 0:
+            continue
+        begun, left = _beginning(segment, left), left - len(segment)
+        samples = _inner(prepare(begun, preparation, base.mechanism), float(delays[-1]))
+        blocks = list(ModelRows.of(base, [samples]).blocks())
+        assert samples.y is not None
+        for output in range(count):
+            matrices[output] += [block.matrices[output] for block in blocks]
+            values[output].append(_late(samples, samples.y[:, output], output, delays))
+    return np.stack([_rest(np.vstack(a), np.vstack(b)) for a, b in zip(matrices, values, strict=True)], axis=1)
+
+
+def _beginning(segment: Segment, count: int) -> Segment:
+    signals, inputs = ({name: some[:count] for name, some in of.items()} for of in (segment.signals, segment.inputs))
+    return replace(segment, signals=signals, inputs=inputs)
+
+
+def _late(samples: Samples, y: Floats, output: int, delays: Floats) -> Floats:
+    """An output's rows with every delay undone, shape (rows, delays)."""
+    moved = np.stack([shifted(y, delay * samples.rate) for delay in delays], axis=1)
+    alone = samples if samples.moving is None else replace(samples, moving=samples.moving[:, [output]])
+    return rows_taken(alone, moved[:, None])[0][1]
+
+
+def _inner(samples: Samples, longest: float) -> Samples:
+    """The samples without those near the ends, which a shift would need values beyond the ends for."""
+    margin = int(np.ceil(longest * samples.rate)) + shift_reach(longest * samples.rate)
+    stop = len(samples) if samples.stop is None else samples.stop
+    return replace(samples, first=max(samples.first, margin), stop=min(stop, len(samples) - margin))
+
+
+def _rest(matrix: Floats, values: Floats) -> Floats:
+    """Squares that no parameters explain, for each column of values."""
+    if not len(matrix):
+        return np.zeros(values.shape[1])
+    R = upper_triangle(matrix)
+    scales = column_norms(R)
+    scales = np.where(scales == 0, 1.0, scales)
+    singular, right = np.linalg.svd(R / scales)[1:]
+    rank = int(np.sum(singular > np.finfo(float).eps * len(matrix) * singular.max(initial=0.0)))
+    basis = matrix @ (right[:rank] / singular[:rank, None] / scales).T
+    rest = values
+    for _ in range(2):  # what rounding leaves of the first projection, the second takes away
+        rest = rest - basis @ (basis.T @ rest)
+    squares: Floats = np.sum(rest**2, axis=0)
+    return squares
+
+
+def _best(delays: Floats, squares: Floats) -> tuple[float, float]:
+    """The delay with the smallest residuals, and the share of the squares at delay zero that it removes."""
+    told = squares[:, (squares > 0).all(axis=0)]
+    if not told.size:
+        return 0.0, 0.0
+    errors = np.log(told).mean(axis=1)
+    least = int(np.argmin(errors))
+    if least in (0, len(delays) - 1):
+        return 0.0, 0.0  # no minimum within reach: something else is wrong
+    before, middle, after = errors[least - 1 : least + 2]
+    bend = before - 2 * middle + after
+    offset = 0.5 * (before - after) / bend if bend > 0 else 0.0
+    step = delays[1] - delays[0]
+    return float(delays[least] + offset * step), float(1 - np.exp(middle - errors[len(delays) // 2]))
+
 
 _LOGS = 64
 """Logs that are looked at; of a long log, its first piece."""
-_SAMPLES = 1 << 18
+_MOST_SAMPLES = 1 << 18
 """Samples that choices are made from; faults are looked for in the first piece of every log."""
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What a first look at the logs decides.
+    """What a first look at the logs decides."""
 
-    Attributes
-    ----------
-    preparation : Preparation
-        With every choice made.
-    columns : tuple of ColumnMap
-        What the columns of each kind of log were taken for.
-    findings : tuple of Finding
-    """
-
-    preparation: Preparation
-    columns: tuple[ColumnMap, ...]
+    preparation: Preparation  # with every choice made
+    columns: tuple[ColumnMap, ...]  # what the columns of each kind of log were taken for
     findings: tuple[Finding, ...]
 
 
 def survey(setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequence[Path] = ()) -> Survey:
-    """Look at the logs and choose what the set-up leaves open.
-
-    Parameters
-    ----------
-    setup : Setup
-    base : BaseModel
-    paths : sequence of Path
-        Logs that the model is fitted to.  The held-out end of such a log has a say in filters and delays, not in
-        parameters.
-    unseen : sequence of Path
-        Logs that are held out: their faults are named, they have no say in anything.
-
-    Raises
-    ------
-    InputError
-        If a log cannot be read or nothing of it can be used.
-    """
+    """Look at the logs and choose what the set-up leaves open."""
     segments: list[Segment] = []
     columns: list[ColumnMap] = []
     findings: list[Finding] = []
@@ -67,7 +157,7 @@ def survey(setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequenc
         findings += piece.findings
         if piece.columns not in columns:
             columns.append(piece.columns)
-        if sum(map(len, segments)) < _SAMPLES:
+        if sum(map(len, segments)) < _MOST_SAMPLES:
             segments += piece.segments
     for path in unseen[:_LOGS]:
         findings += _first_piece(setup, path).findings

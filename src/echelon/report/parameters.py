@@ -10,7 +10,8 @@ import numpy as np
 
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import InputError
-from echelon.identification.physics.result import Feasibility, PhysicalFit
+from echelon.identification.physics.feasibility import Feasibility
+from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.result import Identification
 from echelon.inertia.convert import convert
 from echelon.mechanism.mechanism import Body, Mechanism

@@ -13,7 +13,7 @@ import numpy as np
 from echelon.conventions import PARAMETERS
 from echelon.errors import one_line
 from echelon.identification.result import Identification
-from echelon.identification.validation.validation import Score
+from echelon.identification.validation import Score
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.preparation.settings import Preparation
 from echelon.report.drawing import CLASSES, drawing, seen_bodies

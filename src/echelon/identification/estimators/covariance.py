@@ -18,8 +18,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.solution import Solution, solved
+from echelon.identification.estimators.estimate import Estimate, Solution, solved
 from echelon.identification.rows.batches import Batch, total
 from echelon.identification.rows.rows import RowBlock, Rows
 from echelon.observe.observation import Observation
@@ -33,35 +32,7 @@ _ALL = 1e-9
 def clustered(
     rows: Rows, estimate: Estimate, *, seconds: float | None = None, clusters: int = 40, jackknife: bool = True
 ) -> Estimate:
-    """The same estimate with a covariance from batches of time.
-
-    Parameters
-    ----------
-    rows : Rows
-        The rows that the estimate was found from.
-    estimate : Estimate
-        From :func:`ols`, :func:`wls`, :func:`irls` or :func:`huber`.
-    seconds : float, optional
-        Length of a batch: several times as long as residuals resemble one another.
-    clusters : int
-        About how many batches to make if ``seconds`` is omitted; one more pass finds their length.
-    jackknife : bool
-        Leave one batch out at a time, which is on the safe side; otherwise the plain sandwich times G/(G−1), which also
-        works where a single batch is all that shows some combination of parameters.
-
-    Returns
-    -------
-    Estimate
-        ``degrees`` is the number of batches less one.  Diagnostics: ``seconds``, ``clusters``; ``inflation``, for each
-        output the variance of its rows' pull on the parameters relative to white residuals; ``effective_rows``, its
-        rows divided by that (at most all rows): as many independent ones would say as much.
-
-    Raises
-    ------
-    InputError
-        If the estimate is of another method or other parameters, there are fewer than two batches, or without one
-        batch the data would not determine all parameters.
-    """
+    """The same estimate with a covariance from batches of time."""
     if estimate.method not in _METHODS:
         raise InputError(f"the covariance of '{estimate.method}' has no batches; expected one of {', '.join(_METHODS)}")
     if (estimate.parameters, estimate.outputs) != (rows.layout.parameters, rows.layout.outputs):
@@ -76,28 +47,7 @@ def clustered(
 def clustered_by(
     batches: Sequence[Batch], units: Sequence[str], estimate: Estimate, *, jackknife: bool = True
 ) -> Estimate:
-    """The same from the R-factors of batches, without another pass over the rows.
-
-    Parameters
-    ----------
-    batches : sequence of Batch
-        All that the estimate was found from.
-    units : sequence of str
-        SI units of the parameters.
-    estimate : Estimate
-        From :func:`ols`, :func:`wls` or :func:`irls`; of others single rows count.
-    jackknife : bool
-
-    Returns
-    -------
-    Estimate
-        As of :func:`clustered`; ``seconds`` is the median length of the batches.
-
-    Raises
-    ------
-    InputError
-        As of :func:`clustered`.
-    """
+    """The same from the R-factors of batches, without another pass over the rows."""
     if estimate.method not in _BY_FACTORS:
         raise InputError(f"R-factors do not tell the covariance of '{estimate.method}'; expected ols, wls or irls")
     if len(batches) < 2:

@@ -1,5 +1,17 @@
 """Essential parameters: the smaller model that is left when parameters which the data do not need are taken out.
 
+How the residual's degrees of freedom divide among outputs.
+
+A fit with k parameters takes k degrees of freedom from all rows together.  An output's share is the trace of its
+rows of the hat matrix, its leverage, so that an output with few rows or many parameters of its own gets its due.
+
+A least-squares model with some of the parameters, from the R-factor alone.
+
+Taking a parameter out deletes a column of the triangle and makes it triangular again, which costs k³ at most and loses
+no digits, unlike updating (WᵀW)⁻¹.
+
+Essential parameters: the smaller model that is left when parameters which the data do not need are taken out.
+
 Backward elimination, one parameter at a time, on the R-factor: taking a column out is a small QR, and by how much the
 residual grows is known before, Δ_j = ζ̂_j² / [(WᵀW)⁻¹]_jj.  Weights stay those of the full model all the way, so that
 criteria of different models compare.  Three criteria decide when to stop:
@@ -18,6 +30,8 @@ criteria of different models compare.  Three criteria decide when to stop:
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -26,10 +40,89 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.hints import nearest_of
 from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.leverage import residual_deviations
-from echelon.identification.estimators.submodel import Submodel
 from echelon.observe.observation import Observation, checked_weights
 from echelon.observe.triangle import Triangle, upper_triangle
+
+
+def leverages(observation: Observation, weights: Floats, cofactor: Floats) -> Floats:
+    """Degrees of freedom that a weighted fit takes from each output; shape (m,)."""
+    found = []
+    for output, (R, weight) in enumerate(zip(observation.factors, weights, strict=True)):
+        columns = list(observation.layout.columns[output])
+        own = weight * R[:-1, :-1]
+        found.append(float(np.sum((own @ cofactor[np.ix_(columns, columns)]) * own)))
+    return np.array(found)
+
+
+def residual_deviations(observation: Observation, values: Floats, weights: Floats, cofactor: Floats) -> Floats:
+    """Standard deviation of each output's residual, corrected for the degrees of freedom; shape (m,)."""
+    counts = np.array(observation.counts, dtype=float)
+    degrees = np.maximum(counts - leverages(observation, weights, cofactor), 1.0)
+    deviations: Floats = observation.misfits(values) / np.sqrt(degrees)
+    return deviations
+
+
+@dataclass(frozen=True)
+class Submodel:
+    """The parameters that are left, and the triangle of [W y] in their columns."""
+
+    kept: tuple[int, ...]  # numbers of the k parameters among those of the full model
+    triangle: Floats  # shape (k + 1, k + 1); R-factor of [W y] in their columns, rows weighted; W has full rank
+    rows: float  # rows of W, as many as count as independent
+
+    @property
+    def values(self) -> Floats:
+        """Least-squares estimates, shape (k,)."""
+        solution: Floats = self._inverse @ self.triangle[:-1, -1]
+        return solution
+
+    @property
+    def squares(self) -> float:
+        """Sum of squares of the weighted residual."""
+        return float(self.triangle[-1, -1] ** 2)
+
+    @property
+    def cofactor(self) -> Floats:
+        """(WᵀW)⁻¹, shape (k, k)."""
+        inverse = self._inverse
+        return inverse @ inverse.T
+
+    @property
+    def degrees(self) -> float:
+        """Residual degrees of freedom, at least 1."""
+        return max(self.rows - len(self.kept), 1.0)
+
+    @property
+    def variance(self) -> float:
+        """Of the weighted residual; tiny where the data are fitted to rounding."""
+        return max(self.squares, float(np.finfo(float).tiny)) / self.degrees
+
+    @property
+    def growth(self) -> Floats:
+        """By how much the sum of squares grows when one parameter is taken out, shape (k,)."""
+        grown: Floats = self.values**2 / np.diagonal(self.cofactor)
+        return grown
+
+    @property
+    def relative(self) -> Floats:
+        """Relative standard deviations, shape (k,)."""
+        deviations = np.sqrt(self.variance * np.diagonal(self.cofactor))
+        with np.errstate(divide="ignore"):
+            found: Floats = deviations / np.abs(self.values)
+        return found
+
+    @cached_property
+    def _inverse(self) -> Floats:
+        R = self.triangle[:-1, :-1]
+        scales = np.linalg.norm(R, axis=0)
+        inverse: Floats = np.linalg.inv(R / scales) / scales[:, None]
+        return inverse
+
+    def without(self, place: int) -> Submodel:
+        """The model without one of its parameters."""
+        kept = self.kept[:place] + self.kept[place + 1 :]
+        return Submodel(kept, upper_triangle(np.delete(self.triangle, place, axis=1)), self.rows)
+
 
 Criterion = Literal["bic", "f-test", "relative_std"]
 
@@ -50,51 +143,7 @@ def essential(
     keep: Sequence[str] = (),
     correlation: float = 1.0,
 ) -> Estimate:
-    """Least squares with the essential parameters only, found by backward elimination.
-
-    Parameters
-    ----------
-    observation : Observation
-    units : sequence of str
-        SI units of the n parameters.
-    noise : array of shape (m,), optional
-        Standard deviation of each output's noise; that of the residual of its own full fit if omitted.
-    criterion : "bic", "f-test" or "relative_std"
-        When to stop; see :mod:`echelon.identification.estimators.essential`.
-    ratio : float
-        For ``"relative_std"``: multiple of the smallest one.
-    level : float
-        For ``"f-test"``: significance.
-    keep : sequence of str
-        Parameters that stay in any case.
-    correlation : float
-        Rows that a residual stays correlated for (its integrated autocorrelation time in rows): so many rows count as
-        one.  1 for white noise.
-
-    Returns
-    -------
-    Estimate
-        Values and standard deviations of eliminated parameters are 0.  Diagnostics hold ``criterion``, ``eliminated``,
-        ``kept`` and ``history``: a record for each elimination with the ``parameter``, the model's criterion ``before``
-        and ``after`` (BIC, the p-value of its least significant parameter, or the ratio of its largest to its smallest
-        relative standard deviation; None for parameters that the data do not determine, which go first), and the
-        ``rms`` of the weighted residual.
-
-    Raises
-    ------
-    InputError
-        If arguments do not fit, or there are fewer rows than parameters that would stay.
-
-    Examples
-    --------
-    >>> from echelon.observe.layout import Layout
-    >>> rng = np.random.default_rng(1)
-    >>> W = rng.normal(size=(100, 3))
-    >>> y = W @ [2.0, 0.0, -1.0] + 0.1 * rng.normal(size=100)
-    >>> seen = Observation.of(Layout(("tau",), ("a", "b", "c"), ((0, 1, 2),)), [np.linalg.qr(np.c_[W, y])[1]], 100)
-    >>> essential(seen, ["kg"] * 3).diagnostics["eliminated"]
-    ['b']
-    """
+    """Least squares with the essential parameters only, found by backward elimination."""
     names = observation.layout.parameters
     _check(observation, units, criterion, ratio, level, keep, correlation)
     weights = _weights(observation, noise)

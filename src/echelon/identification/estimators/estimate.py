@@ -1,14 +1,28 @@
-"""An estimate: values, how far they can be trusted, and how they were found."""
+"""Weighted least squares on R-factors, and the estimate that every method returns.
+
+An estimate: values, how far they can be trusted, and how they were found.
+
+Weighted least squares on R-factors, with all that the estimators need to know of the solution.
+
+Everything comes from triangles, nothing from normal equations, so that condition numbers are not squared: the inverse
+(WᵀW)⁻¹ = R⁻¹R⁻ᵀ is kept as its root R⁻¹, and the leverage of an output's rows, the trace of their block of the hat
+matrix W(WᵀW)⁻¹Wᵀ, is the squared Frobenius norm of their R-factor times that root.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from echelon.arrays import Floats
+from echelon.errors import InputError
+from echelon.observe.layout import Layout
+from echelon.observe.observation import Observation
+from echelon.observe.triangle import Triangle
 
 
 @dataclass(frozen=True, repr=False)
@@ -73,3 +87,157 @@ class Estimate:
 
     def __repr__(self) -> str:
         return f"Estimate({self.method}: {len(self.values)} parameters from {sum(self.rows)} rows)"
+
+
+_SHOWN = 3
+_USED_UP = 1e-8
+_NEGLIGIBLE = 1e-6
+
+
+@dataclass(frozen=True, repr=False)
+class Solution:
+    """The minimum of Σ_i w_i² ‖W_i ζ − y_i‖² over outputs i."""
+
+    observation: Observation
+    weights: Floats  # shape (m,); factors w_i of the outputs' rows
+    triangle: Triangle  # R-factor of the weighted rows of all outputs
+    values: Floats  # shape (n,)
+    root: Floats  # shape (n, n); R⁻¹; the inverse of the weighted WᵀW is root @ root.T
+
+    @property
+    def inverse(self) -> Floats:
+        """Inverse of the weighted WᵀW, shape (n, n)."""
+        product: Floats = self.root @ self.root.T
+        return product
+
+    @property
+    def degrees(self) -> float:
+        """Rows with a weight, less parameters."""
+        return float(self.triangle.rows - len(self.values))
+
+    def whitened(self, output: int) -> Floats:
+        """The weighted R_i times R⁻¹, shape (n_i, n): it has the cross product of the rows w_i W_i R⁻¹."""
+        columns = list(self.observation.layout.columns[output])
+        factor: Floats = self.weights[output] * self.observation.factors[output][: len(columns), : len(columns)]
+        product: Floats = factor @ self.root[columns]
+        return product
+
+    @cached_property
+    def leverages(self) -> Floats:
+        """Degrees of freedom that each output's rows pay for the parameters, shape (m,); they add up to n."""
+        return np.array([np.sum(self.whitened(i) ** 2) for i in range(len(self.weights))])
+
+    @cached_property
+    def noise(self) -> Floats:
+        """Standard deviation of each output's residual, shape (m,); nan where the rows are all used up."""
+        counts = np.array(self.observation.counts, dtype=float)
+        free = counts - self.leverages
+        known = free > _USED_UP * np.maximum(counts, 1.0)
+        misfits = self.observation.misfits(self.values)
+        return np.where(known, misfits / np.sqrt(np.where(known, free, 1.0)), np.nan)
+
+
+def solved(observation: Observation, units: Sequence[str], weights: Sequence[float] | Floats | None = None) -> Solution:
+    """Weighted least squares."""
+    check(observation, units)
+    triangle = observation.combined(weights)
+    if triangle.rank < len(triangle.parameters):
+        raise InputError(undetermined(triangle))
+    given = np.ones(len(observation.layout.outputs)) if weights is None else np.asarray(weights, dtype=float)
+    return Solution(observation, given, triangle, triangle.solve(), inverse_triangle(triangle.R))
+
+
+def check(observation: Observation, units: Sequence[str]) -> None:
+    """Refuse what no estimator can work with."""
+    layout = observation.layout
+    if len(units) != len(layout.parameters):
+        raise InputError(f"there are {len(units)} units for {len(layout.parameters)} parameters; expected one for each")
+    if not layout.parameters or not observation.rows:
+        raise InputError("there is nothing to estimate: the observation has no rows or no parameters")
+    for label, factor in zip(layout.outputs, observation.factors, strict=True):
+        if not np.isfinite(factor).all():
+            raise InputError("its rows contain numbers that are not finite", element=f"output '{label}'")
+
+
+def inverse_triangle(R: Floats) -> Floats:
+    """R⁻¹ of an upper triangle without zeros on its diagonal; columns of very different sizes do no harm."""
+    from scipy.linalg import solve_triangular
+
+    scales = np.linalg.norm(R, axis=0)
+    root: Floats = solve_triangular(R / scales, np.eye(len(R))) / scales[:, None]
+    return root
+
+
+# -- what the data leave open ----------------------------------------------------------------------------------------
+
+
+def open_directions(triangle: Triangle) -> Floats:
+    """Changes of the parameters that the data do not notice, shape (open, n), as sparse as elimination makes them.
+
+    The first parameter of each, in the order of columns that can be told apart best, changes by 1.
+    """
+    from scipy.linalg import qr
+
+    scales = np.where(triangle.scales == 0, 1.0, triangle.scales)
+    null = np.linalg.svd(triangle.R / scales)[2][triangle.rank :]
+    if not len(null):
+        return np.zeros((0, len(scales)))
+    pivots = qr(null, mode="r", pivoting=True)[1][: len(null)]
+    echelon = np.linalg.solve(null[:, pivots], null)
+    echelon[np.abs(echelon) < _NEGLIGIBLE] = 0.0
+    directions: Floats = echelon / scales * scales[pivots][:, None]
+    return directions
+
+
+def direction_text(direction: Floats, parameters: Sequence[str]) -> str:
+    """A direction as a sum of parameters, such as ``ZZ2 − 0.5·M3``."""
+    text = ""
+    for value, label in zip(direction, parameters, strict=True):
+        if value:
+            sign = ("−" if not text else " − ") if value < 0 else ("" if not text else " + ")
+            factor = "" if abs(abs(value) - 1) < _NEGLIGIBLE else f"{abs(value):.3g}·"
+            text += f"{sign}{factor}{label}"
+    return text
+
+
+def undetermined(triangle: Triangle) -> str:
+    """What to say when the data do not determine all parameters."""
+    n = len(triangle.parameters)
+    start = f"the data determine {triangle.rank} of {n} parameters"
+    if triangle.rows < n:
+        start += f" (there are only {triangle.rows} rows)"
+    directions = open_directions(triangle)
+    shown = "; ".join(direction_text(some, triangle.parameters) for some in directions[:_SHOWN])
+    more = f"; and {len(directions) - _SHOWN} more" if len(directions) > _SHOWN else ""
+    return (
+        f"{start}; nothing changes along {shown}{more}: excite these directions, fix parameters with known values, "
+        "or use ridge() towards a prior or minimum_norm()"
+    )
+
+
+# -- results ---------------------------------------------------------------------------------------------------------
+
+
+def conditioning(triangle: Triangle) -> dict[str, float]:
+    """Condition numbers for the diagnostics."""
+    return {"condition": triangle.condition, "scaled_condition": triangle.scaled_condition}
+
+
+def estimate_of(
+    solution: Solution, method: str, units: Sequence[str], covariance: Floats, diagnostics: Mapping[str, Any]
+) -> Estimate:
+    """A solution as an estimate, its condition numbers and weights among the diagnostics."""
+    layout: Layout = solution.observation.layout
+    shared = {"weights": solution.weights.tolist(), **conditioning(solution.triangle)}
+    return Estimate(
+        method,
+        layout.parameters,
+        tuple(units),
+        solution.values,
+        (covariance + covariance.T) / 2,
+        layout.outputs,
+        solution.noise,
+        solution.observation.counts,
+        solution.degrees,
+        {**shared, **diagnostics},
+    )

@@ -1,61 +1,57 @@
-"""Ordinary least squares: every row counts alike.
+"""Least squares: ordinary, weighted, iteratively reweighted, and of smallest norm.
+
+Ordinary least squares: every row counts alike.
 
 The estimate that tables are published for, and the start of the others.  Its classical covariance σ²(WᵀW)⁻¹ takes all
 outputs to have the same noise; where they do not, the covariance with each output's own noise is the honest one:
 
     (WᵀW)⁻¹ (Σ_i σ_i² W_iᵀW_i) (WᵀW)⁻¹
+
+Weighted least squares, with noise that is known or found from the residuals (iteratively reweighted).
+
+Joints of a robot differ in noise by orders of magnitude, and forces and torques do not even share a unit, so each
+output's rows are divided by its σ_i.  When the σ_i are not known, the fixed point of
+
+    σ_i² = ‖W_i ζ − y_i‖² / (N_i − h_i),    h_i: leverage of the output's rows
+
+solves the equations of restricted maximum likelihood (REML; Harville, J. Am. Stat. Assoc. 72, 1977), which counts the
+degrees of freedom that the parameters use up where they are used up; N_i − n/m would not.  R-factors of the outputs
+suffice for all of it: the data are gone through once.
+
+The least-squares solution of smallest norm, for data that leave directions open.
+
+Not an estimate of the parameters but the shortest of all that fit equally well, with columns scaled to norm 1 so that
+units do not matter.  Predictions of the same motions need no more.  Variances of parameters that take part in an open
+direction are infinite: the data say nothing, and a pseudo-inverse would claim certainty.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.solution import Solution, estimate_of, solved
+from echelon.identification.estimators.estimate import (
+    Estimate,
+    Solution,
+    check,
+    direction_text,
+    estimate_of,
+    open_directions,
+    solved,
+)
 from echelon.observe.observation import Observation
+from echelon.observe.triangle import column_norms
 
 
 def ols(
     observation: Observation, units: Sequence[str], *, noise: Literal["common", "by output"] = "common"
 ) -> Estimate:
-    """Ordinary least squares.
-
-    Parameters
-    ----------
-    observation : Observation
-        Of m outputs and n parameters.
-    units : sequence of str
-        SI units of the n parameters.
-    noise : "common" or "by output"
-        What the covariance takes for granted: one σ² = ‖Wζ − y‖²/(rows − n) for all rows, as textbooks do, or a σ_i for
-        each output.  The values do not depend on it.
-
-    Returns
-    -------
-    Estimate
-
-    Raises
-    ------
-    InputError
-        If the data do not determine all parameters, or leave no row over to estimate the noise from.
-
-    Examples
-    --------
-    >>> from echelon.observe.layout import Layout
-    >>> from echelon.observe.triangle import upper_triangle
-    >>> line = np.array([[1.0, 0.0, 1.1], [1.0, 1.0, 2.9], [1.0, 2.0, 5.1], [1.0, 3.0, 6.9]])
-    >>> layout = Layout(("force",), ("offset", "slope"), ((0, 1),))
-    >>> estimate = ols(Observation(layout, (upper_triangle(line),), (4,)), ("N", "N/m"))
-    >>> estimate.values.round(6)
-    array([1.06, 1.96])
-    >>> estimate.noise.round(4)
-    array([0.1265])
-    """
+    """Ordinary least squares."""
     if noise not in ("common", "by output"):
         raise InputError(f"noise is '{noise}'; expected 'common' or 'by output'")
     solution = solved(observation, units)
@@ -76,13 +72,7 @@ def ols(
 
 
 def by_output(solution: Solution) -> Floats:
-    """Covariance of a weighted least-squares solution when each output has a noise of its own, shape (n, n).
-
-    Raises
-    ------
-    InputError
-        If an output has no row to spare for an estimate of its noise.
-    """
+    """Covariance of a weighted least-squares solution when each output has a noise of its own, shape (n, n)."""
     parts = [np.zeros((0, len(solution.values)))]
     for i, label in enumerate(solution.observation.layout.outputs):
         if solution.observation.counts[i] and solution.weights[i]:
@@ -100,3 +90,141 @@ def used_up(rows: int) -> str:
         f"its {rows} rows are all used up by parameters that only it shows, so its noise cannot be estimated: "
         "give more samples, leave it out, or give the noise to wls()"
     )
+
+
+_FLOOR = 1e-8
+"""Smallest noise relative to the output: no sensor is better, and weights stay within what double precision bears."""
+
+
+def wls(
+    observation: Observation, units: Sequence[str], noise: Sequence[float] | Floats, *, relative: bool = False
+) -> Estimate:
+    """Least squares with given noise."""
+    solution = solved(observation, units, 1.0 / checked_noise(observation, noise))
+    degrees = solution.degrees
+    if relative and degrees <= 0:
+        raise InputError("no row is left over to estimate the common factor of the noise from; give more samples")
+    squares = solution.triangle.residual**2
+    factor = squares / degrees if relative else 1.0
+    diagnostics: dict[str, Any] = {"iterations": 1, "converged": True, "relative": relative}
+    if not relative:
+        from scipy.stats import chi2
+
+        diagnostics["chi_squared"] = float(squares)
+        diagnostics["chi_squared_probability"] = float(chi2.sf(squares, degrees)) if degrees > 0 else 1.0
+    return estimate_of(solution, "wls", units, factor * solution.inverse, diagnostics)
+
+
+def irls(observation: Observation, units: Sequence[str], *, tolerance: float = 1e-9, limit: int = 100) -> Estimate:
+    """Least squares with the noise of each output found from the residuals."""
+    check(observation, units)
+    noise, change, iterations = own_noise(observation), np.inf, 0
+    while change > tolerance and iterations < limit:
+        iterations += 1
+        new, _ = _updated(solved(observation, units, 1.0 / noise))
+        with np.errstate(invalid="ignore"):
+            change = float(np.nanmax(np.abs(np.log(new / noise)), initial=0.0))
+        noise = new
+    solution = solved(observation, units, 1.0 / noise)
+    _, exact = _updated(solution)
+    diagnostics = {"iterations": iterations, "converged": bool(change <= tolerance), "exact_outputs": exact}
+    return estimate_of(solution, "irls", units, solution.inverse, diagnostics)
+
+
+def own_noise(observation: Observation) -> Floats:
+    """Noise of each output when its own rows alone are fitted, shape (m,): a start that no unit or other output sways.
+
+    Where an output has no more rows than parameters it is the root mean square of the output; infinite for outputs
+    without rows.
+    """
+    levels = []
+    for factor, count in zip(observation.factors, observation.counts, strict=True):
+        n = len(factor) - 1
+        scales = column_norms(factor[:, :n])
+        values = np.linalg.svd(factor[:n, :n] / np.where(scales == 0, 1.0, scales), compute_uv=False)
+        precision = np.finfo(float).eps * max(count, n)
+        rank = int(np.sum(values > precision * values[0])) if n else 0
+        free = count - rank
+        size = np.linalg.norm(factor[:, n]) / np.sqrt(max(count, 1))
+        # without full rank the last entry is not the whole residual: that of the best fit is
+        fit = np.linalg.lstsq(factor[:, :n] / np.where(scales == 0, 1.0, scales), factor[:, n], rcond=precision)[0]
+        rest = np.linalg.norm(factor[:, :n] / np.where(scales == 0, 1.0, scales) @ fit - factor[:, n])
+        levels.append(np.inf if not count else rest / np.sqrt(free) if free > 0 else size)
+    floors = noise_floor(observation)
+    return np.maximum(levels, floors)
+
+
+def noise_floor(observation: Observation) -> Floats:
+    """Smallest noise that is believed, shape (m,): a tiny share of the output's root mean square."""
+    floors = []
+    for label, factor, count in zip(observation.layout.outputs, observation.factors, observation.counts, strict=True):
+        size = float(np.linalg.norm(factor[:, -1])) / np.sqrt(max(count, 1))
+        if count and size == 0 and factor.any():
+            raise InputError("all its measured values are zero: leave it out", element=f"output '{label}'")
+        floors.append(_FLOOR * size if size else 1.0)
+    return np.array(floors)
+
+
+def checked_noise(observation: Observation, noise: Sequence[float] | Floats) -> Floats:
+    """Noise of the outputs, shape (m,)."""
+    given = np.asarray(noise, dtype=float)
+    outputs = observation.layout.outputs
+    if given.shape != (len(outputs),):
+        raise InputError(
+            f"noise has shape {given.shape}; expected ({len(outputs)},), one for each of {', '.join(outputs)}"
+        )
+    if not (given > 0).all():
+        wrong = outputs[int(np.argmin(given > 0))]
+        raise InputError(
+            "the noise must be a positive number, or infinite to leave it out", element=f"output '{wrong}'"
+        )
+    return given
+
+
+def _updated(solution: Solution) -> tuple[Floats, list[str]]:
+    """Noise from the residuals, and the outputs that are fitted to rounding."""
+    observation, floors = solution.observation, noise_floor(solution.observation)
+    found, exact = solution.noise.copy(), []
+    for i, (label, count) in enumerate(zip(observation.layout.outputs, observation.counts, strict=True)):
+        if not count:
+            found[i] = np.inf
+        elif not np.isfinite(found[i]):
+            raise InputError(used_up(count), element=f"output '{label}'")
+        elif found[i] < floors[i]:
+            found[i] = floors[i]
+            exact.append(label)
+    return found, exact
+
+
+def minimum_norm(
+    observation: Observation, units: Sequence[str], *, noise: Sequence[float] | Floats | None = None
+) -> Estimate:
+    """Least squares with the smallest norm of ζ in scaled columns."""
+    check(observation, units)
+    weights = np.ones(len(observation.counts)) if noise is None else 1.0 / checked_noise(observation, noise)
+    triangle = observation.combined(weights)
+    degrees = float(triangle.rows - triangle.rank)
+    if degrees <= 0:
+        raise InputError("no row is left over to estimate the noise from; give more samples")
+    scales = np.where(triangle.scales == 0, 1.0, triangle.scales)
+    left, singular, right = np.linalg.svd(triangle.R / scales)
+    rank = triangle.rank
+    root = right[:rank].T / singular[:rank] / scales[:, None]
+    beta = left.T @ triangle.qty
+    values = root @ beta[:rank]
+    rest = float(np.sum(beta[rank:] ** 2)) + triangle.residual**2
+    directions = open_directions(triangle)
+    covariance = rest / degrees * root @ root.T
+    involved = np.flatnonzero(directions.any(axis=0))
+    covariance[involved, involved] = np.inf
+    solution = Solution(observation, weights, triangle, values, root)
+    texts = [direction_text(some, triangle.parameters) for some in directions]
+    diagnostics = {
+        "iterations": 1,
+        "converged": True,
+        "rank": rank,
+        "open": texts,
+        "condition": None if texts else triangle.condition,
+        "scaled_condition": float(singular[0] / singular[rank - 1]) if rank else 1.0,
+    }
+    return replace(estimate_of(solution, "minimum norm", units, covariance, diagnostics), degrees=degrees)

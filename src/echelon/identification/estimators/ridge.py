@@ -19,9 +19,8 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.solution import Solution, check, estimate_of
-from echelon.identification.estimators.weighted import checked_noise
+from echelon.identification.estimators.estimate import Estimate, Solution, check, estimate_of
+from echelon.identification.estimators.least_squares import checked_noise
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import Triangle
 
@@ -39,50 +38,7 @@ def ridge(
     weight: float | Literal["evidence", "gcv"] = "evidence",
     noise: Sequence[float] | Floats | None = None,
 ) -> Estimate:
-    """Least squares with a Gaussian prior.
-
-    Parameters
-    ----------
-    observation : Observation
-        Of m outputs and n parameters.
-    units : sequence of str
-        SI units of the n parameters.
-    prior : array of shape (n,)
-        Mean of the prior, such as values from CAD.
-    spread : array of shape (n,) or (n, n), optional
-        Standard deviations or covariance P of the prior at weight 1, in the units of the parameters.  If omitted, the
-        inverse norms of the columns, which makes the estimate independent of units.
-    weight : float, "evidence" or "gcv"
-        λ, which divides P; or how to choose it: by the marginal likelihood of the outputs, or by generalised
-        cross-validation.  A proper prior covariance wants 1.
-    noise : array of shape (m,), optional
-        Standard deviation of each output's noise.  If omitted, one standard deviation for all outputs is estimated
-        with the evidence.
-
-    Returns
-    -------
-    Estimate
-        ``covariance`` is that of the posterior, ``degrees`` the rows less the effective number of parameters.
-        Diagnostics: ``weight``, ``weight_at_bound`` (all or nothing of the prior: the data do not settle it),
-        ``effective_parameters``, ``from_data`` (for each parameter the share of the prior variance that the data
-        removed), ``log_evidence``, ``deviation``.
-
-    Raises
-    ------
-    InputError
-        If sizes do not fit, the covariance of the prior is not positive definite, or there are no rows to spare.
-
-    Examples
-    --------
-    Four readings show the first parameter; the second is never seen, and stays at its prior:
-
-    >>> from echelon.observe.layout import Layout
-    >>> factor = np.array([[2.0, 0.0, 6.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.1]])
-    >>> observation = Observation(Layout(("torque",), ("ZZ1", "MX2"), ((0, 1),)), (factor,), (4,))
-    >>> estimate = ridge(observation, ("kg·m²", "kg·m"), [1.0, 0.5], spread=[10.0, 1.0], weight=1, noise=[0.1])
-    >>> estimate.values.round(4), estimate.std.round(4)
-    (array([3. , 0.5]), array([0.05, 1.  ]))
-    """
+    """Least squares with a Gaussian prior."""
     check(observation, units)
     sigma = np.ones(len(observation.counts)) if noise is None else checked_noise(observation, noise)
     triangle = observation.combined(1.0 / sigma)
@@ -118,25 +74,12 @@ def ridge(
 
 @dataclass(frozen=True)
 class _Spectrum:
-    """The problem in coordinates in which prior and data are both diagonal.
+    """The problem in coordinates in which prior and data are both diagonal."""
 
-    Attributes
-    ----------
-    squares : array of shape (n,)
-        Squared singular values of W L.
-    beta : array of shape (n,)
-        Uᵀ of the outputs that the prior does not explain.
-    right : array of shape (n, n)
-        V.
-    rest : float
-        Squared norm of what no parameters explain.
-    rows : int
-    """
-
-    squares: Floats
-    beta: Floats
-    right: Floats
-    rest: float
+    squares: Floats  # shape (n,); squared singular values of W L
+    beta: Floats  # shape (n,); Uᵀ of the outputs that the prior does not explain
+    right: Floats  # shape (n, n); V
+    rest: float  # squared norm of what no parameters explain
     rows: int
 
     def variance(self, ratio: float) -> float:

@@ -1,14 +1,33 @@
-"""Bounds: what a user knows of the bodies beyond that they can exist."""
+"""Bounds on standard parameters: what any robot satisfies, and what a user knows of the bodies beyond that.
+
+Bounds: what a user knows of the bodies beyond that they can exist.
+
+Which standard parameters a robot that can exist may have: a role for every parameter.
+
+- A body that carries all ten has a pseudo-inertia J ≻ 0.
+- A body that carries some of them gave the others to another body (a rotor's mass counts to the link it sits on, a
+  payload's shape to its carrier), so only what each single parameter must satisfy is required: M, XX, YY, ZZ ≥ 0.
+- Among effects, viscous and Coulomb friction (also for each direction of motion), rotor inertia and spring stiffness
+  are not negative.  They are recognised by what they do, not by their names: one action whose term is ``qd``,
+  ``sign(qd)``, ``qdd`` or ``q``.  The Stribeck amplitude, offsets, preloads, drive gains and forces of one's own may
+  have any sign, unless the user bounds them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import inf, isnan
 from typing import Any
 
+import numpy as np
+
+from echelon.arrays import Floats
+from echelon.conventions import PER_BODY
 from echelon.errors import InputError
 from echelon.hints import nearest_of
+from echelon.mechanism.effect import KINDS, Effect
 from echelon.mechanism.mechanism import Mechanism
 
 Range = tuple[float, float]
@@ -20,28 +39,13 @@ SYMMETRIES = ("yz", "xz", "xy", "x", "y", "z")
 
 @dataclass(frozen=True)
 class BodyBounds:
-    """What is known of one body; all about and along its own frame, SI units.
+    """What is known of one body; all about and along its own frame, SI units."""
 
-    Attributes
-    ----------
-    mass : (least, largest), optional
-        kg; equal numbers fix it.
-    box : (corner, opposite corner), optional
-        Box that holds the centre of mass, m.
-    ellipsoid : (centre, semi-axes), optional
-        Ellipsoid along the frame's axes that holds the centre of mass, m.
-    extent : (centre, semi-axes), optional
-        Ellipsoid along the frame's axes that holds all of the mass, m.
-    symmetry : tuple of str
-        Planes (``"xy"``, ``"xz"``, ``"yz"``) to which the distribution of mass is symmetric, and axes (``"x"``,
-        ``"y"``, ``"z"``) about which it is; through the origin of the frame.
-    """
-
-    mass: Range | None = None
-    box: tuple[Triple, Triple] | None = None
-    ellipsoid: tuple[Triple, Triple] | None = None
-    extent: tuple[Triple, Triple] | None = None
-    symmetry: tuple[str, ...] = ()
+    mass: Range | None = None  # kg; equal numbers fix it
+    box: tuple[Triple, Triple] | None = None  # box that holds the centre of mass, m
+    ellipsoid: tuple[Triple, Triple] | None = None  # ellipsoid along the frame's axes that holds the centre of mass, m
+    extent: tuple[Triple, Triple] | None = None  # ellipsoid along the frame's axes that holds all of the mass, m
+    symmetry: tuple[str, ...] = ()  # planes ("xy", "xz", "yz") to which the distribution of mass is symmetric
 
 
 @dataclass(frozen=True)
@@ -49,62 +53,23 @@ class Bounds:
     """Bounds of a robot's standard parameters.
 
     Made from plain mappings by :meth:`of`.
-
-    Attributes
-    ----------
-    bodies : mapping of str to BodyBounds
-        By body name.
-    parameters : mapping of str to (least, largest)
-        By parameter name, SI units; they replace the sign that friction, rotor inertia and stiffness have by default.
-    total_mass : (least, largest), optional
-        Of all bodies, kg.
-    margin : float
-        Each body's pseudo-inertia is at least this multiple of its prior's or of its scale.
     """
 
-    bodies: Mapping[str, BodyBounds] = field(default_factory=dict)
-    parameters: Mapping[str, Range] = field(default_factory=dict)
-    total_mass: Range | None = None
-    margin: float = 0.0
+    bodies: Mapping[str, BodyBounds] = field(default_factory=dict)  # by body name
+    parameters: Mapping[str, Range] = field(default_factory=dict)  # by parameter name, SI units
+    total_mass: Range | None = None  # of all bodies, kg
+    margin: float = 0.0  # each body's pseudo-inertia is at least this multiple of its prior's or of its scale
 
     @staticmethod
     def of(mechanism: Mechanism, given: Mapping[str, Any], source: str | None = None) -> Bounds:
-        """Bounds from plain mappings, as a YAML file gives them.
-
-        Parameters
-        ----------
-        mechanism : Mechanism
-        given : mapping
-            Keys ``bodies``, ``parameters``, ``total_mass``, ``margin``; a body has ``mass``, ``box``, ``ellipsoid``,
-            ``extent``, ``symmetry``.  Infinite or missing (None) ends of a range leave it open.
-        source : str, optional
-            File, for messages.
-
-        Raises
-        ------
-        InputError
-            If a body, a parameter or a key is unknown (names near ones), or a range is none.
-
-        Examples
-        --------
-        >>> import echelon as ec
-        >>> arm = ec.load("examples/double_pendulum.yaml")
-        >>> Bounds.of(arm, {"bodies": {"j1": {"mass": [0.1, 2], "symmetry": "xy"}}}).bodies["j1"].mass
-        (0.1, 2.0)
-        """
+        """Bounds from plain mappings, as a YAML file gives them."""
         try:
             return _read(mechanism, given)
         except InputError as error:
             raise error.located(source) if source else error from None
 
     def check(self, mechanism: Mechanism) -> None:
-        """Check that bodies and parameters exist and carry what is bounded.
-
-        Raises
-        ------
-        InputError
-            If not.
-        """
+        """Check that bodies and parameters exist and carry what is bounded."""
         carried = {body.name: body.carried for body in mechanism.bodies}
         for name, body in self.bodies.items():
             where = f"bounds of body '{name}'"
@@ -192,3 +157,199 @@ def _check_keys(given: Any, valid: Iterable[str], where: str) -> None:
     for key in given:
         if key not in valid:
             raise InputError(f"unknown key '{key}'{nearest_of(str(key), valid)}", element=where)
+
+
+_SIGNED_KINDS = ("viscous", "coulomb", "asymmetric_coulomb", "rotor_inertia")
+_DIAGONAL = (0, 3, 5, 9)
+"""XX, YY, ZZ and M, which cannot be negative by themselves."""
+
+# parameters (of XX … M) that vanish, and pairs that are equal, for each plane and axis of symmetry
+_VANISHING = {
+    "yz": (1, 2, 6),
+    "xz": (1, 4, 7),
+    "xy": (2, 4, 8),
+    "x": (1, 2, 4, 7, 8),
+    "y": (1, 2, 4, 6, 8),
+    "z": (1, 2, 4, 6, 7),
+}
+_EQUAL = {"x": (3, 5), "y": (0, 5), "z": (0, 3)}
+
+
+@dataclass(frozen=True)
+class Roles:
+    """What every standard parameter of a mechanism must satisfy."""
+
+    mechanism: Mechanism
+    bodies: tuple[tuple[str, int], ...]  # bodies with a pseudo-inertia: name and the column of XX
+    positive: tuple[int, ...]  # columns of parameters that are not negative by themselves
+    free: tuple[int, ...]  # columns of parameters of any sign outside the pseudo-inertias
+
+    @cached_property
+    def starts(self) -> tuple[int, ...]:
+        """Column of XX of every body with a pseudo-inertia."""
+        return tuple(start for _, start in self.bodies)
+
+    @property
+    def size(self) -> int:
+        """Standard parameters."""
+        return len(self.mechanism.columns)
+
+    def blocks(self, values: Floats) -> Floats:
+        """The ten parameters of every body with a pseudo-inertia, shape (bodies, 10)."""
+        places = np.add.outer(np.array(self.starts, dtype=int), np.arange(PER_BODY))
+        found: Floats = values[places]
+        return found
+
+
+def roles(mechanism: Mechanism) -> Roles:
+    """The role of every standard parameter."""
+    bodies = tuple(
+        (mechanism.bodies[body].name, mechanism.first_column[body])
+        for body in mechanism.carriers
+        if len(mechanism.bodies[body].carried) == PER_BODY
+    )
+    full = {column + k for _, column in bodies for k in range(PER_BODY)}
+    effects = {effect.parameter: effect for effect in mechanism.effects}
+    positive: list[int] = []
+    free: list[int] = []
+    for column, parameter in enumerate(mechanism.columns):
+        if column in full:
+            continue
+        signed = _is_signed(effects[parameter.name]) if parameter.body is None else parameter.kind in _DIAGONAL
+        (positive if signed else free).append(column)
+    return Roles(mechanism, bodies, tuple(positive), tuple(free))
+
+
+def _is_signed(effect: Effect) -> bool:
+    """Whether an effect is friction, inertia or stiffness, none of which is negative."""
+    terms = {entry.term for kind in _SIGNED_KINDS for entry in KINDS[kind]} | {KINDS["spring"][0].term}
+    return bool(effect.actions) and {action.term for action in effect.actions} <= terms
+
+
+@dataclass(frozen=True)
+class LinearLimits:
+    """Bounds as rows over the standard parameters ζ."""
+
+    equal: Floats  # shape (k, p + 1); rows (a, b) with a · ζ + b = 0
+    least: Floats  # shape (l, p + 1); rows (a, b) with a · ζ + b ≥ 0
+    cones: tuple[Floats, ...]  # shape (4, p); second-order cones
+    names: tuple[str, ...]  # what each row of least is about
+
+
+def linear_limits(role: Roles, bounds: Bounds) -> LinearLimits:
+    """Signs and bounds as rows; pseudo-inertias are not among them."""
+    bounds.check(role.mechanism)
+    rows = _Rows(role.size)
+    for column in role.positive:
+        name = role.mechanism.parameters[column]
+        if name not in bounds.parameters:
+            rows.between({column: 1.0}, (0.0, np.inf), name)
+    for name, limits in bounds.parameters.items():
+        rows.between({role.mechanism.parameters.index(name): 1.0}, limits, name)
+    column_of = {role.mechanism.bodies[body].name: first for body, first in role.mechanism.first_column.items()}
+    for name, body in bounds.bodies.items():
+        carried = next(b.carried for b in role.mechanism.bodies if b.name == name)
+        _body_rows(rows, name, body, column_of[name], carried)
+    if bounds.total_mass is not None:
+        masses = {
+            column: float(len(role.mechanism.sharing[parameter.body]))
+            for column, parameter in enumerate(role.mechanism.columns)
+            if parameter.kind == 9 and parameter.body is not None
+        }
+        if not masses:
+            raise InputError("no parameter is a mass, so the total mass cannot be bounded")
+        rows.between(masses, bounds.total_mass, "total mass")
+    return rows.limits()
+
+
+def _body_rows(rows: _Rows, name: str, body: BodyBounds, start: int, carried: tuple[int, ...]) -> None:
+    if body.mass is not None:
+        rows.between({start + carried.index(9): 1.0}, body.mass, f"mass of {name}")
+    for k in range(3):
+        if body.box is not None:
+            low, high = body.box[0][k], body.box[1][k]
+            text = f"centre of mass of {name}, {'xyz'[k]}"
+            if low == high:
+                rows.equal({start + 6 + k: 1.0, start + 9: -low})
+                continue
+            rows.least({start + 6 + k: 1.0, start + 9: -low}, 0.0, text)
+            rows.least({start + 6 + k: -1.0, start + 9: high}, 0.0, text)
+    if body.ellipsoid is not None:
+        centre, axes = body.ellipsoid
+        cone = np.zeros((4, rows.size))
+        cone[0, start + 9] = 1.0
+        for k in range(3):
+            cone[1 + k, start + 6 + k], cone[1 + k, start + 9] = 1 / axes[k], -centre[k] / axes[k]
+        rows.cones.append(cone)
+    if body.extent is not None:
+        rows.least(_inside(body.extent, start), 0.0, f"extent of {name}")
+    vanishing = sorted({k for plane in body.symmetry for k in _VANISHING[plane]})
+    for k in vanishing:
+        rows.equal({start + k: 1.0})
+    for plane in body.symmetry:
+        if plane in _EQUAL:
+            first, second = _EQUAL[plane]
+            rows.equal({start + first: 1.0, start + second: -1.0})
+
+
+def _inside(extent: tuple[Triple, Triple], start: int) -> dict[int, float]:
+    """∫ 1 − Σ ((x − c)/a)² dm, not negative for mass in an ellipsoid (Wensing, Kim & Slotine 2018), as a row."""
+    terms = dict.fromkeys(range(start, start + PER_BODY), 0.0)
+    terms[start + 9] = 1.0
+    for k, (centre, axis) in enumerate(zip(*extent, strict=True)):
+        terms[start + 9] -= (centre / axis) ** 2
+        terms[start + 6 + k] += 2 * centre / axis**2
+        for moment, place in enumerate((0, 3, 5)):  # ∫ x² dm = ½ (−XX + YY + ZZ), and so on
+            terms[start + place] -= (0.5 if moment != k else -0.5) / axis**2
+    return terms
+
+
+class _Rows:
+    """Rows of linear limits while they are gathered."""
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self.cones: list[Floats] = []
+        self._equal: list[Floats] = []
+        self._least: list[Floats] = []
+        self._names: list[str] = []
+
+    def equal(self, terms: dict[int, float], constant: float = 0.0) -> None:
+        self._equal.append(self._row(terms, constant))
+
+    def least(self, terms: dict[int, float], constant: float, name: str) -> None:
+        self._least.append(self._row(terms, constant))
+        self._names.append(name)
+
+    def between(self, terms: dict[int, float], limits: tuple[float, float], name: str) -> None:
+        low, high = limits
+        if low == high:
+            self.equal(terms, -low)
+            return
+        if low > -np.inf:
+            self.least(terms, -low, name)
+        if high < np.inf:
+            self.least({c: -v for c, v in terms.items()}, high, name)
+
+    def limits(self) -> LinearLimits:
+        equal, least = (
+            np.array(rows, dtype=float).reshape(len(rows), self.size + 1) for rows in (self._equal, self._least)
+        )
+        return LinearLimits(_independent(equal), least, tuple(self.cones), tuple(self._names))
+
+    def _row(self, terms: dict[int, float], constant: float) -> Floats:
+        row = np.zeros(self.size + 1)
+        for column, value in terms.items():
+            row[column] += value
+        row[-1] = constant
+        return row
+
+
+def _independent(equations: Floats) -> Floats:
+    """Equations without repetitions, which two symmetries bring; solvers want independent ones."""
+    kept: list[Floats] = []
+    for row in equations:
+        rank = np.linalg.matrix_rank(np.array([*kept, row]))
+        if rank > len(kept):
+            kept.append(row)
+    return np.array(kept).reshape(len(kept), equations.shape[1])

@@ -1,5 +1,20 @@
 """Physically consistent estimation: the standard parameters of a robot that can exist and explains the data.
 
+x
+
+How much a prior should count, chosen from the data of the fit alone.
+
+Two ways, neither of which looks at validation data:
+
+- **by stretches**: each stretch of the log is predicted from the others, for weights over many decades.  Neighbouring
+  samples are alike, so whole stretches are left out, not samples.  Among weights whose error is within one standard
+  error of the least one, the largest is taken (Hastie, Tibshirani & Friedman, 7.10): stretches of one trajectory excite
+  alike, so their errors say little against a weight that a new trajectory would need.
+- **by discrepancy** (Morozov), for data in one piece: the true parameters raise the misfit above its minimum by r σ² on
+  average, where r is the number of base parameters; the largest weight that raises it no more is taken.
+
+Physically consistent estimation: the standard parameters of a robot that can exist and explains the data.
+
 Least squares on base parameters may leave the set of those that any robot has; a semidefinite programme does not
 (Sousa & Cortesão 2014; Wensing, Kim & Slotine 2018).  Data determine base parameters only, and poor data not all of
 them.  What they leave open is decided by a divergence from the prior (Lee, Wensing & Park 2020):
@@ -14,8 +29,10 @@ the prior's mass and inertia has D = 1.2 and costs as much as a misfit that rise
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import reduce
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,17 +40,126 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError, InputError
-from echelon.identification.physics.bounds import Bounds
-from echelon.identification.physics.cones import INFEASIBLE, SOLVED, ConeSolution
-from echelon.identification.physics.constraints import linear_limits, roles
-from echelon.identification.physics.inside import active, interior_point, put_inside
-from echelon.identification.physics.programme import Programme
+from echelon.identification.physics.bounds import Bounds, linear_limits, roles
+from echelon.identification.physics.interior import active, interior_point, put_inside
+from echelon.identification.physics.prior_information import common_mass, reference
+from echelon.identification.physics.programme import INFEASIBLE, SOLVED, ConeSolution, Programme
 from echelon.identification.physics.pseudo_inertia import divergence
-from echelon.identification.physics.reference import common_mass, reference
-from echelon.identification.physics.result import PhysicalFit
-from echelon.identification.physics.weight import Solve, WeightChoice, by_discrepancy, by_stretches
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import Triangle
+
+
+@dataclass(frozen=True, repr=False)
+class PhysicalFit:
+    """Standard parameters of a robot that can exist, fitted to data.
+
+    Attributes
+    ----------
+    parameters, units : tuple of str
+        The p standard parameters.
+    standard : array of shape (p,)
+        They satisfy every constraint.
+    base : array of shape (r,)
+        Their base parameters B ζ.
+    misfit : float
+        Σ ((W ζ̄ − y)/σ)² of the fit, and
+    least_misfit : float
+        that of plain (weighted) least squares, which no fit undercuts.
+    margins : mapping of str to float
+        Body → smallest eigenvalue of its pseudo-inertia relative to that of its prior or its scale.
+    prior : str
+        What it was drawn to: name of the prior, or empty.
+    prior_weight : float
+    status : str
+        Of the solver.
+    diagnostics : mapping
+        JSON-able: solver, iterations, active bounds, …
+    """
+
+    parameters: tuple[str, ...]
+    units: tuple[str, ...]
+    standard: Floats
+    base: Floats
+    misfit: float
+    least_misfit: float
+    margins: Mapping[str, float]
+    prior: str
+    prior_weight: float
+    status: str
+    diagnostics: Mapping[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        above = self.misfit - self.least_misfit
+        drawn = f", drawn to {self.prior} with weight {self.prior_weight:g}" if self.prior else ""
+        return f"PhysicalFit({len(self.margins)} bodies, misfit {above:.4g} above {self.least_misfit:.4g}{drawn})"
+
+
+Solve = Callable[[Floats, Floats, float], Floats]
+"""Base parameters from R, Qᵀy and a weight."""
+
+CANDIDATES = tuple(float(10.0**k) for k in range(-2, 7))
+_BISECTIONS = 6
+
+
+@dataclass(frozen=True)
+class WeightChoice:
+    """A weight and why it was chosen."""
+
+    weight: float
+    reason: str
+    scores: tuple[tuple[float, float], ...]  # weights that were tried, with their error
+
+
+def by_stretches(solve: Solve, pieces: Sequence[Observation], weights: Floats | None) -> WeightChoice:
+    """The weight with which stretches are best predicted from the others."""
+    if any(piece.rows == 0 for piece in pieces):
+        raise InputError("a piece of the data holds no rows; leave it out")
+    factors = np.ones(len(pieces[0].layout.outputs)) if weights is None else weights
+    errors = np.zeros((len(pieces), len(CANDIDATES)))
+    for left, piece in enumerate(pieces):
+        others = [other for k, other in enumerate(pieces) if k != left]
+        triangle = reduce(Observation.merged, others).combined(factors)
+        for column, weight in enumerate(CANDIDATES):
+            values = solve(triangle.R, triangle.qty, weight)
+            rms = factors * piece.misfits(values) / np.sqrt(np.maximum(piece.counts, 1))
+            # each output counts by how well its stretch is predicted, in units of its noise
+            errors[left, column] = float(np.mean(np.log(np.maximum(rms, 1e-12))))
+    mean = errors.mean(axis=0)
+    best = int(np.argmin(mean))
+    spread = (errors - errors[:, [best]]).std(axis=0, ddof=1) / np.sqrt(len(pieces))
+    chosen = max(k for k in range(len(CANDIDATES)) if mean[k] <= mean[best] + spread[k])
+    reason = f"the largest weight with which each of {len(pieces)} stretches is predicted from the others as well as "
+    reason += "with any, within one standard error"
+    scores = tuple((weight, float(np.exp(m))) for weight, m in zip(CANDIDATES, mean, strict=True))
+    return WeightChoice(CANDIDATES[chosen], reason, scores)
+
+
+def by_discrepancy(solve: Solve, triangle: Triangle) -> WeightChoice:
+    """The largest weight that raises the misfit no more than the true parameters do on average."""
+    r = len(triangle.parameters)
+    freedom = max(triangle.rows - r, 1)
+    variance = triangle.residual**2 / freedom
+
+    def excess(weight: float) -> float:
+        return float(np.sum((triangle.R @ solve(triangle.R, triangle.qty, weight) - triangle.qty) ** 2))
+
+    allowed = excess(CANDIDATES[0]) + r * variance
+    scores = []
+    low = CANDIDATES[0]
+    high = CANDIDATES[-1]
+    for weight in CANDIDATES:
+        scores.append((weight, excess(weight)))
+        if scores[-1][1] > allowed:
+            high = weight
+            break
+        low = weight
+    for _ in range(_BISECTIONS if high > low else 0):
+        middle = float(np.sqrt(low * high))
+        scores.append((middle, excess(middle)))
+        low, high = (middle, high) if scores[-1][1] <= allowed else (low, middle)
+    reason = f"the largest weight that raises the misfit by no more than {r} σ², as the true parameters do on average"
+    return WeightChoice(low, reason, tuple(scores))
+
 
 PLAIN_WEIGHT = 1e-3
 """Weight of the drawing towards a plain shape; it raises the misfit by less than a hundredth of what noise does."""
@@ -50,40 +176,7 @@ def physical_fit(
     pieces: Sequence[Observation] = (),
     weights: npt.ArrayLike | None = None,
 ) -> PhysicalFit:
-    """Fit the standard parameters of a robot that can exist.
-
-    Parameters
-    ----------
-    base : BaseModel
-    triangle : Triangle
-        Of the data, ``observation.combined(1/noise)``; its columns are the base parameters.
-    bounds : Bounds, optional
-        What is known of bodies and parameters.
-    prior : array of shape (p,), optional
-        Standard parameters to stay near to, nan where unknown; see
-        :func:`echelon.identification.physics.prior.prior_from`.
-    prior_weight : float or "auto"
-        Weight of the divergence from the prior, at least that of a plain shape.  ``"auto"`` chooses it from the data
-        of the fit alone: by predicting each of the ``pieces`` from the others, or without pieces by the discrepancy
-        principle (:mod:`echelon.identification.physics.weight`).
-    prior_name : str
-        Name of the prior for the result.
-    pieces : sequence of Observation, optional
-        The data in stretches of time, for ``"auto"``.
-    weights : array of shape (outputs,), optional
-        Those with which ``triangle`` was combined, for ``"auto"`` with pieces; all 1 if omitted.
-
-    Returns
-    -------
-    PhysicalFit
-
-    Raises
-    ------
-    InputError
-        If the data are of other parameters, the prior or the weight is wrong, or bounds contradict each other.
-    EchelonError
-        If no solver finds an answer.
-    """
+    """Fit the standard parameters of a robot that can exist."""
     if tuple(triangle.parameters) != tuple(base.pivots):
         raise InputError("the triangle's columns are not the base parameters of this model")
     problem = _Problem.of(base, triangle, bounds, prior)

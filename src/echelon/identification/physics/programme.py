@@ -1,5 +1,15 @@
 """The cone programme of a physically consistent fit.
 
+Symmetric matrices as vectors of their triangles, as cone solvers want them: inner products stay the same.
+
+Cone programmes: minimise ½ xᵀP x + qᵀx with b − A x in a product of cones, straight to the solver.
+
+A modelling language would compile one programme per fit, and choosing the weight of a prior takes dozens.  The blocks
+here are few and regular (ten numbers per body), so they are written down as sparse rows at once and
+given to Clarabel, an interior-point method.
+
+The cone programme of a physically consistent fit.
+
 Unknown are, for every body, the ten parameters of K = L⁻¹ J L⁻ᵀ where L Lᵀ is the reference body's pseudo-inertia.  In
 these variables the reference is the identity for a gripper of grams and for a torso of tons, so that solvers meet
 neither units nor light links; they fail on them otherwise.  The divergence from the reference is
@@ -9,7 +19,7 @@ Nemirovski; MOSEK Modeling Cookbook, 6.2.3).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -17,12 +27,140 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
-from echelon.identification.physics.cones import ConeProgram, ConeSolution, solve_in_units
-from echelon.identification.physics.constraints import LinearLimits, Roles
+from echelon.errors import EchelonError, MissingExtraError
+from echelon.identification.physics.bounds import LinearLimits, Roles
+from echelon.identification.physics.prior_information import Reference, unwhitenings
 from echelon.identification.physics.pseudo_inertia import SIZE, factor, margins
-from echelon.identification.physics.reference import Reference, unwhitenings
-from echelon.identification.physics.triangles import SVEC, sparse_diagonal, svec
+from echelon.inertia.spatial import pseudo_inertia
 from echelon.mechanism.parameter import Parameter
+
+
+def svec(matrix: Floats) -> Floats:
+    """Upper triangle by columns, off-diagonal entries times √2; shape (n (n + 1)/2,)."""
+    n = len(matrix)
+    return np.array([matrix[i, j] * (1.0 if i == j else np.sqrt(2)) for j in range(n) for i in range(j + 1)])
+
+
+def order(length: int) -> int:
+    """Rows of the matrix whose triangle has so many entries."""
+    return round((float(np.sqrt(8 * length + 1)) - 1) / 2)
+
+
+def unpacked(triangle: Floats) -> Floats:
+    """The matrix of :func:`svec`, shape (n, n)."""
+    n = order(len(triangle))
+    matrix = np.zeros((n, n))
+    places = [(i, j) for j in range(n) for i in range(j + 1)]
+    for value, (i, j) in zip(triangle, places, strict=True):
+        matrix[i, j] = matrix[j, i] = value if i == j else value / np.sqrt(2)
+    return matrix
+
+
+def _svec_of_parameters() -> Floats:
+    return np.stack([svec(pseudo_inertia(unit)) for unit in np.eye(PER_BODY)], axis=1)
+
+
+SVEC = _svec_of_parameters()
+"""svec(J) = SVEC · (XX … M), shape (10, 10)."""
+
+
+def sparse_diagonal(entries: Floats) -> Any:
+    """A sparse diagonal matrix."""
+    from scipy.sparse import diags_array
+
+    return diags_array(entries, format="csc")
+
+
+_KINDS = ("zero", "nonnegative", "second_order", "semidefinite", "exponential")
+
+_UNITS = (1.0, 1e-2, 1e-4, 1e-6)
+"""Units of the objective that are tried one after another."""
+_ALMOST = "Almost"
+
+SOLVED, INFEASIBLE, UNBOUNDED, FAILED = "solved", "infeasible", "unbounded", "failed"
+
+
+@dataclass(frozen=True)
+class ConeSolution:
+    """What a solver found."""
+
+    x: Floats  # shape (n,)
+    status: str  # "solved", "infeasible", "unbounded" or "failed"
+    message: str  # the solver's status
+    iterations: int
+
+
+@dataclass
+class ConeProgram:
+    """A cone programme that grows block by block."""
+
+    size: int  # variables
+    _blocks: dict[str, list[tuple[Any, Floats]]] = field(default_factory=lambda: {kind: [] for kind in _KINDS})
+
+    def add(self, kind: str, matrix: Any, offset: Floats) -> None:
+        """Require matrix · x + offset to be in a cone."""
+        from scipy.sparse import csr_array
+
+        if len(offset):
+            self._blocks[kind].append((csr_array(matrix), np.asarray(offset, dtype=float)))
+
+    def solve(self, quadratic: Any, linear: Floats) -> ConeSolution:
+        """Minimise ½ xᵀ quadratic x + linearᵀ x with a symmetric, positive semidefinite, sparse quadratic part."""
+        from scipy.sparse import csc_array, triu, vstack
+
+        blocks = [block for kind in _KINDS for block in self._blocks[kind]]
+        rows = csc_array(vstack([-matrix for matrix, _ in blocks]))
+        offsets = np.concatenate([offset for _, offset in blocks])
+        return _clarabel(self, csc_array(triu(quadratic)), linear, rows, offsets)
+
+    def lengths(self, kind: str) -> list[int]:
+        """Rows of every block of a kind."""
+        return [len(offset) for _, offset in self._blocks[kind]]
+
+
+def solve_in_units(program: ConeProgram, quadratic: Any, linear: Floats) -> ConeSolution:
+    """Solve; if the solver gives up without a verdict, with the objective in other units.
+
+    Solvers stop by a mixture of relative and absolute tolerances, so the unit of the objective matters to them.
+    """
+    attempts = []
+    for unit in _UNITS:
+        attempts.append(program.solve(unit * quadratic, unit * linear))
+        if attempts[-1].status != FAILED and not attempts[-1].message.startswith(_ALMOST):
+            return attempts[-1]
+    almost = next((found for found in attempts if found.status != FAILED), None)
+    if almost is None:
+        problem = f"the solver gave up ({attempts[0].message}): check the scale of the data and of the prior"
+        raise EchelonError(problem)
+    return almost
+
+
+def _clarabel(program: ConeProgram, P: Any, q: Floats, A: Any, b: Floats) -> ConeSolution:
+    try:
+        import clarabel
+    except ImportError:
+        raise MissingExtraError("clarabel", "identify") from None
+    cones = [clarabel.ZeroConeT(k) for k in program.lengths("zero")]
+    cones += [clarabel.NonnegativeConeT(k) for k in program.lengths("nonnegative")]
+    cones += [clarabel.SecondOrderConeT(k) for k in program.lengths("second_order")]
+    cones += [clarabel.PSDTriangleConeT(order(k)) for k in program.lengths("semidefinite")]
+    cones += [clarabel.ExponentialConeT() for k in program.lengths("exponential") for _ in range(k // 3)]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    found = clarabel.DefaultSolver(P, q, A, b, cones, settings).solve()
+    words = {
+        "Solved": SOLVED,
+        "AlmostSolved": SOLVED,
+        "PrimalInfeasible": INFEASIBLE,
+        "AlmostPrimalInfeasible": INFEASIBLE,
+        "DualInfeasible": UNBOUNDED,
+        "AlmostDualInfeasible": UNBOUNDED,
+    }
+    message = str(found.status)
+    x = np.array(found.x, dtype=float)
+    return ConeSolution(x, words.get(message, FAILED), message, found.iterations)
+
 
 _LOGS = SIZE
 _RIDGE = 1e-12
@@ -31,21 +169,12 @@ _RIDGE = 1e-12
 
 @dataclass(frozen=True)
 class Programme:
-    """A family of fits to different data with the same constraints.
-
-    Attributes
-    ----------
-    role : Roles
-    limits : LinearLimits
-    reference : Reference
-    margin : float
-        Least eigenvalue of K.
-    """
+    """A family of fits to different data with the same constraints."""
 
     role: Roles
     limits: LinearLimits
     reference: Reference
-    margin: float = 0.0
+    margin: float = 0.0  # least eigenvalue of K
 
     @cached_property
     def roots(self) -> Floats:
@@ -72,23 +201,7 @@ class Programme:
     def fit(
         self, design: Floats, target: Floats, weights: Floats, drawing: float, *, exact: bool = False
     ) -> tuple[Floats, ConeSolution]:
-        """Minimise ‖design · ζ − target‖² + Σ weights · divergence + drawing of the other parameters to their priors.
-
-        Parameters
-        ----------
-        design : array of shape (k, p)
-        target : array of shape (k,)
-        weights : array of shape (b,)
-            Of each body's divergence from its reference.
-        drawing : float
-            Weight of ((value − prior)/prior)² of the parameters outside the bodies.
-
-        Returns
-        -------
-        standard : array of shape (p,)
-            As the solver left them, so constraints hold to its tolerance; only meaningful if solved.
-        ConeSolution
-        """
+        """Minimise ‖design · ζ − target‖² + Σ weights · divergence + drawing of the others to their priors."""
         bodies, p, k = len(self.role.bodies), self.role.size, len(target)
         signed = self._signed() if exact else []
         logs = p + PER_BODY * bodies

@@ -25,25 +25,6 @@ def divergence(values: npt.ArrayLike, reference: npt.ArrayLike) -> Floats:
     """Bregman divergence of −log det: tr(J J₀⁻¹) − log det(J J₀⁻¹) − 4.
 
     Zero for equal bodies, infinite where J is not positive definite; convex in ``values``, the same in all frames.
-
-    Parameters
-    ----------
-    values, reference : array of shape (..., 10)
-
-    Returns
-    -------
-    array of shape (...)
-
-    Raises
-    ------
-    InputError
-        If a reference is not a body that can exist.
-
-    Examples
-    --------
-    >>> ball = [0.4, 0, 0, 0.4, 0, 0.4, 0, 0, 0, 1]
-    >>> float(divergence(ball, ball)), round(float(divergence([2 * x for x in ball], ball)), 6)
-    (0.0, 1.227411)
     """
     whitened = whiten(values, factor(reference))
     eigenvalues = np.linalg.eigvalsh(whitened)
@@ -53,13 +34,7 @@ def divergence(values: npt.ArrayLike, reference: npt.ArrayLike) -> Floats:
 
 
 def factor(values: npt.ArrayLike) -> Floats:
-    """Lower triangle L with J = L Lᵀ, shape (..., 4, 4), in the body frame's units (m√kg, √kg).
-
-    Raises
-    ------
-    InputError
-        If a body cannot exist: its pseudo-inertia is not positive definite.
-    """
+    """Lower triangle L with J = L Lᵀ, shape (..., 4, 4), in the body frame's units (m√kg, √kg)."""
     array = parameter_array(values)
     # masses and lengths of any size: Cholesky of the matrix with ones on its diagonal decides relatively
     matrices = pseudo_inertia(array)
@@ -87,22 +62,12 @@ def unwhitening(root: Floats) -> Floats:
 
 
 def margins(values: npt.ArrayLike, reference: npt.ArrayLike) -> Floats:
-    """Smallest eigenvalue of each body's J relative to a reference body's, shape (...); not positive: cannot exist.
-
-    Parameters
-    ----------
-    values, reference : array of shape (..., 10)
-    """
+    """Smallest eigenvalue of each body's J relative to a reference body's, shape (...); not positive: cannot exist."""
     return np.asarray(np.linalg.eigvalsh(whiten(values, factor(reference)))[..., 0], dtype=np.float64)
 
 
 def is_physical(values: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Whether bodies can exist, with J ≻ 0 beyond rounding; shape (...).
-
-    Parameters
-    ----------
-    values : array of shape (..., 10)
-    """
+    """Whether bodies can exist, with J ≻ 0 beyond rounding; shape (...)."""
     array = parameter_array(values)
     flat = array.reshape(-1, PER_BODY)
     return np.array([_definite(body) for body in flat], dtype=bool).reshape(array.shape[:-1])

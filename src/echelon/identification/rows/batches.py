@@ -16,9 +16,8 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.identification.rows.rows import RowBlock
+from echelon.identification.rows.rows import RowBlock, stacked
 from echelon.observe.observation import Observation
-from echelon.observe.triangle import upper_triangle
 
 BATCHES = 40
 """Batches that the data are cut into at least, if they are long enough."""
@@ -26,23 +25,12 @@ BATCHES = 40
 
 @dataclass(frozen=True, repr=False)
 class Batch:
-    """A stretch of time, or several logs.
+    """A stretch of time, or several logs."""
 
-    Attributes
-    ----------
-    sources : (str, str)
-        The first and the last log.
-    start, stop : float
-        Times of the first row of the first log and of the last row of the last one, s.
-    seconds : float
-        How much time is covered.
-    observation : Observation
-    """
-
-    sources: tuple[str, str]
-    start: float
-    stop: float
-    seconds: float
+    sources: tuple[str, str]  # the first and the last log
+    start: float  # time of the first row of the first log, s
+    stop: float  # time of the last row of the last log, s
+    seconds: float  # how much time is covered
     observation: Observation
 
     @property
@@ -64,13 +52,7 @@ class Batch:
 
 
 class Batcher:
-    """Cuts the rows of one log into batches of equal time as they arrive.
-
-    Parameters
-    ----------
-    count : int
-        Batches wanted; between so many and twice as many come out, fewer of a log with fewer rows.
-    """
+    """Cuts the rows of one log into batches of equal time as they arrive."""
 
     def __init__(self, count: int = BATCHES) -> None:
         if count < 1:
@@ -80,33 +62,18 @@ class Batcher:
         self._found: dict[int, Batch] = {}
 
     def begin(self, start: float, seconds: float) -> None:
-        """State where the log begins and how long its first piece is; what is said later does not count.
-
-        Parameters
-        ----------
-        start, seconds : float
-        """
+        """State where the log begins and how long its first piece is; what is said later does not count."""
         if not self._width:
             self._origin, self._width = start, max(seconds, 1e-12) / self._count
 
     def cuts(self, start: float, stop: float) -> list[float]:
-        """Where batches end within a stretch of time, with the ends of the stretch, s.
-
-        Parameters
-        ----------
-        start, stop : float
-        """
+        """Where batches end within a stretch of time, with the ends of the stretch, s."""
         low, high = (int((time - self._origin) // self._width) for time in (start, stop))
         inner = [self._origin + k * self._width for k in range(low + 1, high + 1)]
         return [start, *(time for time in inner if start < time < stop), stop]
 
     def pieces(self, block: RowBlock) -> Iterator[RowBlock]:
-        """A block of rows cut where batches end.
-
-        Parameters
-        ----------
-        block : RowBlock
-        """
+        """A block of rows cut where batches end."""
         ends = [time for times in block.times if times.size for time in (times[0], times[-1])]
         if not ends:
             return
@@ -119,15 +86,7 @@ class Batcher:
                 yield _cut(block, cuts)
 
     def add(self, source: str, start: float, stop: float, observation: Observation) -> None:
-        """Take in the factors of rows that lie within one batch.
-
-        Parameters
-        ----------
-        source : str
-        start, stop : float
-            Times of the first and last of them, s.
-        observation : Observation
-        """
+        """Take in the factors of rows that lie within one batch."""
         number = int((0.5 * (start + stop) - self._origin) // self._width)
         self._put(number, Batch((source, source), start, stop, stop - start, observation))
         while len(self._found) > 2 * self._count:
@@ -155,51 +114,19 @@ def _cut(block: RowBlock, cuts: Sequence[slice]) -> RowBlock:
 
 
 def grouped(batches: Sequence[Batch], count: int) -> list[Batch]:
-    """Neighbouring batches merged until so many are left.
-
-    Parameters
-    ----------
-    batches : sequence of Batch
-    count : int
-        Fewer are left alone.
-    """
+    """Neighbouring batches merged until so many are left."""
     bounds = [round(k * len(batches) / count) for k in range(count + 1)]
     return [reduce(Batch.__add__, batches[low:high]) for low, high in pairwise(bounds) if high > low]
 
 
 def joined(first: Sequence[Batch], second: Sequence[Batch]) -> tuple[Batch, ...]:
-    """All batches merged into one; none if there are none.
-
-    Parameters
-    ----------
-    first, second : sequence of Batch
-        The later ones second.
-    """
+    """All batches merged into one; none if there are none."""
     batches = (*first, *second)
     return (reduce(Batch.__add__, batches),) if batches else ()
 
 
-def stacked(a: Observation, b: Observation) -> Observation:
-    """The observation of both sets of rows, like their sum, on one thread.
-
-    Parameters
-    ----------
-    a, b : Observation
-        Of the same layout.
-    """
-    factors = tuple(upper_triangle(*pair) for pair in zip(a.factors, b.factors, strict=True))
-    counts = tuple(m + n for m, n in zip(a.counts, b.counts, strict=True))
-    return Observation(a.layout, factors, counts)
-
-
 def total(batches: Sequence[Batch]) -> Observation:
-    """The factors of all batches together, merged in a tree, so that rounding does not pile up.
-
-    Parameters
-    ----------
-    batches : sequence of Batch
-        At least one.
-    """
+    """The factors of all batches together, merged in a tree, so that rounding does not pile up."""
     level = [batch.observation for batch in batches]
     while len(level) > 1:
         pairs = [stacked(a, b) for a, b in zip(level[::2], level[1::2], strict=False)]

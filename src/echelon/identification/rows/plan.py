@@ -1,4 +1,13 @@
-"""Plan: how logs become rows, with everything decided before the first one is made.
+"""Plan: how logs become rows, and which part of them the fit does not see.
+
+Data that the fit does not see: held out by time or by trajectory, never by random samples.
+
+Neighbouring samples share their noise, their filters and their place on the trajectory, so that a random sample held
+out is all but known to the fit.  What is held out here is contiguous, and each part is filtered on its own: near its
+ends the filter over both sides treats regressor and outputs alike, whatever it lacks, so no measured output enters both
+parts and none is lost.
+
+Plan: how logs become rows, with everything decided before the first one is made.
 
 A plan is all that another process needs to take in a log, so that logs can be spread over several.
 """
@@ -11,15 +20,58 @@ from functools import partial
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+import numpy.typing as npt
+
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.identification.rows.holdout import split
-from echelon.identification.rows.model_rows import ModelRows
+from echelon.identification.rows.rows import ModelRows
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.preparation.prepare import prepare
 from echelon.logs.preparation.settings import Preparation
 from echelon.logs.read_log import read_log
 from echelon.logs.recording import Samples, Segment
+
+SHARE = 0.3
+"""Share of the data that is held out unless said otherwise."""
+
+
+def split(samples: Samples, share: float = SHARE, guard: int = 0) -> tuple[Samples, Samples]:
+    """The first part of a segment for the fit, the last for validation."""
+    if not 0 < share < 1 or guard < 0:
+        raise InputError(f"a share of {share:g} with a guard of {guard} samples; expected 0 < share < 1, guard ≥ 0")
+    stop = len(samples) if samples.stop is None else samples.stop
+    cut = samples.first + int(np.floor((1 - share) * (stop - samples.first)))
+    factor = 1 if samples.reduction is None else samples.reduction.factor
+    if cut - guard - samples.first < factor or stop - cut - guard < factor:
+        raise InputError(
+            f"{stop - samples.first} samples cannot be split {1 - share:.0%} to {share:.0%} with {guard} samples "
+            "left out on either side of the cut; give a longer log, or hold out a log of its own",
+            source=samples.source,
+        )
+    held = replace(_part(samples, cut, len(samples)), first=guard, stop=stop - cut)
+    return replace(_part(samples, 0, cut), stop=cut - guard), held
+
+
+def _part(samples: Samples, begin: int, end: int) -> Samples:
+    """Some of the samples, as a segment that knows nothing of the others."""
+
+    def cut(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return values[begin:end]
+
+    return replace(
+        samples,
+        start=samples.start + begin / samples.rate,
+        q=cut(samples.q),
+        qd=cut(samples.qd),
+        qdd=cut(samples.qdd),
+        y=None if samples.y is None else cut(samples.y),
+        inputs={name: cut(values) for name, values in samples.inputs.items()},
+        moving=None if samples.moving is None else samples.moving[begin:end],
+        first=max(samples.first - begin, 0),
+        stop=None if samples.stop is None else min(samples.stop, end) - begin,
+    )
+
 
 Part = Literal["all", "first", "last"]
 """Which part of a log: all of it, what is fitted, or what is held out."""
@@ -27,26 +79,13 @@ Part = Literal["all", "first", "last"]
 
 @dataclass(frozen=True)
 class Plan:
-    """How logs become rows.
-
-    Attributes
-    ----------
-    base : BaseModel
-    columns : tuple of ColumnMap
-        What columns mean; see :func:`echelon.logs.read_log.read_log`.
-    preparation : Preparation
-        With every choice made.
-    holdout : float
-        Share of each stretch that is held out, 0 to 1.
-    symbols : mapping of str to float, optional
-        Values of geometry symbols that replace or complete those of the file.
-    """
+    """How logs become rows."""
 
     base: BaseModel
-    columns: tuple[ColumnMap, ...]
-    preparation: Preparation
-    holdout: float = 0.0
-    symbols: Mapping[str, float] | None = None
+    columns: tuple[ColumnMap, ...]  # what columns mean; see read_log
+    preparation: Preparation  # with every choice made
+    holdout: float = 0.0  # share of each stretch that is held out, 0 to 1
+    symbols: Mapping[str, float] | None = None  # values of geometry symbols that replace or complete those of the file
 
     def samples(
         self,
@@ -56,23 +95,7 @@ class Plan:
         outputs: bool = True,
         reference: bool = False,
     ) -> Iterator[Samples]:
-        """Prepared samples of a log, stretch by stretch.
-
-        Parameters
-        ----------
-        path : path
-        part : "all", "first" or "last"
-            What is wanted of it: everything, what is fitted, or what is held out.
-        outputs : bool
-            Whether measured outputs must be there.
-        reference : bool
-            States along the positions that the controller was asked for, at the same samples.
-
-        Raises
-        ------
-        InputError
-            If the log cannot be read or is not one of this robot.
-        """
+        """Prepared samples of a log, stretch by stretch."""
         mechanism = self.base.mechanism
         rate = self.preparation.rate
         for piece in read_log(path, mechanism, self.columns, rate=rate, symbols=self.symbols, outputs=outputs):
@@ -96,13 +119,7 @@ class Plan:
         return {**self.__dict__, "base": replace(self.base)}
 
     def parts(self, samples: Samples, part: Part) -> Iterator[Samples]:
-        """What is wanted of prepared samples; nothing if they have no such part.
-
-        Parameters
-        ----------
-        samples : Samples
-        part : "all", "first" or "last"
-        """
+        """What is wanted of prepared samples; nothing if they have no such part."""
         if part == "all" or self.holdout == 0:
             if part != "last":
                 yield samples
@@ -117,13 +134,7 @@ class Plan:
 
 
 def _along_reference(segment: Segment) -> Segment:
-    """The segment with the positions that were asked for in place of the measured ones.
-
-    Raises
-    ------
-    InputError
-        If the log has none.
-    """
+    """The segment with the positions that were asked for in place of the measured ones."""
     if "reference" not in segment.signals:
         problem = "instruments are made from reference positions, and the log has none: map them under 'reference'"
         raise InputError(problem, source=segment.source)

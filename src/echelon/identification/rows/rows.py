@@ -1,39 +1,101 @@
-"""Rows: the regressor and the measured outputs of prepared samples, both filtered alike, block by block."""
+"""Rows: the regressor and the measured outputs of prepared samples, both filtered alike, block by block.
+
+Reading ahead: the next piece of a log is read and prepared on another thread while this one is worked on.
+
+Decoding, filters and compiled functions free the interpreter while they run, so that two threads are nearly twice as
+fast as one; more would only hold more pieces in memory.
+
+Rows: the regressor and the measured outputs of prepared samples, both filtered alike, block by block.
+
+Rows of a base model: the regressor at prepared samples, filtered like the outputs, window by window.
+
+Only the entries that are not structurally zero are computed, filtered and kept.  Windows overlap by what the filter
+reaches, so that cutting changes nothing but memory.  Samples that need no filter and lose no rows go straight into the
+fused factorisation, which never forms a row.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Protocol
+from functools import cached_property, partial, reduce
+from queue import Empty, Full, Queue
+from threading import Event, Thread
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+import numpy.typing as npt
 
 from echelon.arrays import Floats
-from echelon.observe.layout import Layout
+from echelon.base.model import BaseModel
+from echelon.errors import InputError
+from echelon.logs.recording import Samples
+from echelon.observe.layout import Layout, layout_of, measured
 from echelon.observe.observation import Observation
+from echelon.observe.triangle import upper_triangle
+
+Item = TypeVar("Item")
+
+_END = object()
+_PATIENCE = 0.1  # s after which a reader looks whether anyone still wants its pieces
+
+
+def ahead(items: Iterable[Item], depth: int = 1) -> Iterator[Item]:
+    """The same items in the same order, made on another thread."""
+    if isinstance(items, Sequence):
+        yield from items
+        return
+    waiting: Queue[Any] = Queue(max(depth, 1))
+    stopped = Event()
+    reader = Thread(target=_read, args=(items, waiting, stopped), daemon=True)
+    reader.start()
+    try:
+        while True:
+            item, error = waiting.get()
+            if error is not None:
+                raise error
+            if item is _END:
+                return
+            yield item
+            del item
+    finally:
+        stopped.set()
+        with suppress(Empty):
+            waiting.get_nowait()
+        reader.join()
+
+
+def _read(items: Iterable[Any], waiting: Queue[Any], stopped: Event) -> None:
+    try:
+        for item in items:
+            if not _put((item, None), waiting, stopped):
+                return
+            del item
+    except BaseException as error:
+        _put((None, error), waiting, stopped)
+    else:
+        _put((_END, None), waiting, stopped)
+
+
+def _put(entry: Any, waiting: Queue[Any], stopped: Event) -> bool:
+    """Hand an item over, unless nobody wants it any more."""
+    while not stopped.is_set():
+        with suppress(Full):
+            waiting.put(entry, timeout=_PATIENCE)
+            return True
+    return False
 
 
 @dataclass(frozen=True)
 class RowBlock:
-    """Rows of [W y], output by output; outputs may have different numbers of rows.
+    """Rows of [W y], output by output; outputs may have different numbers of rows."""
 
-    Attributes
-    ----------
-    source : str
-        Log they come from.
-    segment : int
-        Counts uninterrupted stretches, so that neighbouring rows can be told from those across a gap.
-    times : tuple of array of shape (k_i,)
-        For each output, the times of its rows, s.
-    matrices : tuple of array of shape (k_i, n_i)
-        For each output, the columns ``layout.columns[i]`` of the regressor.
-    y : tuple of array of shape (k_i,)
-        For each output, the measured values.
-    """
-
-    source: str
-    segment: int
-    times: tuple[Floats, ...]
-    matrices: tuple[Floats, ...]
-    y: tuple[Floats, ...]
+    source: str  # log they come from
+    segment: int  # counts uninterrupted stretches, so that neighbouring rows can be told from those across a gap
+    times: tuple[Floats, ...]  # shape (k_i,); for each output, the times of its rows, s
+    matrices: tuple[Floats, ...]  # shape (k_i, n_i); for each output, the columns layout.columns[i] of the regressor
+    y: tuple[Floats, ...]  # shape (k_i,); for each output, the measured values
 
 
 class Rows(Protocol):
@@ -61,3 +123,187 @@ class Rows(Protocol):
     def observation(self) -> Observation:
         """The R-factors of all rows."""
         ...
+
+
+_WINDOW = 1 << 14
+"""Samples whose regressor is held at once: a few tens of megabytes for an arm, and long against filters."""
+_REACHES = 8  # windows are at least so many times longer than what the filter reaches
+
+
+@dataclass(frozen=True, repr=False)
+class ModelRows:
+    """Rows of [W y] of a base model at prepared samples; see :class:`echelon.identification.rows.rows.Rows`."""
+
+    base: BaseModel
+    source: Callable[[], Iterable[Samples]]  # returns the samples, the same ones every time it is called
+    symbols: Mapping[str, float] | None = None  # values of geometry symbols that replace or complete those of the file
+    threads: int | None = None
+
+    @staticmethod
+    def of(base: BaseModel, samples: Sequence[Samples], symbols: Mapping[str, float] | None = None) -> ModelRows:
+        """The rows of samples that are in memory."""
+        return ModelRows(base, partial(tuple, tuple(samples)), symbols)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI units of the base parameters."""
+        return self.base.units
+
+    @property
+    def output_units(self) -> tuple[str, ...]:
+        """SI units of the outputs."""
+        return tuple(output.unit for output in self.base.mechanism.outputs)
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Outputs, base parameters, and which of them each output can depend on."""
+        return layout_of(measured(self.base.function("regressor")))[0]
+
+    def blocks(self) -> Iterator[RowBlock]:
+        """All rows, in the order of time, log after log."""
+        numbering = Numbering()
+        for samples in ahead(self.source()):
+            yield from self.blocks_of(samples, numbering.of(samples))
+
+    def blocks_of(self, samples: Samples, segment: int) -> Iterator[RowBlock]:
+        """The rows of some samples, in the order of time."""
+        _check_outputs(samples, self.layout)
+        for window in self._windows(samples):
+            yield self._block(samples, window, segment)
+
+    def observation(self) -> Observation:
+        """The R-factors of all rows."""
+        total = _empty(self.layout)
+        for samples in ahead(self.source()):
+            _check_outputs(samples, self.layout)
+            # in the order in which rows in memory would be added
+            parts = [self._fused(samples)] if plain(samples) else self._factors(samples)
+            total = reduce(stacked, parts, total)
+        return total
+
+    @staticmethod
+    def factored(layout: Layout, blocks: Iterable[RowBlock]) -> Observation:
+        """The R-factors of blocks of rows."""
+        return reduce(stacked, (observed(layout, block) for block in blocks), _empty(layout))
+
+    def predict(self, samples: Samples, values: npt.ArrayLike) -> Floats:
+        """The outputs at all samples, before any filter; shape (N, outputs)."""
+        return self.base.predict(
+            samples.q, samples.qd, samples.qdd, values, self.symbols, dict(samples.inputs), threads=self.threads
+        )
+
+    # -- windows -----------------------------------------------------------------------------------------------------
+
+    def _windows(self, samples: Samples) -> Iterator[tuple[int, int]]:
+        """Stretches of samples that rows are made of, before the overlap; they start where a row may stand."""
+        stop = len(samples) if samples.stop is None else samples.stop
+        factor = 1 if samples.reduction is None else samples.reduction.factor
+        reach = 0 if samples.reduction is None else samples.reduction.reach
+        size = -(-max(_WINDOW, _REACHES * reach) // factor) * factor
+        first = samples.first // factor * factor
+        yield from ((start, min(start + size, stop)) for start in range(first, stop, size))
+
+    def _block(self, samples: Samples, window: tuple[int, int], segment: int) -> RowBlock:
+        """Rows of the samples in a window, output by output."""
+        start, stop = window
+        reduction = samples.reduction
+        margin = 0 if reduction is None else -(-reduction.reach // reduction.factor) * reduction.factor
+        low, high = max(start - margin, 0), min(stop + margin, len(samples))
+        assert samples.y is not None
+        entries, y = self._entries(samples, low, high), samples.y[low:high]
+        kept = np.arange(high - low) if reduction is None else reduction.kept(high - low)
+        if reduction is not None:
+            entries, y = reduction.apply(entries), reduction.apply(y)
+        places = low + kept
+        inside = (places >= max(start, samples.first)) & (places < stop)
+        times, matrices, values = [], [], []
+        for output, columns in enumerate(self._columns):
+            used = inside if samples.moving is None else inside & samples.moving[places, output]
+            times.append(samples.start + places[used] / samples.rate)
+            matrices.append(entries[np.ix_(used, columns)])
+            values.append(y[used, output])
+        return RowBlock(samples.source, segment, tuple(times), tuple(matrices), tuple(values))
+
+    def _entries(self, samples: Samples, low: int, high: int) -> Floats:
+        """Entries of the regressor, shape (high − low, entries)."""
+        q, qd, qdd = (values[low:high] for values in (samples.q, samples.qd, samples.qdd))
+        inputs = {name: values[low:high] for name, values in samples.inputs.items()}
+        return self.base.regressor_entries(q, qd, qdd, self.symbols, inputs, threads=self.threads)
+
+    @cached_property
+    def _columns(self) -> tuple[npt.NDArray[np.intp], ...]:
+        """For each output, the entries that are its columns."""
+        count = len(self.layout.outputs)
+        rows, parameters = self.base.sparsity
+        mine = (np.flatnonzero(rows == output) for output in range(count))
+        return tuple(some[np.argsort(parameters[some])] for some in mine)
+
+    # -- factors -----------------------------------------------------------------------------------------------------
+
+    def _fused(self, samples: Samples) -> Observation:
+        window = slice(samples.first, samples.stop)
+        state = {name: values[window] for name, values in samples.state.items() if name != "inputs"}
+        inputs = {name: values[window] for name, values in samples.inputs.items()}
+        return self.base.accumulate({**state, "inputs": inputs}, self.symbols, threads=self.threads)
+
+    def _factors(self, samples: Samples) -> Iterator[Observation]:
+        return (observed(self.layout, block) for block in self.blocks_of(samples, 0))
+
+
+class Numbering:
+    """Counts uninterrupted stretches of samples that arrive piece by piece."""
+
+    def __init__(self) -> None:
+        self._segment, self._end = -1, ("", np.nan)
+
+    def of(self, samples: Samples) -> int:
+        """Number of the stretch to which the next samples belong."""
+        begin = samples.start + samples.first / samples.rate
+        follows = samples.source == self._end[0] and abs(begin - self._end[1]) < 0.5 / samples.rate
+        self._segment += not follows
+        stop = len(samples) if samples.stop is None else samples.stop
+        self._end = (samples.source, samples.start + stop / samples.rate)
+        return self._segment
+
+
+def rows_taken(samples: Samples, values: Floats) -> list[tuple[Floats, Floats]]:
+    """What is left of signals, one for each output, where rows are: filtered like both sides, at the rows' times."""
+    reduction, stop = samples.reduction, len(samples) if samples.stop is None else samples.stop
+    kept = np.arange(len(samples)) if reduction is None else reduction.kept(len(samples))
+    reduced = values if reduction is None else reduction.apply(values)
+    inside = (kept >= samples.first) & (kept < stop)
+    found = []
+    for output in range(values.shape[1]):
+        used = inside if samples.moving is None else inside & samples.moving[kept, output]
+        found.append((samples.start + kept[used] / samples.rate, reduced[used, output]))
+    return found
+
+
+def observed(layout: Layout, block: RowBlock) -> Observation:
+    """The R-factors of a block of rows."""
+    pairs = zip(block.matrices, block.y, strict=True)
+    factors = tuple(upper_triangle(np.column_stack([matrix, y])) for matrix, y in pairs)
+    return Observation(layout, factors, tuple(len(y) for y in block.y))
+
+
+def stacked(a: Observation, b: Observation) -> Observation:
+    """The observation of both sets of rows, like their sum, on one thread."""
+    factors = tuple(upper_triangle(*pair) for pair in zip(a.factors, b.factors, strict=True))
+    counts = tuple(m + n for m, n in zip(a.counts, b.counts, strict=True))
+    return Observation(a.layout, factors, counts)
+
+
+def _empty(layout: Layout) -> Observation:
+    factors = tuple(np.zeros((size, size)) for size in layout.sizes)
+    return Observation(layout, factors, (0,) * len(layout.outputs))
+
+
+def plain(samples: Samples) -> bool:
+    """Whether samples need no filter and lose no rows, so that they can be factored without forming rows."""
+    return samples.reduction is None and samples.moving is None
+
+
+def _check_outputs(samples: Samples, layout: Layout) -> None:
+    if samples.y is None:
+        names = ", ".join(layout.outputs)
+        raise InputError(f"the log holds no measured outputs; expected {names}", source=samples.source)

@@ -10,14 +10,12 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.estimators.covariance import clustered, clustered_by
+from echelon.identification.estimators.errors_in_variables import instrumental, tls
 from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.instrumental import instrumental
-from echelon.identification.estimators.known import known
-from echelon.identification.estimators.least_squares import ols
+from echelon.identification.estimators.fixed_parameters import known
+from echelon.identification.estimators.huber import huber
+from echelon.identification.estimators.least_squares import irls, noise_floor, ols, own_noise, wls
 from echelon.identification.estimators.ridge import ridge
-from echelon.identification.estimators.robust import huber
-from echelon.identification.estimators.total import tls
-from echelon.identification.estimators.weighted import irls, noise_floor, own_noise, wls
 from echelon.identification.rows.batches import Batch
 from echelon.identification.rows.rows import Rows
 from echelon.identification.settings import Settings
@@ -36,26 +34,7 @@ def fitted(
     instruments: Rows | None = None,
     batches: Sequence[Batch] = (),
 ) -> Estimate:
-    """Estimate the base parameters as the settings say.
-
-    Parameters
-    ----------
-    settings : Settings
-    rows : Rows
-    observation : Observation
-        The R-factors of the same rows.
-    prior : array of shape (n,), optional
-        Base parameters that are believed beforehand, for ridge.
-    instruments : Rows, optional
-        For the instrumental-variable estimate.
-    batches : sequence of Batch
-        The same rows in stretches of time, for intervals without another pass over the rows.
-
-    Raises
-    ------
-    InputError
-        If the data do not determine the parameters, or the estimator lacks a prior or instruments.
-    """
+    """Estimate the base parameters as the settings say."""
     rest = known(rows.layout.parameters, rows.units, settings.known) if settings.known else None
     if rest is not None:
         rows, observation = rest.rows(rows), rest.observation(observation)

@@ -1,4 +1,16 @@
-"""Instrumental variables: consistent although noise of the measured motion enters the regressor (IDIM-IV).
+"""Errors in the regressor: total least squares and instrumental variables.
+
+Total least squares: errors in the columns of W as well as in the outputs.
+
+Noise of differentiated positions enters the regressor, and unknown drive gains put measured currents among its columns;
+least squares is then biased towards zero.  The solution is read from the smallest singular vector of the R-factor of
+[W y], its columns divided by the size of their errors.  Columns without errors (an offset, the sign of a velocity) are
+first eliminated by QR, since dividing them by zero is no option: the mixed LS–TLS method.
+
+Sources: Golub, Hoffman & Stewart, Linear Algebra Appl. 88/89, 1987 (exact columns); Van Huffel & Vandewalle, The Total
+Least Squares Problem, SIAM, 1991; Fuller, Measurement Error Models, 1987, chapter 2 (covariance).
+
+Instrumental variables: consistent although noise of the measured motion enters the regressor (IDIM-IV).
 
 Instruments Z are the regressor along a motion that the noise does not touch, usually that of the model simulated with
 the last estimate.  ζ = (ZᵀW)⁻¹Zᵀy is not formed from these products: with the R-factor of [Z W y],
@@ -24,14 +36,110 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.least_squares import used_up
-from echelon.identification.estimators.solution import Solution, estimate_of, inverse_triangle, solved
-from echelon.identification.estimators.weighted import checked_noise, irls, noise_floor
+from echelon.identification.estimators.estimate import Estimate, Solution, estimate_of, inverse_triangle, solved
+from echelon.identification.estimators.least_squares import checked_noise, irls, noise_floor, used_up
 from echelon.identification.rows.rows import RowBlock, Rows
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import column_norms, upper_triangle
+
+_DISTINCT = 1e-8
+"""Relative distance of singular values below which their vectors are arbitrary: √ε."""
+
+
+def tls(
+    observation: Observation,
+    units: Sequence[str],
+    *,
+    errors: Sequence[float] | Floats | None = None,
+    noise: Sequence[float] | Floats | None = None,
+) -> Estimate:
+    """Total least squares, with columns that may be exact."""
+    weights = None if noise is None else 1.0 / checked_noise(observation, noise)
+    plain = solved(observation, units, weights)
+    if plain.degrees <= 0:
+        raise InputError("no row is left over to estimate the errors from; give more samples")
+    scale = _errors(plain, errors)
+    core = _core(plain, scale)
+    K = np.eye(len(scale)) - core.smallest**2 * (scale[:, None] * plain.root).T @ (scale[:, None] * plain.root)
+    variance = core.smallest**2 / plain.degrees
+    covariance = _tls_covariance(plain.root, K, core.values, scale, variance, plain.triangle.rows)
+    diagnostics = {
+        "iterations": 1,
+        "converged": True,
+        "errors": scale.tolist(),
+        "deviation": float(np.sqrt(variance)),
+        "smallest_singular_values": core.singular_values[::-1][:3].tolist(),
+        "gap": core.gap,
+    }
+    return estimate_of(replace(plain, values=core.values), "tls", units, covariance, diagnostics)
+
+
+@dataclass(frozen=True)
+class _Core:
+    """What the singular value decomposition says."""
+
+    values: Floats
+    singular_values: Floats
+    smallest: float
+    gap: float | None
+
+
+def _errors(plain: Solution, errors: Sequence[float] | Floats | None) -> Floats:
+    triangle = plain.triangle
+    if errors is None:
+        size = float(np.hypot(np.linalg.norm(triangle.qty), triangle.residual))
+        if size == 0:
+            raise InputError("all measured values are zero; there is nothing to estimate")
+        return triangle.scales / size
+    given = np.asarray(errors, dtype=float)
+    if given.shape != triangle.scales.shape:
+        raise InputError(f"errors have shape {given.shape}; expected ({len(triangle.scales)},), one for each parameter")
+    if not np.isfinite(given).all() or (given < 0).any():
+        raise InputError("errors must be finite and not negative; 0 says that a column is exact")
+    return given
+
+
+def _core(plain: Solution, scale: Floats) -> _Core:
+    """Eliminate the exact columns, decompose the others with y, and go back."""
+    triangle, n = plain.triangle, len(scale)
+    exact, noisy = np.flatnonzero(scale == 0), np.flatnonzero(scale)
+    whole = np.zeros((n + 1, n + 1))
+    whole[:n, :n], whole[:n, n], whole[n, n] = triangle.R, triangle.qty, triangle.residual
+    T = upper_triangle(whole[:, [*exact, *noisy, n]])
+    e = len(exact)
+    tail = T[e:, e:] / np.append(scale[noisy], 1.0)
+    singular, vectors = np.linalg.svd(tail)[1:]
+    alone = np.linalg.svd(tail[:, :-1], compute_uv=False)[-1] if len(noisy) else np.inf
+    smallest = float(singular[-1])
+    if not alone > smallest * (1 + _DISTINCT) or abs(vectors[-1, -1]) < _DISTINCT:
+        names = [triangle.parameters[noisy[k]] for k in np.argsort(-np.abs(vectors[-1, :-1]))[:3]]
+        raise InputError(
+            f"total least squares has no solution here: columns with errors ({', '.join(names)}, …) are as close to "
+            f"dependence without y as with it (smallest singular value {smallest:.3g}); name exact columns by "
+            "errors of 0, or use ridge() towards a prior"
+        )
+    values = np.zeros(n)
+    values[noisy] = -vectors[-1, :-1] / vectors[-1, -1] / scale[noisy]
+    if e:
+        from scipy.linalg import solve_triangular
+
+        columns = np.linalg.norm(T[:e, :e], axis=0)
+        right = T[:e, n] - T[:e, e:n] @ values[noisy]
+        values[exact] = solve_triangular(T[:e, :e] / columns, right) / columns
+    gap = float(alone / smallest) if len(noisy) and smallest > 0 else None
+    return _Core(values, singular, smallest, gap)
+
+
+def _tls_covariance(root: Floats, K: Floats, values: Floats, scale: Floats, variance: float, rows: int) -> Floats:
+    """M⁻¹σ_v² + N M⁻¹(Σ_uu σ_v² − Σ_uv Σ_vu)M⁻¹ with M = WᵀW less the errors' share and v the error of W ζ − y."""
+    bias = scale**2 * values
+    total = 1.0 + float(values @ bias)
+    inverse = root @ np.linalg.solve(K, root.T)
+    inner = rows * variance**2 * (np.diag(scale**2) * total - np.outer(bias, bias))
+    covariance: Floats = variance * total * inverse + inverse @ inner @ inverse
+    return covariance
+
 
 _NEW = 1e-10
 _INNER, _INNER_LIMIT = 1e-9, 100
@@ -46,37 +154,7 @@ def instrumental(
     tolerance: float = 1e-2,
     limit: int = 20,
 ) -> Estimate:
-    """Instrumental-variable estimate.
-
-    Parameters
-    ----------
-    rows : Rows
-        Regressor W along the measured motion, and measured outputs.
-    instruments : Rows, or function from array of shape (n,) to Rows
-        Z: the same regressor along a motion without the noise of the measured one, with the same layout and the same
-        rows in the same blocks; or a function that makes it from parameters, by simulating the model with them.  Their
-        y is not looked at.
-    noise : array of shape (m,), optional
-        Standard deviation of each output's noise; found from the residuals if omitted.
-    start : array of shape (n,), optional
-        Parameters for the first instruments; the weighted least-squares estimate if omitted.
-    tolerance : float
-        Change of the parameters, in standard deviations, at which new instruments change nothing any more.
-    limit : int
-        Rounds of instruments at most; the diagnostics say ``converged: False`` if they were not enough.
-
-    Returns
-    -------
-    Estimate
-        Diagnostics: ``hausman``, the Durbin–Wu–Hausman statistic with ``hausman_degrees`` of its F distribution and
-        ``hausman_probability``, the probability of a value so large if least squares had no bias;
-        ``weakest_correlation``, the smallest canonical correlation of Z with W (near 0: weak instruments).
-
-    Raises
-    ------
-    InputError
-        If instruments do not fit the rows or do not determine all parameters.
-    """
+    """Instrumental-variable estimate."""
     observation = rows.observation()
     level = irls(observation, rows.units).noise if noise is None else checked_noise(observation, noise)
     level = np.where(np.isfinite(level), np.maximum(level, noise_floor(observation)), np.inf)
@@ -93,11 +171,11 @@ def instrumental(
         if done:
             break
     plain = solved(observation, rows.units, 1.0 / level)
-    return _estimate(plain, found, rows.units, {**course, "converged": bool(done and found.settled)})
+    return _iv_estimate(plain, found, rows.units, {**course, "converged": bool(done and found.settled)})
 
 
 @dataclass(frozen=True)
-class _Found:
+class _Instrumented:
     """Solution for given instruments."""
 
     values: Floats
@@ -138,7 +216,7 @@ def _same_rows(layout: Layout, block: RowBlock, other: RowBlock) -> None:
             )
 
 
-def _settled(observation: Observation, factors: list[Floats], level: Floats, *, fixed: bool) -> _Found:
+def _settled(observation: Observation, factors: list[Floats], level: Floats, *, fixed: bool) -> _Instrumented:
     """Solve and, unless the noise is given, weigh anew until the weights agree with the residuals."""
     for _ in range(_INNER_LIMIT):
         found = _solved_with(observation, factors, level)
@@ -152,7 +230,7 @@ def _settled(observation: Observation, factors: list[Floats], level: Floats, *, 
     return replace(found, settled=False)
 
 
-def _solved_with(observation: Observation, factors: list[Floats], level: Floats) -> _Found:
+def _solved_with(observation: Observation, factors: list[Floats], level: Floats) -> _Instrumented:
     layout, n = observation.layout, len(observation.layout.parameters)
     stacked = []
     for columns, factor, sigma in zip(layout.columns, factors, level, strict=True):
@@ -176,7 +254,7 @@ def _solved_with(observation: Observation, factors: list[Floats], level: Floats)
                 raise InputError(used_up(count), element=f"output '{layout.outputs[i]}'")
             noise[i] = max(misfits[i] / np.sqrt(spare[i]), floors[i])
     residuals = np.where(np.isfinite(noise), misfits / np.sqrt(np.maximum(spare, _NEW)), np.nan)
-    return _Found(values, noise, residuals, Rzw, T[n : 2 * n, n : 2 * n], float(T[2 * n, 2 * n]))
+    return _Instrumented(values, noise, residuals, Rzw, T[n : 2 * n, n : 2 * n], float(T[2 * n, 2 * n]))
 
 
 def _check_strength(layout: Layout, Rzz: Floats, Rzw: Floats, scales: Floats, rows: int) -> None:
@@ -194,7 +272,7 @@ def _check_strength(layout: Layout, Rzz: Floats, Rzw: Floats, scales: Floats, ro
         )
 
 
-def _estimate(plain: Solution, found: _Found, units: Sequence[str], course: dict[str, Any]) -> Estimate:
+def _iv_estimate(plain: Solution, found: _Instrumented, units: Sequence[str], course: dict[str, Any]) -> Estimate:
     scales = column_norms(found.Rzw)
     root = np.linalg.inv(found.Rzw / scales) / scales[:, None]
     correlations = np.linalg.svd(found.Rzw @ plain.root, compute_uv=False)
@@ -203,7 +281,7 @@ def _estimate(plain: Solution, found: _Found, units: Sequence[str], course: dict
     return replace(estimate, noise=found.residuals)
 
 
-def _hausman(plain: Solution, found: _Found) -> dict[str, Any]:
+def _hausman(plain: Solution, found: _Instrumented) -> dict[str, Any]:
     """Wu's form of the test: whether Z adds to what W explains of y."""
     from scipy.stats import f
 

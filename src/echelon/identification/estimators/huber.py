@@ -21,10 +21,8 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.least_squares import used_up
-from echelon.identification.estimators.solution import Solution, estimate_of, solved
-from echelon.identification.estimators.weighted import irls, noise_floor
+from echelon.identification.estimators.estimate import Estimate, Solution, estimate_of, solved
+from echelon.identification.estimators.least_squares import irls, noise_floor, used_up
 from echelon.identification.rows.rows import Rows
 from echelon.observe.observation import Observation
 
@@ -32,31 +30,7 @@ _LEAST_SHARE, _USED_UP = 0.6, 1e-8
 
 
 def huber(rows: Rows, *, clip: float = 1.345, tolerance: float = 1e-3, limit: int = 100) -> Estimate:
-    """Robust estimate with a scale for each output.
-
-    Parameters
-    ----------
-    rows : Rows
-        They are gone through once per iteration.
-    clip : float
-        Residuals above ``clip`` times the output's noise are down-weighted.
-    tolerance : float
-        Change of the parameters, in standard deviations, and relative change of the noise at which the iteration has
-        converged.
-    limit : int
-        Iterations at most; the diagnostics say ``converged: False`` if they were not enough.
-
-    Returns
-    -------
-    Estimate
-        ``noise`` is that of the good rows.  Diagnostics: ``downweighted``, the share of each output's rows beyond the
-        clip (0.18 is normal for Gaussian noise and the default), ``iterations``, ``converged``.
-
-    Raises
-    ------
-    InputError
-        If the data do not determine all parameters, an output has no row to spare, or the clip is not positive.
-    """
+    """Robust estimate with a scale for each output."""
     if not clip > 0:
         raise InputError(f"clip is {clip}; expected a positive number of standard deviations, such as 1.345")
     observation = rows.observation()
@@ -118,13 +92,7 @@ def _noise(sweep: _Sweep, used: Solution, noise: Floats, clip: float) -> Floats:
 
 
 def gaussian_square(clip: float) -> float:
-    """Mean of min(z², clip²) for standard normal z.
-
-    Examples
-    --------
-    >>> round(gaussian_square(1.345), 4), round(gaussian_square(40.0), 4)
-    (0.7102, 1.0)
-    """
+    """Mean of min(z², clip²) for standard normal z."""
     inner = erf(clip / sqrt(2))
     return inner - clip * sqrt(2 / pi) * exp(-(clip**2) / 2) + clip**2 * (1 - inner)
 

@@ -16,13 +16,12 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.identification.distributed import each, summed
+from echelon.identification.cluster import each, summed
 from echelon.identification.rows.batches import BATCHES, Batch, grouped, joined, total
+from echelon.identification.rows.ingest import MEMORY, KeptRows, PredictedRows, Taken, chained, take
 from echelon.identification.rows.plan import Part, Plan
 from echelon.identification.rows.rows import Rows
-from echelon.identification.rows.taking import MEMORY, KeptRows, PredictedRows, Taken, chained, take
-from echelon.identification.validation.traces import LIMIT
-from echelon.identification.validation.validation import Validation, validate
+from echelon.identification.validation import LIMIT, Validation, validate
 from echelon.observe.observation import Observation
 
 if TYPE_CHECKING:
@@ -40,35 +39,18 @@ _FEWEST = 24
 
 @dataclass
 class Passes:
-    """Logs that a model is fitted to.
-
-    Attributes
-    ----------
-    plan : Plan
-    paths : sequence of Path
-        At least one.
-    client : distributed.Client, optional
-        Of a cluster over which the logs are spread.
-    memory : int
-        Bytes of rows that are kept in this process.
-    """
+    """Logs that a model is fitted to."""
 
     plan: Plan
-    paths: Sequence[Path]
-    client: Client | None = None
-    memory: int = MEMORY
+    paths: Sequence[Path]  # at least one
+    client: Client | None = None  # of a cluster over which the logs are spread
+    memory: int = MEMORY  # bytes of rows that are kept in this process
     _kept: dict[tuple[Path, Part], KeptRows] = field(default_factory=dict, init=False)
     _small: set[Path] = field(default_factory=set, init=False)  # logs whose rows one process would have kept
 
     @cached_property
     def batches(self) -> list[Batch]:
-        """What is fitted, in stretches of time or, of many logs, in groups of logs.
-
-        Raises
-        ------
-        InputError
-            If a log cannot be read, is not one of this robot, or nothing is left of all of them.
-        """
+        """What is fitted, in stretches of time or, of many logs, in groups of logs."""
         count = max(-(-BATCHES // len(self.paths)), 1)
         function = self._taken_here if self.client is None else partial(_taken, self.memory)
         if len(self.paths) < BATCHES:
@@ -89,12 +71,7 @@ class Passes:
         return total(self.batches)
 
     def pieces(self, count: int) -> list[Observation]:
-        """The same in so many stretches of time, or in fewer.
-
-        Parameters
-        ----------
-        count : int
-        """
+        """The same in so many stretches of time, or in fewer."""
         return [batch.observation for batch in grouped(self.batches, count)]
 
     def rows(self) -> Rows:
@@ -107,18 +84,7 @@ class Passes:
     def validations(
         self, values: Floats, prior: Floats | None, tasks: Sequence[Task], reference: Validation | None = None
     ) -> Iterator[Validation]:
-        """Measured against predicted outputs.
-
-        Parameters
-        ----------
-        values : array of shape (r,)
-            Base parameters of the model.
-        prior : array of shape (r,), optional
-            Of the model one had before.
-        tasks : sequence of (path, part, role)
-        reference : Validation, optional
-            Of the data that were fitted, with which verdicts compare.
-        """
+        """Measured against predicted outputs."""
         limit = max(LIMIT // max(len(tasks), 1), _FEWEST)
         judged = _Judged(values, prior, reference, limit, self.plan.holdout > 0)
         if self.client is None:

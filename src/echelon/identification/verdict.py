@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from echelon.identification.validation.validation import Score, Validation
+    from echelon.identification.validation import Score, Validation
 
 GOOD = 0.98
 """R² from which on a prediction is good: the residual's rms is below a seventh of the output's own spread."""
@@ -42,12 +42,7 @@ class Grade(IntEnum):
 
 
 def grade(score: Score) -> Grade | None:
-    """Grade of one output; None where nothing was measured or it did not vary.
-
-    Parameters
-    ----------
-    score : Score
-    """
+    """Grade of one output; None where nothing was measured or it did not vary."""
     if not np.isfinite(score.r2):
         return None
     if score.r2 <= 0:
@@ -56,20 +51,7 @@ def grade(score: Score) -> Grade | None:
 
 
 def verdict(validation: Validation, identification: Validation | None = None) -> str:
-    """What the scores of one log say.
-
-    Parameters
-    ----------
-    validation : Validation
-    identification : Validation, optional
-        Of the data that were fitted, to compare with.
-
-    Returns
-    -------
-    str
-        Sentences: what it predicts well and what not, whether it carries over, whether it beats the prior model, and
-        what is left in the residuals.
-    """
+    """What the scores of one log say."""
     sentences = [_fit(validation.scores, validation.role)]
     if identification is not None and validation.role == "validation":
         sentences += _carries_over(validation.scores, identification.scores)
@@ -83,14 +65,6 @@ def overall_verdict(validations: Sequence[Validation]) -> str:
 
     An output that moves little in unseen data has a low R² however good the model is; if its residual is no larger than
     on the data that were fitted, it is judged as there.
-
-    Parameters
-    ----------
-    validations : sequence of Validation
-
-    Returns
-    -------
-    str
     """
     unseen = [v for v in validations if v.role == "validation"]
     judged = unseen or list(validations)

@@ -43,27 +43,7 @@ def advice(
     seen: float = 0.0,
     symbols: Symbols = None,
 ) -> str:
-    """What the data do not show and how to show it, in a sentence.
-
-    Parameters
-    ----------
-    names : sequence of str
-        The n parameters.
-    direction : array of shape (n,)
-        Unit vector in parameters scaled by the norms of their columns.
-    change : array of shape (n,)
-        The same in SI units, not normed.
-    base : BaseModel, optional
-        Without it the sentence names parameters only.
-    seen : float
-        Relative singular value of the direction; 0 where the data do not show it at all.
-    symbols : mapping of str to float, optional
-        Values of geometry symbols that replace or complete those of the file.
-
-    Returns
-    -------
-    str
-    """
+    """What the data do not show and how to show it, in a sentence."""
     size = np.abs(direction)
     order = [int(k) for k in np.argsort(-size, kind="stable") if size[k] >= _NAMED * size.max()]
     shown = [names[k] for k in order[:_MOST]] + (["others"] if len(order) > _MOST else [])
@@ -107,23 +87,7 @@ def _motion(base: BaseModel, change: Floats, symbols: Symbols) -> str:
 def sensitivities(
     base: BaseModel, change: Floats, symbols: Symbols = None, seed: int = DEFAULT_SEED
 ) -> dict[str, dict[str, float]]:
-    """Total Sobol indices of the change of outputs X̄(x) δ.
-
-    Parameters
-    ----------
-    base : BaseModel
-        Without loops.
-    change : array of shape (r,)
-        Change δ of the base parameters.
-    symbols : mapping of str to float, optional
-    seed : int
-
-    Returns
-    -------
-    mapping of "q", "qd", "qdd" and "inputs" to mapping of str to float
-        For each coordinate the share of the outputs' variance that vanishes when only it is known not to vary; every
-        output counts alike.
-    """
+    """Total Sobol indices of the change of outputs X̄(x) δ."""
     rng = random_generator(seed)
     first, second = (_random_states(base.mechanism, rng) for _ in range(2))
     start = _outputs(base, first, change, symbols)

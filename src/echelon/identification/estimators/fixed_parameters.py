@@ -25,35 +25,17 @@ from echelon.observe.triangle import upper_triangle
 
 @dataclass(frozen=True, repr=False)
 class Substitution:
-    """Parameters ζ = T θ + ζ₀ with fewer unknowns θ.
+    """Parameters ζ = T θ + ζ₀ with fewer unknowns θ."""
 
-    Attributes
-    ----------
-    parameters, units : tuple of str
-        Of the n parameters ζ.
-    unknowns, unknown_units : tuple of str
-        Of the k unknowns θ.
-    matrix : array of shape (n, k)
-        T.
-    offset : array of shape (n,)
-        ζ₀.
-    """
-
-    parameters: tuple[str, ...]
-    units: tuple[str, ...]
-    unknowns: tuple[str, ...]
-    unknown_units: tuple[str, ...]
-    matrix: Floats
-    offset: Floats
+    parameters: tuple[str, ...]  # of the n parameters ζ
+    units: tuple[str, ...]  # of the n parameters ζ
+    unknowns: tuple[str, ...]  # of the k unknowns θ
+    unknown_units: tuple[str, ...]  # of the k unknowns θ
+    matrix: Floats  # shape (n, k); T
+    offset: Floats  # shape (n,); ζ₀
 
     def observation(self, observation: Observation) -> Observation:
-        """The observation of the unknowns; the known part has moved to the outputs.
-
-        Raises
-        ------
-        InputError
-            If the observation is of other parameters.
-        """
+        """The observation of the unknowns; the known part has moved to the outputs."""
         layout = self._layout(observation.layout)
         factors = []
         for R, old, new in zip(observation.factors, observation.layout.columns, layout.columns, strict=True):
@@ -61,23 +43,11 @@ class Substitution:
         return Observation(layout, tuple(factors), observation.counts)
 
     def rows(self, rows: Rows) -> Rows:
-        """Rows of the unknowns.
-
-        Raises
-        ------
-        InputError
-            If the rows are of other parameters.
-        """
+        """Rows of the unknowns."""
         return _SubstitutedRows(rows, self, self._layout(rows.layout), self.unknown_units, rows.output_units)
 
     def restored(self, estimate: Estimate) -> Estimate:
-        """The estimate of all parameters; known ones have variance zero.
-
-        Raises
-        ------
-        InputError
-            If the estimate is not one of the unknowns.
-        """
+        """The estimate of all parameters; known ones have variance zero."""
         if estimate.parameters != self.unknowns:
             raise InputError("the estimate is not one of the unknowns of this substitution")
         T = self.matrix
@@ -138,25 +108,7 @@ class _SubstitutedRows:
 
 
 def known(parameters: Sequence[str], units: Sequence[str], values: Mapping[str, float]) -> Substitution:
-    """Parameters with known values.
-
-    Parameters
-    ----------
-    parameters, units : sequence of str
-        All parameters of the data.
-    values : mapping of str to float
-        Known ones, SI units.
-
-    Raises
-    ------
-    InputError
-        If a name is not among the parameters, a value is not finite, or nothing is left to estimate.
-
-    Examples
-    --------
-    >>> known(("ZZ1", "Fv1", "Fc1"), ("kg·m²", "N·m·s/rad", "N·m"), {"Fv1": 0.2}).unknowns
-    ('ZZ1', 'Fc1')
-    """
+    """Parameters with known values."""
     offset = np.zeros(len(parameters))
     for label, value in values.items():
         if not np.isfinite(value):
@@ -169,20 +121,7 @@ def known(parameters: Sequence[str], units: Sequence[str], values: Mapping[str, 
 
 
 def equal(parameters: Sequence[str], units: Sequence[str], groups: Sequence[Sequence[str]]) -> Substitution:
-    """Parameters that have the same value, such as friction of joints with the same drive.
-
-    Parameters
-    ----------
-    parameters, units : sequence of str
-        All parameters of the data.
-    groups : sequence of sequence of str
-        In each group all values are equal; the unknown takes the name of the first.
-
-    Raises
-    ------
-    InputError
-        If a name is not among the parameters or in two groups, or units within a group differ.
-    """
+    """Parameters that have the same value, such as friction of joints with the same drive."""
     first = list(range(len(parameters)))
     seen: set[int] = set()
     for group in groups:

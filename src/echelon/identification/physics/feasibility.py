@@ -1,6 +1,20 @@
-"""Physical robots for given base parameters: one that has them, and the nearest one where none does."""
+"""Physical robots for given base parameters: one that has them, and the nearest one where none does.
+
+x
+
+Physical robots for given base parameters: one that has them, and the nearest one where none does.
+
+Whether any robot that can exist has given base parameters.
+
+If one has them, it is found: the values of the parameters that are no pivots give pivots with which B ζ = ζ̄ holds, and
+plain linear algebra confirms that all pseudo-inertias are positive definite.  If none has them, the nearest robot is
+the solution of a convex problem, and its distance tells how far they are off.
+"""
 
 from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -9,13 +23,40 @@ from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.conventions import LENGTH_DEGREE
 from echelon.errors import EchelonError, InputError
-from echelon.identification.physics.bounds import Bounds
-from echelon.identification.physics.cones import SOLVED
-from echelon.identification.physics.constraints import linear_limits, roles
-from echelon.identification.physics.inside import holds, put_inside
-from echelon.identification.physics.programme import Programme
-from echelon.identification.physics.reference import common_mass, reference
+from echelon.identification.physics.bounds import Bounds, linear_limits, roles
+from echelon.identification.physics.interior import holds, put_inside
+from echelon.identification.physics.prior_information import common_mass, reference
+from echelon.identification.physics.programme import SOLVED, Programme
 from echelon.mechanism.values import characteristic_length
+
+
+@dataclass(frozen=True, repr=False)
+class Feasibility:
+    """Whether any physical robot has given base parameters.
+
+    Attributes
+    ----------
+    feasible : bool or None
+        None on the boundary of what robots can have.
+    evidence : str
+        What was found, in a sentence.
+    standard : array of shape (p,), optional
+        If feasible: standard parameters of a physical robot that has them.
+    nearest : array of shape (r,), optional
+        If not: base parameters of the nearest physical robot.
+    distance : float
+        Of the nearest ones, in standard deviations of the estimate (Mahalanobis); 0 if feasible.
+    """
+
+    feasible: bool | None
+    evidence: str
+    standard: Floats | None = None
+    nearest: Floats | None = None
+    distance: float = 0.0
+
+    def __repr__(self) -> str:
+        return f"Feasibility({self.feasible}: {self.evidence})"
+
 
 _WEIGHT = 1e-6
 """Of the divergence that makes the nearest robot unique, in squared standard deviations."""
@@ -32,33 +73,6 @@ def physical_lift(
 
     Of all such robots it is the one nearest to the prior, by the sum of the bodies' divergences; without a prior,
     nearest to bodies of a plain shape that explain the values best, which keeps it well inside of what can exist.
-
-    Parameters
-    ----------
-    base : BaseModel
-    values : array of shape (r,)
-        Base parameters, SI units.
-    prior : array of shape (p,), optional
-        Standard parameters, nan where unknown.
-    bounds : Bounds, optional
-
-    Returns
-    -------
-    array of shape (p,)
-        B ζ equals the values to rounding.
-
-    Raises
-    ------
-    InputError
-        If no robot within the bounds has these base parameters; says how the nearest one differs.
-
-    Examples
-    --------
-    >>> import echelon as ec, numpy as np
-    >>> base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
-    >>> values = base.values(np.tile([2, 0, 0, 2, 0, 2, 0.5, 0, 0, 1.0], 2), symbols={"l1": 1})
-    >>> physical_lift(base, values).shape
-    (20,)
     """
     target = checked_values(base, values)
     standard = exact_lift(base, target, prior, bounds)
@@ -89,28 +103,7 @@ def nearest_physical(
     prior: npt.ArrayLike | None = None,
     bounds: Bounds | None = None,
 ) -> tuple[Floats, float]:
-    """Standard parameters of the physical robot whose base parameters are nearest to given ones.
-
-    Parameters
-    ----------
-    base : BaseModel
-    values : array of shape (r,)
-    covariance : array of shape (r, r), optional
-        Of the values; distances are in standard deviations (Mahalanobis).  Without it they are relative to the size of
-        the values of the same unit.
-    prior : array of shape (p,), optional
-    bounds : Bounds, optional
-
-    Returns
-    -------
-    standard : array of shape (p,)
-    distance : float
-
-    Raises
-    ------
-    InputError
-        If values or covariance do not fit, or bounds contradict each other.
-    """
+    """Standard parameters of the physical robot whose base parameters are nearest to given ones; shape (p,)."""
     target = checked_values(base, values)
     root = _root(base, target, covariance)
     B = base.B_float()
@@ -124,13 +117,7 @@ def nearest_physical(
 
 
 def checked_values(base: BaseModel, values: npt.ArrayLike) -> Floats:
-    """Base parameters as an array of shape (r,).
-
-    Raises
-    ------
-    InputError
-        If the shape is wrong or values are not finite.
-    """
+    """Base parameters as an array of shape (r,)."""
     target = np.asarray(values, dtype=float)
     if target.shape != (base.rank,):
         raise InputError(f"expected {base.rank} base parameters, got an array of shape {target.shape}")
@@ -199,3 +186,33 @@ def _difference(base: BaseModel, target: Floats, prior: npt.ArrayLike | None, bo
         f"no robot that can exist{within} has these base parameters; the nearest one differs most in [{name}], by "
         f"{change[worst]:.3g} {unit}: see nearest_physical()"
     )
+
+
+_DISTINCT = 2e-3
+"""Distance from which on values are not those of the nearest robot: solvers and margins account for less."""
+
+
+def feasibility(
+    base: BaseModel,
+    values: npt.ArrayLike,
+    covariance: npt.ArrayLike | None = None,
+) -> Feasibility:
+    """Whether a robot that can exist has given base parameters.
+
+    Every body that carries all ten parameters needs J ≻ 0; signs of the others are those of
+    :mod:`echelon.identification.physics.bounds`.
+    """
+    target, role = checked_values(base, values), roles(base.mechanism)
+    signs = f" and {len(role.positive)} signs" if role.positive else ""
+    with suppress(EchelonError):  # where the solver gives up, the distance decides
+        lift = exact_lift(base, target)
+        if lift is not None:
+            text = f"a robot has these base parameters: {len(role.bodies)} pseudo-inertias{signs} were verified"
+            return Feasibility(True, text, standard=lift)
+    standard, distance = nearest_physical(base, target, covariance)
+    away = f"{distance:.2g} {'of their size' if covariance is None else 'standard deviations'}"
+    nearest = base.B_float() @ standard
+    if distance > _DISTINCT:
+        return Feasibility(False, f"the nearest robot is {away} away", nearest=nearest, distance=distance)
+    text = f"these base parameters are on the boundary of what robots can have, to within {away}"
+    return Feasibility(None, text, nearest=nearest, distance=distance)

@@ -15,11 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.identification.rows.ahead import ahead
 from echelon.identification.rows.batches import Batch, Batcher
-from echelon.identification.rows.model_rows import ModelRows, Numbering, observed, plain, rows_taken
 from echelon.identification.rows.plan import Part, Plan
-from echelon.identification.rows.rows import RowBlock
+from echelon.identification.rows.rows import ModelRows, Numbering, RowBlock, ahead, observed, plain, rows_taken
 from echelon.logs.recording import Samples
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
@@ -30,20 +28,11 @@ MEMORY = 1 << 28
 
 @dataclass(frozen=True)
 class Taken:
-    """A log as it was taken in.
-
-    Attributes
-    ----------
-    path : Path
-    batches : tuple of Batch
-        R-factors of what is fitted, in stretches of time.
-    kept : mapping of "first" or "last" to KeptRows
-        Rows of what is fitted and of what is held out; missing where they took too much memory.
-    """
+    """A log as it was taken in."""
 
     path: Path
-    batches: tuple[Batch, ...]
-    kept: dict[Part, KeptRows]
+    batches: tuple[Batch, ...]  # R-factors of what is fitted, in stretches of time
+    kept: dict[Part, KeptRows]  # rows of what is fitted and of what is held out
 
     @property
     def bytes(self) -> int:
@@ -53,14 +42,7 @@ class Taken:
 
 @dataclass(frozen=True)
 class KeptRows:
-    """Rows that are in memory; see :class:`echelon.identification.rows.rows.Rows`.
-
-    Attributes
-    ----------
-    layout, units, output_units
-        As of the rows they were.
-    kept : tuple of RowBlock
-    """
+    """Rows that are in memory; see :class:`echelon.identification.rows.rows.Rows`."""
 
     layout: Layout
     units: tuple[str, ...]
@@ -86,16 +68,10 @@ class PredictedRows:
     """Predictions of a log in place of rows: what W ζ is for the model, and for the model one had before.
 
     They are rows of a layout with a parameter for each model, which is 1 for that model and 0 for the other.
-
-    Attributes
-    ----------
-    model : ModelRows
-    values : tuple of array of shape (r,)
-        Base parameters of one or two models.
     """
 
     model: ModelRows
-    values: tuple[Floats, ...]
+    values: tuple[Floats, ...]  # shape (r,); base parameters of one or two models
 
     @property
     def layout(self) -> Layout:
@@ -134,22 +110,7 @@ class PredictedRows:
 
 
 def take(plan: Plan, path: Path, count: int, memory: int = 0) -> Taken:
-    """Take in a log.
-
-    Parameters
-    ----------
-    plan : Plan
-    path : Path
-    count : int
-        Batches wanted; see :class:`Batcher`.
-    memory : int
-        Bytes of rows that may be kept.
-
-    Raises
-    ------
-    InputError
-        If the log cannot be read or is not one of this robot.
-    """
+    """Take in a log."""
     taking = _Taking(plan, count, memory)
     for block in ahead(taking.blocks(ahead(plan.samples(path)))):
         taking.factor(block)
@@ -227,11 +188,5 @@ def _bytes(block: RowBlock) -> int:
 
 
 def chained(rows: Sequence[KeptRows]) -> KeptRows:
-    """Rows of several logs, one after another.
-
-    Parameters
-    ----------
-    rows : sequence of KeptRows
-        At least one.
-    """
+    """Rows of several logs, one after another."""
     return replace(rows[0], kept=tuple(block for some in rows for block in some.kept))

@@ -15,13 +15,12 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.identification.excitation.advice import advice
+from echelon.identification.motion_advice import advice
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import Triangle
 
 if TYPE_CHECKING:
     from echelon.base.model import BaseModel
-
 
 WEAK = 1e-2
 """Singular value, relative to the largest, below which a direction is weak: exciting trajectories are customarily asked
@@ -104,36 +103,6 @@ def excitation(
     A direction is weak if its singular value is below :data:`WEAK` of the largest, or if the noise leaves it so
     uncertain that the parts which its parameters contribute, and which cancel, could each be as large as all that was
     measured.
-
-    Parameters
-    ----------
-    observation : Observation
-    weights : array of shape (m,), optional
-        Factor of each output's rows, such as 1/σ of its noise; all 1 if omitted.
-    base : BaseModel, optional
-        Tells which motions would show what is weak.
-    symbols : mapping of str to float, optional
-        Values of geometry symbols that replace or complete those of the file.
-
-    Returns
-    -------
-    Excitation
-
-    Raises
-    ------
-    InputError
-        If weights do not fit, or the base model has other parameters than the observation.
-
-    Examples
-    --------
-    >>> import echelon as ec
-    >>> base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
-    >>> t = np.linspace(0, 6, 200)
-    >>> swing = {"q": np.stack([0 * t, np.sin(t)], 1), "qd": np.stack([0 * t, np.cos(t)], 1)}
-    >>> log = swing | {"qdd": np.stack([0 * t, -np.sin(t)], 1), "y": np.zeros((200, 2))}
-    >>> found = excitation(base.accumulate(log), base=base)
-    >>> found.rank, found.weak[0].advice
-    (4, 'the data do not show ZZ1: move j1 with larger and more varied accelerations')
     """
     if base is not None and base.pivots != observation.layout.parameters:
         raise InputError("the base model and the observation have different parameters")
@@ -161,12 +130,6 @@ def without_rounding(observation: Observation, units: Sequence[str]) -> Observat
 
     With columns of norm 1, the cosine of a joint that rests at 90° would look as good as any other.  Columns of equal
     units compare; no sensor tells apart what differs as much as :data:`ROUNDING`.
-
-    Parameters
-    ----------
-    observation : Observation
-    units : sequence of str
-        Of the parameters.
     """
     norms = observation.combined().scales
     largest: dict[str, float] = {}
@@ -203,18 +166,7 @@ def _weak(triangle: Triangle, singular: Floats, directions: Floats, rank: int) -
 
 
 def sparse_basis(vectors: Floats) -> list[Floats]:
-    """Unit vectors of the same space with few entries each, so that every one names few parameters.
-
-    Parameters
-    ----------
-    vectors : array of shape (k, n)
-        Orthonormal rows.
-
-    Returns
-    -------
-    list of k arrays of shape (n,)
-        The reduced echelon form whose pivots are chosen by size, sorted by the first parameter that matters.
-    """
+    """Unit vectors of the same space with few entries each, so that every one names few parameters; shape (n,)."""
     rows = np.array(vectors, dtype=float)
     free = np.ones(rows.shape[1], dtype=bool)
     for k in range(len(rows)):

@@ -12,10 +12,16 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
 from echelon.errors import EchelonError, InputError
-from echelon.identification.physics.cones import INFEASIBLE, ConeProgram, solve_in_units
-from echelon.identification.physics.constraints import LinearLimits
-from echelon.identification.physics.programme import Programme
-from echelon.identification.physics.triangles import SVEC, sparse_diagonal, svec
+from echelon.identification.physics.bounds import LinearLimits
+from echelon.identification.physics.programme import (
+    INFEASIBLE,
+    SVEC,
+    ConeProgram,
+    Programme,
+    solve_in_units,
+    sparse_diagonal,
+    svec,
+)
 
 _STEPS = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 _ROUNDING = 1e-12
@@ -24,26 +30,7 @@ _INVISIBLE = 1e-3
 
 
 def put_inside(programme: Programme, standard: Floats) -> tuple[Floats, float]:
-    """Parameters next to given ones that satisfy every constraint.
-
-    Parameters
-    ----------
-    programme : Programme
-    standard : array of shape (p,)
-
-    Returns
-    -------
-    standard : array of shape (p,)
-    step : float
-        Share of the way towards the inner point; 0 if none was needed.
-
-    Raises
-    ------
-    InputError
-        If the bounds leave no room.
-    EchelonError
-        If the parameters are far outside, so that the solver's answer was none.
-    """
+    """Parameters next to given ones that satisfy every constraint; shape (p,)."""
     start = _signed(programme.limits, _equal(programme.limits, standard))
     if holds(programme, start):
         return start, 0.0
@@ -56,13 +43,7 @@ def put_inside(programme: Programme, standard: Floats) -> tuple[Floats, float]:
 
 
 def interior_point(programme: Programme) -> Floats:
-    """A point well inside of all constraints: with the largest least slack, in units of the reference bodies.
-
-    Raises
-    ------
-    InputError
-        If the constraints contradict each other or leave no room.
-    """
+    """A point well inside of all constraints: with the largest least slack, in units of the reference bodies."""
     p, bodies = programme.role.size, len(programme.role.bodies)
     program = ConeProgram(p + 1)
     identity = svec(np.eye(4))
@@ -95,15 +76,7 @@ def interior_point(programme: Programme) -> Floats:
 
 
 def active(programme: Programme, standard: Floats, design: Floats) -> list[str]:
-    """Names of limits that hold with equality, up to what data can tell.
-
-    Parameters
-    ----------
-    programme : Programme
-    standard : array of shape (p,)
-    design : array of shape (k, p)
-        Rows of the fit, weighted by their noise.
-    """
+    """Names of limits that hold with equality, up to what data can tell."""
     slack, size = _slack(programme.limits, standard)
     seen = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     with np.errstate(divide="ignore", over="ignore"):

@@ -1,5 +1,12 @@
 """Validation: measured against predicted outputs, on data the fit did not see.
 
+Measured and predicted outputs to look at, honestly fewer than were recorded.
+
+Neighbouring rows form buckets, of which the rows with the extremes of what is measured, of what is predicted and of
+their difference stay: every peak survives, at its time, and no value is invented.
+
+Validation: measured against predicted outputs, on data the fit did not see.
+
 What counts is how well a model predicts, never how near its parameters are to others: data say nothing of what they
 cannot see.  One pass over the rows is enough, in memory that does not grow with the log: scores come from sums, and of
 the traces a subset with all peaks is kept.
@@ -15,10 +22,53 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.identification.correlation import LAGS, CorrelationSums
 from echelon.identification.rows.rows import RowBlock, Rows
-from echelon.identification.validation.correlation import LAGS, CorrelationSums
-from echelon.identification.validation.traces import LIMIT, TraceKeeper
-from echelon.identification.validation.verdict import verdict
+from echelon.identification.verdict import verdict
+
+LIMIT = 200_000
+"""Rows of an output that are kept; more than any screen shows."""
+_BUCKET = 12  # twice the six extremes that stay at most, so that a pass halves the rows at least
+
+
+def thinned(rows: Floats) -> Floats:
+    """Half of the rows or fewer, with all extremes; shape (at most k/2 + 6, columns)."""
+    full = len(rows) // _BUCKET
+    starts = _BUCKET * np.arange(full)
+    signals = np.stack([rows[:, 1], rows[:, 2], rows[:, 1] - rows[:, 2]])
+    buckets = signals[:, : _BUCKET * full].reshape(3, full, _BUCKET)
+    places = [starts + pick(buckets, axis=2) for pick in (np.argmin, np.argmax)]
+    rest = signals[:, _BUCKET * full :]
+    if rest.shape[1]:
+        places += [_BUCKET * full + pick(rest, axis=1) for pick in (np.argmin, np.argmax)]
+    kept: Floats = rows[np.unique(np.concatenate([some.ravel() for some in places]))]
+    return kept
+
+
+class TraceKeeper:
+    """Rows of one output, thinned evenly whenever they become too many."""
+
+    def __init__(self, limit: int = LIMIT) -> None:
+        self._limit = limit
+        self._parts: list[Floats] = []
+        self._count = self._passes = 0
+
+    def add(self, rows: Floats) -> None:
+        """Take in rows of shape (k, columns), thinned as often as those that are kept already."""
+        for _ in range(self._passes):
+            rows = thinned(rows)
+        self._parts.append(rows)
+        self._count += len(rows)
+        while self._count > self._limit:
+            whole = thinned(np.concatenate(self._parts))
+            if len(whole) == self._count:  # nothing but extremes
+                break
+            self._parts, self._count, self._passes = [whole], len(whole), self._passes + 1
+
+    def rows(self, columns: int) -> Floats:
+        """What is kept, shape (k, columns)."""
+        return np.concatenate(self._parts) if self._parts else np.zeros((0, columns))
+
 
 ROLES = ("identification", "validation")
 """Whether the fit saw the data."""
@@ -119,34 +169,7 @@ def validate(
     limit: int = LIMIT,
     lags: int = LAGS,
 ) -> Validation:
-    """Compare measured and predicted outputs.
-
-    Parameters
-    ----------
-    rows : Rows
-        Of one log, or of several that are judged as one.
-    values : array of shape (n,)
-        Parameters of the model.
-    role : "identification" or "validation"
-        Whether the fit saw these data.
-    prior_values : array of shape (n,), optional
-        Parameters of the model one had before.
-    identification : Validation, optional
-        Of the data that were fitted, which the verdict compares with.
-    limit : int
-        Rows of an output's trace that are kept; of more a subset with all peaks.  Scores are of all rows.
-    lags : int
-        Largest lag of autocorrelations.
-
-    Returns
-    -------
-    Validation
-
-    Raises
-    ------
-    InputError
-        If shapes do not fit, values are not finite, or there are no rows.
-    """
+    """Compare measured and predicted outputs."""
     if role not in ROLES:
         raise InputError(f"role is '{role}'; expected 'identification' or 'validation'")
     zeta = _checked(rows, values, "values")

@@ -20,8 +20,7 @@ from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import InputError
 from echelon.hints import nearest_of
-from echelon.identification.rows.model_rows import ModelRows, observed
-from echelon.identification.rows.rows import RowBlock, Rows
+from echelon.identification.rows.rows import ModelRows, RowBlock, Rows, observed
 from echelon.logs.recording import Samples
 from echelon.mechanism.mechanism import ALL
 from echelon.observe.layout import Layout
@@ -145,21 +144,10 @@ class Payload:
 
 @dataclass(frozen=True, repr=False)
 class JoinedRows:
-    """Rows whose columns are those of two sets of rows side by side.
+    """Rows whose columns are those of two sets of rows side by side."""
 
-    Attributes
-    ----------
-    first, second : Rows
-        Of the same samples; measured outputs are the first's.
-
-    Raises
-    ------
-    InputError
-        If their outputs differ or they share a parameter; while blocks pass, if their rows are not of the same times.
-    """
-
-    first: Rows
-    second: Rows
+    first: Rows  # of the same samples; measured outputs are the first's
+    second: Rows  # of the same samples; measured outputs are the first's
 
     def __post_init__(self) -> None:
         a, b = self.first.layout, self.second.layout
@@ -204,33 +192,13 @@ class JoinedRows:
 def loaded_rows(
     base: BaseModel, payload: Payload, samples: Sequence[Samples], symbols: Mapping[str, float] | None = None
 ) -> JoinedRows:
-    """Rows of a run with a payload, for :func:`echelon.identification.gains.gains.drive_gains`.
-
-    Parameters
-    ----------
-    base : BaseModel
-        Of the robot with its drive gains.
-    payload : Payload
-    samples : sequence of Samples
-        Currents are among the inputs; outputs that are not measured count as zero.
-    symbols : mapping of str to float, optional
-
-    Returns
-    -------
-    JoinedRows
-    """
+    """Rows of a run with a payload, for :func:`echelon.identification.gains.drive_gains`."""
     filled = [with_zeros(base, some) for some in samples]
     return JoinedRows(ModelRows.of(base, filled, symbols), ModelRows.of(payload.base(base), filled, symbols))
 
 
 def with_zeros(base: BaseModel, samples: Samples) -> Samples:
-    """Samples of a homogeneous equation, whose left-hand side is zero where no outputs are measured.
-
-    Parameters
-    ----------
-    base : BaseModel
-    samples : Samples
-    """
+    """Samples of a homogeneous equation, whose left-hand side is zero where no outputs are measured."""
     if samples.y is not None:
         return samples
     return replace(samples, y=np.zeros((len(samples), len(base.mechanism.outputs))))

@@ -28,25 +28,13 @@ PORTMANTEAU = 20
 
 @dataclass(frozen=True)
 class Correlations:
-    """Autocorrelations of a residual, its mean removed.
+    """Autocorrelations of a residual, its mean removed."""
 
-    Attributes
-    ----------
-    step : float
-        Time between samples, s; nan with fewer than two rows.
-    rows : int
-    variance : float
-    values : array of shape (lags + 1,)
-        ρ_0 = 1, ρ_1, …; nan where no two rows are so far apart.
-    pairs : array of shape (lags + 1,)
-        How many pairs of rows each is the mean over.
-    """
-
-    step: float
+    step: float  # time between samples, s; nan with fewer than two rows
     rows: int
     variance: float
-    values: Floats
-    pairs: Floats
+    values: Floats  # shape (lags + 1,); ρ_0 = 1, ρ_1, …; nan where no two rows are so far apart
+    pairs: Floats  # shape (lags + 1,); how many pairs of rows each is the mean over
 
     @property
     def time(self) -> float:
@@ -63,13 +51,7 @@ class Correlations:
         return float(max(sums[window], 0.0) * self.step)
 
     def whiteness(self, lags: int = PORTMANTEAU) -> float:
-        """Probability that white noise has autocorrelations this large (Ljung and Box 1978).
-
-        Parameters
-        ----------
-        lags : int
-            How many are tested.  Lags without pairs do not count.
-        """
+        """Probability that white noise has autocorrelations this large (Ljung and Box 1978)."""
         from scipy.stats import chi2
 
         rho, pairs = self.values[1 : lags + 1], self.pairs[1 : lags + 1]
@@ -82,13 +64,7 @@ class Correlations:
 
 
 class CorrelationSums:
-    """Sums from which autocorrelations follow, taken in block by block in constant memory.
-
-    Parameters
-    ----------
-    lags : int
-        Largest lag.
-    """
+    """Sums from which autocorrelations follow, taken in block by block in constant memory."""
 
     def __init__(self, lags: int = LAGS) -> None:
         self._lags = lags
@@ -101,15 +77,7 @@ class CorrelationSums:
         self._tail: Floats = np.zeros((2, 0))
 
     def add(self, times: Floats, values: Floats, segment: Hashable = 0) -> None:
-        """Take in residuals that follow those before.
-
-        Parameters
-        ----------
-        times, values : array of shape (k,)
-            Times ascend within a segment.
-        segment : hashable
-            Names the uninterrupted stretch; pairs are formed within one only.
-        """
+        """Take in residuals that follow those before."""
         if not len(times):
             return
         follows = segment == self._segment and times[0] > self._last
@@ -189,13 +157,7 @@ def _running(whole: Floats, tail: int, lags: int) -> Floats:
 
 
 def usual_step(gaps: Floats) -> float:
-    """Time between samples where some are missing; the smallest gap up to rounding of time stamps, or nan.
-
-    Parameters
-    ----------
-    gaps : array of shape (k,)
-        Differences of times.
-    """
+    """Time between samples where some are missing; the smallest gap up to rounding of time stamps, or nan."""
     positive = gaps[gaps > 0]
     return float(np.median(positive[positive < 1.5 * positive.min()])) if len(positive) else float("nan")
 

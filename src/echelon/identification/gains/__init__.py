@@ -1,1 +1,0 @@
-"""Drive gains: motor constants from runs with a known load."""

@@ -1,1 +1,0 @@
-"""Validation: measured against predicted outputs, residuals, verdicts in words."""
