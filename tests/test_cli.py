@@ -11,7 +11,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from echelon.results.record import json_schema
+from echelon.results.schema import BaseModelRecord, json_schema
 
 ROOT = Path(__file__).parents[1]
 PANDA, PENDULUM = str(ROOT / "examples/panda.yaml"), str(ROOT / "examples/double_pendulum.yaml")
@@ -49,7 +49,7 @@ def test_json_follows_its_schema_and_repeats() -> None:
     first, second = run("derive", PANDA, "--json"), run("derive", PANDA, "--format", "json")
     assert first.stdout == second.stdout
     data = json.loads(first.stdout)
-    jsonschema.validate(data, json_schema())
+    jsonschema.validate(data, json_schema(BaseModelRecord))
     term = next(t for row in data["base"] for t in row["terms"] if t["coefficient"] == "a4^2")
     assert term["value"] == pytest.approx(0.0825**2)
 

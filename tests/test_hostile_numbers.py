@@ -16,10 +16,12 @@ from echelon.excite.files.coefficients import trajectory_to_json
 from echelon.excite.files.read_trajectory import read_trajectory
 from echelon.identification.conditioning import without_rounding
 from echelon.identification.predict import Prediction
+from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.files.message_columns import nanoseconds
+from echelon.logs.preparation.settings import Preparation
 from echelon.regressor.loops import poses
 from echelon.results.identified import load_identified
-from echelon.results.preparation_record import ColumnMapRecord, PreparationRecord
+from echelon.results.schema import ColumnMapRecord, PreparationRecord, made
 from echelon.signals.clock import stretches
 from motions import NAMES, UNITS, smooth
 
@@ -48,11 +50,11 @@ def write_log(file: Path, **changes: Any) -> Path:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A set-up, and a model identified with it."""
-    made = tmp_path_factory.mktemp("pendulum")
-    (made / "setup.yaml").write_text(SETUP)
-    result = ec.identify(ec.load_setup(made / "setup.yaml"), [write_log(made / "run.csv")])
-    ec.save_identification(result, made / "model.json")
-    return made
+    folder = tmp_path_factory.mktemp("pendulum")
+    (folder / "setup.yaml").write_text(SETUP)
+    result = ec.identify(ec.load_setup(folder / "setup.yaml"), [write_log(folder / "run.csv")])
+    ec.save_identification(result, folder / "model.json")
+    return folder
 
 
 def still(noise: float) -> np.ndarray:
@@ -128,9 +130,10 @@ def test_an_identified_model_is_typed_by_its_schema(folder: Path, tmp_path: Path
 def test_records_keep_what_they_say(folder: Path) -> None:
     document = json.loads((folder / "model.json").read_text())
     loaded = load_identified(folder / "model.json")
-    assert loaded.columns == tuple(ColumnMapRecord.model_validate(c).made() for c in document["columns"])
-    prepared = PreparationRecord.model_validate(document["preparation"] | {"cutoff": "inf", "decimation": [2, 3]})
-    assert (prepared.made().cutoff, prepared.made().decimation) == (float("inf"), (2, 3))
+    assert loaded.columns == tuple(made(ColumnMap, ColumnMapRecord.model_validate(c)) for c in document["columns"])
+    record = PreparationRecord.model_validate(document["preparation"] | {"cutoff": "inf", "decimation": [2, 3]})
+    prepared = made(Preparation, record)
+    assert (prepared.cutoff, prepared.decimation) == (float("inf"), (2, 3))
 
 
 @pytest.mark.parametrize("scale", [1e300, 1e-300, 1e15, 1e-15])

@@ -21,8 +21,8 @@ from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import stated_values
 from echelon.regressor.virtual_power import virtual_power_form
-from echelon.results.record import json_schema
 from echelon.results.saved import from_json, to_json
+from echelon.results.schema import BaseModelRecord, json_schema
 
 FOLDER = Path(__file__).parents[1] / "examples"
 EXAMPLES = [
@@ -53,7 +53,7 @@ def check_round_trip(model: ec.BaseModel) -> None:
     assert again.matrix.rows == model.matrix.rows
     assert again.reading == model.reading
     assert to_json(again) == text
-    jsonschema.validate(json.loads(text), json_schema())
+    jsonschema.validate(json.loads(text), json_schema(BaseModelRecord))
     assert ec.verify(again).rank == model.rank
 
 

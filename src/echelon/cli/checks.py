@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -71,14 +72,16 @@ def _definitions(texts: Sequence[str]) -> dict[str, str]:
 
 def run_schema(which: str) -> None:
     """Print a JSON schema."""
-    import json
+    from echelon.results.schema import BaseModelRecord, IdentifiedRecord, json_schema
 
     if which == "description":
-        from echelon.formats.schema import json_schema
-    elif which == "identified":
-        from echelon.results.identified_record import json_schema
+        from echelon.formats.schema import json_schema as description_schema
+
+        found = description_schema()
     elif which == "trajectory":
-        from echelon.excite.files.trajectory_schema import trajectory_schema as json_schema
+        from echelon.excite.files.trajectory_schema import trajectory_schema
+
+        found = trajectory_schema()
     else:
-        from echelon.results.record import json_schema
-    show(json.dumps(json_schema(), indent=2))
+        found = json_schema(IdentifiedRecord if which == "identified" else BaseModelRecord)
+    show(json.dumps(found, indent=2))

@@ -24,8 +24,8 @@ from echelon.formats.load import load_model
 from echelon.inputs.content import read_document
 from echelon.inputs.json_text import parse_json
 from echelon.models.linear_model import LinearModel
-from echelon.results.record import SCHEMA_NAME
 from echelon.results.saved import load_base
+from echelon.results.schema import SCHEMA_NAME
 
 SUMMARY = "echelon.generated/1"
 """Schema of the summary."""

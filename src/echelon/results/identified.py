@@ -1,12 +1,18 @@
-"""Identified models as JSON: everything that was found, and enough to use it and to repeat the run."""
+"""Identified models as JSON: everything needed to use a fitted model and to repeat the run."""
 
 from __future__ import annotations
 
+import hashlib
 import json
+import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, is_dataclass
+from enum import Enum
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,17 +20,31 @@ from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.files import write_atomically
+from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.result import Identification
 from echelon.identification.rows.plan import Plan
 from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.preparation.settings import Preparation
-from echelon.results.identified_document import identification_document
-from echelon.results.saved import from_json
+from echelon.results.saved import from_json, to_dict
+from echelon.results.schema import (
+    EstimateRecord,
+    ExcitationRecord,
+    FeasibilityRecord,
+    IdentifiedRecord,
+    ParameterRecord,
+    PhysicalRecord,
+    ValidationRecord,
+    checked,
+    made,
+    record_of,
+)
+from echelon.version import __version__
 
-if TYPE_CHECKING:
-    from echelon.results.identified_record import IdentifiedRecord
+_COMPUTED_WITH = ("numpy", "scipy", "sympy", "python-flint", "llvmlite", "clarabel", "pyarrow")
+_BLOCK = 1 << 20
 
 
 @dataclass(frozen=True, repr=False)
@@ -62,11 +82,6 @@ def save_identification(identification: Identification, path: str | os.PathLike[
     write_atomically(path, identification_to_json(identification))
 
 
-def identification_to_json(identification: Identification) -> str:
-    """An identification as JSON text; equal runs give equal text."""
-    return json.dumps(identification_document(identification), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
 def load_identified(path: str | os.PathLike[str]) -> IdentifiedModel:
     """Read an identified model.
 
@@ -84,25 +99,118 @@ def load_identified(path: str | os.PathLike[str]) -> IdentifiedModel:
     InputError
         If the file cannot be read or is not an identified model; names the element.
     """
-    from pydantic import ValidationError
-
-    from echelon.results.identified_record import IdentifiedRecord
-
-    document = parse_json(read_content(path), str(path))
-    try:
-        record = IdentifiedRecord.model_validate(document)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        problem = f"not an identified model: {first['msg']}"
-        raise InputError(problem, source=str(path), element=where or None) from None
-    return _from_record(record, document, str(path))
-
-
-def _from_record(record: IdentifiedRecord, document: Mapping[str, Any], source: str) -> IdentifiedModel:
+    source = str(path)
+    document = parse_json(read_content(path), source)
+    record = checked(IdentifiedRecord, document, source, "an identified model")
     base = from_json(json.dumps(document["base"]), source)
-    names = [expression.name for expression in base.expressions]
-    if list(record.values) != names:
+    if list(record.values) != list(base.pivots):
         raise InputError("the values are not those of the base parameters", source=source, element="values")
-    columns = tuple(entry.made() for entry in record.columns)
-    return IdentifiedModel(base, np.array(list(record.values.values())), columns, record.preparation.made(), document)
+    columns = tuple(made(ColumnMap, entry) for entry in record.columns)
+    preparation = made(Preparation, record.preparation)
+    return IdentifiedModel(base, np.array(list(record.values.values())), columns, preparation, document)
+
+
+def identification_to_json(identification: Identification) -> str:
+    """An identification as JSON text; equal runs give equal text."""
+    document = identification_document(identification)
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def identification_document(result: Identification) -> dict[str, Any]:
+    """All of an identification as JSON-able data of schema ``echelon.identified/1``; null where JSON has no number."""
+    settings = dict(result.settings)
+    document = record_of(
+        IdentifiedRecord,
+        result,
+        format="echelon.identified/1",
+        echelon=__version__,
+        versions=_versions(),
+        findings=[asdict(finding) for finding in result.findings],
+        values=dict(zip(result.base.pivots, result.values, strict=True)),
+        estimate=_estimate(result.estimate, result),
+        essential=None if result.essential is None else _estimate(result.essential, result),
+        excitation=record_of(ExcitationRecord, result.excitation),
+        feasibility=None if result.feasibility is None else record_of(FeasibilityRecord, result.feasibility),
+        physical=None if result.physical is None else _physical(result.physical),
+        validations=[record_of(ValidationRecord, validation) for validation in result.validations],
+        logs=_logs(result),
+        columns=settings.pop("columns", []),
+        preparation={key: _number_or_text(value) for key, value in asdict(result.preparation).items()},
+        settings=settings,
+        base=to_dict(result.base),
+    )
+    found: dict[str, Any] = _plain(document)
+    return found
+
+
+def _estimate(estimate: Estimate, result: Identification) -> dict[str, Any]:
+    level = float(result.settings.get("level", 0.95))
+    columns = zip(estimate.units, estimate.values, estimate.std, *estimate.interval(level).T, strict=True)
+    rows = (dict(zip(("unit", "value", "std", "low", "high"), row, strict=True)) for row in columns)
+    expressions = result.base.expressions
+    parameters = [
+        record_of(ParameterRecord, expression, expression=str(expression), **row)
+        for expression, row in zip(expressions, rows, strict=True)
+    ]
+    return record_of(
+        EstimateRecord,
+        estimate,
+        level=level,
+        parameters=parameters,
+        noise=dict(zip(estimate.outputs, estimate.noise, strict=True)),
+        rows=dict(zip(estimate.outputs, estimate.rows, strict=True)),
+    )
+
+
+def _physical(fit: PhysicalFit) -> dict[str, Any]:
+    return record_of(PhysicalRecord, fit, standard=dict(zip(fit.parameters, fit.standard, strict=True)))
+
+
+def _logs(result: Identification) -> list[dict[str, Any]]:
+    mine = [(source, "identification") for source in result.logs]
+    others = [v.source for v in result.validations if v.role == "validation" and v.source not in result.logs]
+    mine += [(source, "validation") for source in dict.fromkeys(others)]
+    return [{"source": source, "role": role, **_digest(Path(source))} for source, role in mine]
+
+
+def _number_or_text(value: Any) -> Any:
+    """An infinite cut-off, which means no filter, as a word."""
+    return "inf" if isinstance(value, float) and math.isinf(value) else value
+
+
+def _digest(path: Path) -> dict[str, Any]:
+    """Size and hash of a file; of a log that is not a file (a bag in a folder, samples in memory) nothing."""
+    if not path.is_file():
+        return {"bytes": None, "sha256": None}
+    digest = hashlib.sha256()
+    with path.open("rb") as stream:
+        while block := stream.read(_BLOCK):
+            digest.update(block)
+    return {"bytes": path.stat().st_size, "sha256": digest.hexdigest()}
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for package in _COMPUTED_WITH:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def _plain(value: Any) -> Any:
+    """Data in terms of JSON: dataclasses as objects, arrays as lists, null for numbers that are not finite."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return _plain(asdict(value))
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from echelon.base.certificate import Certificate
 from echelon.base.matrix import BaseMatrix, StatedNumbers, coefficient_value
 from echelon.base.model import BaseModel
-from echelon.base.reading_report import MimicRanks, ReadingReport
+from echelon.base.reading_report import ReadingReport
 from echelon.base.value_relations import SpecialValues
 from echelon.errors import CertificateError, EchelonError, InputError
 from echelon.exact.expressions import parse
@@ -22,20 +22,11 @@ from echelon.files import write_atomically
 from echelon.formats.options import ReadingOptions
 from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json
-from echelon.mechanism.reading import Snap
 from echelon.mechanism.values import value_texts
-from echelon.regressor.loops.assembly import Assembled, Moved
 from echelon.version import __version__
 
 if TYPE_CHECKING:
-    from echelon.results.record import (
-        AssembledRecord,
-        BaseModelRecord,
-        BaseParameterRecord,
-        NumbersRecord,
-        SnapRecord,
-        SpecialRecord,
-    )
+    from echelon.results.schema import BaseModelRecord, BaseParameterRecord, NumbersRecord
 
 
 def to_json(model: BaseModel) -> str:
@@ -46,37 +37,39 @@ def to_json(model: BaseModel) -> str:
 def to_dict(model: BaseModel) -> dict[str, Any]:
     """The model as JSON-able data."""
     from echelon.formats.description import write_description
-    from echelon.results.record import SCHEMA_NAME
+    from echelon.results.schema import SCHEMA_NAME, BaseModelRecord, record_of
 
-    certificate = asdict(model.certificate)
-    certificate["identity_primes"] = [str(p) for p in model.certificate.identity_primes]
-    return {
-        "schema": SCHEMA_NAME,
-        "echelon": __version__,
-        "name": model.mechanism.name,
-        "seed": model.seed,
-        "rank": model.rank,
-        "outputs": [output.name for output in model.mechanism.outputs],
-        "parameters": list(model.parameters),
-        "order": [model.parameters[c] for c in model.matrix.order],
-        "base": _base_rows(model),
-        **_numbers(model),
-        "classification": _classes(model),
-        "reading": asdict(model.reading),
-        "special": None if model.special is None else asdict(model.special),
-        "generic": model.generic,
-        "certificate": certificate,
-        "model": write_description(model.mechanism, elementary=True),
-    }
+    mechanism, evidence = model.mechanism, asdict(model.certificate)
+    document = record_of(
+        BaseModelRecord,
+        model,
+        format=SCHEMA_NAME,
+        echelon=__version__,
+        name=mechanism.name,
+        outputs=[output.name for output in mechanism.outputs],
+        parameters=list(model.parameters),
+        order=[model.parameters[c] for c in model.matrix.order],
+        base=_base_rows(model),
+        numbers=_numbers(model),
+        classification=_classes(model),
+        reading=asdict(model.reading),
+        special=model.special and asdict(model.special),
+        certificate={**evidence, "identity_primes": [str(p) for p in model.certificate.identity_primes]},
+        model=write_description(mechanism, elementary=True),
+    )
+    return document if document["numbers"] else {key: value for key, value in document.items() if key != "numbers"}
 
 
-def _numbers(model: BaseModel) -> dict[str, Any]:
+def _numbers(model: BaseModel) -> dict[str, Any] | None:
     """The columns of B that are numbers, if there are any."""
     numbers = model.matrix.numbers
     if numbers is None:
-        return {}
-    columns = [model.parameters[c] for c in numbers.columns]
-    return {"numbers": {"parameters": columns, "at": dict(numbers.at), "radius": numbers.radius}}
+        return None
+    return {
+        "parameters": [model.parameters[c] for c in numbers.columns],
+        "at": dict(numbers.at),
+        "radius": numbers.radius,
+    }
 
 
 def _classes(model: BaseModel) -> dict[str, list[str]]:
@@ -111,21 +104,16 @@ def from_json(text: str | bytes, source: str = "base model") -> BaseModel:
 
     The document must be of the schema and agree with itself; its claim is not checked: use :func:`echelon.verify`.
     """
-    from pydantic import ValidationError
+    from echelon.results.schema import BaseModelRecord, checked
 
-    from echelon.results.record import BaseModelRecord
-
-    try:
-        record = BaseModelRecord.model_validate(parse_json(text, source))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"not a saved base model: {first['msg']}", source=source, element=where or None) from None
-    return _from_record(record, source)
+    return _from_record(checked(BaseModelRecord, parse_json(text, source), source, "a saved base model"), source)
 
 
 def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
+    from pydantic import ValidationError
+
     from echelon.formats.description import read_description
+    from echelon.results.schema import made
 
     data = json.dumps(record.model).encode()
     mechanism = read_description(data, source, ReadingOptions(every_link=True))
@@ -141,29 +129,14 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
         raise InputError(f"unknown parameter {error}", source=source, element="base") from None
     except (ValueError, ZeroDivisionError) as error:
         raise InputError(f"unreadable coefficient: {error}", source=source, element="base") from None
-    evidence = record.certificate.model_dump()
     try:
-        evidence["identity_primes"] = tuple(int(p) for p in evidence["identity_primes"])
-        evidence["modes"] = tuple(evidence["modes"])
-    except ValueError:
+        certificate = made(Certificate, record.certificate)
+    except ValidationError:
         raise InputError("primes are decimal numbers", source=source, element="certificate") from None
-    model = BaseModel(
-        mechanism,
-        BaseMatrix(mechanism.parameters, pivots, rows, order, numbers),
-        Certificate(**evidence),
-        ReadingReport(
-            tuple(_snap(s) for s in record.reading.snaps),
-            tuple(record.reading.notes),
-            record.reading.literal_rank,
-            tuple(_snap(s) for s in record.reading.decisive),
-            record.reading.doubt,
-            None if (ranks := record.reading.mimics) is None else MimicRanks(ranks.coupled, ranks.independent),
-            _assembled(record.reading.assembled),
-        ),
-        record.seed,
-        _special(record.special),
-        record.generic,
-    )
+    matrix = BaseMatrix(mechanism.parameters, pivots, rows, order, numbers)
+    special = None if record.special is None else made(SpecialValues, record.special)
+    reading = made(ReadingReport, record.reading)
+    model = BaseModel(mechanism, matrix, certificate, reading, record.seed, special, record.generic)
     _check_derived(record, model)
     return model
 
@@ -206,21 +179,6 @@ def _same_values(stated: Mapping[str, float | None], derived: Mapping[str, float
         return a is b if a is None or b is None else isclose(a, b, rel_tol=1e-9, abs_tol=1e-12)
 
     return stated.keys() == derived.keys() and all(same(stated[name], derived[name]) for name in stated)
-
-
-def _special(record: SpecialRecord | None) -> SpecialValues | None:
-    return None if record is None else SpecialValues(record.generic_rank, record.rank, tuple(record.relations))
-
-
-def _assembled(record: AssembledRecord | None) -> Assembled | None:
-    if record is None:
-        return None
-    moved = tuple(Moved(**entry.model_dump()) for entry in record.moved)
-    return Assembled(moved, record.closure, record.opening, record.unit, record.pose)
-
-
-def _snap(record: SnapRecord) -> Snap:
-    return Snap(record.element, record.literal, record.intended, record.difference)
 
 
 def save_base(model: BaseModel, path: str | os.PathLike[str]) -> None:

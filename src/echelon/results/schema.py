@@ -1,0 +1,351 @@
+"""The saved forms of base models and of identified models, declared once: JSON schema, writing and checking follow.
+
+:func:`record_of` fills a record from a result; pydantic's ``TypeAdapter`` makes the result's dataclasses from records.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel as Schema
+
+from echelon.errors import InputError
+
+SCHEMA_NAME: Literal["echelon.base-model/1"] = "echelon.base-model/1"
+
+Value = Annotated[float, Field(ge=-1e100, le=1e100)]
+"""A parameter whose products still have doubles."""
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+CutOff = Annotated[Positive | Literal["inf"] | None, AfterValidator(lambda c: c if c is None else float(c))]
+Stages = Annotated[list[Annotated[int, Field(ge=1, le=10**6)]] | None, Field(max_length=20)]
+
+Record = TypeVar("Record", bound=Schema)
+Made = TypeVar("Made")
+
+
+def record_of(kind: type[Schema], found: object, **given: Any) -> dict[str, Any]:
+    """Data of a record: each field as given, or the attribute of its name."""
+    return {
+        field.alias or name: given[name] if name in given else getattr(found, name)
+        for name, field in kind.model_fields.items()
+    }
+
+
+def checked(kind: type[Record], data: Any, source: str, what: str) -> Record:
+    """Data as a record; an InputError names the element that is not as the schema says."""
+    try:
+        return kind.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"not {what}: {first['msg']}", source=source, element=where or None) from None
+
+
+def made(kind: type[Made], record: Schema) -> Made:
+    """A dataclass, with those inside it, from the record of its fields."""
+    return TypeAdapter(kind).validate_python(record.model_dump())
+
+
+def json_schema(kind: type[Schema]) -> dict[str, Any]:
+    """The JSON schema of a record."""
+    return kind.model_json_schema(by_alias=True)
+
+
+class _Strict(Schema):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class _Finite(_Strict):
+    model_config = ConfigDict(allow_inf_nan=False)
+
+
+# -- base models -------------------------------------------------------------------------------------------------------
+
+
+class TermRecord(_Strict):
+    """One standard parameter in a base parameter."""
+
+    parameter: str = Field(description="Name of the standard parameter.")
+    coefficient: str = Field(description="Exact coefficient: an expression in the geometry symbols, or its numerator.")
+    denominator: str = Field("1", description="Exact denominator, where there is one.")
+    value: float | None = Field(None, description="Numeric coefficient, if all symbols have values.")
+
+
+class BaseParameterRecord(_Strict):
+    """One base parameter, a row of B."""
+
+    name: str = Field(description="The representative; its coefficient is 1.")
+    unit: str = Field(description="SI unit.")
+    expression: str = Field(description="Closed form for people.")
+    terms: list[TermRecord] = Field(description="All terms, the representative included.")
+
+
+class SnapRecord(_Strict):
+    """A number that was read as a nearby exact one."""
+
+    element: str
+    literal: str
+    intended: str
+    difference: float
+
+
+class MimicRecord(_Strict):
+    """Ranks of a robot whose file couples joints."""
+
+    coupled: int
+    independent: int
+
+
+class MovedRecord(_Strict):
+    """How far a coordinate was moved to close the loops."""
+
+    coordinate: str
+    distance: float
+    unit: str
+    relative: float = Field(description="In rad or characteristic lengths.")
+    stated: bool = Field(description="Whether the assembly pose says where the coordinate is.")
+
+
+class AssembledRecord(_Strict):
+    """What was moved because the stated assembly pose does not close the loops."""
+
+    moved: list[MovedRecord] = Field(description="The largest move first.")
+    closure: str = Field(description="The closure that was open most.")
+    opening: float
+    unit: str
+    pose: dict[str, float] = Field(description="The closed pose that was taken.")
+
+
+class ReadingRecord(_Strict):
+    """How the file was read."""
+
+    snaps: list[SnapRecord] = []
+    notes: list[str] = []
+    literal_rank: int | None = Field(None, description="Rank without snapping, where something was snapped.")
+    decisive: list[SnapRecord] = Field([], description="Snaps that changed the rank.")
+    doubt: str = Field("", description="Float ranks of the literal numbers, where none confirms the exact one.")
+    mimics: MimicRecord | None = Field(None, description="Ranks with and without the couplings of the file's joints.")
+    assembled: AssembledRecord | None = Field(None, description="What was moved to close the loops, beyond rounding.")
+
+
+class CertificateRecord(_Strict):
+    """Evidence; see the documentation of the certificate."""
+
+    rank: int
+    seed: int = Field(ge=0)
+    minor_prime: int
+    minor_states: int
+    identity_primes: list[str] = Field(description="81-bit primes as decimal text.")
+    degree: int
+    log10_error: float
+    order: int = 0
+    at_values: bool = Field(False, description="Whether the minor was taken at the stated values of the symbols.")
+    regions: int = Field(0, description="Regions of signs that were visited; 0 without signs.")
+    regions_note: str = ""
+    modes: list[int] = Field([], description="With loops, ranks of all assembly modes that were found.")
+    numbers: int = Field(0, description="Columns of B that are numbers, checked at the stated values only.")
+    log10_residual: float | None = Field(None, description="Bound on what is left there, where they are not exact.")
+
+
+class SpecialRecord(_Strict):
+    """What the stated values change against general symbols."""
+
+    generic_rank: int = Field(description="Rank for general values of the symbols.")
+    rank: int = Field(description="Rank at the stated values.")
+    relations: list[str] = Field(description="Relations among the values that make the difference.")
+
+
+class NumbersRecord(_Strict):
+    """Columns of B whose coefficients are numbers in place of closed forms."""
+
+    parameters: list[str] = Field(description="Standard parameters whose coefficients are numbers.")
+    at: dict[str, str] = Field(description="Values of the symbols that they are true at; radians for angles.")
+    radius: float = Field(ge=0, description="Largest error of a coefficient; 0 where they are exact.")
+
+
+class BaseModelRecord(_Strict):
+    """A saved set of base parameters with everything needed to check it again."""
+
+    format: Literal["echelon.base-model/1"] = Field(alias="schema")
+    echelon: str = Field(description="Version that wrote the file.")
+    name: str
+    seed: int = Field(ge=0)
+    rank: int
+    outputs: list[str] = Field(description="Measured generalised forces, the rows of X.")
+    parameters: list[str] = Field(description="Standard parameters, the columns of X and B.")
+    order: list[str] = Field(description="Column order for which B is in reduced echelon form.")
+    base: list[BaseParameterRecord]
+    numbers: NumbersRecord | None = Field(None, description="What has no closed form within the budget.")
+    classification: dict[str, list[str]]
+    reading: ReadingRecord
+    special: SpecialRecord | None = Field(None, description="Present where the stated values change the answer.")
+    generic: bool = Field(False, description="Whether the set is for general values of the symbols.")
+    certificate: CertificateRecord
+    model: dict[str, Any] = Field(description="The mechanism as an Echelon description.")
+
+
+# -- identified models -------------------------------------------------------------------------------------------------
+
+
+class ChannelRecord(_Finite):
+    """A quantity in a column: scale · (column in SI units) + offset."""
+
+    column: str
+    unit: str
+    scale: float
+    offset: float
+
+
+Channels = dict[str, ChannelRecord]
+
+
+class ColumnMapRecord(_Finite):
+    """Which columns of logs hold which quantities."""
+
+    time: ChannelRecord | None
+    rate: Positive | None
+    positions: Channels
+    velocities: Channels
+    accelerations: Channels
+    outputs: Channels
+    references: Channels
+    inputs: Channels
+
+
+class PreparationRecord(_Finite):
+    """How logs were prepared, every choice filled in."""
+
+    cutoff: CutOff = Field(description="Of the low-pass over positions, Hz; 'inf' for none.")
+    order: int = Field(ge=1, le=100, description="Of that Butterworth filter.")
+    derivative: Literal["central", "savitzky_golay", "fourier"]
+    measured: list[Literal["qd", "qdd"]]
+    period: Positive | None
+    average: bool
+    output_cutoff: CutOff = Field(description="Of the filter over both sides of the equation, Hz; 'inf' for none.")
+    output_filter: Literal["butterworth", "chebyshev", "fir"]
+    decimation: Stages
+    still: NotNegative | dict[str, NotNegative] | None
+    delays: dict[str, float] | None
+    trim: NotNegative
+    rate: Positive | None
+    chosen_at: Positive | None
+    reasons: dict[str, str]
+
+
+class ParameterRecord(_Finite):
+    """One estimated base parameter."""
+
+    name: str
+    unit: str = Field(description="SI unit.")
+    expression: str = Field(description="Closed form for people.")
+    value: float
+    std: float | None = Field(description="Standard deviation; null where the data do not show the parameter.")
+    low: float | None = Field(description="Lower end of the confidence interval.")
+    high: float | None = Field(description="Upper end.")
+
+
+class EstimateRecord(_Finite):
+    """An estimate of the base parameters."""
+
+    method: str
+    level: float = Field(description="Probability of the intervals.")
+    parameters: list[ParameterRecord]
+    covariance: list[list[float | None]]
+    noise: dict[str, float | None] = Field(
+        description="Standard deviation of each output's residual, unit of the output."
+    )
+    rows: dict[str, int] = Field(description="Rows of each output.")
+    degrees: float = Field(description="Residual degrees of freedom.")
+    diagnostics: dict[str, Any]
+
+
+class ExcitationRecord(_Finite):
+    """What the data show."""
+
+    condition: float | None
+    scaled_condition: float | None
+    rank: int
+    singular_values: list[float]
+    visibility: list[float]
+    weak: list[dict[str, Any]]
+
+
+class FeasibilityRecord(_Finite):
+    """Whether a physical robot has the estimated base parameters."""
+
+    feasible: bool | None
+    evidence: str
+    distance: float | None
+    nearest: list[float] | None
+
+
+class PhysicalRecord(_Finite):
+    """Standard parameters of a robot that can exist."""
+
+    standard: dict[str, float] = Field(description="Standard parameters, SI units.")
+    base: list[float] = Field(description="Their base parameters.")
+    misfit: float | None
+    least_misfit: float | None
+    margins: dict[str, float | None]
+    prior: str
+    prior_weight: float | None
+    status: str
+    diagnostics: dict[str, Any]
+
+
+class ScoreRecord(_Finite):
+    """How well predictions fit one output; null where undefined."""
+
+    output: str
+    unit: str
+    rows: int
+    rms: float | None
+    percent: float | None
+    r2: float | None
+    bias: float | None
+    correlation_time: float | None
+    whiteness: float | None
+
+
+class ValidationRecord(_Finite):
+    """Predictions of one log."""
+
+    source: str
+    role: Literal["identification", "validation"]
+    scores: list[ScoreRecord]
+    prior_scores: list[ScoreRecord]
+    verdict: str
+
+
+class LogRecord(_Finite):
+    """A log that was used."""
+
+    source: str
+    role: Literal["identification", "validation"]
+    bytes: int | None = Field(description="Size of the file.")
+    sha256: str | None = Field(description="Of its content.")
+
+
+class IdentifiedRecord(_Finite):
+    """An identified model with everything needed to use it and to repeat the run."""
+
+    format: Literal["echelon.identified/1"] = Field(alias="schema")
+    echelon: str = Field(description="Version that wrote the file.")
+    versions: dict[str, str] = Field(description="Versions of Python and of the packages that computed.")
+    verdict: str
+    findings: list[dict[str, str]]
+    chosen: Literal["estimate", "essential", "physical"]
+    values: dict[str, Value] = Field(description="Base parameters that predictions use, SI units.")
+    estimate: EstimateRecord
+    essential: EstimateRecord | None
+    excitation: ExcitationRecord
+    feasibility: FeasibilityRecord | None
+    physical: PhysicalRecord | None
+    validations: list[ValidationRecord]
+    logs: list[LogRecord]
+    columns: list[ColumnMapRecord] = Field(description="What the columns of logs mean.")
+    preparation: PreparationRecord = Field(description="How logs were prepared, every choice filled in.")
+    settings: dict[str, Any] = Field(description="What was fitted, and how; with the seed.")
+    base: BaseModelRecord = Field(description="The base parameters and the mechanism.")
