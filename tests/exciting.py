@@ -37,6 +37,7 @@ _FOURTH = ((-2.0, 1 / 12), (-1.0, -2 / 3), (1.0, 2 / 3), (2.0, -1 / 12))
 """Offsets and weights of the central difference of fourth order."""
 
 
+@cache
 def families(duration: float = 4.0) -> dict[str, Basis]:
     """One basis of every kind."""
     series, splines = Fourier(duration, 3), uniform_splines(duration, 6)

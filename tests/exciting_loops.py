@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 
 import echelon as ec
 import linkages
@@ -37,6 +38,9 @@ BUILT = {
     "coupled chain": lambda: linkages.closed_chain(ClosureKind.REVOLUTE, coupled=True),
 }
 MECHANISMS = (*BUILT, *FILES)
+LARGE = {"chain", "gough_stewart"}
+"""Mechanisms that take long: the fast tests have the coupled chain and the delta robot."""
+CASES = [pytest.param(name, marks=pytest.mark.slow) if name in LARGE else name for name in MECHANISMS]
 REDUNDANT = {"four-bar", "slider-crank", "four_bar", "parallelogram"}
 
 

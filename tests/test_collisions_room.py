@@ -47,6 +47,7 @@ def test_what_is_stated_stays_with_room_or_without() -> None:
     np.testing.assert_array_equal(start_pose(np.zeros(2), LIMITS, [beside(0.13)], 0), [0.0, 0.0])
 
 
+@pytest.mark.slow
 def test_a_leg_of_a_quadruped_over_a_floor() -> None:
     """In the middle of its ranges the thigh is 1.5 mm further from the trunk than it has to be."""
     leg = [f"FR_{part}_joint" for part in ("hip", "thigh", "calf")]

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from echelon.excite.problem import information as criteria
-from echelon.excite.problem.information import Criterion, Name, condition_number, log_det
+from echelon.excite.problem.information import Optimality, OptimalityCriterion, condition_number, log_det
 from exciting import Floats, slope_along
 
-NAMES: tuple[Name, ...] = ("d_optimal", "a_optimal", "condition")
+NAMES: tuple[Optimality, ...] = ("d_optimal", "a_optimal", "condition")
 
 
 def information(seed: int, size: int = 5, spread: float = 2.0) -> Floats:
@@ -29,9 +29,11 @@ def scales(seed: int, size: int = 5) -> Floats:
 def test_values_by_definition(seed: int) -> None:
     F, units = information(seed), scales(seed)
     scaled = np.diag(units) @ F @ np.diag(units)
-    assert Criterion("d_optimal", units).evaluate(F)[0] == pytest.approx(-np.linalg.slogdet(scaled)[1] / 5, rel=1e-9)
+    assert OptimalityCriterion("d_optimal", units).evaluate(F)[0] == pytest.approx(
+        -np.linalg.slogdet(scaled)[1] / 5, rel=1e-9
+    )
     expected = np.log(np.trace(np.linalg.inv(scaled)))
-    assert Criterion("a_optimal", units).evaluate(F)[0] == pytest.approx(expected, rel=1e-7)
+    assert OptimalityCriterion("a_optimal", units).evaluate(F)[0] == pytest.approx(expected, rel=1e-7)
     assert condition_number(F) == pytest.approx(np.sqrt(np.linalg.cond(F)), rel=1e-7)
     assert log_det(F) == pytest.approx(np.linalg.slogdet(F)[1], rel=1e-12)
 
@@ -41,7 +43,7 @@ def test_smoothed_condition_is_a_bound(seed: int, size: int, spread: float) -> N
     """Sums of powers of n numbers lie between the largest and n times it."""
     F = information(seed, size, spread)
     exact = np.log(condition_number(F))
-    found = Criterion("condition", np.ones(size)).evaluate(F)[0]
+    found = OptimalityCriterion("condition", np.ones(size)).evaluate(F)[0]
     assert exact - 1e-9 <= found <= exact + np.log(size) / 8 + 1e-9
 
 
@@ -50,16 +52,16 @@ def test_smoothed_condition_tends_to_the_condition(monkeypatch: pytest.MonkeyPat
     gaps = []
     for power in (4, 8, 64, 512):
         monkeypatch.setattr(criteria, "_SHARPNESS", power)
-        gaps.append(Criterion("condition", np.ones(8)).evaluate(F)[0] - np.log(condition_number(F)))
+        gaps.append(OptimalityCriterion("condition", np.ones(8)).evaluate(F)[0] - np.log(condition_number(F)))
     assert gaps == sorted(gaps, reverse=True)
     assert 0 <= gaps[-1] < 1e-3 < gaps[0]
 
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("name", NAMES)
-def test_slopes(name: Name, seed: int) -> None:
+def test_slopes(name: Optimality, seed: int) -> None:
     """tr(M D) is the derivative along every symmetric direction D."""
-    criterion, F = Criterion(name, scales(seed)), information(seed, spread=1.0)
+    criterion, F = OptimalityCriterion(name, scales(seed)), information(seed, spread=1.0)
     M = criterion.evaluate(F)[1]
     np.testing.assert_allclose(M, M.T, atol=1e-12 * np.abs(M).max())
     rng = np.random.default_rng(seed)
@@ -72,16 +74,19 @@ def test_slopes(name: Name, seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_more_information_is_better(name: Name) -> None:
+def test_more_information_is_better(name: Optimality) -> None:
     F = information(0)
-    assert Criterion(name, np.ones(5)).evaluate(F)[0] > Criterion(name, np.ones(5)).evaluate(F + np.eye(5) * 10)[0]
+    assert (
+        OptimalityCriterion(name, np.ones(5)).evaluate(F)[0]
+        > OptimalityCriterion(name, np.ones(5)).evaluate(F + np.eye(5) * 10)[0]
+    )
 
 
 def test_scales_only_shift_the_first_one() -> None:
     units = scales(1)
     shifts = []
     for seed in range(3):
-        values = [Criterion("d_optimal", u).evaluate(information(seed)) for u in (units, np.ones(5))]
+        values = [OptimalityCriterion("d_optimal", u).evaluate(information(seed)) for u in (units, np.ones(5))]
         shifts.append(values[0][0] - values[1][0])
         np.testing.assert_allclose(values[0][1], values[1][1], rtol=1e-6, atol=1e-6 * np.abs(values[1][1]).max())
     np.testing.assert_allclose(shifts, -2 * np.mean(np.log(units)), rtol=1e-7)
@@ -100,9 +105,9 @@ def test_singular_matrices() -> None:
 
 @pytest.mark.parametrize("F", [np.outer([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]), np.zeros((3, 3))], ids=["one", "none"])
 @pytest.mark.parametrize("name", NAMES)
-def test_singular_matrices_are_bad_but_numbers(name: Name, F: Floats) -> None:
+def test_singular_matrices_are_bad_but_numbers(name: Optimality, F: Floats) -> None:
     """A search can begin where parameters are not visible: values and slopes are finite, and much worse."""
-    criterion = Criterion(name, np.ones(3))
+    criterion = OptimalityCriterion(name, np.ones(3))
     value, slope = criterion.evaluate(F)
     assert np.isfinite(value)
     assert np.isfinite(slope).all()

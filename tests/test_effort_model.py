@@ -113,6 +113,7 @@ def careful() -> ec.ExcitingTrajectory:
     return designed(model="result/model.json")
 
 
+@pytest.mark.slow
 def test_torques_of_robots_that_the_data_allow_stay_below_limits() -> None:
     """Of robots drawn from the confidence region; by the estimate alone a half of them would break a limit."""
     found = careful()

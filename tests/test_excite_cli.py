@@ -236,7 +236,7 @@ def test_a_log_at_hand_is_complemented(tmp_path: Path) -> None:
 
 def test_choices_are_those_of_the_section() -> None:
     """They are stated once more for the command line, so that ``--help`` is instant."""
-    for ours, name in ((excite_commands.Criterion, "criterion"), (excite_commands.Family, "family")):
+    for ours, name in ((excite_commands.Optimality, "criterion"), (excite_commands.Family, "family")):
         assert ours == ExcitationEntry.model_fields[name].annotation
     assert {f".{name}" for name in excite_commands.SampleFormat} == {*SUFFIXES} - {".json"}
 

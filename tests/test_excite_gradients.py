@@ -12,7 +12,7 @@ import pytest
 import echelon as ec
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.excite.problem.information import ADJOINT, Criterion, Information, Name, StateRegressor, pullback
+from echelon.excite.problem.information import ADJOINT, Information, Name, OptimalityCriterion, StateRegressor, pullback
 from echelon.excite.problem.trajectory import Basis, Fourier, resting_ends, uniform_splines
 from exciting import Floats, slope_along, slopes_by_state
 
@@ -176,7 +176,7 @@ def test_gradients(name: str, criterion: Name) -> None:
     """Along random directions and by single coefficients, as fourth-order differences have them."""
     base, seen = base_of(name), information(name, SMOOTH, prior=0.1)
     rng = np.random.default_rng(3)
-    measure = Criterion(criterion, 10 ** rng.uniform(-0.5, 0.5, base.rank))
+    measure = OptimalityCriterion(criterion, 10 ** rng.uniform(-0.5, 0.5, base.rank))
     C = rng.normal(size=(family(name).size, len(base.mechanism.velocities))) * 0.5
 
     def value(moved: Floats) -> float:

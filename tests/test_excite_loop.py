@@ -344,6 +344,7 @@ def complement(first: Floats, seed: int, **changes: Any) -> Floats:
     return seen
 
 
+@pytest.mark.slow
 def test_a_complement_is_better_than_a_repetition() -> None:
     for seed in range(2):
         first = rows(excited(seed).trajectory).information

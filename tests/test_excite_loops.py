@@ -12,10 +12,10 @@ import pytest
 from echelon.excite.problem.loop_motion import LoopMotion
 from echelon.regressor.loops.assembly import Assembly
 from exciting import slopes_by_state
-from exciting_loops import MECHANISMS, REDUNDANT, Floats, assert_slopes, base, full, mechanism, regressor, states
+from exciting_loops import CASES, MECHANISMS, REDUNDANT, Floats, assert_slopes, base, full, mechanism, regressor, states
 
 
-@pytest.mark.parametrize("name", MECHANISMS)
+@pytest.mark.parametrize("name", CASES)
 def test_states_are_those_of_the_assembly(name: str) -> None:
     motion, reference = LoopMotion(mechanism(name)), Assembly(mechanism(name))
     state = states(motion)
@@ -25,7 +25,7 @@ def test_states_are_those_of_the_assembly(name: str) -> None:
         np.testing.assert_allclose(mine, other, atol=1e-8 * max(np.abs(other).max(), 1.0))
 
 
-@pytest.mark.parametrize("name", MECHANISMS)
+@pytest.mark.parametrize("name", CASES)
 def test_entries_are_those_of_the_base_model(name: str) -> None:
     made = regressor(name)
     state = states(made.motion)
@@ -42,7 +42,7 @@ def test_redundant_equations_are_among_the_cases() -> None:
         assert (equations > len(motion.columns[1])) == (name in REDUNDANT), name
 
 
-@pytest.mark.parametrize("name", MECHANISMS)
+@pytest.mark.parametrize("name", CASES)
 def test_pulled_derivatives_are_those_of_differences(name: str) -> None:
     made = regressor(name, 0.02)
     state = states(made.motion)

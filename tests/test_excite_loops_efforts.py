@@ -23,7 +23,7 @@ from exciting_loops import assert_slopes, base, certain, identified, mechanism, 
         ("slider-crank", certain),
         ("delta", certain),
         ("delta", identified),
-        ("gough_stewart", certain),
+        pytest.param("gough_stewart", certain, marks=pytest.mark.slow),
     ],
 )
 def test_slopes_of_limits_are_those_of_differences(name: str, made: Callable[..., EffortModel]) -> None:

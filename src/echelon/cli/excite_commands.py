@@ -14,7 +14,7 @@ import typer
 from echelon.cli.app import app
 from echelon.cli.options import AsJson, Force, reads_robot
 
-Criterion = Literal["d_optimal", "a_optimal", "condition"]
+Optimality = Literal["d_optimal", "a_optimal", "condition"]
 Family = Literal["fourier", "bspline", "sum"]
 
 
@@ -52,7 +52,7 @@ def excite(
     family: Annotated[Family | None, typer.Option(help="Functions of time.")] = None,
     harmonics: Annotated[int | None, typer.Option(min=1, help="Harmonics of Fourier series.")] = None,
     segments: Annotated[int | None, typer.Option(min=1, help="Segments of B-splines.")] = None,
-    criterion: Annotated[Criterion | None, typer.Option(help="What is optimised.")] = None,
+    criterion: Annotated[Optimality | None, typer.Option(help="What is optimised.")] = None,
     move: Move = None,
     starts: Annotated[int | None, typer.Option(min=1, help="Random starts; the best one counts.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random starts.")] = None,

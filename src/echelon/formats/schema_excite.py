@@ -22,6 +22,9 @@ from echelon.formats.size import NOT_FINITE
 EVERY = "all"
 """Key of mappings by name that stands for every name that is not listed."""
 
+Optimality = Literal["d_optimal", "a_optimal", "condition"]
+Family = Literal["fourier", "bspline", "sum"]
+
 _NONE = "none"
 _TEXTS = ("body", "name", "mesh")
 """Keys of shapes whose values are texts."""
@@ -245,7 +248,7 @@ class ExcitationEntry(Model):
 
     duration: Positive | None = Field(None, description="Length of the motion, or of its period, s.", examples=[10])
     rate: Positive = Field(100.0, description="Samples per second that the criterion counts, Hz.", examples=[200])
-    family: Literal["fourier", "bspline", "sum"] = Field(
+    family: Family = Field(
         "fourier", description="Functions of time: Fourier series, B-splines, or both added.", examples=["bspline"]
     )
     harmonics: Count | None = Field(
@@ -254,7 +257,7 @@ class ExcitationEntry(Model):
         examples=[5],
     )
     segments: Count = Field(8, description="Segments of B-splines.", examples=[12])
-    criterion: Literal["d_optimal", "a_optimal", "condition"] = Field(
+    criterion: Optimality = Field(
         "d_optimal",
         description="What is optimised: the volume of the confidence ellipsoid, the sum of the variances, or the "
         "condition number.",

@@ -19,7 +19,7 @@ from echelon.arrays import Floats, Integers
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import InputError
 from echelon.excite.problem.distances import Engine, checked_pairs, owner_name
-from echelon.excite.problem.shapes import Balls, Owner, Shape
+from echelon.excite.problem.shapes import BoundingSpheres, Owner, Shape
 from echelon.excite.problem.state_limits import Slopes, StateConstraint
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
@@ -73,26 +73,26 @@ class Clearance(StateConstraint):
             points, distances = found.points[states, columns], found.distances[states, columns]
             normals = _normals(points, distances)
             for side, sign in ((0, -1.0), (1, 1.0)):
-                carriers = np.array([pair[side][0] for pair in self.owners])[columns]
-                some = np.flatnonzero(carriers >= 0)  # the world does not move
-                at, on, n = states[some], carriers[some], sign * normals[some]
+                bodies = np.array([pair[side][0] for pair in self.owners])[columns]
+                some = np.flatnonzero(bodies >= 0)  # the world does not move
+                at, on, n = states[some], bodies[some], sign * normals[some]
                 arms = points[some, side] - frames[at, on, :, 3]
                 inside = np.einsum("kij,ki->kj", frames[at, on, :, :3], arms)
-                lever = np.concatenate([inside, np.ones((len(some), 1))], axis=1)
-                slopes[at, columns[some]] += np.einsum("ki,kicj,kc->kj", n, moved[at, on], lever)
+                arm = np.concatenate([inside, np.ones((len(some), 1))], axis=1)
+                slopes[at, columns[some]] += np.einsum("ki,kicj,kc->kj", n, moved[at, on], arm)
         return slopes, None, None
 
     def nearest(self, q: Floats) -> Nearest:
         """The nearest shapes of all pairs of owners."""
-        known = next((found for at, found in tuple(self._last) if np.array_equal(at, q)), None)
-        if known is None:
-            known = self._nearest(q)
-            self._last.append((np.array(q), known))
-        return known
+        last = next((found for at, found in tuple(self._last) if np.array_equal(at, q)), None)
+        if last is None:
+            last = self._nearest(q)
+            self._last.append((np.array(q), last))
+        return last
 
     def _nearest(self, q: Floats) -> Nearest:
         places = self.places(q)
-        asked = np.argwhere(self.balls.gaps(places, self.pairs) < self.reach)
+        asked = np.argwhere(self.spheres.gaps(places, self.pairs) < self.reach)
         measured = self.engine.measure(places, np.column_stack([asked[:, 0], self.pairs[asked[:, 1]]]), self.reach)
         distances = np.full((len(places), len(self.pairs)), self.reach)
         distances[asked[:, 0], asked[:, 1]] = np.minimum(measured.distances, self.reach)
@@ -129,9 +129,9 @@ class Clearance(StateConstraint):
         return Engine(self.shapes)
 
     @cached_property
-    def balls(self) -> Balls:
-        """Balls that hold the shapes."""
-        return Balls(self.shapes)
+    def spheres(self) -> BoundingSpheres:
+        """BoundingSpheres that hold the shapes."""
+        return BoundingSpheres(self.shapes)
 
     @cached_property
     def groups(self) -> Integers:

@@ -56,8 +56,8 @@ class Engine:
         """Frames of all shapes in the base frame."""
         world = np.broadcast_to(np.eye(3, 4), (len(frames), 1, 3, 4))
         # the world is body −1, the last one
-        carriers = np.concatenate([frames, world], axis=1)[:, [shape.body for shape in self.shapes]]
-        return _behind(carriers, np.array([shape.placement for shape in self.shapes]).reshape(-1, 4, 4))
+        bodies = np.concatenate([frames, world], axis=1)[:, [shape.body for shape in self.shapes]]
+        return _behind(bodies, np.array([shape.placement for shape in self.shapes]).reshape(-1, 4, 4))
 
     def measure(self, places: Floats, asked: Integers, reach: float) -> Measured:
         """Signed distances."""

@@ -177,10 +177,10 @@ class UncertainEfforts(Enclosed):
         """The regressor, without smoothing."""
         return self.regressor.recorded
 
-    def enclosures(self, ranges: Mapping[str, Interval], known: Sequence[Argument] = ()) -> Interval:
+    def enclosures(self, ranges: Mapping[str, Interval], bounded: Sequence[Argument] = ()) -> Interval:
         """Bounds of the functions while states stay in intervals, without smoothing, shape (cells, 2m)."""
         uniform = geometry_values(self.mechanism, self.recorded.arguments)
-        low, high = enclosures_of(self.recorded, uniform, ranges, known)
+        low, high = enclosures_of(self.recorded, uniform, ranges, bounded)
         parts = [model.enclosed((low[:, mine], high[:, mine])) for mine, model in self._rows]
         return np.hstack([part for part, _ in parts]), np.hstack([part for _, part in parts])
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +20,7 @@ from echelon.dynamics.arguments import STATE, geometry_values
 from echelon.dynamics.functions import robot_function
 from echelon.errors import InputError
 from echelon.excite.problem.trajectory import Basis
+from echelon.formats.schema_excite import Optimality
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.derivatives import derivatives
@@ -108,36 +108,31 @@ def sample_times(duration: float, rate: float) -> Floats:
 
 
 class Information:
-    """F(C) = F₀ + Σ X̄ᵀ diag(weights) X̄ over the samples of a motion with coefficients C."""
+    """F(C) = F₀ + Σ X̄ᵀ diag(weights) X̄ over the samples of a motion with coefficients C.
+
+    X̄ of some thousand samples stays in the caches, where forming F and the derivatives by X̄ from it is cheaper than
+    making it twice.  Only entries that are not structurally zero are made.
+    """
 
     def __init__(self, regressor: StateRegressor, basis: Basis, times: Floats, weights: Floats, prior: Floats) -> None:
-        self._regressor, self.weights, self.prior = regressor, weights, prior
-        self._phi = tuple(np.ascontiguousarray(basis.values(times, order)) for order in range(3))
-        self._rows = regressor.rows
+        self.regressor, self.weights, self.prior = regressor, weights, prior  # F₀ has shape (r, r)
+        self.phi = tuple(np.ascontiguousarray(basis.values(times, order)) for order in range(3))
+        self.rows = regressor.rows
 
-    def __call__(self, coefficients: Floats) -> Seen:
-        """The information of a motion."""
-        state = {name: phi @ coefficients for name, phi in zip(("q", "qd", "qdd"), self._phi, strict=True)}
-        entries = self._regressor.entries(state)
+    def __call__(self, coefficients: Floats) -> MotionInformation:
+        """The information of a motion with coefficients of shape (basis.size, n)."""
+        state = {name: phi @ coefficients for name, phi in zip(STATE, self.phi, strict=True)}
+        entries = self.regressor.entries(state)
         F = self.prior.copy()
-        for rows, weight in zip(self._rows, self.weights, strict=True):
+        for rows, weight in zip(self.rows, self.weights, strict=True):
             block = entries[:, rows.entries]
             F[np.ix_(rows.columns, rows.columns)] += weight * (block.T @ block)
-        return Seen(self, state, entries, F)
-
-    def _gradient(self, seen: Seen, slope: Floats) -> Floats:
-        adjoint = np.empty_like(seen.entries)
-        for rows, weight in zip(self._rows, self.weights, strict=True):
-            part = slope[np.ix_(rows.columns, rows.columns)] * (2 * weight)
-            adjoint[:, rows.entries] = seen.entries[:, rows.entries] @ part
-        pulled = self._regressor.pulled(seen.state, adjoint)
-        total: Floats = np.hstack([phi.T for phi in self._phi]) @ np.vstack(pulled)
-        return total
+        return MotionInformation(self, state, entries, F)
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """What a motion shows."""
+class MotionInformation:
+    """The information of one motion, with what its derivatives need."""
 
     source: Information
     state: dict[str, Floats]
@@ -145,11 +140,16 @@ class Seen:
     F: Floats  # shape (r, r); the information matrix
 
     def gradient(self, slope: Floats) -> Floats:
-        """Derivatives of a function of F by the coefficients, shape (basis.size, n)."""
-        return self.source._gradient(self, slope)
+        """Derivatives by the coefficients, (basis.size, n), of a function φ of F with dφ = tr(M dF), M the slope."""
+        source, adjoint = self.source, np.empty_like(self.entries)
+        for rows, weight in zip(source.rows, source.weights, strict=True):
+            part = slope[np.ix_(rows.columns, rows.columns)] * (2 * weight)
+            adjoint[:, rows.entries] = self.entries[:, rows.entries] @ part
+        pulled = source.regressor.pulled(self.state, adjoint)
+        total: Floats = np.hstack([phi.T for phi in source.phi]) @ np.vstack(pulled)
+        return total
 
 
-Name = Literal["d_optimal", "a_optimal", "condition"]
 Slope = tuple[float, Floats]
 
 _SHARPNESS = 8
@@ -161,12 +161,12 @@ _NOTHING = 1e-100
 
 
 @dataclass(frozen=True, eq=False)
-class Criterion:
+class OptimalityCriterion:
     """A function of the information matrix that is minimised."""
 
     # minus log det of F per parameter, the logarithm of the trace of its inverse, or of the condition number of the
     # observation matrix, which is smoothed
-    name: Name
+    name: Optimality
     # shape (r,); units in which parameters are measured: one of size ``scales[k]`` counts as one.  Of no influence
     # on where the first one is least.
     scales: Floats

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy import sparse
 
 from echelon.arrays import Flags, Floats
-from echelon.excite.problem.information import Criterion, Information
+from echelon.excite.problem.information import Information, OptimalityCriterion
 from echelon.excite.problem.motion_limits import MotionLimit
 from echelon.excite.problem.state_limits import StateConstraint
 from echelon.excite.problem.trajectory import Basis
@@ -36,14 +36,14 @@ class Problem:
     basis: Basis
     count: int  # coordinates that move, n
     information: Information
-    criterion: Criterion
+    criterion: OptimalityCriterion
     limits: tuple[MotionLimit, ...]
     constraints: tuple[StateConstraint, ...]
     centre: Floats  # shape (n,); a pose that keeps all limits
     ranges: tuple[Interval, ...] = ()  # bounds of each constraint's functions, tighter than its own; its own if omitted
-    # shape (grid, m); for each constraint, at which samples which of its functions are asked for; all of them if
+    # shape (grid, m); for each constraint, at which samples which of its functions are enforced; all of them if
     # omitted
-    asked: tuple[Flags, ...] | None = None
+    enforced: tuple[Flags, ...] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -57,7 +57,7 @@ class Problem:
 
     @cached_property
     def grid(self) -> Floats:
-        """Samples at which constraints are asked for, s."""
+        """Samples at which constraints are enforced, s."""
         count = int(np.ceil(_PER_PERIOD * self.basis.frequency * self.basis.duration))
         return np.linspace(0.0, self.basis.duration, count + 1)
 
@@ -106,15 +106,15 @@ class Problem:
 
     @cached_property
     def _rows(self) -> list[tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]]:
-        """For each constraint, samples and functions that are asked for."""
-        if self.asked is None:
+        """For each constraint, samples and functions that are enforced."""
+        if self.enforced is None:
             masks = [np.ones((len(self.grid), len(c.labels)), dtype=bool) for c in self.constraints]
         else:
-            masks = list(self.asked)
+            masks = list(self.enforced)
         return [(rows, columns) for rows, columns in map(np.nonzero, masks)]
 
     def constrained(self, x: Floats) -> Floats:
-        """Values of all constraints that are asked for, one after another."""
+        """Values of all constraints that are enforced, one after another."""
         state, parts = self.state(x), [np.zeros(0)]
         for constraint, (rows, columns) in zip(self.constraints, self._rows, strict=True):
             samples, back = np.unique(rows, return_inverse=True)
@@ -136,7 +136,7 @@ class Problem:
 
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
-        """Least and largest values of the constraints that are asked for."""
+        """Least and largest values of the constraints that are enforced."""
         low = [low[columns] for (low, _), (_, columns) in zip(self._ranges, self._rows, strict=True)]
         high = [high[columns] for (_, high), (_, columns) in zip(self._ranges, self._rows, strict=True)]
         return np.concatenate([np.zeros(0), *low]), np.concatenate([np.zeros(0), *high])
@@ -203,42 +203,42 @@ class Problem:
 
     # -- parts of the problem ----------------------------------------------------------------------------------------
 
-    def first(self) -> Problem:
+    def relaxed(self) -> Problem:
         """The problem with limits of positions and velocities only, which bind in every good motion."""
         nothing = tuple(np.zeros((len(self.grid), len(c.labels)), dtype=bool) for c in self.constraints)
-        return replace(self, limits=tuple(limit for limit in self.limits if limit.order < 2), asked=nothing)
+        return replace(self, limits=tuple(limit for limit in self.limits if limit.order < 2), enforced=nothing)
 
-    def asking(self, x: Floats) -> Problem:
+    def enforcing(self, x: Floats) -> Problem:
         """The problem with limits of positions and velocities, and all that a motion breaks or nearly breaks."""
         over = zip(self.limits, self._beyond_limits(x), strict=True)
         limits = tuple(limit for limit, v in over if v > -_NEAR or limit.order < 2)
         near = [(v > -_NEAR).any(axis=0) for v in self.violations(x)]
         rows = len(self.grid)
-        return replace(self, limits=limits, asked=tuple(np.tile(functions, (rows, 1)) for functions in near))
+        return replace(self, limits=limits, enforced=tuple(np.tile(functions, (rows, 1)) for functions in near))
 
     def extended(self, part: Problem, x: Floats) -> Problem | None:
         """A part of this problem with what a motion breaks, or nearly breaks, added to it; None if it breaks nothing.
 
-        A function that is broken at some samples after it was asked for at others is asked for at many more.
+        A function that is broken at some samples after it was enforced at others is enforced at many more.
         """
         over = zip(self.limits, self._beyond_limits(x), strict=True)
         limits = tuple(limit for limit, v in over if v > BROKEN or limit in part.limits)
-        assert part.asked is not None
+        assert part.enforced is not None
         violations = self.violations(x)
         broken = [v > BROKEN for v in violations]
-        new = any(np.any(b & ~old) for b, old in zip(broken, part.asked, strict=True))
+        new = any(np.any(b & ~old) for b, old in zip(broken, part.enforced, strict=True))
         if not new and len(limits) == len(part.limits):
             return None
-        again = (old.any(axis=0) for old in part.asked)
+        again = (old.any(axis=0) for old in part.enforced)
         near = (v > -np.where(a, _NEAR_AGAIN, _NEAR) for v, a in zip(violations, again, strict=True))
-        asked = (old | (n & b.any(axis=0)) for n, b, old in zip(near, broken, part.asked, strict=True))
-        return replace(self, limits=limits, asked=tuple(asked))
+        enforced = (old | (n & b.any(axis=0)) for n, b, old in zip(near, broken, part.enforced, strict=True))
+        return replace(self, limits=limits, enforced=tuple(enforced))
 
 
 _NEAR = 0.1
-"""Room at a sample, relative to a limit's range, below which it is asked for together with those that are broken."""
+"""Room at a sample, relative to a limit's range, below which it is enforced together with those that are broken."""
 _NEAR_AGAIN = 0.3
-"""The same for functions that were asked for before, where they were not broken then."""
+"""The same for functions that were enforced before, where they were not broken then."""
 BROKEN = 1e-6
 """Violation at a sample, relative to a limit's range, that counts: limits are kept between samples with more room."""
 
@@ -251,20 +251,20 @@ def beyond(values: Floats, low: Floats, high: Floats) -> Floats:
 
 
 _BLIND = 1e6
-"""Criterion of a motion that does not see some parameter at all, because loops cannot be closed."""
+"""OptimalityCriterion of a motion that does not see some parameter at all, because loops cannot be closed."""
 
 
 @dataclass(frozen=True, eq=False)
 class LoopProblem(Problem):
     """Minimise a criterion within limits; the first constraint is a :class:`LoopLimits`."""
 
-    def first(self) -> Problem:
+    def relaxed(self) -> Problem:
         """The problem with limits of positions and velocities, and loops that can be closed."""
-        part = super().first()
-        assert part.asked is not None
-        loops = part.asked[0].copy()
+        part = super().relaxed()
+        assert part.enforced is not None
+        loops = part.enforced[0].copy()
         loops[:, 0] = True
-        return replace(part, asked=(loops, *part.asked[1:]))
+        return replace(part, enforced=(loops, *part.enforced[1:]))
 
     def value(self, x: Floats) -> float:
         """The criterion."""

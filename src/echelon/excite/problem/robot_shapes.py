@@ -39,7 +39,7 @@ class Geometry:
     notes: tuple[str, ...] = ()  # what was left out, and why
 
 
-def carriers(tree: LiteralTree, mechanism: Mechanism) -> tuple[tuple[int, Floats], ...]:
+def carrying_bodies(tree: LiteralTree, mechanism: Mechanism) -> tuple[tuple[int, Floats], ...]:
     """For every link of a file, the body that carries it and the link's frame in the body's, shape (4, 4)."""
     bodies: Mapping[str, int] = {body.name: index for index, body in enumerate(mechanism.bodies)}
     found: list[tuple[int, Floats]] = []
@@ -115,7 +115,7 @@ def mesh_shape(name: str, body: int, placement: Floats, vertices: Floats, link: 
 def urdf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False) -> Geometry:
     """Shapes of all ``<collision>`` elements; see :func:`read_geometry`."""
     tree = file.tree(mimics=False)
-    placement = {link.name: where for link, where in zip(tree.links, carriers(tree, mechanism), strict=True)}
+    placement = {link.name: where for link, where in zip(tree.links, carrying_bodies(tree, mechanism), strict=True)}
     shapes: list[Shape] = []
     notes: list[str] = []
     for link in file.root.findall("link"):
@@ -216,7 +216,7 @@ def mjcf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False)
         raise InputError(doomed[0][1], source=source, element=doomed[0][0])
     model = _compiled(spec, source)
     # bodies have the same order everywhere, but the readers name those without a name
-    links = list(zip((link.name for link in tree.links), carriers(tree, mechanism), strict=True))
+    links = list(zip((link.name for link in tree.links), carrying_bodies(tree, mechanism), strict=True))
     shapes = []
     notes = [f"left out: {source}: {element}: {problem}" for element, problem in doomed]
     for geom in range(model.ngeom):

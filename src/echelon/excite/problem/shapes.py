@@ -148,8 +148,8 @@ def support(shape: Shape, directions: Floats) -> Floats:
     return np.asarray(np.linalg.norm(n * size, axis=1))
 
 
-def ball(shape: Shape) -> tuple[Floats, float]:
-    """A ball that holds a shape."""
+def bounding_sphere(shape: Shape) -> tuple[Floats, float]:
+    """Centre in the body's frame and radius of a sphere that holds a shape, m; infinite for a plane."""
     rotation, origin = shape.placement[:3, :3], shape.placement[:3, 3]
     if shape.kind is Kind.PLANE:
         return origin, float("inf")
@@ -178,18 +178,18 @@ def extent(shape: Shape) -> float:
     if shape.kind is Kind.BOX:
         corners = np.array(list(product((-1, 1), repeat=3))) * shape.size
         return float(np.linalg.norm(corners @ rotation.T + origin, axis=1).max())
-    return float(np.linalg.norm(origin)) + ball(shape)[1]
+    return float(np.linalg.norm(origin)) + bounding_sphere(shape)[1]
 
 
-class Balls:
-    """Balls that hold some shapes, for quick bounds."""
+class BoundingSpheres:
+    """Spheres that hold some shapes, for quick bounds."""
 
     def __init__(self, shapes: Sequence[Shape]) -> None:
-        found = [ball(shape) for shape in shapes]
+        found = [bounding_sphere(shape) for shape in shapes]
         self.radii = np.array([radius for _, radius in found])
         finite = self.radii[np.isfinite(self.radii)]
         self.size = float(2 * finite.max(initial=0.0))
-        # in the shapes' own frames
+        # in the shapes' own frames, m
         self.centres = np.array(
             [s.placement[:3, :3].T @ (c - s.placement[:3, 3]) for s, (c, _) in zip(shapes, found, strict=True)]
         ).reshape(-1, 3)

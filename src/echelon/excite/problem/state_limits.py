@@ -98,9 +98,9 @@ class StateLimits(Enclosed):
             place += len(argument)
         return parts.get("q"), parts.get("qd"), parts.get("qdd")
 
-    def enclosures(self, ranges: Mapping[str, Interval], known: Sequence[Argument] = ()) -> Interval:
+    def enclosures(self, ranges: Mapping[str, Interval], bounded: Sequence[Argument] = ()) -> Interval:
         """Bounds of the functions while states stay in intervals, without smoothing, shape (cells, m)."""
-        least, largest = enclosures_of(self.function, self.uniform, ranges, known)
+        least, largest = enclosures_of(self.function, self.uniform, ranges, bounded)
         low, high = np.zeros((len(least), len(self.labels))), np.zeros((len(least), len(self.labels)))
         rows = [row for (row,) in self.function.entries]
         low[:, rows], high[:, rows] = least, largest
@@ -124,12 +124,12 @@ def enclosures_of(
     function: Function,
     uniform: Mapping[str, Floats],
     ranges: Mapping[str, Interval],
-    known: Sequence[Argument] = (),
+    bounded: Sequence[Argument] = (),
 ) -> Interval:
     """Bounds of a function's entries while states stay in intervals, shape (cells, entries)."""
     cells, together = len(ranges["q"][0]), max(_NUMBERS // max(len(function.program), 1), 16)
     blocks = [slice(k, k + together) for k in range(0, cells, together)]
-    parts = [_enclosed(function, uniform, ranges, block, known) for block in blocks]
+    parts = [_enclosed(function, uniform, ranges, block, bounded) for block in blocks]
     return np.concatenate([low for low, _ in parts]), np.concatenate([high for _, high in parts])
 
 
@@ -138,10 +138,10 @@ def _enclosed(
     uniform: Mapping[str, Floats],
     ranges: Mapping[str, Interval],
     cells: slice,
-    known: Sequence[Argument],
+    bounded: Sequence[Argument],
 ) -> Interval:
     inputs: dict[int, Interval] = {}
-    for argument in (*function.arguments, *known):
+    for argument in (*function.arguments, *bounded):
         if argument.uniform:
             exact = [(np.asarray(v), np.asarray(v)) for v in uniform[argument.name]]
             inputs |= dict(zip(argument.nodes, exact, strict=True))

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.problem.closed_loops import state_regressor
-from echelon.excite.problem.information import Criterion, Information, sample_times
+from echelon.excite.problem.information import Information, OptimalityCriterion, sample_times
 from echelon.excite.problem.motion_limits import ResolvedLimits
 from echelon.excite.problem.optimisation import LoopProblem, Problem
 from echelon.excite.problem.state_limits import StateConstraint
@@ -207,11 +207,11 @@ def _designed(task: Task, prior: Floats | None) -> Design:
     regressor = state_regressor(base.mechanism, base.matrix.pivots, task.smooth)
     times = sample_times(basis.duration, entry.rate)
     information = Information(regressor, basis, times, task.weights, prior)
-    criterion = Criterion(entry.criterion, np.ones(base.rank))
+    criterion = OptimalityCriterion(entry.criterion, np.ones(base.rank))
     made = LoopProblem if base.mechanism.closures else Problem
     problem = made(basis, n, information, criterion, limits.motion, task.constraints, centre)
     if entry.criterion == "a_optimal":
-        problem = replace(problem, criterion=Criterion("a_optimal", _sizes(problem, entry.seed)))
+        problem = replace(problem, criterion=OptimalityCriterion("a_optimal", _sizes(problem, entry.seed)))
     return Design(task, centre, problem)
 
 

@@ -81,7 +81,7 @@ class Best:
             self.history.append(value)
 
 
-class _Known:
+class _LastEvaluation:
     """The last evaluation, because a solver asks for derivatives where it asked for a value, but not everywhere."""
 
     def __init__(self, function: Callable[[Floats], Any]) -> None:
@@ -96,14 +96,14 @@ class _Known:
 def solve(problem: Problem, start: Floats, options: SolverOptions, best: Best) -> Ended:
     """Minimise from one starting point."""
     casadi = _casadi()
-    evaluate = _Known(problem.value_and_gradient)
+    evaluate = _LastEvaluation(problem.value_and_gradient)
     A, low, high = problem.linear
     least, most = problem.bounds
     x = casadi.MX.sym("x", problem.size)
     objective = _callback(casadi, "criterion", problem.size, 1, evaluate)
     parts = [casadi.mtimes(_sparse(casadi, A), x)]
     if least.size:
-        both = _Known(lambda v: (problem.constrained(v), lambda: problem.slopes(v)))
+        both = _LastEvaluation(lambda v: (problem.constrained(v), lambda: problem.slopes(v)))
         constraints = _callback(casadi, "constraints", problem.size, least.size, both)
         parts.append(constraints(x))
     ends = np.concatenate([low, least]), np.concatenate([high, most])
@@ -217,7 +217,7 @@ def _watch(casadi: Any, unknowns: int, ends: tuple[Floats, Floats], best: Best) 
 
 
 _ROUNDS = 8
-_DRAWN_BACK = (0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5)
+_SHARES = (0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5)
 """Shares of a motion that breaks limits, of which the largest that keeps them is worth more than none."""
 
 
@@ -241,13 +241,13 @@ def constraint_generation(
         start = problem.inside(start)  # the centre keeps all limits, so that there is something to fall back on
         best.offer(start, problem.value(start))
         if near is not None:
-            _draw_back(problem, near, best)
-        part, iterations, status = problem.first() if near is None else problem.asking(near), 0, ""
+            _offer_smaller(problem, near, best)
+        part, iterations, status = problem.relaxed() if near is None else problem.enforcing(near), 0, ""
         for _ in range(_ROUNDS):
             left = replace(options, iterations=max(options.iterations - iterations, 1))
             ended = solve(part, start, left, best)
             iterations, status = iterations + ended.iterations, ended.status
-            _draw_back(problem, ended.x, best)
+            _offer_smaller(problem, ended.x, best)
             more = problem.extended(part, ended.x)
             if more is None or iterations >= options.iterations:
                 break
@@ -256,11 +256,11 @@ def constraint_generation(
     return Solution(best.x, best.value, status, iterations, tuple(best.history))
 
 
-def _draw_back(problem: Problem, x: Floats, best: Best) -> None:
+def _offer_smaller(problem: Problem, x: Floats, best: Best) -> None:
     """Offer the motion drawn towards its centre, if it breaks limits: little may be missing."""
     if problem.violation(x) <= BROKEN:
         return
-    for share in _DRAWN_BACK:
+    for share in _SHARES:
         found = problem.shrunk(x, share)
         if problem.violation(found) <= BROKEN:
             best.offer(found, problem.value(found))

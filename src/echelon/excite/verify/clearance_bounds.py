@@ -31,7 +31,12 @@ from echelon.mechanism.values import placement_matrix, symbol_values
 
 
 class MotionBounds:
-    """MotionBounds of a mechanism's joints."""
+    """How far points can move against each other per speed of each coordinate, at any pose.
+
+    A rigid motion of both shapes changes no distance, so only joints between their bodies and the nearest body that
+    carries both count.  A joint moves a point by its distance from the axis: at most the lengths of all placements
+    behind it along the chain, the travel of sliding joints, and the extent of the shape about its body's origin.
+    """
 
     def __init__(self, mechanism: Mechanism, positions: Floats) -> None:
         self.mechanism = mechanism
@@ -49,17 +54,17 @@ class MotionBounds:
         return self._along(first, carried) + self._along(second, carried)
 
     def _along(self, shape: Shape, carried: set[int]) -> Floats:
-        """MotionBounds of the joints between a shape and the bodies that carry both."""
+        """Bounds for the joints between a shape and the bodies that carry both."""
         total = np.zeros(len(self._column))
         path = [body for body in self._up(shape.body) if body not in carried]
         length = extent(shape) if path else 0.0
         for step in (step for body in path for step in reversed(self.mechanism.bodies[body].joint.steps)):
             if isinstance(step, Motion):
-                total += self._lever(step, length) * self._weights[step.name]
+                total += self._speed(step, length) * self._weights[step.name]
             length += self._length(step)
         return total
 
-    def _lever(self, motion: Motion, length: float) -> float:
+    def _speed(self, motion: Motion, length: float) -> float:
         """Speed of points at most a length away from the moved frame's origin, per speed of the coordinate."""
         if motion.kind is MotionKind.TRANSLATION:
             return 1.0
@@ -159,10 +164,10 @@ class _Search:
     def __init__(self, clearance: Clearance, trajectory: Travel, tolerance: float) -> None:
         self.clearance, self.trajectory, self.tolerance = clearance, trajectory, tolerance
         self.most = [trajectory.bounds(order) for order in range(3)]
-        levers = MotionBounds(clearance.mechanism, self.most[0])
+        bounds = MotionBounds(clearance.mechanism, self.most[0])
         shapes, pairs = clearance.shapes, clearance.pairs.tolist()
         n = len(clearance.mechanism.velocities)
-        self.levers = np.array([levers.between(shapes[i], shapes[j]) for i, j in pairs]).reshape(-1, n)
+        self.motion_bounds = np.array([bounds.between(shapes[i], shapes[j]) for i, j in pairs]).reshape(-1, n)
         count = len(clearance.owners)
         self.bounds, self.found = np.full(count, clearance.reach), np.full(count, clearance.reach)
         self.times = np.zeros(count)
@@ -170,8 +175,8 @@ class _Search:
     def run(self) -> LeastClearances:
         """Halve intervals until none is left."""
         half = self.trajectory.duration / (2 * _FIRST)
-        middle = np.repeat(half * (1 + 2 * np.arange(_FIRST)), len(self.levers))
-        pair = np.tile(np.arange(len(self.levers)), _FIRST)
+        middle = np.repeat(half * (1 + 2 * np.arange(_FIRST)), len(self.motion_bounds))
+        pair = np.tile(np.arange(len(self.motion_bounds)), _FIRST)
         while len(middle):
             parts = [slice(k, k + _BATCH) for k in range(0, len(middle), _BATCH)]
             left = np.concatenate([self._examined(middle[part], pair[part], half) for part in parts])
@@ -185,8 +190,8 @@ class _Search:
         """Bound distances over intervals about some times; True for those that have to be halved."""
         times, at = np.unique(middle, return_inverse=True)
         places = self.clearance.places(self.trajectory(times))
-        falls = half * np.einsum("kn,kn->k", self.levers[pair], self._speeds(times, half)[at])
-        lower = self.clearance.balls.gaps(places, self.clearance.pairs)[at, pair]
+        falls = half * np.einsum("kn,kn->k", self.motion_bounds[pair], self._speeds(times, half)[at])
+        lower = self.clearance.spheres.gaps(places, self.clearance.pairs)[at, pair]
         group = self.clearance.groups[pair]
         asked = np.flatnonzero(lower - falls < self._goals()[group])
         lower[asked] = np.maximum(lower[asked], self._measured(places, times, at[asked], pair[asked]))
@@ -209,7 +214,7 @@ class _Search:
         """Confirmed distances of pairs of shapes at some of the times; smallest ones are kept."""
         ends, shapes = self.clearance.pairs[pair], self.clearance.shapes
         # nothing is further away than this
-        far = 2 * float(np.abs(places[..., 3]).max() + self.clearance.balls.size) + self.clearance.reach
+        far = 2 * float(np.abs(places[..., 3]).max() + self.clearance.spheres.size) + self.clearance.reach
         measured = self.clearance.engine.measure(places, np.column_stack([at, ends]), far)
         self._keep(measured.distances, times[at], self.clearance.groups[pair])
         lower = np.empty(len(pair))
