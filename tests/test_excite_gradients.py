@@ -12,7 +12,14 @@ import pytest
 import echelon as ec
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.excite.problem.information import ADJOINT, Information, Name, OptimalityCriterion, StateRegressor, pullback
+from echelon.excite.problem.information import (
+    ADJOINT,
+    Information,
+    Optimality,
+    OptimalityCriterion,
+    StateRegressor,
+    pullback,
+)
 from echelon.excite.problem.trajectory import Basis, Fourier, resting_ends, uniform_splines
 from exciting import Floats, slope_along, slopes_by_state
 
@@ -172,7 +179,7 @@ def test_information_is_the_weighted_sum_of_squares(name: str) -> None:
 
 @pytest.mark.parametrize("criterion", ["d_optimal", "a_optimal", "condition"])
 @pytest.mark.parametrize("name", ROBOTS)
-def test_gradients(name: str, criterion: Name) -> None:
+def test_gradients(name: str, criterion: Optimality) -> None:
     """Along random directions and by single coefficients, as fourth-order differences have them."""
     base, seen = base_of(name), information(name, SMOOTH, prior=0.1)
     rng = np.random.default_rng(3)
