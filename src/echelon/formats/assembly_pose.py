@@ -16,16 +16,7 @@ _NEAR = 0.02  # a pose that is this near to closing is taken for the one that is
 
 
 def chosen_pose(mechanism: Mechanism, poses: Mapping[str, Mapping[str, float]]) -> tuple[dict[str, float], str]:
-    """The pose near which loops are assembled, and what the user should know about it, if anything.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With closures.
-    poses : mapping of str to mapping of str to float
-        Positions of coordinates, zero where absent, by what states them.  The first pose is taken if it nearly closes
-        the loops, otherwise the one that closes them best.
-    """
+    """The pose near which loops are assembled, and what the user should know about it, if anything."""
     known = [{n: v for n, v in pose.items() if n in mechanism.positions} for pose in poses.values()]
     motion = ClosedMotion(mechanism)
     values, _ = motion.closures.at(normalised(mechanism, np.array([_positions(mechanism, pose) for pose in known])))

@@ -39,38 +39,16 @@ from echelon.regressor.loops.closing import close
 
 @dataclass(frozen=True)
 class Built:
-    """A mechanism with an account of how its numbers were read.
-
-    Attributes
-    ----------
-    mechanism : Mechanism
-    snaps : tuple of Snap
-    notes : tuple of str
-    riders : mapping of str to Rider
-        What is fixed to bodies, by name.
-    """
+    """A mechanism with an account of how its numbers were read."""
 
     mechanism: Mechanism
     snaps: tuple[Snap, ...]
     notes: tuple[str, ...]
-    riders: Mapping[str, Rider] = field(default_factory=dict)
+    riders: Mapping[str, Rider] = field(default_factory=dict)  # what is fixed to bodies, by name
 
 
 def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
-    """Interpret a literal tree.
-
-    Parameters
-    ----------
-    tree : LiteralTree
-    options : ReadingOptions
-    literal : collection of str
-        Elements whose numbers are not to be snapped.
-
-    Raises
-    ------
-    InputError
-        If the tree has unusable couplings or names.
-    """
+    """Interpret a literal tree."""
     return _Builder(with_joints(tree, options.joints), options, literal).build()
 
 

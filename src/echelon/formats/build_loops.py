@@ -18,22 +18,7 @@ Ride = Callable[[int], tuple[int, tuple[LiteralPlacement, ...]]]
 
 
 def build_closure(closure: LiteralClosure, tree: LiteralTree, intent: Intent, ride: Ride) -> Closure:
-    """A closure between bodies.
-
-    Parameters
-    ----------
-    closure : LiteralClosure
-    tree : LiteralTree
-    intent : Intent
-        That has read the bodies already.
-    ride : callable
-        Where links are on bodies.
-
-    Raises
-    ------
-    InputError
-        If the second frame cannot be derived from the first one.
-    """
+    """A closure between bodies."""
     (first, offset), (second, other) = ride(closure.first), ride(closure.second)
     stem = symbol_stem(closure.name)
     frame = _placed(intent, closure.first_frame, stem)

@@ -21,20 +21,7 @@ def build_outputs(
     intent: Intent,
     notes: list[str],
 ) -> Iterator[Output]:
-    """Outputs of sensors.
-
-    Parameters
-    ----------
-    sensors : collection of LiteralSensor
-    motions : mapping of str to Motion
-        Those that no coupling makes dependent, by name.
-    host : callable
-        The body that carries a link, and the placements from its frame to the link's.
-    intent : Intent
-        That has read the bodies already.
-    notes : list of str
-        Grows by what is left out.
-    """
+    """Outputs of sensors."""
     for sensor in sensors:
         if isinstance(sensor, LiteralWrench):
             body, offset = host(sensor.link)

@@ -17,27 +17,6 @@ __all__ = ["read_description", "write_description"]
 def read_description(text: str | bytes, source: str, options: ReadingOptions) -> Mechanism:
     """Read a robot from the text of a description.
 
-    Parameters
-    ----------
-    text : str or bytes
-        YAML or JSON.
-    source : str
-        Name of the file, for messages.
-    options : ReadingOptions
-        ``independent_mimics`` and ``symbolic`` have no effect: couplings and symbols are as the description states.
-
-    Returns
-    -------
-    Mechanism
-        With a reading that records every angle taken as exact.
-
-    Raises
-    ------
-    InputError
-        If the description cannot be read; the message names file, element and line.
-
-    Examples
-    --------
     >>> pendulum = '''
     ... echelon: 1
     ... name: pendulum

@@ -45,24 +45,7 @@ def build_description(
     literal: Collection[str] = (),
     base: Callable[[ReadingOptions], Built] | None = None,
 ) -> Built:
-    """Interpret a description.
-
-    Parameters
-    ----------
-    document : Document
-    robot : RobotDescription
-        The same, checked against the schema.
-    options : ReadingOptions
-    literal : collection of str
-        Elements whose angles are not to be snapped.
-    base : callable, optional
-        Builds the robot file that the description adds to.
-
-    Raises
-    ------
-    InputError
-        If an expression, a name or a reference is not possible; names the element.
-    """
+    """Interpret a description."""
     if robot.robot is not None:
         assert base is not None
         return _added_to_file(document, robot, options, base)
@@ -148,13 +131,7 @@ def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document)
 
 
 class _FileParts:
-    """Finds bodies of a robot file, and what is fixed to them.
-
-    Attributes
-    ----------
-    snaps : list of Snap
-        Numbers that were read as exact where something fixed was found.
-    """
+    """Finds bodies of a robot file, and what is fixed to them."""
 
     def __init__(self, mechanism: Mechanism, riders: Mapping[str, Rider], expressions: Expressions) -> None:
         self.names = {body.name: k for k, body in enumerate(mechanism.bodies)}

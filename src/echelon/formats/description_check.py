@@ -19,21 +19,7 @@ _START = "a description is a mapping that begins with 'echelon: 1'"
 
 
 def check_document(document: Document) -> RobotDescription:
-    """The description as a model of the published schema.
-
-    Parameters
-    ----------
-    document : Document
-
-    Returns
-    -------
-    RobotDescription
-
-    Raises
-    ------
-    InputError
-        If the document does not have the published shape; names the element.
-    """
+    """The description as a model of the published schema."""
     from pydantic import ValidationError
 
     from echelon.formats.schema import RobotDescription

@@ -24,20 +24,7 @@ if TYPE_CHECKING:
 def read_couplings(
     robot: RobotDescription, expressions: Expressions, motions: Mapping[str, Motion]
 ) -> list[StatedCoupling]:
-    """All couplings, with chains of dependent coordinates followed to independent ones.
-
-    Parameters
-    ----------
-    robot : RobotDescription
-    expressions : Expressions
-    motions : mapping of str to Motion
-        All motions, by the name of the coordinate.
-
-    Raises
-    ------
-    InputError
-        If a coupling is no sum of functions of single coordinates, refers to unknown ones, or goes in a circle.
-    """
+    """All couplings, with chains of dependent coordinates followed to independent ones."""
     reader = CouplingReader(expressions, {name: m for name, m in motions.items() if m.kind is not MotionKind.BALL})
     stated: list[StatedCoupling] = []
     for index, entries in enumerate(robot.couplings):
@@ -76,13 +63,7 @@ class CouplingReader:
         return StatedCoupling(path, coordinate, self._terms(entry, path), offset)
 
     def linear(self, text: str, path: str) -> tuple[dict[str, Polynomial], Polynomial]:
-        """A linear expression: ratios, and the constant part.
-
-        Raises
-        ------
-        InputError
-            If it is not linear.
-        """
+        """A linear expression: ratios, and the constant part."""
         terms, offset = self.polynomials(text, path)
         ratios = {name: function.ratio for name, function in terms.items()}
         known = {name: ratio for name, ratio in ratios.items() if ratio is not None}
@@ -164,13 +145,7 @@ class CouplingReader:
 
 
 def offset_placement(coupling: StatedCoupling, motion: Motion, stem: str, expressions: Expressions) -> Placement:
-    """The constant part of a coupling as a placement before the motion.
-
-    Raises
-    ------
-    InputError
-        If the offset does not suit the motion.
-    """
+    """The constant part of a coupling as a placement before the motion."""
     offset = coupling.offset * motion.sign
     if motion.kind is MotionKind.ROTATION:
         return turn(motion.axis, expressions.exact_angle(offset, coupling.element, f"offset{stem}"))

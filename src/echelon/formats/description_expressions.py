@@ -29,17 +29,7 @@ _LEADING_ZERO = re.compile(r"[+-]?0\d+")
 
 
 class Expressions:
-    """Reads the expressions of one description.
-
-    Parameters
-    ----------
-    document : Document
-    options : ReadingOptions
-    literal : collection of str
-        Elements whose angles are not to be snapped.
-    symbols : mapping of str to Symbol
-        Declared symbols.
-    """
+    """Reads the expressions of one description."""
 
     def __init__(
         self,
@@ -130,14 +120,7 @@ class Expressions:
         return (a, b, c)
 
     def angle(self, text: str, path: str, name: str) -> Angle:
-        """An angle in radians.
-
-        Parameters
-        ----------
-        text, path : str
-        name : str
-            Wanted name of the symbol, should the angle need one.
-        """
+        """An angle in radians."""
         return self.exact_angle(self.polynomial(text, path), path, name)
 
     def exact_angle(self, value: Polynomial, path: str, name: str) -> Angle:

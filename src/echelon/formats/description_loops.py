@@ -49,21 +49,7 @@ _Z_ALONG = {
 
 
 def add_loops(mechanism: Mechanism, robot: RobotDescription, expressions: Expressions, find: FindPart) -> Mechanism:
-    """A mechanism with the loops that a description states, beside those that it has.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    robot : RobotDescription
-    expressions : Expressions
-    find : callable
-        Finds what the loops connect.
-
-    Raises
-    ------
-    InputError
-        If something refers to bodies or coordinates that do not exist, or the loops cannot close; names the element.
-    """
+    """A mechanism with the loops that a description states, beside those that it has."""
     loops = _Loops(mechanism, robot, expressions, find)
     closures = (*mechanism.closures, *loops.closures())
     if not closures:

@@ -27,48 +27,24 @@ BASE = "base"
 
 @dataclass(frozen=True)
 class Part:
-    """A row of a table or a body, before it is known whether it becomes a body of the mechanism.
+    """A row of a table or a body, before it is known whether it becomes a body of the mechanism."""
 
-    Attributes
-    ----------
-    path, name : str
-        Element of the document, and name of the body.
-    parent : str or None
-        Name of the parent part; None for the base.
-    label, default_label : str or None
-        Label that is stated, and label by position in a table.
-    joint, kind : str
-        Name and type of the joint.
-    separate : bool
-    carried : tuple of int
-        Which of XX … M it carries
-    inertial : tuple of 10 floats, optional
-    steps : callable
-        Steps of the joint, for a given stem of symbol names.
-    """
-
-    path: str
-    name: str
-    parent: str | None
-    label: str | None
-    default_label: str | None
-    joint: str
-    kind: str
+    path: str  # element of the document, and name of the body
+    name: str  # element of the document, and name of the body
+    parent: str | None  # name of the parent part; None for the base
+    label: str | None  # label that is stated, and label by position in a table
+    default_label: str | None  # label that is stated, and label by position in a table
+    joint: str  # name and type of the joint
+    kind: str  # name and type of the joint
     moves: bool
     separate: bool
-    carried: tuple[int, ...]
+    carried: tuple[int, ...]  # which of XX … M it carries
     inertial: tuple[float, ...] | None
-    steps: Callable[[str], tuple[Step, ...]]
+    steps: Callable[[str], tuple[Step, ...]]  # steps of the joint, for a given stem of symbol names
 
 
 def read_parts(robot: RobotDescription, expressions: Expressions) -> list[Part]:
-    """All parts, parents before children and otherwise in the order of the document.
-
-    Raises
-    ------
-    InputError
-        If names are not unique, a parent does not exist, or parents form a circle.
-    """
+    """All parts, parents before children and otherwise in the order of the document."""
     joints = Joints(expressions)
     if robot.modified_dh is not None:
         return _sorted(_modified(robot.modified_dh, joints), expressions)

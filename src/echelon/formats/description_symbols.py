@@ -30,20 +30,7 @@ GENERIC = gravity_vector("generic", ORIGIN)
 
 
 def declared_symbols(robot: RobotDescription, document: Document) -> tuple[dict[str, Symbol], frozenset[str]]:
-    """The declared symbols.
-
-    Returns
-    -------
-    dict of str to Symbol
-        All of them.
-    frozenset of str
-        Those that are names only (``{}``) and do not become symbols of the mechanism.
-
-    Raises
-    ------
-    InputError
-        If a name cannot be a symbol or a value is not a constant.
-    """
+    """The declared symbols."""
     expressions = Expressions(document, ReadingOptions(), (), {})
     symbols, bare = {}, set()
     for name, entry in robot.symbols.items():
@@ -88,14 +75,7 @@ def _constant(expressions: Expressions, text: str, path: str) -> float:
 
 
 def with_intended_angles(mechanism: Mechanism, intent: Intent) -> Mechanism:
-    """Decimal values of angle symbols that are near a multiple of 15° are that multiple; near zero they are meant.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    intent : Intent
-        Knows the tolerance and keeps account.
-    """
+    """Decimal values of angle symbols that are near a multiple of 15° are that multiple; near zero they are meant."""
     found = dict(mechanism.symbols)
     for name in sorted(symbol_roles(mechanism).angles & found.keys()):
         symbol, element = found[name], f"symbols.{name}"
@@ -111,18 +91,7 @@ def with_intended_angles(mechanism: Mechanism, intent: Intent) -> Mechanism:
 
 
 def check_use(mechanism: Mechanism, robot: RobotDescription, document: Document) -> list[str]:
-    """Check that every symbol has one role.
-
-    Returns
-    -------
-    list of str
-        Notes about declared symbols that nothing uses.
-
-    Raises
-    ------
-    InputError
-        If a symbol is used both as an angle and as another quantity, or for gravity as well.
-    """
+    """Check that every symbol has one role."""
     geometry = {generator for entry in _geometry(mechanism) for generator in entry.generators()}
     gravity = {generator for entry in mechanism.gravity or () for generator in entry.generators()}
     plain = {g for g in geometry | gravity if not is_trigonometric(g)}

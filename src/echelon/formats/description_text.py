@@ -17,22 +17,13 @@ _LONGEST_MESSAGE = 600
 
 @dataclass(frozen=True)
 class Document:
-    """A description as plain data: mappings, lists, texts, None (and, from JSON, truth values).
-
-    Attributes
-    ----------
-    data : object
-    source : str
-        Name of the file, for messages.
-    lines : mapping of str to int
-        Line, counted from 1, of every element by its path; empty for JSON.
-    names : mapping of str to str
-        What the file calls elements, by the beginnings of their paths, where it is of another layout.
-    """
+    """A description as plain data: mappings, lists, texts, None (and, from JSON, truth values)."""
 
     data: Any
-    source: str
+    source: str  # name of the file, for messages
+    # line, counted from 1, of every element by its path; empty for JSON
     lines: Mapping[str, int] = field(default_factory=dict)
+    # what the file calls elements, by the beginnings of their paths, where it is of another layout
     names: Mapping[str, str] = field(default_factory=dict)
 
     def error(self, path: str, problem: str) -> InputError:
@@ -49,24 +40,7 @@ class Document:
 
 
 def read_text(text: str | bytes, source: str) -> Document:
-    """Parse YAML or JSON without interpreting scalars.
-
-    Parameters
-    ----------
-    text : str or bytes
-        UTF-8 if bytes.
-    source : str
-        File name for messages; a name that ends in ``.json`` must hold JSON.
-
-    Returns
-    -------
-    Document
-
-    Raises
-    ------
-    InputError
-        If the text is not a well-formed document with unique keys and without aliases, or is beyond a limit.
-    """
+    """Parse YAML or JSON without interpreting scalars."""
     text = decoded(text, source)
     is_json = source.lower().endswith(".json")
     # YAML may begin with a brace as well, so JSON that fails is tried as YAML unless the file's name says JSON

@@ -39,26 +39,7 @@ _TYPES = (
 
 
 def write_description(mechanism: Mechanism, *, elementary: bool = False) -> dict[str, Any]:
-    """A mechanism in the description format, as data for JSON or YAML.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    elementary : bool
-        Whether to write every joint as the frames and elementary motions that it is, so that a reader need not know
-        joint types.
-
-    Returns
-    -------
-    dict
-        Texts, lists, mappings, None, True and the version number only.  Reading it back gives equal bodies, couplings,
-        loops, gravity and symbols, without the reading.
-
-    Raises
-    ------
-    InputError
-        If two bodies have the same name, so that the tree cannot be told by names.
-    """
+    """A mechanism in the description format, as data for JSON or YAML."""
     names = [body.name for body in mechanism.bodies]
     for name in names:
         if names.count(name) > 1:

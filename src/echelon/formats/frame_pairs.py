@@ -26,22 +26,7 @@ def lists_pairs(document: Document) -> bool:
 
 
 def as_description(document: Document) -> Document:
-    """The description that says the same.
-
-    Parameters
-    ----------
-    document : Document
-
-    Returns
-    -------
-    Document
-        Its errors name the elements of the list.
-
-    Raises
-    ------
-    InputError
-        If the lists do not fit each other, or a type is not known.
-    """
+    """The description that says the same."""
     pairs, joints, motors = _items(document, _PAIRS), _items(document, "joint_name"), _items(document, "name_mot")
     kinds = _of_each(document, "type", _PAIRS, pairs, "6d")
     types = _of_each(document, "joint_type", "joint_name", joints, None)

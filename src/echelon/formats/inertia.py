@@ -35,19 +35,8 @@ def numeric_placement(placement: LiteralPlacement) -> tuple[npt.NDArray[np.float
 
 
 def central_inertial(mass: float, centre: npt.ArrayLike, tensor: npt.ArrayLike, rotation: npt.ArrayLike) -> Inertial:
-    """Standard parameters from mass, centre of mass, and inertia about it in rotated axes.
-
-    Parameters
-    ----------
-    mass : float
-        kg.
-    centre : array of shape (3,)
-        Centre of mass in the link's frame, m.
-    tensor : array of shape (3, 3)
-        Inertia about the centre of mass along the axes of the inertial frame, kg·m².
-    rotation : array of shape (3, 3)
-        Axes of the inertial frame in the link's frame.
-    """
+    """Standard parameters from mass, centre of mass, and inertia about it in rotated axes."""
+    # centre in the link's frame, m; tensor about it, kg·m², along axes that are the columns of the rotation there
     turned = np.asarray(rotation) @ np.asarray(tensor) @ np.asarray(rotation).T
     c = np.asarray(centre, dtype=float)
     about_origin = turned + mass * (c @ c * np.eye(3) - np.outer(c, c))

@@ -41,19 +41,11 @@ _DIGITS, _DOUBLE = 12, 1e-15  # digits of a short decimal, and how far a double 
 
 @dataclass
 class Intent:
-    """Reads literal numbers as exact ones while keeping account.
-
-    Parameters
-    ----------
-    tree : LiteralTree
-    options : ReadingOptions
-    literal : collection of str, optional
-        Elements to take literally; None means that none is.
-    """
+    """Reads literal numbers as exact ones while keeping account."""
 
     tree: LiteralTree
     options: ReadingOptions
-    literal: Collection[str] = ()
+    literal: Collection[str] = ()  # elements to take literally; None means that none is
     symbols: dict[str, Symbol] = field(default_factory=dict)
     snaps: list[Snap] = field(default_factory=list)
 
@@ -160,15 +152,7 @@ class Intent:
         return self.named_angle(value, element, name)
 
     def named_angle(self, value: Rational | float | Angle, element: str, name: str) -> Angle:
-        """A number of radians as a multiple of 90° and a symbol, however near to a multiple of 15° it is.
-
-        Parameters
-        ----------
-        value : number or Angle
-            An angle without symbols is exact, and never taken for a rounded one.
-        element, name : str
-            Where it stands, and the wanted name of the symbol.
-        """
+        """A number of radians as a multiple of 90° and a symbol, however near to a multiple of 15° it is."""
         exact = value if isinstance(value, Angle) else None
         if isinstance(value, int | Fraction):
             exact = Angle(radians=Fraction(value))

@@ -28,58 +28,20 @@ _SOFT = ("soft_lower_limit", "soft_upper_limit")
 
 @dataclass(frozen=True)
 class StatedLimits:
-    """What a robot file states about one coordinate; None where it is silent.
+    """What a robot file states about one coordinate; None where it is silent."""
 
-    Attributes
-    ----------
-    position : (float, float), optional
-        Lowest and highest position, rad or m; one end is infinite where the file limits the other only.
-    velocity : float, optional
-        Largest speed, rad/s or m/s.
-    acceleration : float, optional
-        Largest acceleration, rad/s² or m/s².
-    jerk : float, optional
-        Largest jerk, rad/s³ or m/s³.
-    effort : float, optional
-        Largest torque or force that acts on the joint in both directions, N·m or N.
-    notes : tuple of str
-        What stands in the file and was not taken for a limit.
-    """
-
+    # lowest and highest position, rad or m; one end is infinite where the file limits the other only
     position: Interval | None = None
-    velocity: float | None = None
-    acceleration: float | None = None
-    jerk: float | None = None
-    effort: float | None = None
-    notes: tuple[str, ...] = ()
+    velocity: float | None = None  # largest speed, rad/s or m/s
+    acceleration: float | None = None  # largest acceleration, rad/s² or m/s²
+    jerk: float | None = None  # largest jerk, rad/s³ or m/s³
+    effort: float | None = None  # largest torque or force that acts on the joint in both directions, N·m or N
+    notes: tuple[str, ...] = ()  # what stands in the file and was not taken for a limit
 
 
 def stated_limits(file: RobotFile, mechanism: Mechanism) -> dict[str, StatedLimits]:
     """The limits that a robot file states, by velocity coordinate.
 
-    Parameters
-    ----------
-    file : RobotFile
-        The file that the mechanism was read from: URDF or MJCF, or an Echelon description, which states limits only
-        through the robot file that it adds to.
-    mechanism : Mechanism
-
-    Returns
-    -------
-    dict
-        Coordinates of single-axis joints that move and about which the file says anything, in the mechanism's order;
-        coupled ones included.  Positions are the mechanism's coordinates, so that of a coupled joint counts without
-        the constant part of its coupling.
-
-    Raises
-    ------
-    InputError
-        If a limit is no number or a range is empty; names the joint.
-    MissingExtraError
-        If the file is MJCF and the package ``mujoco`` is not installed.
-
-    Notes
-    -----
     URDF: ``limit``, narrowed by the soft limits of ``safety_controller``.  Zero or less as a velocity, acceleration,
     jerk or effort means that it is unknown, and so does a ``limit`` with neither end of the range.
 

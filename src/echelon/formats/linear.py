@@ -41,17 +41,7 @@ def load_linear(path: str | os.PathLike[str]) -> LinearModel:
 
 
 def read_linear(document: Document) -> LinearModel:
-    """A linear model from a parsed document.
-
-    Parameters
-    ----------
-    document : Document
-
-    Raises
-    ------
-    InputError
-        As for :func:`load_linear`; names the element.
-    """
+    """A linear model from a parsed document."""
     from pydantic import ValidationError
 
     from echelon.formats.schema_linear import LinearDocument

@@ -19,44 +19,24 @@ Triple = tuple[Rational, Rational, Rational]
 
 @dataclass(frozen=True)
 class LiteralPlacement:
-    """A frame placed by numbers.
+    """A frame placed by numbers."""
 
-    Attributes
-    ----------
-    element : str
-        The element of the file that states it, for messages.
-    xyz : 3 numbers
-        Translation, m.
-    rpy : 3 numbers
-        Rotations about the fixed x, y and z axes, in this order, rad: R = Rz(yaw) Ry(pitch) Rx(roll).
-    inverse : bool
-        Whether these numbers say where the frame stands that this placement starts from, seen from the one it leads to.
-    """
-
-    element: str
-    xyz: Triple = (0, 0, 0)
+    element: str  # the element of the file that states it, for messages
+    xyz: Triple = (0, 0, 0)  # translation, m
+    # rotations about the fixed x, y and z axes, in this order, rad: R = Rz(yaw) Ry(pitch) Rx(roll)
     rpy: Triple = (0, 0, 0)
+    # whether these numbers say where the frame stands that this placement starts from, seen from the one it leads to
     inverse: bool = False
 
 
 @dataclass(frozen=True)
 class LiteralMotion:
-    """One elementary or planar or floating motion along a direction given by numbers.
-
-    Attributes
-    ----------
-    element : str
-    name : str
-        Name of the coordinate, or the stem of several.
-    kind : MotionKind or "planar" or "floating"
-    axis : 3 numbers
-        Any non-zero length.
-    """
+    """One elementary or planar or floating motion along a direction given by numbers."""
 
     element: str
-    name: str
+    name: str  # name of the coordinate, or the stem of several
     kind: MotionKind | str
-    axis: Triple = (0, 0, 1)
+    axis: Triple = (0, 0, 1)  # any non-zero length
 
 
 LiteralStep = LiteralPlacement | LiteralMotion
@@ -64,54 +44,30 @@ LiteralStep = LiteralPlacement | LiteralMotion
 
 @dataclass(frozen=True)
 class LiteralLink:
-    """A link with the joint that connects it to its parent.
-
-    Attributes
-    ----------
-    name : str
-    parent : int
-        Index of the parent link, −1 for the root.
-    joint, kind : str
-        Name and type of the joint in the file.
-    steps : tuple
-        From the parent's frame to this link's; no motion in it means that the link is fixed.
-    inertial : tuple of 10 floats, optional
-        Standard parameters about this link's frame.
-    rest : tuple of LiteralPlacement
-        From the parent's frame to this link's at the reference pose, where a format has one.
-    """
+    """A link with the joint that connects it to its parent."""
 
     name: str
-    parent: int
-    joint: str
-    kind: str
+    parent: int  # index of the parent link, −1 for the root
+    joint: str  # name and type of the joint in the file
+    kind: str  # name and type of the joint in the file
+    # from the parent's frame to this link's; no motion in it means that the link is fixed
     steps: tuple[LiteralStep, ...]
-    inertial: tuple[float, ...] | None = None
+    inertial: tuple[float, ...] | None = None  # standard parameters about this link's frame
+    # from the parent's frame to this link's at the reference pose, where a format has one
     rest: tuple[LiteralPlacement, ...] = ()
 
 
 @dataclass(frozen=True)
 class LiteralClosure:
-    """A joint that closes a loop.
-
-    Attributes
-    ----------
-    element, name : str
-    kind : ClosureKind
-    first, second : int
-        The two links.
-    first_frame : tuple of LiteralPlacement
-        The frame that it holds, in the first link's frame.
-    second_frame : tuple of LiteralPlacement, or None
-        The same in the second link's frame; None for where the first one is at the reference pose.
-    """
+    """A joint that closes a loop."""
 
     element: str
     name: str
     kind: ClosureKind
-    first: int
-    second: int
-    first_frame: tuple[LiteralPlacement, ...]
+    first: int  # the two links
+    second: int  # the two links
+    first_frame: tuple[LiteralPlacement, ...]  # the frame that it holds, in the first link's frame
+    # the same in the second link's frame; None for where the first one is at the reference pose
     second_frame: tuple[LiteralPlacement, ...] | None
 
 
@@ -127,40 +83,22 @@ class LiteralEffort:
 
 @dataclass(frozen=True)
 class LiteralWrench:
-    """A sensor of three forces, or three moments, that a link gets from its parent.
-
-    Attributes
-    ----------
-    element, name : str
-    link : int
-    placements : tuple of LiteralPlacement
-        The sensor's frame in the link's.
-    angular : bool
-        Moments or forces.
-    """
+    """A sensor of three forces, or three moments, that a link gets from its parent."""
 
     element: str
     name: str
     link: int
-    placements: tuple[LiteralPlacement, ...]
-    angular: bool
+    placements: tuple[LiteralPlacement, ...]  # the sensor's frame in the link's
+    angular: bool  # moments or forces
 
 
 @dataclass(frozen=True)
 class LiteralFrame:
-    """A named frame on a link, such as a site.
-
-    Attributes
-    ----------
-    name : str
-    link : int
-    placements : tuple of LiteralPlacement
-        In the link's frame.
-    """
+    """A named frame on a link, such as a site."""
 
     name: str
     link: int
-    placements: tuple[LiteralPlacement, ...]
+    placements: tuple[LiteralPlacement, ...]  # in the link's frame
 
 
 LiteralSensor = LiteralEffort | LiteralWrench
@@ -168,44 +106,20 @@ LiteralSensor = LiteralEffort | LiteralWrench
 
 @dataclass(frozen=True)
 class LiteralTree:
-    """A whole file.
+    """A whole file."""
 
-    Attributes
-    ----------
-    name, source : str
-        Name of the robot, and the file.
-    links : tuple of LiteralLink
-        Parents before children; the first is the root.
-    couplings : tuple of StatedCoupling
-        Of mimic elements or equality constraints, with numbers.
-    gravity : 3 numbers
-        In the root's frame, m/s².
-    notes : tuple of str
-    root_is_world : bool
-        Whether the first link is the world itself, which never moves and carries no parameters.
-    closures : tuple of LiteralClosure
-    poses : mapping of str to mapping of str to float
-        Positions at which the loops may close, zero where absent, by what states them: the reference pose first.
-    driven : tuple of str
-        Coordinates with actuators.
-    has_mimics : bool
-        Whether the file couples joints, whatever is made of it.
-    sensors : tuple of LiteralSensor
-        Those that measure forces.
-    frames : tuple of LiteralFrame
-        Named frames beside those of the links.
-    """
-
-    name: str
-    source: str
-    links: tuple[LiteralLink, ...]
-    couplings: tuple[StatedCoupling, ...] = ()
-    gravity: Triple = (0, 0, Fraction(-981, 100))
+    name: str  # name of the robot, and the file
+    source: str  # name of the robot, and the file
+    links: tuple[LiteralLink, ...]  # parents before children; the first is the root
+    couplings: tuple[StatedCoupling, ...] = ()  # of mimic elements or equality constraints, with numbers
+    gravity: Triple = (0, 0, Fraction(-981, 100))  # in the root's frame, m/s²
     notes: tuple[str, ...] = ()
+    # whether the first link is the world itself, which never moves and carries no parameters
     root_is_world: bool = False
     closures: tuple[LiteralClosure, ...] = ()
+    # positions at which the loops may close, zero where absent, by what states them: the reference pose first
     poses: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    driven: tuple[str, ...] = ()
-    has_mimics: bool = False
-    sensors: tuple[LiteralSensor, ...] = ()
-    frames: tuple[LiteralFrame, ...] = ()
+    driven: tuple[str, ...] = ()  # coordinates with actuators
+    has_mimics: bool = False  # whether the file couples joints, whatever is made of it
+    sensors: tuple[LiteralSensor, ...] = ()  # those that measure forces
+    frames: tuple[LiteralFrame, ...] = ()  # named frames beside those of the links

@@ -52,28 +52,6 @@ def read_mjcf(text: str | bytes, source: str, directory: Path | None, *, mimics:
     The coordinates are MuJoCo's: q counts from the joint's ``ref``, a ball joint has a unit quaternion w, x, y, z and
     its angular velocity in the moved frame, a free joint the position and velocity of the body's origin in the world's
     axes and then the same as a ball joint.
-
-    Parameters
-    ----------
-    text : str or bytes
-    source : str
-        File name for messages.
-    directory : Path, optional
-        Where included files and meshes are.
-    mimics : bool
-        Whether couplings between joints are read (and checked), or ignored.
-
-    Returns
-    -------
-    LiteralTree
-        The world and its bodies in depth-first order.
-
-    Raises
-    ------
-    InputError
-        If MuJoCo refuses the model, or it is not a tree of rigid bodies with couplings of joints; names the element.
-    MissingExtraError
-        If the package ``mujoco`` is not installed.
     """
     *_, missing = check_document(text, source, directory)
     if not missing:
@@ -124,13 +102,7 @@ def _read(text: str | bytes, source: str, directory: Path | None, mimics: bool, 
 
 
 class _Reader:
-    """Links of a compiled model.
-
-    Attributes
-    ----------
-    reference : dict of str to number
-        Reference position of every hinge and slide joint.
-    """
+    """Links of a compiled model."""
 
     def __init__(self, compiled: CompiledModel, source: str) -> None:
         self.compiled, self.model, self.source = compiled, compiled.model, source

@@ -32,26 +32,6 @@ def check_document(
     """The text of a model, and the contents of the files that it includes or attaches, by the names it uses.
 
     Includes of missing files are left out, unless they would define parts of bodies.
-
-    Returns
-    -------
-    text : str
-    included : dict of str to bytes
-    missing : tuple of str
-        Names of the missing files.
-
-    Parameters
-    ----------
-    text : str or bytes
-    source : str
-        File name for messages.
-    directory : Path, optional
-        Where included files are; without it none is looked for.
-
-    Raises
-    ------
-    InputError
-        If a document is malformed, unsafe or has numbers that are not finite, or a file with bodies is missing.
     """
     root = parse_xml(text, source)
     if root.tag == "mujocoinclude":

@@ -26,32 +26,16 @@ _IGNORE = "read the model without couplings (--mimic independent, independent_mi
 
 @dataclass(frozen=True)
 class Relation:
-    """Σ f_j(δ_j) + constant = 0, where δ_j is a joint's displacement from its reference position.
-
-    Attributes
-    ----------
-    element : str
-    dependent : str
-        The joint that it determines; empty where any may be chosen.
-    terms : mapping of str to Spline
-        By joint.
-    constant : Polynomial
-    """
+    """Σ f_j(δ_j) + constant = 0, where δ_j is a joint's displacement from its reference position."""
 
     element: str
-    dependent: str
-    terms: Mapping[str, Spline]
+    dependent: str  # the joint that it determines; empty where any may be chosen
+    terms: Mapping[str, Spline]  # by joint
     constant: Polynomial
 
 
 def take_equalities(spec: Any, source: str) -> tuple[list[Any], list[str]]:
-    """The active equalities of a spec, and notes; the others are deleted.
-
-    Raises
-    ------
-    InputError
-        If the model has active constraints of another kind, or deformable bodies.
-    """
+    """The active equalities of a spec, and notes; the others are deleted."""
     for flex in spec.flexes:
         raise InputError(
             "deformable bodies are not supported, only rigid ones", source=source, element=f"flex '{flex.name}'"
@@ -83,13 +67,7 @@ def _follows_mocap(equality: Any, spec: Any) -> bool:
 
 
 def read_relation(equality: Any, spec: Any, source: str) -> Relation:
-    """What a joint or tendon equality says.
-
-    Raises
-    ------
-    InputError
-        If it is about a spatial tendon, or a nonlinear function of several joints.
-    """
+    """What a joint or tendon equality says."""
     where = equality_label(equality)
     offset, *powers = (Polynomial.constant(parse_decimal(repr(float(a)))) for a in equality.data[:_SIZE])
     first, second = str(equality.name1), str(equality.name2)
@@ -132,27 +110,6 @@ def resolve(
 
     Where a joint equality's own joint follows already, or of the joints of a tendon, the last one that no actuator
     drives follows the others, if none follows it by a nonlinear function.
-
-    Parameters
-    ----------
-    relations : sequence of Relation
-    reference : mapping of str to number
-        Reference position of every joint that can be coupled, in the order of the joints.
-    driven : collection of str
-        Joints that actuators drive.
-    source : str
-
-    Returns
-    -------
-    held : dict of str to number
-        Displacement from the reference position, by joint.
-    couplings : tuple of StatedCoupling
-    notes : list of str
-
-    Raises
-    ------
-    InputError
-        If relations contradict each other, or one that is left cannot be solved for a joint.
     """
 
     def error(element: str, problem: str) -> InputError:

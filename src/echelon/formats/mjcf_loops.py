@@ -50,16 +50,7 @@ def read_keyframes(spec: Any) -> dict[str, Sequence[float]]:
 
 
 def read_closures(equalities: Sequence[Any], model: Any, spec: Any) -> Iterator[LiteralClosure]:
-    """The closures of a compiled model.
-
-    Parameters
-    ----------
-    equalities : sequence
-        Its connect and weld constraints.
-    model : mujoco.MjModel
-    spec : mujoco.MjSpec
-        The same with the numbers as written.
-    """
+    """The closures of a compiled model."""
     sites = {site.name: site for site in spec.sites}
     taken = {equality.name for equality in equalities}
     for number, equality in enumerate(equalities, 1):

@@ -16,18 +16,7 @@ _WRENCHES = {"mjSENS_FORCE": False, "mjSENS_TORQUE": True}
 
 
 class Sensors:
-    """The sensors of a spec, kept while it is compiled without them.
-
-    Parameters
-    ----------
-    spec : mujoco.MjSpec
-        Before its compilation.
-
-    Attributes
-    ----------
-    notes : list of str
-        What is left out, and why.
-    """
+    """The sensors of a spec, kept while it is compiled without them."""
 
     def __init__(self, spec: Any) -> None:
         self.notes: list[str] = []

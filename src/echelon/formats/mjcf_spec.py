@@ -34,33 +34,16 @@ _COMPILED = (
 
 @dataclass(frozen=True)
 class CompiledModel:
-    """What MuJoCo makes of a file.
+    """What MuJoCo makes of a file."""
 
-    Attributes
-    ----------
-    model : mujoco.MjModel
-        Bodies and joints all have names.
-    spec : mujoco.MjSpec
-        The same before compilation, with the numbers as written.
-    unknown : frozenset of str
-        Bodies whose inertia would come from meshes that are not there.
-    notes : tuple of str
-    """
-
-    model: Any
-    spec: Any
-    unknown: frozenset[str]
+    model: Any  # bodies and joints all have names
+    spec: Any  # the same before compilation, with the numbers as written
+    unknown: frozenset[str]  # bodies whose inertia would come from meshes that are not there
     notes: tuple[str, ...]
 
 
 def import_mujoco() -> Any:
-    """The optional package ``mujoco``.
-
-    Raises
-    ------
-    MissingExtraError
-        If it is not installed.
-    """
+    """The optional package ``mujoco``."""
     try:
         import mujoco
     except ImportError:
@@ -69,21 +52,7 @@ def import_mujoco() -> Any:
 
 
 def parse_spec(text: str | bytes, source: str, directory: Path | None) -> Any:
-    """The ``MjSpec`` of an MJCF document, with the files that it includes.
-
-    Parameters
-    ----------
-    text : str or bytes
-    source : str
-        File name for messages.
-    directory : Path, optional
-        Where included files and meshes are; without it none is looked for.
-
-    Raises
-    ------
-    InputError
-        If MuJoCo does not accept the document, or its text is refused before.
-    """
+    """The ``MjSpec`` of an MJCF document, with the files that it includes."""
     mujoco = import_mujoco()
     checked, included, _ = check_document(text, source, directory)
     try:
@@ -96,23 +65,7 @@ def parse_spec(text: str | bytes, source: str, directory: Path | None) -> Any:
 
 
 def compile_spec(spec: Any, source: str, directory: Path | None, *, lenient: bool = False) -> CompiledModel:
-    """Compile a spec for its geometry and inertias; the spec is changed.
-
-    Parameters
-    ----------
-    spec : mujoco.MjSpec
-    source : str
-        File name for messages.
-    directory : Path, optional
-        Where meshes are.
-    lenient : bool
-        Whether meshes may be undefined, as where an included file is missing.
-
-    Raises
-    ------
-    InputError
-        If MuJoCo refuses the model for another reason than missing files or masses.
-    """
+    """Compile a spec for its geometry and inertias; the spec is changed."""
     mujoco = import_mujoco()
     notes = _effect_notes(spec)
     if _keep_frames(spec, mujoco):

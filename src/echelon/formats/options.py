@@ -26,71 +26,39 @@ Gravity = Sequence[str | float | int] | str | None
 
 @dataclass(frozen=True)
 class StatedJoint:
-    """What a joint of a robot file really is.
+    """What a joint of a robot file really is."""
 
-    Attributes
-    ----------
-    name : str
-        Of the joint in the file.
-    kind : "spherical", "universal" or "fixed"
-    axes : tuple of (int, int)
-        Coordinate axes and signs of a universal joint, in the frame of the joint's origin.
-    error : callable
-        Makes an error about what states it.
-    """
-
-    name: str
+    name: str  # of the joint in the file
     kind: str
+    # coordinate axes and signs of a universal joint, in the frame of the joint's origin
     axes: tuple[tuple[int, int], ...]
-    error: Callable[[str], InputError]
+    error: Callable[[str], InputError]  # makes an error about what states it
 
 
 @dataclass(frozen=True)
 class ReadingOptions:
-    """Choices for reading a robot file.
+    """Choices for reading a robot file."""
 
-    Attributes
-    ----------
-    tolerance : float
-        Angles this near (rad) to a multiple of 15°, and axes this near to a coordinate direction, are read as exact.
-        0 switches snapping off.
-    symbolic : bool
-        Give lengths systematic symbols (``px4`` for the x offset of joint 4); otherwise every symbol that has an exact
-        value, also of a description, becomes that number.
-    floating : bool
-        Whether the root link floats.
-    every_link : bool
-        Keep links that are fixed to others as bodies of their own.
-    independent_mimics : bool
-        Treat mimic joints as independent (as most programs do), instead of coupled.
-    massless : sequence of str
-        Links that carry no parameters.
-    gravity : Gravity
-        ``"file"`` for what the file says (9.81 m/s² along −z if it is silent), ``"generic"`` for an unknown direction,
-        None for none, or three numbers or expressions.
-    separate_symbols : bool
-        Give every number a symbol of its own, also where magnitudes are equal.
-    separate : tuple of str
-        Fixed links that are kept as bodies of their own, because a sensor cuts between them and their parents.
-    measured : "drives" or "file"
-        Whether the forces of all drives are measured, or what the sensors of the file measure.
-    joints : tuple of StatedJoint
-        Joints that are of other types than the file says.
-    friction : bool
-        Give the drive of every joint viscous and Coulomb friction and an offset, for files that cannot state any.
-    """
-
+    # angles this near (rad) to a multiple of 15°, and axes this near to a coordinate direction, are read as exact. 0
+    # switches snapping off
     tolerance: float = ANGLE_TOLERANCE
+    # give lengths systematic symbols (``px4`` for the x offset of joint 4); otherwise every symbol that has an exact
+    # value, also of a description, becomes that number
     symbolic: bool = True
-    floating: bool = False
-    every_link: bool = False
-    independent_mimics: bool = False
-    massless: Sequence[str] = ()
+    floating: bool = False  # whether the root link floats
+    every_link: bool = False  # keep links that are fixed to others as bodies of their own
+    independent_mimics: bool = False  # treat mimic joints as independent (as most programs do), instead of coupled
+    massless: Sequence[str] = ()  # links that carry no parameters
+    # ``"file"`` for what the file says (9.81 m/s² along −z if it is silent), ``"generic"`` for an unknown direction,
+    # None for none, or three numbers or expressions
     gravity: Gravity = "file"
-    separate_symbols: bool = False
+    separate_symbols: bool = False  # give every number a symbol of its own, also where magnitudes are equal
+    # fixed links that are kept as bodies of their own, because a sensor cuts between them and their parents
     separate: tuple[str, ...] = ()
+    # whether the forces of all drives are measured, or what the sensors of the file measure
     measured: Literal["drives", "file"] = "drives"
-    joints: tuple[StatedJoint, ...] = ()
+    joints: tuple[StatedJoint, ...] = ()  # joints that are of other types than the file says
+    # give the drive of every joint viscous and Coulomb friction and an offset, for files that cannot state any
     friction: bool = False
 
     def __post_init__(self) -> None:
@@ -101,19 +69,7 @@ class ReadingOptions:
 
 
 def gravity_vector(gravity: Gravity, stated: Vector) -> Vector | None:
-    """Gravity in the base frame, m/s².
-
-    Parameters
-    ----------
-    gravity : Gravity
-    stated : 3 of Polynomial
-        What the file says.
-
-    Raises
-    ------
-    InputError
-        If the choice is none of those that :class:`ReadingOptions` lists.
-    """
+    """Gravity in the base frame, m/s²."""
     if gravity is None or gravity == "none":
         return None
     if gravity == "file":

@@ -30,15 +30,6 @@ def with_parallelogram(closure: Closure, element: str, bodies: Sequence[Body], i
     """A closure moved to where it completes a parallelogram, if it nearly does.
 
     Only where the loop is closed while all coordinates are zero is it known beforehand where that is.
-
-    Parameters
-    ----------
-    closure : Closure
-    element : str
-        What states it.
-    bodies : sequence of Body
-    intent : Intent
-        Knows the tolerance, and takes note of the move.
     """
     chains = _chains(closure, bodies)
     pivots = [[_Pivot.of(bodies, chain[k:]) for k in range(len(chain))] for chain in chains]

@@ -45,21 +45,7 @@ def with_relations(
     sources: Mapping[str, Collection[str]],
     declared: Collection[str] = (),
 ) -> tuple[list[Body], Vector | None]:
-    """Bodies and gravity, with axes that are related exactly where the numbers of the file mean it.
-
-    Parameters
-    ----------
-    bodies : sequence of Body
-        Parents before children.
-    gravity : 3 of Polynomial, or None
-        In the base frame; an axis of the base is compared with its direction.
-    intent : Intent
-        Reads angles, names what needs a name, and keeps account.
-    sources : mapping of str to collection of str
-        By label of a body, the elements of the file that its joint's frames come from.
-    declared : collection of str
-        Symbols of the user; relations among their values are not presumed here.
-    """
+    """Bodies and gravity, with axes that are related exactly where the numbers of the file mean it."""
     found: list[Body] = []
     literal = {label for label, own in sources.items() if any(e.startswith(tuple(own)) for e in intent.literal)}
     named = set(intent.symbols)
@@ -81,19 +67,11 @@ def with_relations(
 
 @dataclass(frozen=True)
 class _Down:
-    """The direction of gravity: a coordinate axis of a frame in the base.
-
-    Attributes
-    ----------
-    frame : Placement
-    axis : int
-    gravity : 3 of Polynomial, or None
-        Gravity in the base frame by the frame's angles; None for a frame without any.
-    """
+    """The direction of gravity: a coordinate axis of a frame in the base."""
 
     frame: Placement
     axis: int
-    gravity: Vector | None
+    gravity: Vector | None  # gravity in the base frame by the frame's angles; None for a frame without any
 
 
 def _down(gravity: Vector | None, intent: Intent) -> _Down | None:
@@ -120,32 +98,15 @@ def _scale(bodies: Sequence[Body], intent: Intent) -> float:
 
 @dataclass(frozen=True)
 class _Pair:
-    """A joint's first motion and what moves before it.
-
-    Attributes
-    ----------
-    body : Body
-    before : str
-        What the axis is compared with, for messages.
-    axis : int
-        The coordinate axis of the earlier motion, in the frame that it moves.
-    trailing : Placement
-        From that frame to the parent's.
-    turns : bool
-        Whether the earlier motion is about an axis that has a place.
-    literal : bool
-        Whether numbers of the frames between are taken literally.
-    scale : float
-        The robot's largest translation, m.
-    """
+    """A joint's first motion and what moves before it."""
 
     body: Body
-    before: str
-    axis: int
-    trailing: Placement
-    turns: bool
-    literal: bool = False
-    scale: float = 0.0
+    before: str  # what the axis is compared with, for messages
+    axis: int  # the coordinate axis of the earlier motion, in the frame that it moves
+    trailing: Placement  # from that frame to the parent's
+    turns: bool  # whether the earlier motion is about an axis that has a place
+    literal: bool = False  # whether numbers of the frames between are taken literally
+    scale: float = 0.0  # the robot's largest translation, m
 
     @property
     def motion(self) -> Motion:

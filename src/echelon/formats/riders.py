@@ -17,35 +17,16 @@ Ride = tuple[int, tuple[LiteralPlacement, ...]]
 
 @dataclass(frozen=True)
 class Rider:
-    """A link that is fixed to another and counts as part of a body.
+    """A link that is fixed to another and counts as part of a body."""
 
-    Attributes
-    ----------
-    body : int
-        Index of the body that carries it, or GROUND.
-    placement : Placement
-        Its frame in the body's frame.
-    symbols : tuple of Symbol
-        Those of the placement.
-    snaps : tuple of Snap
-        Numbers of the placement that were read as nearby exact ones.
-    """
-
-    body: int
-    placement: Placement
-    symbols: tuple[Symbol, ...] = ()
-    snaps: tuple[Snap, ...] = ()
+    body: int  # index of the body that carries it, or GROUND
+    placement: Placement  # its frame in the body's frame
+    symbols: tuple[Symbol, ...] = ()  # those of the placement
+    snaps: tuple[Snap, ...] = ()  # numbers of the placement that were read as nearby exact ones
 
 
 class Riders(Mapping[str, Rider]):
-    """What is fixed to bodies, by name; its numbers are read as exact ones when they are asked for.
-
-    Parameters
-    ----------
-    intent : Intent
-        That has read the bodies already.
-    rides : mapping of str to Ride
-    """
+    """What is fixed to bodies, by name; its numbers are read as exact ones when they are asked for."""
 
     def __init__(self, intent: Intent, rides: Mapping[str, Ride]) -> None:
         self._intent, self._rides = intent, rides

@@ -39,23 +39,12 @@ _FRICTION = ("viscous", "coulomb", "offset")
 
 @dataclass(frozen=True)
 class RobotFile:
-    """The content of a robot file; everything else about it is parsed when it is first asked for, and kept.
-
-    Attributes
-    ----------
-    data : bytes
-    source : str
-        Name of the file, for messages.
-    is_description : bool
-        Whether it is YAML or JSON, rather than XML.
-    directory : Path, optional
-        Where files that it includes are looked for.
-    """
+    """The content of a robot file; everything else about it is parsed when it is first asked for, and kept."""
 
     data: bytes
-    source: str
-    is_description: bool
-    directory: Path | None = None
+    source: str  # name of the file, for messages
+    is_description: bool  # whether it is YAML or JSON, rather than XML
+    directory: Path | None = None  # where files that it includes are looked for
 
     @classmethod
     def of(cls, data: bytes, source: str, directory: Path | None = None) -> RobotFile:
@@ -138,13 +127,7 @@ class RobotFile:
         return root
 
     def tree(self, *, mimics: bool = True) -> LiteralTree:
-        """The links and joints of an XML file as they stand there.
-
-        Parameters
-        ----------
-        mimics : bool
-            Whether couplings between joints are read (and checked), or ignored.
-        """
+        """The links and joints of an XML file as they stand there."""
         if mimics not in self._trees:
             self._trees[mimics] = self._read_tree(mimics)
         return self._trees[mimics]
@@ -169,19 +152,7 @@ class RobotFile:
     # -- mechanisms ------------------------------------------------------------------------------------------------
 
     def mechanism(self, options: ReadingOptions | None = None, literal: Collection[str] = ()) -> Mechanism:
-        """The robot.
-
-        Parameters
-        ----------
-        options : ReadingOptions, optional
-        literal : collection of str
-            Elements whose numbers are not to be read as nearby exact ones.
-
-        Raises
-        ------
-        InputError
-            If the file is not a valid robot; names file and element.
-        """
+        """The robot."""
         options = ReadingOptions() if options is None else options
         built = self.built(options, literal)
         mechanism = built.mechanism if options.symbolic else in_numbers(built.mechanism)
@@ -209,13 +180,7 @@ class RobotFile:
 
 
 def open_robot(path: str | os.PathLike[str]) -> RobotFile:
-    """A robot file of any supported format.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is empty or of an unknown format.
-    """
+    """A robot file of any supported format."""
     file = Path(path)
     return RobotFile.of(read_content(file), str(file), file.parent)
 

@@ -167,12 +167,7 @@ def motion_or_frame(value: object) -> str:
 
 
 def check_keys(data: object, valid: Sequence[str]) -> None:
-    """Refuse what is not a mapping, and the first key that is not valid, with a hint at what was meant.
-
-    Raises
-    ------
-    PydanticCustomError
-    """
+    """Refuse what is not a mapping, and the first key that is not valid, with a hint at what was meant."""
     # what rows and bodies share is listed last, behind what distinguishes them
     valid = sorted(valid, key=lambda key: key in _SHARED)
     if not isinstance(data, dict):

@@ -28,27 +28,7 @@ _AXIS_IN_JOINT = (1, 5)  # from this version of the format on, axes are stated i
 
 
 def read_sdf(root: Any, source: str, *, mimics: bool = True) -> LiteralTree:
-    """The tree of an SDF document with one model that moves.
-
-    Parameters
-    ----------
-    root : Element
-        ``<sdf>``.
-    source : str
-        File name for messages.
-    mimics : bool
-        Whether mimic elements are read, or ignored.
-
-    Returns
-    -------
-    LiteralTree
-        The world and the links, with closures where joints are left over.
-
-    Raises
-    ------
-    InputError
-        For anything that is not a model of links and supported joints; names the element.
-    """
+    """The tree of an SDF document with one model that moves."""
     worlds = root.findall("world")
     models = [m for place in (root, *worlds) for m in place.findall("model") if m.find("joint") is not None]
     if len(models) != 1:

@@ -33,34 +33,17 @@ _MOST_GENERAL = 2
 
 @dataclass(frozen=True)
 class SdfFrame:
-    """A frame of a model.
+    """A frame of a model."""
 
-    Attributes
-    ----------
-    name, kind : str
-        Its name, and the element that states it.
-    carrier : str
-        The frame with which it moves; empty for a link, which moves by itself.
-    base : str
-        The frame in which its pose is stated.
-    pose : tuple of LiteralPlacement
-    """
-
-    name: str
-    kind: str
-    carrier: str
-    base: str
+    name: str  # its name, and the element that states it
+    kind: str  # its name, and the element that states it
+    carrier: str  # the frame with which it moves; empty for a link, which moves by itself
+    base: str  # the frame in which its pose is stated
     pose: tuple[LiteralPlacement, ...]
 
 
 class SdfFrames:
-    """All frames of a model, by name.
-
-    Parameters
-    ----------
-    source : str
-        File name for messages.
-    """
+    """All frames of a model, by name."""
 
     def __init__(self, source: str) -> None:
         self.source = source

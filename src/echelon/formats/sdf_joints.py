@@ -51,14 +51,7 @@ class SdfJoint:
 
 
 class SdfJoints:
-    """Reads joints of a model.
-
-    Parameters
-    ----------
-    frames : SdfFrames
-    axis_in_joint : bool
-        Whether axes that do not say where are stated in the joint's frame, or in the model's as in old versions.
-    """
+    """Reads joints of a model."""
 
     def __init__(self, frames: SdfFrames, axis_in_joint: bool) -> None:
         self.frames, self.axis_in_joint = frames, axis_in_joint
@@ -95,14 +88,7 @@ class SdfJoints:
         return tuple(replace(turn, xyz=(0, 0, 0)) for turn in turns), axis
 
     def closure(self, joint: SdfJoint, position: Mapping[str, int]) -> LiteralClosure:
-        """A joint that closes a loop: its frame on both links, with z along its axis.
-
-        Parameters
-        ----------
-        joint : SdfJoint
-        position : mapping of str to int
-            Indices of the links.
-        """
+        """A joint that closes a loop: its frame on both links, with z along its axis."""
         if joint.kind not in CLOSURES:
             kinds = ", ".join(CLOSURES)
             raise self.frames.error(f"a {joint.kind} joint cannot close a loop (these can: {kinds})", joint.element)

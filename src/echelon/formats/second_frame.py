@@ -22,24 +22,8 @@ def second_frame(
 ) -> Placement:
     """A frame of the first member of a tree in the frame of the second one.
 
-    Parameters
-    ----------
-    kind : ClosureKind
-        Where it fixes no directions, the axes of the second frame are of no account, and stay those of the second
-        member.
-    first, second : int
-        Members of the tree; GROUND for what carries all.
-    frame : Placement
-        In the frame of the first.
-    parent : callable
-        The member that carries another one.
-    place : callable
-        Where a member sits in the frame of its parent at the pose in question.
-
-    Raises
-    ------
-    ValueError
-        If too many angles without an exact sine lie between the two.
+    ``place`` says where a member is in its parent's frame at the pose in question.  Where the kind of closure fixes no
+    directions, the axes are those of the second member.
     """
     inward, outward = list(_carriers(first, parent)), list(_carriers(second, parent))
     while inward and outward and inward[-1] == outward[-1]:

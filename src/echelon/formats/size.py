@@ -27,19 +27,7 @@ AnyNumber = TypeVar("AnyNumber", bound=Number)
 
 
 def checked_size(value: AnyNumber, shown: str) -> AnyNumber:
-    """A number that is neither too large nor, unless it is zero, too small.
-
-    Parameters
-    ----------
-    value : Number
-    shown : str
-        As it stands in the file.
-
-    Raises
-    ------
-    ValueError
-        If it is.
-    """
+    """A number that is neither too large nor, unless it is zero, too small."""
     if not all(-LARGEST <= part <= LARGEST for part in parts_of(value)):
         raise ValueError(f"'{shown}' is too large a number: robots have lengths and masses up to 1e100, in SI units")
     if any(-SMALLEST < part < SMALLEST and part != 0 for part in parts_of(value)):

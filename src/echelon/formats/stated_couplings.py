@@ -13,23 +13,12 @@ from echelon.mechanism.spline import Spline
 
 @dataclass(frozen=True)
 class StatedCoupling:
-    """q_coordinate = Σ f_k(q_k) + offset.
+    """q_coordinate = Σ f_k(q_k) + offset."""
 
-    Attributes
-    ----------
-    element : str
-        What states it: a mimic element, an equality constraint, an entry of a description.
-    coordinate : str
-    terms : mapping of str to Spline
-        Functions of other coordinates, which may be dependent themselves.
-    offset : Polynomial
-        The constant part; of rotations it may contain pi.
-    """
-
-    element: str
+    element: str  # what states it: a mimic element, an equality constraint, an entry of a description
     coordinate: str
-    terms: Mapping[str, Spline]
-    offset: Polynomial
+    terms: Mapping[str, Spline]  # functions of other coordinates, which may be dependent themselves
+    offset: Polynomial  # the constant part; of rotations it may contain pi
 
     @property
     def coupling(self) -> Coupling:
@@ -38,19 +27,7 @@ class StatedCoupling:
 
 
 def resolved(couplings: Iterable[StatedCoupling], error: Callable[[str, str], InputError]) -> dict[str, StatedCoupling]:
-    """Couplings by coordinate, with chains of dependent coordinates followed to independent ones.
-
-    Parameters
-    ----------
-    couplings : iterable of StatedCoupling
-    error : callable
-        Makes an error of an element and a problem.
-
-    Raises
-    ------
-    InputError
-        If a coordinate is coupled twice, couplings go in a circle, or a chain gives functions that are not supported.
-    """
+    """Couplings by coordinate, with chains of dependent coordinates followed to independent ones."""
     stated: dict[str, StatedCoupling] = {}
     for coupling in couplings:
         earlier = stated.setdefault(coupling.coordinate, coupling)
@@ -75,16 +52,7 @@ def resolved(couplings: Iterable[StatedCoupling], error: Callable[[str, str], In
 def substituted(
     coupling: StatedCoupling, known: Mapping[str, StatedCoupling], error: Callable[[str, str], InputError]
 ) -> StatedCoupling:
-    """A coupling with functions of independent coordinates in the place of dependent ones.
-
-    Parameters
-    ----------
-    coupling : StatedCoupling
-    known : mapping of str to StatedCoupling
-        Of dependent coordinates by independent ones.
-    error : callable
-        As for :func:`resolved`.
-    """
+    """A coupling with functions of independent coordinates in the place of dependent ones."""
     terms: dict[str, Spline] = {}
     offset = coupling.offset
     for name, function in coupling.terms.items():

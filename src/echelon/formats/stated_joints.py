@@ -16,16 +16,6 @@ def with_joints(tree: LiteralTree, joints: Sequence[StatedJoint]) -> LiteralTree
 
     The frame in which the file states a joint stays; a ball, or the axes of a universal joint, take the place of its
     axis.
-
-    Parameters
-    ----------
-    tree : LiteralTree
-    joints : sequence of StatedJoint
-
-    Raises
-    ------
-    InputError
-        If there is no such joint, or another one follows it.
     """
     coupled = {name: c.element for c in tree.couplings for name in (c.coordinate, *c.terms)}
     for joint in joints:

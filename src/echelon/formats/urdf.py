@@ -42,27 +42,7 @@ _DEFAULT_AXIS: Triple = (1, 0, 0)
 
 
 def read_urdf(root: Any, source: str, *, mimics: bool = True) -> LiteralTree:
-    """The tree of a URDF document.
-
-    Parameters
-    ----------
-    root : Element
-        ``<robot>``.
-    source : str
-        File name for messages.
-    mimics : bool
-        Whether mimic elements are read (and checked), or ignored.
-
-    Returns
-    -------
-    LiteralTree
-        Links in depth-first order, children in the order of the file.
-
-    Raises
-    ------
-    InputError
-        For anything that is not a well-formed tree of links with finite numbers; names the element.
-    """
+    """The tree of a URDF document."""
     return _Reader(root, source).read(mimics)
 
 

@@ -21,18 +21,11 @@ _TERMS = {"qd": VISCOUS, "sign(qd)": COULOMB, "qdd": ROTOR_INERTIA}
 
 @dataclass(frozen=True)
 class JointEffects:
-    """Effects as numbers of joints.
+    """Effects as numbers of joints."""
 
-    Attributes
-    ----------
-    attributes : mapping of str to mapping of str to float
-        By coordinate: the format's attribute and its value at the joint, SI units.
-    notes : tuple of str
-        The others, with their values.
-    """
-
+    # by coordinate: the format's attribute and its value at the joint, SI units
     attributes: Mapping[str, Mapping[str, float]]
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # the others, with their values
 
 
 @dataclass(frozen=True)
@@ -51,20 +44,7 @@ def joint_effects(
     coordinates: Collection[str],
     file_format: str,
 ) -> JointEffects:
-    """Sort effects into attributes of joints and what a format cannot say.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    values : mapping of str to float
-        By parameter of the effects.
-    supported : mapping of str to str
-        The format's attribute for viscous friction, Coulomb friction and rotor inertia, where it has one.
-    coordinates : collection of str
-        Those of the file's joints that can have such attributes.
-    file_format : str
-        Its name, for notes.
-    """
+    """Sort effects into attributes of joints and what a format cannot say."""
     attributes: dict[str, dict[str, float]] = {}
     lost: dict[str, list[str]] = {}
     for effect in mechanism.effects:
@@ -83,15 +63,7 @@ def joint_effects(
 
 
 def kept_notes(stated: Mapping[str, Mapping[str, float]], written: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
-    """What to say of numbers of joints that a file states and the identified model does not have.
-
-    Parameters
-    ----------
-    stated : mapping of str to mapping of str to float
-        By joint and attribute, as in the file.
-    written : mapping of str to mapping of str to float
-        The same, as the identified model sets them.
-    """
+    """What to say of numbers of joints that a file states and the identified model does not have."""
     kept: dict[str, list[str]] = {}
     for joint, numbers in stated.items():
         for name, value in numbers.items():

@@ -30,29 +30,7 @@ _HARMLESS = ("auto", "false")
 def edited_mjcf(
     mechanism: Mechanism, values: IdentifiedValues, text: str, source: str, directory: Path | None
 ) -> tuple[str, tuple[str, ...]]:
-    """An MJCF document with identified values in the place of its own.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        As read from the document, with whatever a set-up adds.
-    values : IdentifiedValues
-    text, source : str
-        The document and the file's name.
-    directory : Path, optional
-        Where the files are that it includes.
-
-    Returns
-    -------
-    text : str
-        Without includes; meshes and textures are where they were.
-    notes : tuple of str
-
-    Raises
-    ------
-    InputError
-        If MuJoCo refuses the model, or the mechanism has bodies that are not in it.
-    """
+    """An MJCF document with identified values in the place of its own."""
     return _Writer(mechanism, values, NamedModel(text, source, directory), source).written()
 
 

@@ -24,30 +24,7 @@ JOINTS = ("joint", "freejoint")
 
 
 class NamedModel:
-    """A document with the names under which Echelon knows its bodies and joints.
-
-    Parameters
-    ----------
-    text, source : str
-        The main document and its name.
-    directory : Path, optional
-        Where the files are that it refers to.
-
-    Attributes
-    ----------
-    editor : XmlEditor
-        The document with everything that it included.
-    bodies, joints : dict of Element to str
-        Names of elements, also of those that have none in the file.
-    spec : mujoco.MjSpec
-        The compiled model's.
-    notes : tuple of str
-
-    Raises
-    ------
-    InputError
-        If MuJoCo refuses the model, or needs files that are missing to multiply or attach bodies.
-    """
+    """A document with the names under which Echelon knows its bodies and joints."""
 
     def __init__(self, text: str, source: str, directory: Path | None) -> None:
         text = text.removeprefix("\ufeff")  # MuJoCo would stumble over the mark of byte order

@@ -28,14 +28,7 @@ def listed(names: Iterable[str], most: int = 12) -> str:
 
 
 def rotor_notes(mechanism: Mechanism, values: IdentifiedValues, file_format: str) -> Iterator[str]:
-    """Spin inertias of rotors that are bodies of their own, which no robot file has.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    values : IdentifiedValues
-    file_format : str
-    """
+    """Spin inertias of rotors that are bodies of their own, which no robot file has."""
     spins = [
         f"{parameter.name} = {float(values.bodies[parameter.body][parameter.kind])!r} {parameter.unit}"
         for parameter in mechanism.columns
@@ -48,16 +41,7 @@ def rotor_notes(mechanism: Mechanism, values: IdentifiedValues, file_format: str
 
 
 def reading_notes(mechanism: Mechanism, values: IdentifiedValues, root: Any, file_format: str) -> Iterator[str]:
-    """Remarks on an edited file: rotors, numbers that were read as others, files that it refers to.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    values : IdentifiedValues
-    root : Element
-        The document.
-    file_format : str
-    """
+    """Remarks on an edited file: rotors, numbers that were read as others, files that it refers to."""
     yield from rotor_notes(mechanism, values, file_format)
     snaps = mechanism.reading.snaps if mechanism.reading is not None else ()
     moved = [snap.difference for snap in snaps if snap.difference > _NOTICEABLE]

@@ -20,52 +20,18 @@ from echelon.mechanism.mechanism import Mechanism
 
 @dataclass(frozen=True)
 class WrittenRobot:
-    """A robot file that is yet to be written (see :func:`echelon.files.write_atomically`).
+    """A robot file that is yet to be written (see :func:`echelon.files.write_atomically`)."""
 
-    Attributes
-    ----------
-    name : str
-        ``identified.urdf``, ``identified.xml`` (MJCF) or ``identified.yaml``.
-    text : str
-    notes : tuple of str
-        What the format cannot say, with values, and what was changed beside inertias.
-    """
-
-    name: str
+    name: str  # ``identified.urdf``, ``identified.xml`` (MJCF) or ``identified.yaml``
     text: str
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # what the format cannot say, with values, and what was changed beside inertias
 
 
 def identified_robot(
     mechanism: Mechanism, standard: npt.ArrayLike, file: RobotFile | None = None
 ) -> tuple[WrittenRobot, ...]:
-    """Write identified standard parameters into the robot's file.
+    """Write identified standard parameters into the robot's file.  Shapes: standard (p,).
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-    standard : array of shape (p,)
-        In the order of ``mechanism.parameters``: ten per body about the origin of the body's frame, of what it carries,
-        then those of the effects; SI units.  Bodies that carry all ten must be physically consistent.
-    file : RobotFile, optional
-        The file that the mechanism was read from, or that its set-up adds to; none, or a description, to write a
-        description.
-
-    Returns
-    -------
-    tuple of WrittenRobot
-        For URDF and MJCF, the file with the identified values.  Otherwise ``identified.yaml``, which says
-        everything, and ``identified.urdf`` where URDF can express the geometry.
-
-    Raises
-    ------
-    InputError
-        If no body can have these parameters, or the file cannot be read or is not that of the mechanism.
-    MissingExtraError
-        For MJCF, if the package ``mujoco`` is not installed.
-
-    Examples
-    --------
     >>> from echelon.formats.robot_file import open_robot
     >>> file = open_robot("examples/two_link.xml")
     >>> robot = file.mechanism()

@@ -36,13 +36,7 @@ _USUAL_GRAVITY = (0, 0, Fraction(-981, 100))
 
 
 def urdf_obstacle(mechanism: Mechanism, values: IdentifiedValues) -> str:
-    """Why URDF cannot express a mechanism with these values; empty if it can.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    values : IdentifiedValues
-    """
+    """Why URDF cannot express a mechanism with these values; empty if it can."""
     rotors = {m.name for body in mechanism.bodies if body.joint.kind == ROTOR for m in body.joint.motions}
     coupled = [c.coordinate for c in mechanism.couplings if c.coordinate not in rotors]
     if mechanism.closures:
@@ -63,24 +57,7 @@ def urdf_obstacle(mechanism: Mechanism, values: IdentifiedValues) -> str:
 
 
 def generated_urdf(mechanism: Mechanism, values: IdentifiedValues) -> tuple[str, tuple[str, ...]]:
-    """A URDF document of a mechanism without an obstacle (see :func:`urdf_obstacle`).
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    values : IdentifiedValues
-
-    Returns
-    -------
-    text : str
-    notes : tuple of str
-        What URDF cannot say.
-
-    Raises
-    ------
-    InputError
-        If a body has first moments without a mass, or a name that XML cannot have.
-    """
+    """A URDF document of a mechanism without an obstacle (see :func:`urdf_obstacle`)."""
     return _Generator(mechanism, values).document()
 
 

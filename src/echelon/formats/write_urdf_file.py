@@ -24,26 +24,7 @@ _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def edited_urdf(mechanism: Mechanism, values: IdentifiedValues, text: str, source: str) -> tuple[str, tuple[str, ...]]:
-    """A URDF document with identified values in the place of its own.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        As read from the document, with whatever a set-up adds.
-    values : IdentifiedValues
-    text, source : str
-        The document and the file's name.
-
-    Returns
-    -------
-    text : str
-    notes : tuple of str
-
-    Raises
-    ------
-    InputError
-        If the mechanism has bodies that are not links of this document.
-    """
+    """A URDF document with identified values in the place of its own."""
     return _Writer(mechanism, values, XmlEditor(text, source), source).written()
 
 

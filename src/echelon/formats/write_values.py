@@ -29,53 +29,23 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Load:
-    """What a body weighs.
+    """What a body weighs."""
 
-    Attributes
-    ----------
-    mass : float
-        kg.
-    centre : tuple of 3 floats
-        Centre of mass in the body's frame, m.
-    moments : tuple of 6 floats
-        XX XY XZ YY YZ ZZ about the centre of mass, along the axes of the body's frame, kg·m².
-    """
-
-    mass: float
-    centre: tuple[float, ...]
-    moments: tuple[float, ...]
+    mass: float  # kg
+    centre: tuple[float, ...]  # centre of mass in the body's frame, m
+    moments: tuple[float, ...]  # XX XY XZ YY YZ ZZ about the centre of mass, along the axes of the body's frame, kg·m²
 
 
 @dataclass(frozen=True)
 class IdentifiedValues:
-    """Standard parameters sorted by what they describe.
+    """Standard parameters sorted by what they describe."""
 
-    Attributes
-    ----------
-    bodies : tuple of arrays of shape (10,)
-        One per body, zero for what it does not carry.
-    effects : mapping of str to float
-        By parameter.
-    """
-
-    bodies: tuple[Floats, ...]
-    effects: Mapping[str, float]
+    bodies: tuple[Floats, ...]  # one per body, zero for what it does not carry
+    effects: Mapping[str, float]  # by parameter
 
 
 def sorted_values(mechanism: Mechanism, standard: npt.ArrayLike) -> IdentifiedValues:
-    """Sort standard parameters by body and effect.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    standard : array of shape (p,)
-        In the order of ``mechanism.parameters``, SI units.
-
-    Raises
-    ------
-    InputError
-        If the shape is another, a value is not finite, or no body can have these parameters (J ≻ 0 is violated).
-    """
+    """Sort standard parameters by body and effect.  Shapes: standard (p,)."""
     values = np.asarray(standard, dtype=float)
     names = mechanism.parameters
     if values.shape != (len(names),):
@@ -97,29 +67,12 @@ def sorted_values(mechanism: Mechanism, standard: npt.ArrayLike) -> IdentifiedVa
 
 
 def has_centre(values: Floats) -> bool:
-    """Whether ten parameters have a centre of mass that files can state.
-
-    Parameters
-    ----------
-    values : array of shape (10,)
-    """
+    """Whether ten parameters have a centre of mass that files can state.  Shapes: values (10,)."""
     return bool(values[_MASS] > 0 or not (values[_MASS] or values[6:9].any()))
 
 
 def load_of(values: Floats, name: str) -> Load | None:
-    """Mass, centre of mass and inertia about it; None of a body without any.
-
-    Parameters
-    ----------
-    values : array of shape (10,)
-    name : str
-        The body, for messages.
-
-    Raises
-    ------
-    InputError
-        If first moments come without a mass, so that there is no centre of mass.
-    """
+    """Mass, centre of mass and inertia about it; None of a body without any.  Shapes: values (10,)."""
     if not values.any():
         return None
     if values[_MASS] > 0:
@@ -134,8 +87,6 @@ def load_of(values: Floats, name: str) -> Load | None:
 def number_text(*values: float) -> str:
     """Numbers with all their digits: reading them back gives the same doubles.
 
-    Examples
-    --------
     >>> number_text(0.1, -0.0, 3)
     '0.1 0.0 3.0'
     """

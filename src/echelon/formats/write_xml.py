@@ -43,24 +43,6 @@ class _Span:
 class XmlEditor:
     """Gathers changes to a document and makes them at once.
 
-    Parameters
-    ----------
-    text : str
-    source : str
-        File name for messages.
-
-    Attributes
-    ----------
-    root : Element
-        The parsed document; its elements say where changes go.
-
-    Raises
-    ------
-    InputError
-        If the document is malformed or has entities or a document type.
-
-    Examples
-    --------
     >>> editor = XmlEditor("<a><!-- kept --><b x='1'/></a>", "a.xml")
     >>> editor.set_attributes(editor.root.find("b"), {"x": "2", "y": "<"})
     >>> editor.result()
@@ -153,13 +135,7 @@ class XmlEditor:
 
 
 def decoded(data: bytes, source: str) -> str:
-    """The text of a document, whose declaration says UTF-8 afterwards; line breaks stay as they are.
-
-    Raises
-    ------
-    InputError
-        If the encoding is unknown or the bytes are none of it.
-    """
+    """The text of a document, whose declaration says UTF-8 afterwards; line breaks stay as they are."""
     wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     declared = _DECLARATION.match(data[:200].decode("latin-1").removeprefix("ï»¿"))
     name = "utf-16" if wide else declared[1] if declared else "utf-8"
@@ -176,13 +152,6 @@ def decoded(data: bytes, source: str) -> str:
 def quoted(value: str) -> str:
     r"""An attribute's value in quotes, escaped.
 
-    Raises
-    ------
-    InputError
-        If it has characters that no XML document may have.
-
-    Examples
-    --------
     >>> print(quoted('<"a" & b>\n'))
     "&lt;&quot;a&quot; &amp; b&gt;&#10;"
     """

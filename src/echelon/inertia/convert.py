@@ -29,25 +29,13 @@ _XX, _XY, _XZ, _YY, _YZ, _ZZ, _MX, _MY, _MZ, _M = range(PER_BODY)
 
 @dataclass(frozen=True)
 class Convention:
-    """One way of writing the inertia of a body.
+    """One way of writing the inertia of a body."""
 
-    Attributes
-    ----------
-    shape : tuple of int
-        Of one body's numbers.
-    read, write : callable
-        To and from standard parameters, arrays of shape (..., *shape) and (..., 10).
-    order : tuple of int, optional
-        For a linear convention: which standard parameter stands at each place.
-    needs_mass : bool
-        Whether it divides by the mass when written.
-    """
-
-    shape: tuple[int, ...]
-    read: Callable[[Floats], Floats]
-    write: Callable[[Floats], Floats]
-    order: tuple[int, ...] | None = None
-    needs_mass: bool = False
+    shape: tuple[int, ...]  # of one body's numbers
+    read: Callable[[Floats], Floats]  # to and from standard parameters, arrays of shape (..., *shape) and (..., 10)
+    write: Callable[[Floats], Floats]  # to and from standard parameters, arrays of shape (..., *shape) and (..., 10)
+    order: tuple[int, ...] | None = None  # for a linear convention: which standard parameter stands at each place
+    needs_mass: bool = False  # whether it divides by the mass when written
 
 
 def _ordered(*order: int) -> Convention:
@@ -228,13 +216,7 @@ def convert_columns(regressor: npt.ArrayLike, source: str, target: str) -> Float
 
 
 def convention(name: str) -> Convention:
-    """A convention by its name.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """A convention by its name."""
     if name not in CONVENTIONS:
         raise InputError(f"unknown convention '{name}' (valid: {', '.join(CONVENTIONS)})")
     return CONVENTIONS[name]

@@ -23,13 +23,7 @@ UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 def parameter_array(values: npt.ArrayLike) -> Floats:
-    """Values as an array of floats with ten parameters in the last axis.
-
-    Raises
-    ------
-    InputError
-        If the shape is another.
-    """
+    """Values as an array of floats with ten parameters in the last axis."""
     array = np.asarray(values, dtype=float)
     if array.ndim == 0 or array.shape[-1] != PER_BODY:
         raise InputError(f"expected {PER_BODY} parameters per body in the last axis, got shape {array.shape}")
@@ -52,18 +46,8 @@ def from_tensor(tensor: Array, moment: Array, mass: Array) -> Array:
 
 
 def pseudo_inertia(values: Array) -> Array:
-    """Pseudo-inertia J of standard parameters.
-
-    Parameters
-    ----------
-    values : array of shape (..., 10)
-        Floats, or objects that are exact.
-
-    Returns
-    -------
-    array of shape (..., 4, 4)
-        [[Σ, h], [hᵀ, m]] with Σ = ½ tr(I) 1 − I.
-    """
+    """Pseudo-inertia J = [[Σ, h], [hᵀ, m]] of standard parameters, with Σ = ½ tr(I) 1 − I."""
+    # shapes: values (..., 10), floats or exact objects; returns (..., 4, 4)
     tensor, moment, mass = tensor_and_moment(values)
     half = Fraction(1, 2) if values.dtype == object else 0.5
     trace = (tensor[..., 0, 0] + tensor[..., 1, 1] + tensor[..., 2, 2]) * half
@@ -87,17 +71,8 @@ def from_pseudo_inertia(pseudo: Array) -> Array:
 
 
 def spatial_inertia(values: npt.ArrayLike) -> Floats:
-    """Featherstone's spatial inertia of standard parameters, as in spatial_v2: angular part first.
-
-    Parameters
-    ----------
-    values : array of shape (..., 10)
-
-    Returns
-    -------
-    array of shape (..., 6, 6)
-        [[I, h×], [(h×)ᵀ, m 1]].
-    """
+    """Featherstone's spatial inertia of standard parameters, as in spatial_v2: [[I, h×], [(h×)ᵀ, m 1]]."""
+    # shapes: values (..., 10); returns (..., 6, 6)
     tensor, moment, mass = tensor_and_moment(parameter_array(values))
     spatial = np.zeros((*mass.shape, 6, 6))
     spatial[..., :3, :3] = tensor
@@ -116,33 +91,12 @@ def from_spatial_inertia(spatial: npt.ArrayLike) -> Floats:
 
 
 def move(values: Array, homogeneous: Array) -> Array:
-    """Parameters of the same body about the frame in which its own frame is placed.
-
-    Parameters
-    ----------
-    values : array of shape (..., 10)
-        About the body's own frame.
-    homogeneous : array of shape (4, 4)
-        The body's own frame in the new one: x_new = R x + t, m.
-
-    Returns
-    -------
-    array of shape (..., 10)
-    """
+    """Parameters of the same body about the frame in which its own frame is placed: x_new = R x + t, m."""
+    # shapes: values (..., 10); homogeneous (4, 4); returns (..., 10)
     return from_pseudo_inertia(homogeneous @ pseudo_inertia(values) @ homogeneous.T)
 
 
 def frame_change(homogeneous: Array) -> Array:
-    """The matrix T of :func:`move`: new parameters = T · parameters.
-
-    Parameters
-    ----------
-    homogeneous : array of shape (4, 4)
-        Floats, or objects that are exact.
-
-    Returns
-    -------
-    array of shape (10, 10)
-    """
+    """The matrix T of :func:`move`: new parameters = T · parameters.  Shapes: homogeneous (4, 4); returns (10, 10)."""
     units = np.eye(PER_BODY, dtype=int).astype(homogeneous.dtype)
     return move(units, homogeneous).T

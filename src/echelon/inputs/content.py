@@ -14,17 +14,7 @@ from echelon.inputs.limits import DOCUMENT
 
 
 def read_content(path: str | os.PathLike[str]) -> bytes:
-    """All bytes of a document.
-
-    Parameters
-    ----------
-    path : path
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or is larger than :data:`echelon.inputs.limits.DOCUMENT`.
-    """
+    """All bytes of a document."""
     source = one_line(os.fspath(path))
     try:
         with Path(path).open("rb") as stream:
@@ -39,20 +29,7 @@ def read_content(path: str | os.PathLike[str]) -> bytes:
 
 
 def decoded(content: str | bytes, source: str) -> str:
-    """The text of a document, without a byte order mark.
-
-    Parameters
-    ----------
-    content : str or bytes
-        UTF-8 if bytes.
-    source : str
-        File name for messages.
-
-    Raises
-    ------
-    InputError
-        If it is not UTF-8, or too large.
-    """
+    """The text of a document, without a byte order mark."""
     DOCUMENT.check(len(content), source)
     if isinstance(content, str):
         return content.removeprefix("\ufeff")
@@ -63,15 +40,5 @@ def decoded(content: str | bytes, source: str) -> str:
 
 
 def read_document(path: str | os.PathLike[str]) -> str:
-    """The text of a document in UTF-8.
-
-    Parameters
-    ----------
-    path : path
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, is no text, or is too large.
-    """
+    """The text of a document in UTF-8."""
     return decoded(read_content(path), os.fspath(path))

@@ -21,24 +21,6 @@ _TOKEN = re.compile(r'"(?:[^"\\]++|\\.)*+(?:"|\\?\Z)|[\[\]{}]', re.DOTALL)
 def parse_json(content: str | bytes, source: str, nodes: Limit = DATA_NODES, *, as_text: bool = False) -> Any:
     """Parse a JSON document.
 
-    Parameters
-    ----------
-    content : str or bytes
-        UTF-8 if bytes.
-    source : str
-        File name for messages.
-    nodes : Limit
-        How much it may hold.
-    as_text : bool
-        Keep numbers, and even NaN, as they are written; what they may be is decided where they are used.
-
-    Raises
-    ------
-    InputError
-        If it is not well-formed, an object has a key twice, or it is beyond a limit.
-
-    Examples
-    --------
     >>> parse_json('{"mass": 0.30}', "arm.json", as_text=True)
     {'mass': '0.30'}
     """

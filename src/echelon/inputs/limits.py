@@ -17,36 +17,14 @@ _MIB = 1 << 20
 
 @dataclass(frozen=True)
 class Limit:
-    """A bound of something that is counted in an input.
+    """A bound of something that is counted in an input."""
 
-    Attributes
-    ----------
-    most : int
-        The largest number that is accepted.
-    unit : str
-        What is counted, in the plural.
-    advice : str
-        What to do about a file that has more.
-    """
-
-    most: int
-    unit: str
-    advice: str = ""
+    most: int  # the largest number that is accepted
+    unit: str  # what is counted, in the plural
+    advice: str = ""  # what to do about a file that has more
 
     def check(self, found: int, source: str | None = None, element: str | None = None) -> None:
-        """Refuse an input that has more.
-
-        Parameters
-        ----------
-        found : int
-        source, element : str, optional
-            For the message.
-
-        Raises
-        ------
-        InputError
-            If it has more; says how many are accepted.
-        """
+        """Refuse an input that has more."""
         if found > self.most:
             problem = f"has more than {self}" + (f"; {self.advice}" if self.advice else "")
             raise InputError(problem, source=source, element=element)
@@ -91,31 +69,12 @@ LIMITS: Mapping[Limit, str] = {
 
 
 def most_unpacked(packed: int) -> int:
-    """Bytes that a file may hold after unpacking.
-
-    Parameters
-    ----------
-    packed : int
-        Its size, bytes.
-    """
+    """Bytes that a file may hold after unpacking."""
     return UNPACKED.most + EXPANSION.most * packed
 
 
 def check_unpacked(unpacked: int, packed: int, source: str | None = None, element: str | None = None) -> None:
-    """Refuse an archive that grows out of proportion.
-
-    Parameters
-    ----------
-    unpacked, packed : int
-        Bytes that it holds, or says that it holds, and its size.
-    source, element : str, optional
-        For the message.
-
-    Raises
-    ------
-    InputError
-        If it unpacks to more than both limits together.
-    """
+    """Refuse an archive that grows out of proportion."""
     if unpacked > most_unpacked(packed):
         problem = f"unpacks to more than {UNPACKED} and {EXPANSION}; if that is meant, save it without compression"
         raise InputError(problem, source=source, element=element)

@@ -9,13 +9,7 @@ from echelon.inputs.limits import DOCUMENT, XML_DEPTH, XML_NODES
 
 
 def parse_xml(text: str | bytes, source: str) -> Any:
-    """Root element of an XML document, with entities and external references refused.
-
-    Raises
-    ------
-    InputError
-        If the document is malformed, uses a forbidden feature, or is beyond a limit.
-    """
+    """Root element of an XML document, with entities and external references refused."""
     from xml.etree.ElementTree import ParseError
 
     from defusedxml import DefusedXmlException

@@ -24,25 +24,15 @@ _PLAIN = frozenset({None, "!", *(_TAG + kind for kind in ("str", "seq", "map"))}
 
 @dataclass
 class YamlDocument:
-    """One document of a text.
+    """One document of a text."""
 
-    Attributes
-    ----------
-    data : object
-        Mappings, lists, texts and None.
-    lines : dict of str to int
-        Line, counted from 1, of every element by its path.
-    """
-
-    data: Any = None
-    lines: dict[str, int] = field(default_factory=dict)
+    data: Any = None  # mappings, lists, texts and None
+    lines: dict[str, int] = field(default_factory=dict)  # line, counted from 1, of every element by its path
 
 
 def step_into(path: str, key: str | int) -> str:
     """The path of an element of a list or mapping.
 
-    Examples
-    --------
     >>> step_into(step_into("bodies", 3), "mass")
     'bodies[3].mass'
     """
@@ -56,24 +46,6 @@ def parse_yaml(
 ) -> list[YamlDocument]:
     """Parse the documents of a YAML text; numbers stay text.
 
-    Parameters
-    ----------
-    content : str or bytes
-        UTF-8 if bytes.
-    source : str
-        File name for messages.
-    nodes : Limit
-        How much the documents may hold.
-    lines : bool
-        Note the line of every element.
-
-    Raises
-    ------
-    InputError
-        If it is not well-formed, a mapping has a key twice, it uses aliases or tags, or it is beyond a limit.
-
-    Examples
-    --------
     >>> [document.data for document in parse_yaml("mass: 0.30", "arm.yaml")]
     [{'mass': '0.30'}]
     """

@@ -35,55 +35,25 @@ _ATTEMPTS = 256
 
 @dataclass(frozen=True)
 class BodyAlignment:
-    """One body in both descriptions.
+    """One body in both descriptions."""
 
-    Attributes
-    ----------
-    first, second : int
-        Its index in either mechanism.
-    placement : Placement
-        Its frame of the first description in that of the second, with constant entries.
-    sign, offset : int, float
-        The second's coordinate is sign · the first's + offset, rad or m.
-    """
-
-    first: int
-    second: int
-    placement: Placement
-    sign: int
-    offset: float
+    first: int  # its index in either mechanism
+    second: int  # its index in either mechanism
+    placement: Placement  # its frame of the first description in that of the second, with constant entries
+    sign: int  # the second's coordinate is sign · the first's + offset, rad or m
+    offset: float  # the second's coordinate is sign · the first's + offset, rad or m
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """The first description placed in the second.
+    """The first description placed in the second."""
 
-    Attributes
-    ----------
-    base : Placement
-        The first's base frame in the second's.
-    bodies : tuple of BodyAlignment
-    """
-
-    base: Placement
+    base: Placement  # the first's base frame in the second's
     bodies: tuple[BodyAlignment, ...]
 
 
 def align(first: Mechanism, second: Mechanism, tolerance: float) -> Alignment:
-    """Find where the frames of one description are in the other.
-
-    Parameters
-    ----------
-    first, second : Mechanism
-        Trees of revolute and prismatic joints whose geometry has no symbols left.
-    tolerance : float
-        How far apart joint axes may be, m and rad.
-
-    Raises
-    ------
-    InputError
-        If the geometry differs; names the joints and says by how much.
-    """
+    """Find where the frames of one description are in the other."""
     # two perpendicular axes allow two positions of a joint, half a turn apart; which is meant shows further on
     waiting: list[list[int]] = [[]]
     errors: list[tuple[int, InputError]] = []
@@ -211,17 +181,7 @@ class _Aligner:
 
 
 def paired(first: Mechanism, second: Mechanism) -> Iterator[tuple[int, int]]:
-    """Bodies that correspond, parents first: children by joint name where the names agree, else in order.
-
-    Parameters
-    ----------
-    first, second : Mechanism
-
-    Raises
-    ------
-    InputError
-        If a body has another number of children in the other description.
-    """
+    """Bodies that correspond, parents first: children by joint name where the names agree, else in order."""
     waiting = [(GROUND, GROUND)]
     while waiting:
         i, j = waiting.pop(0)

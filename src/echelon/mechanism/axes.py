@@ -52,15 +52,7 @@ def number_of(entry: Polynomial) -> float:
 
 
 def moved(motion: Motion, value: float) -> Placement:
-    """What a motion does at a value of its coordinate; exact at multiples of 15° and nine decimals.
-
-    Parameters
-    ----------
-    motion : Motion
-        A rotation or translation.
-    value : float
-        rad or m.
-    """
+    """What a motion does at a value of its coordinate; exact at multiples of 15° and nine decimals."""
     amount = value * motion.sign
     if motion.kind is MotionKind.TRANSLATION:
         offset = [Polynomial({})] * 3
@@ -96,20 +88,7 @@ def line_distance(a: Axis, b: Axis) -> float:
 
 
 def settling(parent: Axis, child: Axis, wanted: Axis) -> list[float]:
-    """How far a joint may have to move to bring the next axis where it is wanted.
-
-    Parameters
-    ----------
-    parent, child : Axis
-        The joint that moves, and the next one as it is now.
-    wanted : Axis
-        The next one as it should be.
-
-    Returns
-    -------
-    list of float
-        rad or m, least first; two where the axis may point either way, none where the joint's position does not matter.
-    """
+    """How far a joint may have to move to bring the next axis where it is wanted."""
     across = np.linalg.norm(np.cross(parent.direction, wanted.direction)) > _PARALLEL
     if parent.kind is MotionKind.TRANSLATION:
         if wanted.kind is MotionKind.TRANSLATION or not across:

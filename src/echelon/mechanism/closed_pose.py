@@ -20,13 +20,7 @@ from echelon.mechanism.placement import Placement, shift, turn_by
 
 
 def angle_parts(mechanism: Mechanism) -> dict[str, int]:
-    """In how many parts angles count, so that couplings take whole multiples of one; 1 where absent.
-
-    Raises
-    ------
-    ValueError
-        If the ratio of a coupling is no rational number.
-    """
+    """In how many parts angles count, so that couplings take whole multiples of one; 1 where absent."""
     parts: dict[str, int] = {}
     for coupling in mechanism.couplings:
         for name, function in coupling.terms:
@@ -43,33 +37,14 @@ def loop_motions(mechanism: Mechanism) -> set[str]:
 
 
 def follow(mechanism: Mechanism, pose: ClosedAt) -> Mechanism:
-    """A mechanism whose loops are closed at a pose: the second frames are where the first ones are.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With closures.
-    pose : mapping of str to tuple of Polynomial
-        By motion, for all that :func:`loop_motions` names.
-
-    Raises
-    ------
-    ValueError
-        If the ratio of a coupling is no rational number, or a screw is not where it is zero.
-    """
+    """A mechanism whose loops are closed at a pose: the second frames are where the first ones are."""
     placed = _Placed(mechanism, pose)
     closures = tuple(placed.followed(closure) for closure in mechanism.closures)
     return replace(mechanism, closures=closures, closed_at=pose, stated_closures=mechanism.closures)
 
 
 def as_stated(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with the frames of its loops as they were before some were made to follow.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        As :func:`follow` returns it.
-    """
+    """The mechanism with the frames of its loops as they were before some were made to follow."""
     return replace(mechanism, closures=mechanism.stated_closures, closed_at={}, stated_closures=())
 
 

@@ -82,27 +82,16 @@ _FREEDOMS = {
 
 @dataclass(frozen=True)
 class Closure:
-    """A joint that closes a loop.
-
-    Attributes
-    ----------
-    name : str
-    kind : ClosureKind
-    first, second : int
-        The two bodies; GROUND for the base.
-    first_frame, second_frame : Placement
-        The frames that it holds together, each in the frame of its body.
-    second_mount : tuple of Placement
-        Placements between the frame of the second body and the second frame, one in another, where this was derived
-        from a pose; their product may be too long to write down.
-    """
+    """A joint that closes a loop."""
 
     name: str
     kind: ClosureKind
-    first: int
-    second: int
-    first_frame: Placement
-    second_frame: Placement
+    first: int  # the two bodies; GROUND for the base
+    second: int  # the two bodies; GROUND for the base
+    first_frame: Placement  # the frames that it holds together, each in the frame of its body
+    second_frame: Placement  # the frames that it holds together, each in the frame of its body
+    # placements between the frame of the second body and the second frame, one in another, where this was derived from
+    # a pose; their product may be too long to write down
     second_mount: tuple[Placement, ...] = ()
 
     @property

@@ -21,43 +21,23 @@ class Side(StrEnum):
 
 @dataclass(frozen=True)
 class Action:
-    """A generalised force per unit of a parameter.
+    """A generalised force per unit of a parameter."""
 
-    Attributes
-    ----------
-    at : str
-        Joint coordinate or actuator along which it acts.
-    side : Side
-        Which of the two ``at`` names.
-    term : str
-        Expression of the state: ``q``, ``qd``, ``qdd`` are position, velocity and acceleration of ``at`` itself,
-        ``qd[j5]`` those of another coordinate or actuator, ``i[name]`` a measured input; symbols as in the geometry.
-    """
-
-    at: str
-    side: Side
+    at: str  # joint coordinate or actuator along which it acts
+    side: Side  # which of the two ``at`` names
+    # expression of the state: ``q``, ``qd``, ``qdd`` are position, velocity and acceleration of ``at`` itself,
+    # ``qd[j5]`` those of another coordinate or actuator, ``i[name]`` a measured input; symbols as in the geometry
     term: str
 
 
 @dataclass(frozen=True)
 class Effect:
-    """One parameter of an effect, and what a unit of it does.
+    """One parameter of an effect, and what a unit of it does."""
 
-    Attributes
-    ----------
-    parameter : str
-        Its name, such as ``Fv1``.
-    unit : str
-        SI unit.
-    actions : tuple of Action
-    value : float, optional
-        Value stated by the file.
-    """
-
-    parameter: str
-    unit: str
+    parameter: str  # its name, such as ``Fv1``
+    unit: str  # SI unit
     actions: tuple[Action, ...]
-    value: float | None = None
+    value: float | None = None  # value stated by the file
 
 
 @dataclass(frozen=True)
@@ -95,21 +75,7 @@ CONSTANTS: dict[str, dict[str, str | None]] = {"stribeck": {"velocity": None, "e
 def ready_made(
     kind: str, at: str, side: Side, label: str, *, sliding: bool, constants: dict[str, str] | None = None
 ) -> tuple[Effect, ...]:
-    """The parameters of a ready-made effect at one coordinate.
-
-    Parameters
-    ----------
-    kind : str
-        One of :data:`KINDS`.
-    at, side : str, Side
-        Where it acts.
-    label : str
-        Ends the names of its parameters: ``1`` gives ``Fv1``.
-    sliding : bool
-        Whether the coordinate is a length.
-    constants : mapping of str to str, optional
-        Expressions of the constants in :data:`CONSTANTS`.
-    """
+    """The parameters of a ready-made effect at one coordinate."""
     return tuple(
         Effect(
             f"{entry.symbol}{label}",

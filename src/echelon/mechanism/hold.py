@@ -32,26 +32,6 @@ def held(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechanism:
     Bodies and their parameters stay; actuators, effects and outputs of what is held go, so do outputs of the forces
     that hold it.  A ball (floating bases have one) is held upright.
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Without loops.
-    positions : mapping of str to float
-        By the name of the motion (``"j1"``, ``"base.r"``), rad or m; 0 for balls.
-
-    Returns
-    -------
-    Mechanism
-        The same bodies.  Rotations by angles other than zero are by rational points of the circle next to them.
-
-    Raises
-    ------
-    InputError
-        If there is no such motion, a ball is to be turned, loops would be cut, or a coupled coordinate would be left
-        alone.
-
-    Examples
-    --------
     >>> import echelon as ec
     >>> arm = ec.load("examples/double_pendulum.yaml")
     >>> held(arm, {"j1": 0}).velocities

@@ -28,26 +28,13 @@ class MotionKind(Enum):
 
 @dataclass(frozen=True)
 class Motion:
-    """An elementary motion along or about a coordinate axis of the frame it moves.
-
-    Attributes
-    ----------
-    kind : MotionKind
-    name : str
-        Name of the coordinate.
-    axis : int
-        0, 1, 2 for x, y, z (unused for a ball).
-    sign : int
-        1, or −1 when the coordinate counts the other way round.
-    pitch : Polynomial
-        Travel per radian of a screw, m/rad.
-    """
+    """An elementary motion along or about a coordinate axis of the frame it moves."""
 
     kind: MotionKind
-    name: str
-    axis: int = Z
-    sign: int = 1
-    pitch: Polynomial = Polynomial({})
+    name: str  # name of the coordinate
+    axis: int = Z  # 0, 1, 2 for x, y, z (unused for a ball)
+    sign: int = 1  # 1, or −1 when the coordinate counts the other way round
+    pitch: Polynomial = Polynomial({})  # travel per radian of a screw, m/rad
 
     @cached_property
     def positions(self) -> tuple[str, ...]:
@@ -65,18 +52,11 @@ Step = Placement | Motion
 
 @dataclass(frozen=True)
 class Joint:
-    """What connects a body to its parent.
-
-    Attributes
-    ----------
-    name, kind : str
-    steps : tuple of Placement or Motion
-        From the parent's frame to the body's frame.
-    """
+    """What connects a body to its parent."""
 
     name: str
     kind: str
-    steps: tuple[Step, ...]
+    steps: tuple[Step, ...]  # from the parent's frame to the body's frame
 
     @cached_property
     def motions(self) -> tuple[Motion, ...]:

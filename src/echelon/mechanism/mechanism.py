@@ -34,30 +34,17 @@ ClosedAt = Mapping[str, tuple[Polynomial, ...]]
 
 @dataclass(frozen=True)
 class Body:
-    """One rigid body.
+    """One rigid body."""
 
-    Attributes
-    ----------
-    name : str
-        Name in the file.
-    label : str
-        Short label that names its parameters: ``"3"`` gives XX3 … M3.  Bodies with one label, such as those of
-        identical legs, share one set of parameters, each about its own frame.
-    parent : int
-        Index of the parent body, or :data:`GROUND`.
-    joint : Joint
-        Connects the parent's frame to this body's frame.
-    carried : tuple of int
-        Which of XX … M it carries; none for a massless body, ZZ for a rotor whose other inertia counts to its carrier.
-    inertial : tuple of 10 floats, optional
-        Standard parameters stated by the file, about the body's frame; None where the file is silent.
-    """
-
-    name: str
+    name: str  # name in the file
+    # short label that names its parameters: ``"3"`` gives XX3 … M3.  Bodies with one label, such as those of identical
+    # legs, share one set of parameters, each about its own frame
     label: str
-    parent: int
-    joint: Joint
+    parent: int  # index of the parent body, or :data:`GROUND`
+    joint: Joint  # connects the parent's frame to this body's frame
+    # which of XX … M it carries; none for a massless body, ZZ for a rotor whose other inertia counts to its carrier
     carried: tuple[int, ...] = ALL
+    # standard parameters stated by the file, about the body's frame; None where the file is silent
     inertial: tuple[float, ...] | None = None
 
     @property
@@ -68,47 +55,23 @@ class Body:
 
 @dataclass(frozen=True)
 class Symbol:
-    """A geometry symbol.
-
-    Attributes
-    ----------
-    name : str
-    value : float or None
-        Numeric value in SI units, if known.
-    exact : str or None
-        The value as exact text, where it has one (``"0.333"``, ``"sqrt(2)/10"``).
-    meaning : str
-        Where the symbol comes from, for people.
-    stands_for : Polynomial, optional
-        What it is in terms of angle symbols, where a reader named a sum such as 0.1 + 0.3·cos(roll2).
-    """
+    """A geometry symbol."""
 
     name: str
-    value: float | None = None
-    exact: str | None = None
-    meaning: str = ""
+    value: float | None = None  # numeric value in SI units, if known
+    exact: str | None = None  # the value as exact text, where it has one (``"0.333"``, ``"sqrt(2)/10"``)
+    meaning: str = ""  # where the symbol comes from, for people
+    # what it is in terms of angle symbols, where a reader named a sum such as 0.1 + 0.3·cos(roll2)
     stands_for: Polynomial | None = None
 
     @property
     def number(self) -> Number | None:
-        """The exact value, where it is a number of the field of exact numbers.
-
-        Raises
-        ------
-        InputError
-            If the exact text is none of an expression.
-        """
+        """The exact value, where it is a number of the field of exact numbers."""
         return None if (value := self.expression) is None else value.number
 
     @property
     def expression(self) -> Polynomial | None:
-        """The exact value, perhaps with π as a generator.
-
-        Raises
-        ------
-        InputError
-            If the exact text is none of an expression.
-        """
+        """The exact value, perhaps with π as a generator."""
         if self.exact is None:
             return None
         try:

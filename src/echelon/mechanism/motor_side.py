@@ -14,14 +14,7 @@ from echelon.mechanism.values import symbol_values
 
 
 def motor_names(mechanism: Mechanism, names: Sequence[str]) -> tuple[str, ...]:
-    """Coordinates with the driven ones replaced by their actuators, in the order in which these are stated.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    names : sequence of str
-        ``mechanism.positions``, ``mechanism.velocities`` or ``mechanism.independent_velocities``.
-    """
+    """Coordinates with the driven ones replaced by their actuators, in the order in which these are stated."""
     driven = _driven(mechanism)
     actuators = iter(actuator.name for actuator in mechanism.actuators)
     return tuple(next(actuators) if name in driven else name for name in names)
@@ -74,26 +67,7 @@ def joint_side(
 def transmission_matrix(
     mechanism: Mechanism, symbols: Mapping[str, float] | None = None
 ) -> tuple[tuple[str, ...], npt.NDArray[np.float64]]:
-    """Numbers of the stated part of θ = T q.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    symbols : mapping of str to float, optional
-        Values of symbols in the ratios that replace or complete those of the mechanism.
-
-    Returns
-    -------
-    driven : tuple of str
-        Coordinates that stated actuators drive, in the mechanism's order: the columns.
-    matrix : array of shape (actuators, driven)
-        A row for every actuator in ``mechanism.actuators``.
-
-    Raises
-    ------
-    InputError
-        If a symbol has no value.
-    """
+    """Numbers of the stated part of θ = T q.  Shapes: returns (actuators, driven)."""
     driven = tuple(name for name in mechanism.velocities if name in _driven(mechanism))
     ratios = [ratio for actuator in mechanism.actuators for _, ratio in actuator.terms]
     known = symbol_values(mechanism, sorted({s for ratio in ratios for s in ratio.symbols()}), symbols)

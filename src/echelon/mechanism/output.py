@@ -29,27 +29,13 @@ class ActuatorForce:
 
 @dataclass(frozen=True)
 class Cut:
-    """One component of the wrench that a body gets from its parent (from the ground: all bodies that hang on it).
+    """One component of the wrench that a body gets from its parent (from the ground: all bodies that hang on it)."""
 
-    Attributes
-    ----------
-    body : int
-        The body; GROUND for the wrench under the base.
-    frame : Placement
-        The sensor's frame in the frame of the body, or of its parent.
-    on_parent : bool
-        Whether the frame is fixed to the parent.
-    axis : int
-        0, 1, 2 for x, y, z of the sensor's frame.
-    angular : bool
-        Moment (N·m) or force (N).
-    """
-
-    body: int
-    frame: Placement
-    on_parent: bool
-    axis: int
-    angular: bool
+    body: int  # the body; GROUND for the wrench under the base
+    frame: Placement  # the sensor's frame in the frame of the body, or of its parent
+    on_parent: bool  # whether the frame is fixed to the parent
+    axis: int  # 0, 1, 2 for x, y, z of the sensor's frame
+    angular: bool  # moment (N·m) or force (N)
 
 
 Channel = JointForce | ActuatorForce | Cut
@@ -57,18 +43,11 @@ Channel = JointForce | ActuatorForce | Cut
 
 @dataclass(frozen=True)
 class Output:
-    """One measured output, a row of X.
-
-    Attributes
-    ----------
-    name, unit : str
-    terms : tuple of (Channel, Polynomial)
-        y = Σ weight · channel.
-    """
+    """One measured output, a row of X."""
 
     name: str
     unit: str
-    terms: tuple[tuple[Channel, Polynomial], ...]
+    terms: tuple[tuple[Channel, Polynomial], ...]  # y = Σ weight · channel
 
 
 _ONE = Polynomial.constant(1)

@@ -9,23 +9,12 @@ from echelon.conventions import LENGTH_DEGREE, UNITS, parameter_name
 
 @dataclass(frozen=True)
 class Parameter:
-    """One standard parameter.
-
-    Attributes
-    ----------
-    name : str
-    unit : str
-        SI unit.
-    body : int or None
-        Index of the body whose inertia it describes; None for parameters of effects.
-    kind : int or None
-        Its place in XX … M, for a body's parameter.
-    """
+    """One standard parameter."""
 
     name: str
-    unit: str
-    body: int | None = None
-    kind: int | None = None
+    unit: str  # SI unit
+    body: int | None = None  # index of the body whose inertia it describes; None for parameters of effects
+    kind: int | None = None  # its place in XX … M, for a body's parameter
 
     @property
     def length_degree(self) -> int:

@@ -17,18 +17,10 @@ IDENTITY: Matrix = ((_ONE, _ZERO, _ZERO), (_ZERO, _ONE, _ZERO), (_ZERO, _ZERO, _
 
 @dataclass(frozen=True)
 class Placement:
-    """A frame placed in a reference frame: x_reference = rotation · x + translation.
+    """A frame placed in a reference frame: x_reference = rotation · x + translation."""
 
-    Attributes
-    ----------
-    rotation : 3 × 3 of Polynomial
-        Columns are the placed frame's axes in the reference frame.
-    translation : 3 of Polynomial
-        Origin of the placed frame in the reference frame, m.
-    """
-
-    rotation: Matrix = IDENTITY
-    translation: Vector = ORIGIN
+    rotation: Matrix = IDENTITY  # columns are the placed frame's axes in the reference frame
+    translation: Vector = ORIGIN  # origin of the placed frame in the reference frame, m
 
     @property
     def is_identity(self) -> bool:

@@ -16,15 +16,6 @@ def with_numeric_ratios(mechanism: Mechanism) -> Mechanism:
     """A mechanism with loops in which the ratios between turning coordinates are rational numbers.
 
     Symbols in such ratios are replaced by their values, wherever they occur.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-
-    Raises
-    ------
-    InputError
-        If a ratio is no rational number, or a coordinate turns with one that slides; says what to write.
     """
     symbols = {symbol for _, ratio in _turning(mechanism) for symbol in ratio.symbols()}
     if symbols:

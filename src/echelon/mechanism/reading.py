@@ -12,22 +12,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Snap:
-    """One number of a file that was read as a nearby exact one.
+    """One number of a file that was read as a nearby exact one."""
 
-    Attributes
-    ----------
-    element : str
-        Where it stands, e.g. ``"joint 'elbow' rpy[0]"``.
-    literal, intended : str
-        The number in the file and what it was taken for.
-    difference : float
-        Size of the change, rad or m.
-    """
-
-    element: str
-    literal: str
-    intended: str
-    difference: float
+    element: str  # where it stands, e.g. ``"joint 'elbow' rpy[0]"``
+    literal: str  # the number in the file and what it was taken for
+    intended: str  # the number in the file and what it was taken for
+    difference: float  # size of the change, rad or m
 
     def __str__(self) -> str:
         return f"{self.element}: {self.literal} read as {self.intended}"
@@ -47,23 +37,12 @@ class ReadableFile(Protocol):
 
 @dataclass(frozen=True)
 class Reading:
-    """How a mechanism was read from a file.
+    """How a mechanism was read from a file."""
 
-    Attributes
-    ----------
-    snaps : tuple of Snap
-        Numbers that were read as nearby exact ones.
-    notes : tuple of str
-        Remarks of the reader for the user.
-    file : ReadableFile
-    options : ReadingOptions
-        How the file was read.
-    """
-
-    snaps: tuple[Snap, ...]
-    notes: tuple[str, ...]
+    snaps: tuple[Snap, ...]  # numbers that were read as nearby exact ones
+    notes: tuple[str, ...]  # remarks of the reader for the user
     file: ReadableFile
-    options: Any
+    options: Any  # how the file was read
 
     def literal(self, elements: Collection[str] | None = None) -> Mechanism:
         """The mechanism with these snapped elements (all, if omitted) taken literally."""

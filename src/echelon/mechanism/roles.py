@@ -12,24 +12,14 @@ from echelon.mechanism.placement import Placement
 
 @dataclass(frozen=True)
 class SymbolRoles:
-    """Roles of a mechanism's symbols.
+    """Roles of a mechanism's symbols."""
 
-    Attributes
-    ----------
-    lengths : frozenset of str
-        Symbols with the dimension of a length; empty if lengths are not all symbolic, because then coefficients are
-        not homogeneous in them.
-    angles : frozenset of str
-    symbols : frozenset of str
-        All symbols.
-    irrational : (bool, bool)
-        Whether √2 and √3 occur in the geometry.
-    """
-
+    # symbols with the dimension of a length; empty if lengths are not all symbolic, because then coefficients are not
+    # homogeneous in them
     lengths: frozenset[str]
     angles: frozenset[str]
-    symbols: frozenset[str]
-    irrational: tuple[bool, bool]
+    symbols: frozenset[str]  # all symbols
+    irrational: tuple[bool, bool]  # whether √2 and √3 occur in the geometry
 
 
 def symbol_roles(mechanism: Mechanism) -> SymbolRoles:

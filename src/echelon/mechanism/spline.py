@@ -27,17 +27,10 @@ class Spline:
 
     Without knots it is a polynomial, and with one coefficient a linear function.  A cubic spline is the polynomial of
     its piece at zero, and from each knot on, seen from zero, what the third derivative's jump there adds.
-
-    Attributes
-    ----------
-    coefficients : tuple of Polynomial
-        a₁, a₂, …; trailing zeros are dropped.
-    knots : tuple of (Rational, Polynomial)
-        Pairs xₖ, cₖ, sorted; those with cₖ = 0 are dropped.
     """
 
-    coefficients: tuple[Polynomial, ...]
-    knots: tuple[tuple[Rational, Polynomial], ...] = ()
+    coefficients: tuple[Polynomial, ...]  # a₁, a₂, …; trailing zeros are dropped
+    knots: tuple[tuple[Rational, Polynomial], ...] = ()  # pairs xₖ, cₖ, sorted; those with cₖ = 0 are dropped
 
     def __post_init__(self) -> None:
         kept = len(self.coefficients)
@@ -76,13 +69,7 @@ class Spline:
         return Spline(tuple(x + y for x, y in zip(a, b, strict=True)), (*self.knots, *other.knots))
 
     def after(self, inner: Spline, offset: Polynomial) -> tuple[Spline, Polynomial]:
-        """The function of another one, x ↦ f(g(x) + offset), as a spline and a constant.
-
-        Raises
-        ------
-        ValueError
-            If the result is neither a polynomial nor a cubic spline.
-        """
+        """The function of another one, x ↦ f(g(x) + offset), as a spline and a constant."""
         if self.ratio is not None:
             ratio = self.ratio
             return inner.mapped(lambda c: c * ratio), ratio * offset
@@ -97,16 +84,7 @@ class Spline:
         return Spline(tuple(total[1:])), total[0]
 
     def derivatives(self, x: T, number: Callable[[Polynomial], T], beyond: Callable[[T], T]) -> tuple[T, T, T]:
-        """f, f′ and f″ at a point, over any ring.
-
-        Parameters
-        ----------
-        x : element of the ring
-        number : callable
-            Embedding of coefficients into the ring.
-        beyond : callable
-            1 for a positive element of the ring, 0 for a negative one.
-        """
+        """f, f′ and f″ at a point, over any ring."""
         a = (_ZERO, *self.coefficients)
         slopes = [k * c for k, c in enumerate(a)][1:]
         curvatures = [k * c for k, c in enumerate(slopes)][1:]
@@ -121,14 +99,7 @@ class Spline:
         return value, slope, curvature
 
     def floats(self, x: Floats | float, symbols: Mapping[str, float]) -> tuple[Any, Any, Any]:
-        """f, f′ and f″ in double precision, at one point or at an array of points.
-
-        Parameters
-        ----------
-        x : float or array
-        symbols : mapping of str to float
-            Values of the symbols of the coefficients.
-        """
+        """f, f′ and f″ in double precision, at one point or at an array of points."""
         point: Any = x
         return self.derivatives(point, lambda c: _float(c, symbols), lambda distance: 1.0 * (distance > 0))
 
@@ -155,16 +126,6 @@ def natural_spline(points: Sequence[tuple[Rational, Rational]]) -> tuple[Spline,
 
     Its second derivatives mₖ at the points solve the tridiagonal equations (de Boor, A Practical Guide to Splines, IV)
     hₖ₋₁ mₖ₋₁ + 2 (hₖ₋₁ + hₖ) mₖ + hₖ mₖ₊₁ = 6 (dₖ − dₖ₋₁), with steps h, slopes d of the chords and zero at the ends.
-
-    Parameters
-    ----------
-    points : sequence of (Rational, Rational)
-        Two at least, in any order.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer, or two for the same x.
     """
     ordered = sorted((Fraction(x), Fraction(y)) for x, y in points)
     if len(ordered) < 2 or any(a[0] == b[0] for a, b in pairwise(ordered)):

@@ -45,21 +45,11 @@ UNITS = _RADIANS, _TURNS = "unit_of_decimals", "unit_of_pi"
 
 @dataclass(frozen=True)
 class StatedValues:
-    """Exact values of a mechanism's symbols.
+    """Exact values of a mechanism's symbols."""
 
-    Attributes
-    ----------
-    numbers : mapping of str to Number
-        Lengths, ratios and other constants, SI units.
-    angles : mapping of str to Angle
-        Without symbolic parts.
-    sums : mapping of str to Polynomial
-        Lengths that stand for sums with sines and cosines of the angles.
-    """
-
-    numbers: Mapping[str, Number]
-    angles: Mapping[str, Angle]
-    sums: Mapping[str, Polynomial]
+    numbers: Mapping[str, Number]  # lengths, ratios and other constants, SI units
+    angles: Mapping[str, Angle]  # without symbolic parts
+    sums: Mapping[str, Polynomial]  # lengths that stand for sums with sines and cosines of the angles
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -109,26 +99,8 @@ class StatedValues:
     def draw(
         self, names: Iterable[str], field: PrimeField, rng: np.random.Generator, count: int = 1
     ) -> dict[str, Residues]:
-        """Values of symbols for a sampler: stated ones where there are any, random ones elsewhere.
-
-        Parameters
-        ----------
-        names : iterable of str
-        field : PrimeField
-        rng : numpy Generator
-        count : int
-            Number of geometries, which are equal in what is stated.
-
-        Returns
-        -------
-        dict of str to array of shape (count,)
-            For an angle the tangent of its half.
-
-        Raises
-        ------
-        DegenerateSampleError
-            If p divides a denominator, or an angle is a half turn at this point.
-        """
+        """Values of symbols for a sampler: stated ones where there are any, random ones elsewhere."""
+        # shapes: returns (count,)
         units = [field.circle(field.draw(rng, (1,))) for _ in range(2)]
         stated = set(self.names)
         return {
@@ -179,29 +151,14 @@ GENERAL = StatedValues({}, {}, {})
 
 
 def in_numbers(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with numbers for all symbols that have one; decimal angles, whose sines have none, stay symbols.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    """
+    """The mechanism with numbers for all symbols that have one; decimal angles, whose sines have none, stay symbols."""
     values = stated_values(mechanism)
     plain = [n for n in values.names if n not in values.angles or not any(values.multiples[n][1:])]
     return substituted(mechanism, values.put_in(plain))
 
 
 def stated_values(mechanism: Mechanism) -> StatedValues:
-    """Exact values of the symbols that have one.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-
-    Returns
-    -------
-    StatedValues
-        Without the symbols whose value is known as a float only: they stay general.
-    """
+    """Exact values of the symbols that have one."""
     return values_of(mechanism.symbols, symbol_roles(mechanism).angles)
 
 
@@ -222,11 +179,6 @@ def vanishes(value: Polynomial, symbols: Mapping[str, Symbol]) -> bool:
     """Whether an expression is zero at the exact values of its symbols; False if one has none.
 
     It is evaluated at a random point modulo a random prime of 81 bits.
-
-    Parameters
-    ----------
-    value : Polynomial
-    symbols : mapping of str to Symbol
     """
     names = value.symbols()
     inner = [s.stands_for for s in (symbols.get(n) for n in names) if s is not None and s.stands_for is not None]

@@ -29,19 +29,7 @@ _NAMES = re.compile(r"\[[^\]]*\]|[^\W\d]\w*")
 
 
 def substituted(mechanism: Mechanism, values: Mapping[str, Polynomial]) -> Mechanism:
-    """Put expressions in for generators, wherever a mechanism uses them.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    values : mapping of str to Polynomial
-        By generator: ``a`` for a length, ``cos(b)`` and ``sin(b)`` for an angle.
-
-    Returns
-    -------
-    Mechanism
-        Without the symbols that something was put in for.
-    """
+    """Put expressions in for generators, wherever a mechanism uses them."""
     put = _Substitution(values)
     gravity = None if mechanism.gravity is None else put.vector(mechanism.gravity)
     return replace(

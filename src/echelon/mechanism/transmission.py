@@ -12,54 +12,24 @@ from echelon.exact.rational import RationalFunction
 
 @dataclass(frozen=True)
 class Actuator:
-    """One row of T.
+    """One row of T."""
 
-    Attributes
-    ----------
-    name : str
-        The actuator's coordinate.
-    terms : tuple of (str, Polynomial)
-        Ratio to each joint coordinate.
-    """
-
-    name: str
-    terms: tuple[tuple[str, Polynomial], ...]
+    name: str  # the actuator's coordinate
+    terms: tuple[tuple[str, Polynomial], ...]  # ratio to each joint coordinate
 
 
 @dataclass(frozen=True)
 class Transmission:
-    """All actuators, and what an actuator's motion moves.
+    """All actuators, and what an actuator's motion moves."""
 
-    Attributes
-    ----------
-    actuators : tuple of Actuator
-        Those stated, then one of the same name for every coordinate that none of them drives.
-    inverse : mapping of str to mapping of str to RationalFunction
-        T⁻¹ by columns: for each actuator, the joint velocities that a unit of its velocity causes alone.
-    """
-
+    # those stated, then one of the same name for every coordinate that none of them drives
     actuators: tuple[Actuator, ...]
+    # T⁻¹ by columns: for each actuator, the joint velocities that a unit of its velocity causes alone
     inverse: Mapping[str, Mapping[str, RationalFunction]]
 
 
 def transmission(stated: Sequence[Actuator], coordinates: Sequence[str]) -> Transmission:
-    """Complete the stated actuators by direct drives and invert T.
-
-    Parameters
-    ----------
-    stated : sequence of Actuator
-    coordinates : sequence of str
-        Independent joint coordinates.
-
-    Returns
-    -------
-    Transmission
-
-    Raises
-    ------
-    InputError
-        If T is not square or is singular, so that the joints' motion or the actuators' torques are undetermined.
-    """
+    """Complete the stated actuators by direct drives and invert T."""
     driven = [name for name in coordinates if any(name == joint for a in stated for joint, _ in a.terms)]
     if len(driven) != len(stated):
         raise InputError(

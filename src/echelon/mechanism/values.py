@@ -16,13 +16,7 @@ from echelon.mechanism.placement import Placement
 def symbol_values(
     mechanism: Mechanism, names: Iterable[str], overrides: Mapping[str, float] | None = None
 ) -> dict[str, float]:
-    """Values of symbols, SI units.
-
-    Raises
-    ------
-    InputError
-        If a symbol has no value, or an override is not a symbol of the mechanism.
-    """
+    """Values of symbols, SI units."""
     given = dict(overrides or {})
     if given:
         known = all_symbols(mechanism)
@@ -69,14 +63,7 @@ def has_values(mechanism: Mechanism) -> bool:
 
 
 def placement_matrix(placement: Placement, symbols: Mapping[str, float]) -> npt.NDArray[np.float64]:
-    """A placement as a homogeneous matrix, shape (4, 4).
-
-    Parameters
-    ----------
-    placement : Placement
-    symbols : mapping of str to float
-        Values of the symbols that occur in it, SI units.
-    """
+    """A placement as a homogeneous matrix, shape (4, 4)."""
 
     def number(entry: Polynomial) -> float:
         return entry.evaluate(float_generators(entry.generators(), symbols), float)

@@ -25,26 +25,7 @@ def evaluate_model(
     variables: Mapping[str, npt.ArrayLike],
     constants: Mapping[str, float] | None = None,
 ) -> Floats:
-    """Columns of a model's regressor at given samples.
-
-    Parameters
-    ----------
-    model : LinearModel
-    forms : LinearForms
-        The model's regressor or some of its columns.
-    variables : mapping of str to array of shape (N,)
-    constants : mapping of str to float, optional
-        Values that replace or complete those of the model.
-
-    Returns
-    -------
-    array of shape (N, outputs, columns)
-
-    Raises
-    ------
-    InputError
-        If a value is missing or lengths differ.
-    """
+    """Columns of a model's regressor at given samples.  Shapes: variables (N,); returns (N, outputs, columns)."""
     known: dict[str, npt.ArrayLike] = {**model.values, **(constants or {}), **variables}
     schedule = Schedule(forms.program, list(forms.entries.values()))
     names = {node: forms.program.inputs[node].name for node in schedule.leaves}

@@ -26,27 +26,7 @@ _STATES = 16
 def linear_rows(
     program: Program, outputs: Sequence[Scalar], parameters: Sequence[int], names: Sequence[str]
 ) -> list[list[Scalar]]:
-    """The coefficients of the parameters in every output.
-
-    Parameters
-    ----------
-    program : Program
-    outputs : sequence of Scalar
-    parameters : sequence of int
-        Input nodes of the parameters.
-    names : sequence of str
-        Of the outputs, for messages.
-
-    Returns
-    -------
-    list of lists of Scalar
-        One row per output, one entry per parameter.
-
-    Raises
-    ------
-    InputError
-        If an output is not linear; says which, in which parameter, and why.
-    """
+    """The coefficients of the parameters in every output."""
     parts: dict[int, _Parts] = {p: {(p,): program.one} for p in parameters}
     rows = []
     for output, name in zip(outputs, names, strict=True):

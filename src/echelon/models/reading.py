@@ -73,21 +73,7 @@ def _arguments(function: Any) -> list[str]:
 
 
 def record_rows(program: Program, X: Any, scalars: Mapping[str, Scalar], columns: int | None) -> list[list[Scalar]]:
-    """The entries of a matrix as recorded scalars.
-
-    Parameters
-    ----------
-    program : Program
-    X : sympy Matrix, nested sequence or function
-    scalars : mapping of str to Scalar
-    columns : int or None
-        Wanted number of columns; None for a column of outputs.
-
-    Raises
-    ------
-    InputError
-        If the shape is wrong or an entry cannot be recorded; names the entry.
-    """
+    """The entries of a matrix as recorded scalars."""
     if callable(X) and not hasattr(X, "free_symbols"):
         X = _traced(X, scalars)
     table = np.array(X.tolist() if hasattr(X, "tolist") else X, dtype=object)
