@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from echelon.exact.expressions import parse, parse_angle
-from echelon.mechanism.coupling import Coupling
+from echelon.mechanism.coupling import Coupling, linear
 from echelon.mechanism.joint import (
     Joint,
     Step,
@@ -21,7 +21,6 @@ from echelon.mechanism.joint import (
 )
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, Symbol
 from echelon.mechanism.placement import Placement, Vector, shift, turn
-from echelon.mechanism.spline import linear
 
 DOWN = "0 0 -g"
 GENERIC = "gx gy gz"

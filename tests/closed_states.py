@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.base.structure import find_structure
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats

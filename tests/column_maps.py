@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from echelon.formats.load import load
+from echelon.formats.robot_file import load
 from echelon.logs.columns.column_map import Channel
 
 Floats = npt.NDArray[np.float64]

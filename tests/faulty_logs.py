@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from echelon.formats.load import load
+from echelon.formats.robot_file import load
 from echelon.logs.finding import Finding
 from echelon.logs.recording import Recording
 

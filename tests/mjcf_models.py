@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from echelon.formats.build import build_mechanism
+from echelon.formats.builder import build_mechanism
 from echelon.formats.literal import LiteralTree
-from echelon.formats.mjcf import read_mjcf
-from echelon.formats.options import ReadingOptions
+from echelon.formats.mjcf.mjcf_reader import read_mjcf
+from echelon.formats.reading_options import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
 
 INERTIA = (

@@ -11,7 +11,7 @@ import echelon as ec
 from echelon.base.model import BaseModel
 from echelon.identification.physics.bounds import Roles, roles
 from echelon.inertia.spatial import from_pseudo_inertia
-from echelon.mechanism.values import characteristic_length
+from echelon.mechanism.symbol_values import characteristic_length
 from echelon.observe.observation import Observation
 
 Floats = npt.NDArray[np.float64]

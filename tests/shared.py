@@ -12,7 +12,7 @@ import echelon as ec
 import oracles
 from closed_states import states
 from constrained import Constrained
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
 from oracles import FloatArray
 

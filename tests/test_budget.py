@@ -26,7 +26,7 @@ from echelon.exact.expressions import PI, parse
 from echelon.exact.polynomial import is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Symbol
-from echelon.mechanism.values import all_symbols
+from echelon.mechanism.symbol_values import all_symbols
 from oracles import FloatArray
 from robots import robot_file
 

@@ -11,10 +11,10 @@ import pytest
 import echelon as ec
 from echelon.base.ball_rows import ball_rows, precision, stated_ball
 from echelon.errors import InputError
-from echelon.formats.description import read_description
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.robot_file import read_description
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.values import known_values, value_texts
+from echelon.mechanism.symbol_values import known_values, value_texts
 from echelon.program.schedule import Schedule
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closed_balls import ClosedBalls

@@ -13,10 +13,10 @@ import yaml
 
 import echelon as ec
 from echelon.exact.polynomial import float_generators
-from echelon.formats.description import read_description, write_description
-from echelon.formats.options import ReadingOptions
-from echelon.formats.robot_file import RobotFile
-from echelon.formats.schema import json_schema
+from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.robot_file import RobotFile, read_description
+from echelon.formats.schema.robot_schema import json_schema
+from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.placement import Placement
@@ -96,7 +96,7 @@ def closed(mechanism: Mechanism) -> dict[str, float]:
 @pytest.fixture
 def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames are read; whether they can meet is not asked."""
-    monkeypatch.setattr("echelon.formats.description_loops.close", lambda mechanism, *_, **__: mechanism)
+    monkeypatch.setattr("echelon.formats.description.stated_loops.close", lambda mechanism, *_, **__: mechanism)
 
 
 # -- descriptions: frames ----------------------------------------------------------------------------------------------

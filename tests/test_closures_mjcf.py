@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from echelon.errors import InputError
-from echelon.formats.description import read_description, write_description
-from echelon.formats.options import ReadingOptions
-from echelon.formats.robot_file import RobotFile
+from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.robot_file import RobotFile, read_description
+from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from kinematics import Array
@@ -53,7 +53,7 @@ EQUALITIES = {
 @pytest.fixture(autouse=True)
 def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames are read; whether they can meet is not asked."""
-    monkeypatch.setattr("echelon.formats.build.close", lambda mechanism, _, prefer: chosen(mechanism, prefer))
+    monkeypatch.setattr("echelon.formats.builder.close", lambda mechanism, _, prefer: chosen(mechanism, prefer))
 
 
 def chosen(mechanism: Mechanism, prefer: list[str]) -> Mechanism:
@@ -181,7 +181,7 @@ def test_a_held_joint_does_not_move_the_anchor() -> None:
 
 @pytest.mark.parametrize("name", EQUALITIES)
 def test_round_trip(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("echelon.formats.description_loops.close", lambda mechanism, *_, **__: mechanism)
+    monkeypatch.setattr("echelon.formats.description.stated_loops.close", lambda mechanism, *_, **__: mechanism)
     mechanism = read(EQUALITIES[name])
     written = json.dumps(write_description(mechanism))
     again = read_description(written, "robot.json", ReadingOptions(every_link=True))

@@ -10,7 +10,7 @@ from echelon.errors import EchelonError
 from echelon.excite.problem.distances import Engine
 from echelon.excite.problem.robot_shapes import mesh_shape
 from echelon.excite.problem.shapes import Kind, Shape, plane_gaps
-from echelon.formats.mjcf_numbers import quaternion_matrix
+from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -18,11 +18,12 @@ import echelon as ec
 from constrained import Constrained
 from echelon.dynamics.functions import robot_function
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.description import read_description, write_description
-from echelon.formats.options import ReadingOptions
-from echelon.mechanism.hold import held
+from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.robot_file import read_description
+from echelon.formats.writers.description_writer import write_description
+from echelon.mechanism.coupling import Spline, natural_spline
+from echelon.mechanism.lock_joints import held
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.spline import Spline, natural_spline
 from oracles import FloatArray, float_regressor, random_states
 from recorded import evaluate
 

@@ -15,10 +15,10 @@ import yaml
 import arms
 import echelon as ec
 from echelon.excite.files.trajectory_schema import trajectory_schema
-from echelon.formats.description import read_description, write_description
-from echelon.formats.options import ReadingOptions
-from echelon.formats.robot_file import RobotFile
-from echelon.formats.schema import json_schema
+from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.robot_file import RobotFile, read_description
+from echelon.formats.schema.robot_schema import json_schema
+from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.mechanism import Mechanism
 from echelon.results.schema import BaseModelRecord, IdentifiedRecord
 from echelon.results.schema import json_schema as result_schema

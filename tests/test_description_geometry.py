@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from echelon.formats.description import read_description, write_description
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.robot_file import read_description
+from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.mechanism import Mechanism
 from kinematics import X, Y, Z, along, moved, pose_of, quaternion_turn, turned
 

@@ -10,8 +10,8 @@ import pytest
 
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
-from echelon.formats.description import read_description
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.robot_file import read_description
 from echelon.mechanism.mechanism import Mechanism
 from kinematics import Array, X, moved, pose_of, turned
 

@@ -14,7 +14,7 @@ import pytest
 import echelon as ec
 import truth
 import urdf_truth
-from echelon.formats.options import ANGLE_TOLERANCE, PRECISION
+from echelon.formats.reading_options import ANGLE_TOLERANCE, PRECISION
 from robots import has_pinocchio, pinocchio_model, robot_file, robot_files
 
 PUBLISHED = {

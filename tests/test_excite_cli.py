@@ -19,7 +19,7 @@ import echelon as ec
 from echelon.cli import excite_commands
 from echelon.cli.commands import run as main
 from echelon.excite.files.read_trajectory import SUFFIXES
-from echelon.formats.schema_excite import ExcitationEntry
+from echelon.formats.schema.schema_excite import ExcitationEntry
 from test_cli import run
 from test_exciting_trajectory import evaluated
 

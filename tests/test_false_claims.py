@@ -14,8 +14,8 @@ import echelon as ec
 from echelon.base.certificate import certify
 from echelon.base.matrix import BaseMatrix
 from echelon.exact.rational import RationalFunction
-from echelon.formats.description import read_description
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.robot_file import read_description
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
 

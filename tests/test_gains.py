@@ -12,8 +12,8 @@ import pytest
 import echelon as ec
 from arms import body, modified_dh, tree
 from arms import puma560 as puma
-from echelon.formats.description import read_description
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.robot_file import read_description
 from echelon.identification.gains import drive_gains, gain_names
 from echelon.identification.payload import JoinedRows, Payload, loaded_rows, with_zeros
 from echelon.identification.rows.rows import ModelRows

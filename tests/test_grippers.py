@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
 from mjcf_models import model
 from mujoco_loops import Array, Equalities, null_space

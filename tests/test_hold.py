@@ -14,7 +14,7 @@ import pytest
 import echelon as ec
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import InputError
-from echelon.mechanism.hold import held
+from echelon.mechanism.lock_joints import held
 from echelon.mechanism.mechanism import Mechanism
 from exciting import Floats
 from oracles import float_regressor, random_states

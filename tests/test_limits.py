@@ -22,8 +22,8 @@ import echelon as ec
 from echelon.claims.reading import read_claims
 from echelon.errors import InputError
 from echelon.excite.files.read_trajectory import read_trajectory
+from echelon.inputs.content import COLUMNS, DEPTH, LIMITS, Limit, limits_table
 from echelon.inputs.json_text import parse_json
-from echelon.inputs.limits import COLUMNS, DEPTH, LIMITS, Limit, limits_table
 from echelon.inputs.xml_text import parse_xml
 from echelon.inputs.yaml_text import parse_yaml
 from echelon.logs.files.open_log import open_log, read_table
@@ -355,7 +355,7 @@ def test_tables_of_bags_are_not_computed(change: str, tmp_path: Path) -> None:
 
 
 def test_every_limit_is_documented() -> None:
-    import echelon.inputs.limits as module
+    import echelon.inputs.content as module
 
     declared = [value for value in vars(module).values() if isinstance(value, Limit)]
     assert set(declared) == set(LIMITS)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.limits import StatedLimits, stated_limits
 from echelon.formats.robot_file import open_robot
+from echelon.formats.stated_limits import StatedLimits, stated_limits
 from kinematics import Z, pose_of, turned
 from mjcf_models import INERTIA, model
 from robots import has_pinocchio, pinocchio_model, robot_file, robot_files

@@ -14,10 +14,9 @@ from hypothesis import strategies as st
 
 import echelon as ec
 from echelon.base.display import to_latex, to_markdown
-from echelon.formats.description_text import read_text
-from echelon.formats.linear import load_linear, read_linear
-from echelon.models.evaluation import evaluate_model
-from echelon.models.linear_model import LinearModel
+from echelon.formats.description.document import read_text
+from echelon.formats.linear_document import load_linear, read_linear
+from echelon.models.linear_model import LinearModel, evaluate_model
 from echelon.results.linear import linear_to_json
 
 EXAMPLES = Path(__file__).parents[1] / "examples" / "linear"

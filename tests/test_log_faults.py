@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import echelon as ec
-from echelon.formats.load import load
+from echelon.formats.robot_file import load
 from echelon.logs.faults.examine import examine
 from echelon.logs.faults.plausibility import check_plausible
 from echelon.logs.faults.standstill import runs

@@ -10,7 +10,7 @@ import pytest
 
 import echelon as ec
 from column_maps import MOTORS, TX40, Floats, N, channels, random_columns
-from echelon.formats.load import load
+from echelon.formats.robot_file import load
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.columns.conversion import recording
 from echelon.logs.files.log_file import Table

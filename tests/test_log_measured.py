@@ -14,7 +14,7 @@ from pyarrow import parquet
 
 import echelon as ec
 from column_maps import PENDULUM, TX40, Floats, N
-from echelon.formats.load import load
+from echelon.formats.robot_file import load
 from echelon.logs.columns.column_guess import guess_columns
 from echelon.logs.columns.conversion import recording
 from echelon.logs.faults.examine import examine

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.load import load
+from echelon.formats.robot_file import load
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.faults.plausibility import check_plausible, surplus_columns
 from echelon.logs.recording import Recording

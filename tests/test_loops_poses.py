@@ -9,7 +9,7 @@ import pytest
 
 import echelon as ec
 from echelon.errors import OtherModeError
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.evaluate import evaluate_floats

@@ -10,7 +10,7 @@ import pytest
 
 import echelon as ec
 from echelon.base.structure import Structure, find_structure
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.mechanism import Mechanism
 

@@ -11,12 +11,12 @@ import pytest
 
 from echelon.base.structure import find_structure
 from echelon.errors import InputError, MissingExtraError
-from echelon.formats.build import build_mechanism
-from echelon.formats.inertia import rotation_matrix
+from echelon.formats.builder import build_mechanism
+from echelon.formats.link_inertia import rotation_matrix
 from echelon.formats.literal import LiteralMotion, LiteralPlacement
-from echelon.formats.mjcf import read_mjcf
-from echelon.formats.mjcf_numbers import placements, quaternion_matrix
-from echelon.formats.options import ReadingOptions
+from echelon.formats.mjcf.mjcf_numbers import placements, quaternion_matrix
+from echelon.formats.mjcf.mjcf_reader import read_mjcf
+from echelon.formats.reading_options import ReadingOptions
 from mjcf_models import INERTIA, mechanism_of, model, read
 
 pytest.importorskip("mujoco")

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.values import known_values
+from echelon.mechanism.symbol_values import known_values
 from echelon.regressor.loops.closed_motion import ClosureValues
 from mjcf_models import random_model
 from mujoco_loops import Array, Equalities, null_space
@@ -21,7 +21,7 @@ _DIGITS = 1e-9
 @pytest.fixture(autouse=True)
 def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Constraints are read; whether the program finds its own way to close them is not asked."""
-    monkeypatch.setattr("echelon.formats.build.close", lambda mechanism, *_, **__: mechanism)
+    monkeypatch.setattr("echelon.formats.builder.close", lambda mechanism, *_, **__: mechanism)
 
 
 def read(text: str) -> Mechanism:

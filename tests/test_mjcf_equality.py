@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.mjcf_equality import Relation, resolve
-from echelon.mechanism.spline import Spline
+from echelon.formats.mjcf.mjcf_equality import Relation, resolve
+from echelon.mechanism.coupling import Spline
 
 JOINTS = "abcde"
 small = st.integers(-3, 3)

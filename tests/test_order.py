@@ -12,11 +12,11 @@ import sympy
 import arms
 import echelon as ec
 from echelon.base.order import column_order
-from echelon.formats.description import read_description
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.robot_file import read_description
 from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.parameter import Parameter, inertial_parameter
+from echelon.mechanism.output import Parameter, inertial_parameter
 
 ROBOTS = [arms.rx90, arms.panda, arms.helical, arms.coupled, arms.branched, arms.floating_pair, arms.massless]
 

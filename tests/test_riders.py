@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import open_robot
 from echelon.mechanism.mechanism import GROUND
-from echelon.mechanism.values import known_values, placement_matrix
+from echelon.mechanism.symbol_values import known_values, placement_matrix
 from robots import pinocchio_model, robot_file
 
 

@@ -12,12 +12,11 @@ import pytest
 import yaml
 
 import echelon as ec
-from echelon.formats.description import read_description, write_description
-from echelon.formats.description_check import check_document
-from echelon.formats.description_text import read_text
-from echelon.formats.options import ReadingOptions
-from echelon.formats.schema import json_schema
-from echelon.formats.schema_excite import (
+from echelon.formats.description.document import check_document, read_text
+from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.robot_file import read_description
+from echelon.formats.schema.robot_schema import json_schema
+from echelon.formats.schema.schema_excite import (
     BoxEntry,
     CollisionsEntry,
     ExcitationEntry,
@@ -25,7 +24,8 @@ from echelon.formats.schema_excite import (
     HalfSpaceEntry,
     LimitsEntry,
 )
-from echelon.formats.schema_joints import Model
+from echelon.formats.schema.schema_geometry import Model
+from echelon.formats.writers.description_writer import write_description
 
 ARM = """
 echelon: 1

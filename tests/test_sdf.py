@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
@@ -177,7 +177,7 @@ def test_the_last_joint_of_a_loop_closes_it() -> None:
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic", "ball", "fixed"])
 def test_closing_joints_meet_at_zero(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("echelon.formats.build.close", lambda mechanism, *_, **__: mechanism)
+    monkeypatch.setattr("echelon.formats.builder.close", lambda mechanism, *_, **__: mechanism)
     text = BAR.replace('name="d" type="revolute"', f'name="d" type="{kind}"').replace("0 0 2", "0.3 -0.4 0.5")
     robot = read(text)
     zero = dict.fromkeys(robot.positions, 0.0)

@@ -21,8 +21,9 @@ from builders import mechanisms
 from constrained import Constrained
 from echelon.base.sensors import sensor_report
 from echelon.exact.polynomial import Polynomial, as_polynomial
-from echelon.formats.description import read_description, write_description
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.robot_file import read_description
+from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.output import Cut, plain
 from echelon.mechanism.placement import Placement, as_matrix
 from echelon.program.schedule import FloatArithmetic, Schedule

@@ -19,9 +19,9 @@ from builders import mechanisms
 from closed_states import read
 from echelon.base.structure import find_structure
 from echelon.dynamics.functions import robot_function
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
-from echelon.formats.write_robot import identified_robot
+from echelon.formats.writers.robot_writer import identified_robot
 from echelon.identification.physics.bounds import Bounds, linear_limits, roles
 from echelon.identification.physics.prior_information import prior_from
 from recorded import evaluate

@@ -10,11 +10,11 @@ import pytest
 
 import echelon as ec
 from echelon.errors import InputError
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile, open_robot
-from echelon.formats.write_robot import WrittenRobot, identified_robot
-from echelon.formats.write_urdf import generated_urdf
-from echelon.formats.write_values import sorted_values
+from echelon.formats.writers.identified_values import sorted_values
+from echelon.formats.writers.robot_writer import WrittenRobot, identified_robot
+from echelon.formats.writers.urdf_writer import generated_urdf
 from echelon.mechanism.mechanism import Mechanism
 from oracles import float_regressor, random_states
 from robots import has_pinocchio, robot_file

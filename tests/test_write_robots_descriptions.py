@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
-from echelon.formats.write_robot import identified_robot
+from echelon.formats.writers.robot_writer import identified_robot
 from echelon.mechanism.mechanism import Mechanism
 from oracles import float_regressor, random_states
 from robots import has_pinocchio

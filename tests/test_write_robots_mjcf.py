@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import open_robot
-from echelon.formats.write_robot import WrittenRobot, identified_robot
+from echelon.formats.writers.robot_writer import WrittenRobot, identified_robot
 from oracles import float_regressor, random_states
 from written import (
     EXAMPLES,

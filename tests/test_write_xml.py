@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 from hypothesis import given
 from hypothesis import strategies as st
 
-from echelon.formats.write_xml import XmlEditor, quoted
+from echelon.formats.writers.xml_editor import XmlEditor, quoted
 
 NAMES = st.sampled_from(["a", "b", "c"])
 VALUES = st.text(st.sampled_from("<>&'\"= /\n\té𝕏-!1"), max_size=6)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from echelon.conventions import PER_BODY
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
-from echelon.formats.write_robot import WrittenRobot
+from echelon.formats.writers.robot_writer import WrittenRobot
 from echelon.inertia.spatial import from_pseudo_inertia
 from echelon.mechanism.mechanism import ALL, Mechanism
 from robots import PinocchioState, pinocchio_state

@@ -40,8 +40,8 @@ from echelon.excite.files.read_trajectory import read_trajectory as read_traject
 from echelon.excite.files.write_trajectory import write_trajectory as write_trajectory
 from echelon.excite.problem.prior_information import information_of_logs as information_of_logs
 from echelon.excite.problem.trajectory import Trajectory as Trajectory
-from echelon.formats.linear import load_linear as load_linear
-from echelon.formats.load import load as load
+from echelon.formats.linear_document import load_linear as load_linear
+from echelon.formats.robot_file import load as load
 from echelon.identification.estimators.estimate import Estimate as Estimate
 from echelon.identification.gains import drive_gains as drive_gains
 from echelon.identification.gains import gains_from_logs as gains_from_logs

@@ -2,8 +2,13 @@
 
 from mutation.fault import Fault
 
-URDF, INERTIA, NUMBERS, MJCF = "formats/urdf.py", "formats/inertia.py", "formats/mjcf_numbers.py", "formats/mjcf.py"
-BUILD, JOINTS = "formats/build.py", "formats/description_joints.py"
+URDF, INERTIA, NUMBERS, MJCF = (
+    "formats/urdf/urdf_reader.py",
+    "formats/link_inertia.py",
+    "formats/mjcf/mjcf_numbers.py",
+    "formats/mjcf/mjcf_reader.py",
+)
+BUILD, JOINTS = "formats/builder.py", "formats/description/stated_joints.py"
 
 FAULTS = (
     Fault(URDF, "Triple = (1, 0, 0)", "Triple = (0, 0, 1)", "axes left out", "test_urdf.py::test_default_axis_is_x"),
@@ -54,14 +59,14 @@ FAULTS = (
         "test_mjcf_dynamics.py::test_regressor_times_parameters_is_mujocos_inverse_dynamics",
     ),
     Fault(
-        "formats/mjcf_equality.py",
+        "formats/mjcf/mjcf_equality.py",
         "terms = {first: Spline((-_ONE,))}",
         "terms = {first: Spline((_ONE,))}",
         "direction of coupled joints",
         "test_mjcf_dynamics.py::test_coupled_joints",
     ),
     Fault(
-        "formats/stated_couplings.py",
+        "formats/literal.py",
         "offset, constant = offset + value, Polynomial({})",
         "offset, constant = offset, Polynomial({})",
         "offsets of mimics of mimics",
@@ -75,14 +80,14 @@ FAULTS = (
         "test_newton_euler.py::test_torques_equal_pinocchio",
     ),
     Fault(
-        "formats/second_frame.py",
+        "formats/closure_frames.py",
         "frame = places[member].inverse() @ frame",
         "frame = frame @ places[member].inverse()",
         "second frames of closures",
         "test_closures_formats.py::test_the_second_frame_is_where_the_first_one_is_at_zero",
     ),
     Fault(
-        "formats/stated_couplings.py",
+        "formats/literal.py",
         "inner, constant = dict(known[name].terms), known[name].offset",
         "constant = known[name].offset",
         "couplings to coupled coordinates",
@@ -110,21 +115,21 @@ FAULTS = (
         "test_newton_euler.py::test_torques_equal_pinocchio",
     ),
     Fault(
-        "formats/write_values.py",
+        "formats/writers/identified_values.py",
         "repr(float(value) + 0.0)",
         'f"{float(value):.6g}"',
         "digits of written files",
         "test_write_robots.py::test_written_urdf_in_pinocchio_and_read_again",
     ),
     Fault(
-        "formats/relations.py",
+        "formats/axis_relations.py",
         "difference > max(self._tolerance(",
         "difference > 0 * max(self._tolerance(",
         "relations between axes are not read",
         "test_axis_relations.py::test_one_direction_in_several_spellings",
     ),
     Fault(
-        "formats/relations.py",
+        "formats/axis_relations.py",
         "before @ turn(2, one) @ turn(0, twist) @ turn(2, two)",
         "before @ turn(2, two) @ turn(0, twist) @ turn(2, one)",
         "frames between related axes",

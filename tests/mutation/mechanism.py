@@ -66,7 +66,7 @@ FAULTS = (
         "test_substitute.py",
     ),
     Fault(
-        "mechanism/hold.py",
+        "mechanism/lock_joints.py",
         "in (c, -s, s, c))",
         "in (c, s, -s, c))",
         "sense of held angles",

@@ -22,8 +22,7 @@ from echelon.errors import ClosedFormError, InputError, UnknownRelationsError
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown import Work
 from echelon.mechanism.stated import StatedValues
-from echelon.models.evaluation import definition_values, evaluate_model
-from echelon.models.linear_model import LinearModel
+from echelon.models.linear_model import LinearModel, definition_values, evaluate_model
 from echelon.program.sympy_bridge import to_sympy
 from echelon.seeds import random_generator
 
@@ -173,7 +172,7 @@ class LinearBase(BaseSet):
         return symbolic_regressor(self.model.name, forms, self.model.outputs, self.pivots, form)
 
     def _constants_used(self) -> list[str]:
-        from echelon.models.evaluation import recorded_definitions
+        from echelon.models.linear_model import recorded_definitions
 
         plain = {s for s in self.matrix.symbols if s not in self.definitions}
         program, _ = recorded_definitions({n: d for n, d in self.definitions.items() if n in self.matrix.symbols})
@@ -183,7 +182,7 @@ class LinearBase(BaseSet):
         """Constants with values put in, and functions of constants as sympy expressions."""
         import sympy
 
-        from echelon.models.evaluation import recorded_definitions
+        from echelon.models.linear_model import recorded_definitions
 
         program, nodes = recorded_definitions(self.definitions)
         replaced = {sympy.Symbol(name): value for name, value in values.items()}

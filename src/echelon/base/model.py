@@ -22,7 +22,7 @@ from echelon.errors import InputError
 from echelon.exact.expressions import PI
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import stated_values
-from echelon.mechanism.values import characteristic_length, symbol_values
+from echelon.mechanism.symbol_values import characteristic_length, symbol_values
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
 

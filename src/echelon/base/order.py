@@ -19,7 +19,7 @@ from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField
 from echelon.exact.rational import RationalFunction, cost_of_products
 from echelon.exact.unknown import Work
-from echelon.mechanism.parameter import Parameter
+from echelon.mechanism.output import Parameter
 
 ORDERS = ("base-to-tip", "tip-to-base")
 _EXCHANGE = 5.0

@@ -24,7 +24,7 @@ from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import StatedValues, stated_values
 from echelon.mechanism.substitute import substituted
-from echelon.mechanism.values import all_symbols
+from echelon.mechanism.symbol_values import all_symbols
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.exact_pose import closed_exactly

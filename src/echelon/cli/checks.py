@@ -11,7 +11,7 @@ from typing import Any
 from echelon.cli.destination import Destination, deliver
 from echelon.cli.screen import json_text, show
 from echelon.errors import CertificateError, InputError, one_line
-from echelon.formats.load import load
+from echelon.formats.robot_file import load
 
 VALID, REFUTED = 0, 1
 
@@ -75,7 +75,7 @@ def run_schema(which: str) -> None:
     from echelon.results.schema import BaseModelRecord, IdentifiedRecord, json_schema
 
     if which == "description":
-        from echelon.formats.schema import json_schema as description_schema
+        from echelon.formats.schema.robot_schema import json_schema as description_schema
 
         found = description_schema()
     elif which == "trajectory":

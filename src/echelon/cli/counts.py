@@ -15,7 +15,7 @@ from echelon.base.special import SpecialGeometry, special_geometry
 from echelon.cli.destination import Destination, deliver
 from echelon.cli.screen import json_text, steps
 from echelon.errors import InputError, one_line
-from echelon.formats.load import load, load_model
+from echelon.formats.robot_file import load, load_model
 from echelon.models.linear_model import LinearModel
 from echelon.regressor.loops.assembly import Assembled
 from echelon.regressor.loops.closing import assembled

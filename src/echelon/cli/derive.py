@@ -14,9 +14,9 @@ from echelon.base.linear_base import LinearBase
 from echelon.base.model import BaseModel
 from echelon.cli.destination import Destination, deliver
 from echelon.cli.screen import say_time, steps
-from echelon.formats.load import load_model
+from echelon.formats.robot_file import load_model
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.values import all_symbols
+from echelon.mechanism.symbol_values import all_symbols
 from echelon.models.linear_model import LinearModel
 from echelon.results.linear import linear_to_json
 from echelon.results.saved import to_json

@@ -20,7 +20,7 @@ from echelon.codegen.documentation import operation_counts, operations_text
 from echelon.codegen.generate import Source, generate_source
 from echelon.errors import CertificateError, InputError, one_line
 from echelon.exact.numbers import parse_decimal
-from echelon.formats.load import load_model
+from echelon.formats.robot_file import load_model
 from echelon.inputs.content import read_document
 from echelon.inputs.json_text import parse_json
 from echelon.models.linear_model import LinearModel

@@ -12,7 +12,7 @@ from echelon.dynamics.arguments import parameter_input
 from echelon.errors import InputError, one_line
 from echelon.exact.numbers import Number
 from echelon.mechanism.mechanism import Mechanism, Symbol
-from echelon.mechanism.values import all_symbols, symbol_values
+from echelon.mechanism.symbol_values import all_symbols, symbol_values
 from echelon.program.scalar import exact
 
 FROM_FILE = "file"

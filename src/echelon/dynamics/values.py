@@ -13,7 +13,7 @@ from echelon.dynamics.closed_states import ClosedStates
 from echelon.errors import InputError
 from echelon.machine.batch import real_array, value_of
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.values import symbol_values
+from echelon.mechanism.symbol_values import symbol_values
 from echelon.program.function import Argument, Function
 
 Values = dict[str, npt.ArrayLike]

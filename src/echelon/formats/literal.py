@@ -1,17 +1,22 @@
 """A robot file as it stands: names, tree and numbers, before anything is read as exact.
 
-URDF and MJCF readers produce this form; :mod:`echelon.formats.intent` turns it into a mechanism.
+URDF, SDF and MJCF readers produce this form; :mod:`echelon.formats.builder` turns it into a mechanism.  Couplings may
+refer to other dependent coordinates here, and joints may be declared to be of types that the format does not know.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
+from echelon.errors import InputError
 from echelon.exact.numbers import Rational
-from echelon.formats.stated_couplings import StatedCoupling
+from echelon.exact.polynomial import Polynomial
+from echelon.formats.reading_options import StatedJoint
+from echelon.hints import nearest_of
 from echelon.mechanism.closure import ClosureKind
+from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.joint import MotionKind
 
 Triple = tuple[Rational, Rational, Rational]
@@ -123,3 +128,107 @@ class LiteralTree:
     has_mimics: bool = False  # whether the file couples joints, whatever is made of it
     sensors: tuple[LiteralSensor, ...] = ()  # those that measure forces
     frames: tuple[LiteralFrame, ...] = ()  # named frames beside those of the links
+
+
+@dataclass(frozen=True)
+class StatedCoupling:
+    """q_coordinate = Σ f_k(q_k) + offset."""
+
+    element: str  # what states it: a mimic element, an equality constraint, an entry of a description
+    coordinate: str
+    terms: Mapping[str, Spline]  # functions of other coordinates, which may be dependent themselves
+    offset: Polynomial  # the constant part; of rotations it may contain pi
+
+    @property
+    def coupling(self) -> Coupling:
+        """The coupling without its offset, which belongs into the geometry."""
+        return Coupling(self.coordinate, tuple(self.terms.items()))
+
+
+def resolved(couplings: Iterable[StatedCoupling], error: Callable[[str, str], InputError]) -> dict[str, StatedCoupling]:
+    """Couplings by coordinate, with chains of dependent coordinates followed to independent ones."""
+    stated: dict[str, StatedCoupling] = {}
+    for coupling in couplings:
+        earlier = stated.setdefault(coupling.coordinate, coupling)
+        if earlier is not coupling:
+            raise error(coupling.element, f"'{coupling.coordinate}' is already coupled in {earlier.element}")
+    known: dict[str, StatedCoupling] = {}
+    for name in stated:
+        path = [] if name in known else [name]
+        while path:
+            coupling = stated[path[-1]]
+            later = next((leader for leader in coupling.terms if leader in stated and leader not in known), None)
+            if later is None:
+                known[path.pop()] = substituted(coupling, known, error)
+            elif later in path:
+                circle = " -> ".join([*path[path.index(later) :], later])
+                raise error(coupling.element, f"the couplings form a circle: {circle}")
+            else:
+                path.append(later)
+    return {name: known[name] for name in stated}
+
+
+def substituted(
+    coupling: StatedCoupling, known: Mapping[str, StatedCoupling], error: Callable[[str, str], InputError]
+) -> StatedCoupling:
+    """A coupling with functions of independent coordinates in the place of dependent ones."""
+    terms: dict[str, Spline] = {}
+    offset = coupling.offset
+    for name, function in coupling.terms.items():
+        inner = {name: Spline((Polynomial.constant(1),))}
+        constant = Polynomial({})
+        if name in known:
+            inner, constant = dict(known[name].terms), known[name].offset
+        if function.ratio is None and len(inner) > 1:
+            several = ", ".join(inner)
+            raise error(coupling.element, f"'{name}' follows {several}, so only linear functions of it are supported")
+        for independent, part in inner.items() or [(name, Spline(()))]:
+            try:
+                found, value = function.after(part, constant)
+            except ValueError as problem:
+                raise error(coupling.element, str(problem)) from None
+            terms[independent] = terms.get(independent, Spline(())) + found
+            offset, constant = offset + value, Polynomial({})
+    moving = {name: function for name, function in terms.items() if function.expressions}
+    return StatedCoupling(coupling.element, coupling.coordinate, moving, offset)
+
+
+def with_joints(tree: LiteralTree, joints: Sequence[StatedJoint]) -> LiteralTree:
+    """A tree some of whose joints are of other types.
+
+    The frame in which the file states a joint stays; a ball, or the axes of a universal joint, take the place of its
+    axis.
+    """
+    coupled = {name: c.element for c in tree.couplings for name in (c.coordinate, *c.terms)}
+    for joint in joints:
+        moving = [step.name for link in tree.links for step in link.steps if isinstance(step, LiteralMotion)]
+        names = dict.fromkeys([*(link.joint for link in tree.links if link.joint), *moving])
+        if joint.name not in names:
+            raise joint.error(f"the robot file has no joint '{joint.name}'{nearest_of(joint.name, list(names))}")
+        if joint.name in coupled:
+            raise joint.error(f"it has one axis, because of {coupled[joint.name]}: take that out")
+        tree = replace(tree, links=tuple(_changed(link, joint) for link in tree.links))
+    return tree
+
+
+def _changed(link: LiteralLink, joint: StatedJoint) -> LiteralLink:
+    stated = any(isinstance(step, LiteralMotion) and step.name == joint.name for step in link.steps)
+    if not stated and link.joint != joint.name:
+        return link
+    # a joint of its own keeps its name; a fixed one has no motion that could be replaced
+    steps = link.steps if stated else (*link.steps, LiteralMotion(f"joint '{joint.name}'", joint.name, "fixed"))
+    kind = joint.kind if link.joint == joint.name else link.kind
+    return replace(link, kind=kind, steps=tuple(_steps(steps, joint)))
+
+
+def _steps(steps: Sequence[LiteralStep], joint: StatedJoint) -> Iterator[LiteralStep]:
+    for step in steps:
+        if not isinstance(step, LiteralMotion) or step.name != joint.name:
+            yield step
+        elif joint.kind == "spherical":
+            yield LiteralMotion(step.element, joint.name, MotionKind.BALL)
+        else:
+            for number, (axis, sign) in enumerate(joint.axes, 1):
+                x, y, z = (sign if k == axis else 0 for k in range(3))
+                direction: Triple = (x, y, z)
+                yield LiteralMotion(step.element, f"{joint.name}.{number}", MotionKind.ROTATION, direction)

@@ -2,22 +2,24 @@
 
 What a file says is kept as it stands, so that a mechanism can be built from it again with some numbers taken literally,
 or with the joints that it couples independent.
+
+Open a robot file of any supported format.
 """
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from echelon.errors import InputError
-from echelon.formats.build import Built, build_mechanism
+from echelon.formats.builder import Built, build_mechanism
 from echelon.formats.literal import LiteralTree
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ANGLE_TOLERANCE, Gravity, ReadingOptions
 from echelon.inputs.content import read_content
 from echelon.inputs.xml_text import parse_xml
 from echelon.mechanism.effect import Effect, Side, ready_made
@@ -25,10 +27,12 @@ from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.reading import Reading
 from echelon.mechanism.stated import in_numbers
+from echelon.models.linear_model import LinearModel
 
 if TYPE_CHECKING:
-    from echelon.formats.description_text import Document
-    from echelon.formats.schema import RobotDescription
+    from echelon.formats.description.document import Document
+    from echelon.formats.schema.robot_schema import RobotDescription
+
 
 _DESCRIPTIONS = (".yaml", ".yml", ".json")
 _XML = (".urdf", ".sdf", ".world", ".xml", ".mjcf", ".xacro")
@@ -67,14 +71,13 @@ class RobotFile:
     @cached_property
     def document(self) -> Document:
         """The plain data of a YAML or JSON file."""
-        from echelon.formats.description_text import read_text
+        from echelon.formats.description.document import read_text
 
         return read_text(self.data, self.source)
 
     @cached_property
     def _checked(self) -> tuple[Document, RobotDescription]:
-        from echelon.formats.description_check import check_document
-        from echelon.formats.frame_pairs import as_description, lists_pairs
+        from echelon.formats.description.document import as_description, check_document, lists_pairs
 
         document = as_description(self.document) if lists_pairs(self.document) else self.document
         return document, check_document(document)
@@ -138,14 +141,14 @@ class RobotFile:
 
     def _read_tree(self, mimics: bool) -> LiteralTree:
         if self.root.tag == "mujoco":
-            from echelon.formats.mjcf import read_mjcf
+            from echelon.formats.mjcf.mjcf_reader import read_mjcf
 
             return read_mjcf(self.data, self.source, self.directory, mimics=mimics)
         if self.root.tag == "sdf":
-            from echelon.formats.sdf import read_sdf
+            from echelon.formats.urdf.sdf_reader import read_sdf
 
             return read_sdf(self.root, self.source, mimics=mimics)
-        from echelon.formats.urdf import read_urdf
+        from echelon.formats.urdf.urdf_reader import read_urdf
 
         return read_urdf(self.root, self.source, mimics=mimics)
 
@@ -164,7 +167,7 @@ class RobotFile:
         try:
             if not self.is_description:
                 return build_mechanism(self.tree(mimics=not options.independent_mimics), options, literal)
-            from echelon.formats.description_build import build_description
+            from echelon.formats.description.description_builder import build_description
 
             base = None if self.robot is None else partial(self.robot.built, literal=literal)
             return build_description(*self._checked, options, literal, base)
@@ -185,6 +188,25 @@ def open_robot(path: str | os.PathLike[str]) -> RobotFile:
     return RobotFile.of(read_content(file), str(file), file.parent)
 
 
+def read_description(text: str | bytes, source: str, options: ReadingOptions) -> Mechanism:
+    """Read a robot from the text of a description.
+
+    >>> pendulum = '''
+    ... echelon: 1
+    ... name: pendulum
+    ... symbols: {l1: 0.5}
+    ... gravity: [0, -9.81, 0]
+    ... modified_dh:
+    ...   - {joint: revolute}
+    ...   - {joint: revolute, a: l1}
+    ... '''
+    >>> print(read_description(pendulum, "pendulum.yaml", ReadingOptions()))
+    pendulum: 2 bodies, 2 degrees of freedom
+    """
+    data = text.encode() if isinstance(text, str) else text
+    return RobotFile(data, source, is_description=True).mechanism(options)
+
+
 def _with_friction(mechanism: Mechanism) -> Mechanism:
     """The mechanism with viscous and Coulomb friction and an offset in the drive of every joint coordinate."""
     effects = tuple(effect for kind in _FRICTION for effect in _at_every_joint(mechanism, kind))
@@ -200,3 +222,84 @@ def _at_every_joint(mechanism: Mechanism, kind: str) -> Iterator[Effect]:
             label = body_label if len(motions) == 1 else f"{body_label}_{k + 1}"
             slides = motion.kind is MotionKind.TRANSLATION
             yield from ready_made(kind, motion.name, Side.ACTUATOR, label, sliding=slides)
+
+
+def load(
+    path: str | os.PathLike[str],
+    *,
+    tolerance: float = ANGLE_TOLERANCE,
+    symbolic: bool = True,
+    floating: bool = False,
+    every_link: bool = False,
+    independent_mimics: bool = False,
+    massless: Sequence[str] = (),
+    gravity: Gravity = "file",
+    separate_symbols: bool = False,
+    measured: Literal["drives", "file"] = "drives",
+) -> Mechanism:
+    """Read a robot description.
+
+    Parameters
+    ----------
+    path : path-like
+        A URDF, SDF, MJCF or Echelon description file; the content decides between XML formats.
+    tolerance : float
+        Angles this near (rad) to a multiple of 15° and axes this near to a coordinate direction are read as exact; 0
+        switches this off.
+    symbolic : bool
+        Give lengths of URDF and MJCF files symbols (``px4``: x offset of joint 4), or keep them as exact numbers, as
+        with loops in any case.  Without symbols, those of a description become their values too; only angles without
+        an exact sine stay symbols.
+    floating : bool
+        Let the root link float.
+    every_link : bool
+        Keep links that are fixed to others as bodies with parameters of their own.
+    independent_mimics : bool
+        Ignore mimic elements and equality couplings, as most programs do.
+    massless : sequence of str
+        Links that carry no parameters.
+    gravity : "file", "generic", None or 3 numbers or expressions
+        Gravity in the base frame, m/s².
+    separate_symbols : bool
+        Give every number of a URDF or MJCF file a symbol of its own; otherwise equal magnitudes share one.
+    measured : "drives" or "file"
+        What is measured: the forces of all drives, or what the sensors of an MJCF file measure (see
+        ``docs/formats/mjcf.md``).  Descriptions state their outputs themselves.
+
+    Returns
+    -------
+    Mechanism
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is not a valid robot; the message names file and element.
+
+    Examples
+    --------
+    >>> import echelon as ec
+    >>> print(ec.load("examples/panda.yaml"))
+    panda: 7 bodies, 7 degrees of freedom
+    """
+    options = ReadingOptions(
+        tolerance,
+        symbolic,
+        floating,
+        every_link,
+        independent_mimics,
+        tuple(massless),
+        gravity,
+        separate_symbols=separate_symbols,
+        measured=measured,
+    )
+    return open_robot(path).mechanism(options)
+
+
+def load_model(path: str | os.PathLike[str], **reading: Any) -> Mechanism | LinearModel:
+    """Read a robot, with the keyword arguments of :func:`load`, or a linear model."""
+    file = open_robot(path)
+    if not file.is_linear_model:
+        return file.mechanism(ReadingOptions(**reading))
+    from echelon.formats.linear_document import read_linear
+
+    return read_linear(file.document)

@@ -13,7 +13,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.seeds import DEFAULT_SEED
 
 if TYPE_CHECKING:
-    from echelon.formats.schema_excite import ExcitationEntry
+    from echelon.formats.schema.schema_excite import ExcitationEntry
 
 Estimator = Literal["ols", "wls", "irls", "huber", "tls", "ridge", "iv"]
 Predicting = Literal["estimate", "essential", "physical"]
@@ -21,7 +21,7 @@ Criterion = Literal["bic", "f-test", "relative_std", "none"]
 
 
 def _nothing_stated() -> ExcitationEntry:
-    from echelon.formats.schema_excite import ExcitationEntry  # the library of schemas takes long to import
+    from echelon.formats.schema.schema_excite import ExcitationEntry  # the library of schemas takes long to import
 
     return ExcitationEntry.model_validate({})
 

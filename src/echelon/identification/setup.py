@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from echelon.base.base_set import Identifiability
 from echelon.base.model import BaseModel
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.identification.physics.bounds import Bounds
 from echelon.identification.settings import Settings, Setup
@@ -17,8 +17,8 @@ from echelon.identification.setup_columns import stated_columns
 from echelon.logs.preparation.settings import Preparation
 
 if TYPE_CHECKING:
-    from echelon.formats.schema import RobotDescription
-    from echelon.formats.schema_log import IdentificationEntry
+    from echelon.formats.schema.robot_schema import RobotDescription
+    from echelon.formats.schema.schema_log import IdentificationEntry
 
 _ASSUMED = (
     "the robot file states no friction, so every joint got viscous and Coulomb friction and an offset; a set-up file "

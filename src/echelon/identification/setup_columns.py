@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 from echelon.exact.expressions import PI, parse
 from echelon.exact.polynomial import float_generators, symbol_of
-from echelon.formats.description_text import Document
+from echelon.formats.description.document import Document
 from echelon.hints import nearest, nearest_of
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.values import known_values
+from echelon.mechanism.symbol_values import known_values
 
 if TYPE_CHECKING:
-    from echelon.formats.schema_log import Column, ColumnEntry, Columns, LogEntry
+    from echelon.formats.schema.schema_log import Column, ColumnEntry, Columns, LogEntry
 
 EVERY, DRIVES = "all", "actuators"
 """Keys that stand for every coordinate (or output), and for every drive."""

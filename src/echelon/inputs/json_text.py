@@ -11,8 +11,7 @@ import re
 from typing import Any
 
 from echelon.errors import InputError, one_line
-from echelon.inputs.content import decoded
-from echelon.inputs.limits import DATA_NODES, DEPTH, Limit
+from echelon.inputs.content import DATA_NODES, DEPTH, Limit, decoded
 
 # a string that does not end goes to the end of the text, so that no part of it is looked at twice
 _TOKEN = re.compile(r'"(?:[^"\\]++|\\.)*+(?:"|\\?\Z)|[\[\]{}]', re.DOTALL)

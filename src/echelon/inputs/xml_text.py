@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from echelon.errors import InputError
-from echelon.inputs.limits import DOCUMENT, XML_DEPTH, XML_NODES
+from echelon.inputs.content import DOCUMENT, XML_DEPTH, XML_NODES
 
 
 def parse_xml(text: str | bytes, source: str) -> Any:

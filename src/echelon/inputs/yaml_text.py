@@ -11,8 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from echelon.errors import InputError, one_line
-from echelon.inputs.content import decoded
-from echelon.inputs.limits import DATA_NODES, DEPTH, SLOW_NODES, Limit
+from echelon.inputs.content import DATA_NODES, DEPTH, SLOW_NODES, Limit, decoded
 
 if TYPE_CHECKING:
     import yaml

@@ -16,8 +16,7 @@ from echelon.mechanism.closure import Closure
 from echelon.mechanism.coupling import Coupling
 from echelon.mechanism.effect import Action, Effect, Side
 from echelon.mechanism.joint import Joint, Motion, MotionKind
-from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output, plain
-from echelon.mechanism.parameter import Parameter, inertial_parameter
+from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output, Parameter, inertial_parameter, plain
 from echelon.mechanism.placement import Placement, Vector
 from echelon.mechanism.reading import Reading
 from echelon.mechanism.transmission import Actuator, Transmission, transmission

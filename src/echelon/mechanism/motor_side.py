@@ -10,7 +10,7 @@ import numpy.typing as npt
 from echelon.errors import InputError
 from echelon.exact.polynomial import float_generators
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.values import symbol_values
+from echelon.mechanism.symbol_values import symbol_values
 
 
 def motor_names(mechanism: Mechanism, names: Sequence[str]) -> tuple[str, ...]:

@@ -1,14 +1,16 @@
-"""Measured outputs y: linear combinations of what sensors can measure.
+"""The rows and columns of the regressor X: measured outputs, and standard parameters.
 
-A sensor is a freedom that never moves.  The power of the bodies' wrenches in a virtual motion of that freedom is what
-the sensor measures: a joint torque is the power of the joint's own freedom, a torque or force sensor anywhere between
-two bodies that of a turn or a shift of one against the other.
+An output is a linear combination of what sensors can measure.  A sensor is a freedom that never moves.  The power of
+the bodies' wrenches in a virtual motion of that freedom is what the sensor measures: a joint torque is the power of the
+joint's own freedom, a torque or force sensor anywhere between two bodies that of a turn or a shift of one against the
+other.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from echelon.conventions import LENGTH_DEGREE, UNITS, parameter_name
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.placement import Placement
 
@@ -56,3 +58,23 @@ _ONE = Polynomial.constant(1)
 def plain(name: str, unit: str, channel: Channel) -> Output:
     """The output that is one channel."""
     return Output(name, unit, ((channel, _ONE),))
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One standard parameter."""
+
+    name: str
+    unit: str  # SI unit
+    body: int | None = None  # index of the body whose inertia it describes; None for parameters of effects
+    kind: int | None = None  # its place in XX … M, for a body's parameter
+
+    @property
+    def length_degree(self) -> int:
+        """Power of length in the unit of an inertial parameter; 0 for other parameters."""
+        return 0 if self.kind is None else LENGTH_DEGREE[self.kind]
+
+
+def inertial_parameter(body: int, label: str, kind: int) -> Parameter:
+    """One of the ten standard parameters of a body."""
+    return Parameter(parameter_name(label, kind), UNITS[kind], body, kind)

@@ -32,8 +32,8 @@ from echelon.exact.polynomial import (
     symbol_of,
 )
 from echelon.mechanism.mechanism import Mechanism, Symbol
-from echelon.mechanism.roles import symbol_roles
 from echelon.mechanism.substitute import substituted
+from echelon.mechanism.symbol_values import symbol_roles
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 Point = tuple[Residues, Residues]

@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import GROUND, Mechanism
-from echelon.mechanism.values import known_values
+from echelon.mechanism.symbol_values import known_values
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.accelerations import Wrench, forward_accelerations, unit_wrenches
 from echelon.regressor.blocks import FEW_COLUMNS, BlockRows, blocks_of

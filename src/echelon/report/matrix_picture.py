@@ -15,7 +15,7 @@ from echelon.conventions import PARAMETERS
 from echelon.errors import one_line
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.parameter import Parameter
+from echelon.mechanism.output import Parameter
 
 KINDS = ("pivot", "number", "length", "area", "other")
 """Kinds of coefficients: of the representative, a number, a length, a product of two lengths, anything else."""

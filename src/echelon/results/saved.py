@@ -19,10 +19,10 @@ from echelon.exact.expressions import parse
 from echelon.exact.polynomial import float_generators
 from echelon.exact.rational import RationalFunction
 from echelon.files import write_atomically
-from echelon.formats.options import ReadingOptions
+from echelon.formats.reading_options import ReadingOptions
 from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json
-from echelon.mechanism.values import value_texts
+from echelon.mechanism.symbol_values import value_texts
 from echelon.version import __version__
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def to_json(model: BaseModel) -> str:
 
 def to_dict(model: BaseModel) -> dict[str, Any]:
     """The model as JSON-able data."""
-    from echelon.formats.description import write_description
+    from echelon.formats.writers.description_writer import write_description
     from echelon.results.schema import SCHEMA_NAME, BaseModelRecord, record_of
 
     mechanism, evidence = model.mechanism, asdict(model.certificate)
@@ -112,7 +112,7 @@ def from_json(text: str | bytes, source: str = "base model") -> BaseModel:
 def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
     from pydantic import ValidationError
 
-    from echelon.formats.description import read_description
+    from echelon.formats.robot_file import read_description
     from echelon.results.schema import made
 
     data = json.dumps(record.model).encode()

@@ -23,8 +23,8 @@ from echelon.arrays import Floats, Integers
 from echelon.errors import EchelonError, InputError
 from echelon.excite.problem.shapes import Kind, Owner, Shape
 from echelon.excite.problem.stated_shapes import WORLD
-from echelon.formats.mjcf_numbers import quaternion_matrix
-from echelon.formats.mjcf_spec import import_mujoco
+from echelon.formats.mjcf.mjcf_model import import_mujoco
+from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
 from echelon.mechanism.mechanism import GROUND, Mechanism
 
 _OLDEST = (3, 12)

@@ -21,7 +21,7 @@ from echelon.dynamics.functions import robot_function
 from echelon.errors import InputError
 from echelon.excite.problem.information import StateRegressor
 from echelon.excite.problem.state_limits import Enclosed, Slopes, StateLimits, enclosures_of
-from echelon.formats.schema_excite import ExcitationEntry
+from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.identification.physics.prior_information import prior_from
 from echelon.identification.settings import Setup
 from echelon.logs.finding import Finding, Severity

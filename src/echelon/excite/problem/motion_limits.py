@@ -17,12 +17,12 @@ from echelon.dynamics.arguments import coordinate_units
 from echelon.errors import InputError
 from echelon.exact.polynomial import float_generators
 from echelon.excite.problem.effort_limits import EffortLimit
-from echelon.formats.limits import StatedLimits
-from echelon.formats.schema_excite import EVERY, LimitsEntry
+from echelon.formats.schema.schema_excite import EVERY, LimitsEntry
+from echelon.formats.stated_limits import StatedLimits
 from echelon.hints import nearest_of
 from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.values import known_values
+from echelon.mechanism.symbol_values import known_values
 
 ORDERS = ("position", "velocity", "acceleration", "jerk")
 """What is limited, by the order of the derivative."""

@@ -12,7 +12,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
 from echelon.errors import InputError
-from echelon.formats.schema_excite import EVERY
+from echelon.formats.schema.schema_excite import EVERY
 from echelon.identification.rows.plan import Plan
 from echelon.identification.settings import Setup
 from echelon.identification.survey import survey

@@ -19,10 +19,10 @@ from scipy.spatial import ConvexHull, QhullError
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.problem.shapes import Kind, Shape, placed
-from echelon.formats.inertia import numeric_placement, rotation_matrix
+from echelon.formats.link_inertia import numeric_placement, rotation_matrix
 from echelon.formats.literal import LiteralPlacement, LiteralTree
-from echelon.formats.mjcf_numbers import quaternion_matrix
-from echelon.formats.mjcf_spec import NO_MASS, import_mujoco, parse_spec
+from echelon.formats.mjcf.mjcf_model import NO_MASS, import_mujoco, parse_spec
+from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
 from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.mechanism import GROUND, Mechanism
 

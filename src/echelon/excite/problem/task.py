@@ -23,13 +23,13 @@ from echelon.excite.problem.motion_limits import ResolvedLimits, resolved_limits
 from echelon.excite.problem.robot_shapes import read_geometry
 from echelon.excite.problem.state_limits import PointLimit, StateConstraint, point_limits
 from echelon.excite.problem.stated_shapes import entry_shapes
-from echelon.formats.limits import stated_limits
-from echelon.formats.schema_excite import EVERY, ExcitationEntry, FrameEntry
+from echelon.formats.schema.schema_excite import EVERY, ExcitationEntry, FrameEntry
+from echelon.formats.stated_limits import stated_limits
 from echelon.hints import nearest_of
 from echelon.identification.settings import Setup
 from echelon.logs.finding import Finding, Severity
-from echelon.mechanism.hold import held
 from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.lock_joints import held
 from echelon.mechanism.mechanism import Mechanism
 
 _SMOOTH = 0.02  # share of the smallest speed limit within which dry friction changes sign gradually

@@ -19,7 +19,7 @@ from echelon.excite.problem.optimisation import LoopProblem, Problem
 from echelon.excite.problem.state_limits import StateConstraint
 from echelon.excite.problem.task import Task, names_of
 from echelon.excite.problem.trajectory import Basis, Combined, Fourier, Trajectory, resting_ends, uniform_splines
-from echelon.formats.schema_excite import ExcitationEntry
+from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.hints import nearest_of
 
 _TRIED = 512  # poses

@@ -22,7 +22,7 @@ import numpy as np
 from echelon.errors import EchelonError
 from echelon.excite.problem.optimisation import Problem
 from echelon.excite.solve.solver import Solution, SolverOptions, constraint_generation
-from echelon.formats.schema_excite import ExcitationEntry
+from echelon.formats.schema.schema_excite import ExcitationEntry
 
 
 def solutions(

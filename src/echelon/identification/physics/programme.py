@@ -32,7 +32,7 @@ from echelon.identification.physics.bounds import LinearLimits, Roles
 from echelon.identification.physics.prior_information import Reference, unwhitenings
 from echelon.identification.physics.pseudo_inertia import SIZE, factor, margins
 from echelon.inertia.spatial import pseudo_inertia
-from echelon.mechanism.parameter import Parameter
+from echelon.mechanism.output import Parameter
 
 
 def svec(matrix: Floats) -> Floats:

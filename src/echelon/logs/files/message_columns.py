@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
-from echelon.inputs.limits import COLUMNS
+from echelon.inputs.content import COLUMNS
 
 Labels = tuple[str, ...] | int | None
 """Names of an array's entries, or how many there are, or None for a single number."""

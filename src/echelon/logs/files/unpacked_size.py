@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from echelon.errors import InputError
-from echelon.inputs.content import read_content
-from echelon.inputs.limits import check_unpacked, most_unpacked
+from echelon.inputs.content import check_unpacked, most_unpacked, read_content
 from echelon.inputs.yaml_text import parse_yaml
 
 _BLOCK = 1 << 20

@@ -15,9 +15,9 @@ from echelon.exact.elimination import null_vectors, rank
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.ratios import with_numeric_ratios
 from echelon.mechanism.stated import in_numbers
-from echelon.mechanism.values import has_values
+from echelon.mechanism.substitute import with_numeric_ratios
+from echelon.mechanism.symbol_values import has_values
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import Assembled, Assembly, OpenLoopsError
 from echelon.regressor.loops.coordinates import independent_coordinates

@@ -7,7 +7,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.mechanism.closed_pose import as_stated
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.values import has_values
+from echelon.mechanism.symbol_values import has_values
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closed_motion import RANK_TOLERANCE
 from echelon.seeds import DEFAULT_SEED, random_generator

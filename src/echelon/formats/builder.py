@@ -1,0 +1,387 @@
+"""From a literal tree to a mechanism: bodies, couplings, closures and measured outputs.
+
+Links that are fixed to others become part of the bodies that carry them, and are remembered as riders.  Loops are
+assembled at the reference pose of the file, or at a keyframe that closes them better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import reduce
+from operator import matmul
+
+import numpy as np
+
+from echelon.arrays import Floats
+from echelon.errors import InputError
+from echelon.exact.polynomial import Polynomial
+from echelon.formats.axis_relations import with_relations
+from echelon.formats.closure_frames import second_frame, with_parallelogram
+from echelon.formats.link_inertia import Inertial, move_inertial, numeric_placement
+from echelon.formats.literal import (
+    LiteralClosure,
+    LiteralLink,
+    LiteralPlacement,
+    LiteralSensor,
+    LiteralStep,
+    LiteralTree,
+    LiteralWrench,
+    StatedCoupling,
+    resolved,
+    with_joints,
+)
+from echelon.formats.reading_options import ReadingOptions, gravity_vector
+from echelon.formats.snapping import Intent, symbol_stem
+from echelon.mechanism.closure import Closure
+from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
+from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, Symbol, setup_placements
+from echelon.mechanism.output import Cut, JointForce, Output, plain
+from echelon.mechanism.placement import Placement, shift, turn
+from echelon.mechanism.reading import Snap
+from echelon.regressor.loops.closed_motion import ClosedMotion, largest, normalised
+from echelon.regressor.loops.closing import close
+
+
+@dataclass(frozen=True)
+class Built:
+    """A mechanism with an account of how its numbers were read."""
+
+    mechanism: Mechanism
+    snaps: tuple[Snap, ...]
+    notes: tuple[str, ...]
+    riders: Mapping[str, Rider] = field(default_factory=dict)  # what is fixed to bodies, by name
+
+
+def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
+    """Interpret a literal tree."""
+    return _Builder(with_joints(tree, options.joints), options, literal).build()
+
+
+class _Builder:
+    def __init__(self, tree: LiteralTree, options: ReadingOptions, literal: Collection[str]) -> None:
+        self.tree, self.options = tree, options
+        self.intent = Intent(tree, options, literal)
+        self.notes = list(tree.notes)
+        self.couplings = self._resolved_couplings()
+        self.floating_link = self._floating_link() if options.floating else None
+        self.bodies: list[Body] = []
+        self.sensors = tree.sensors if options.measured == "file" else ()
+        wrenches = {s.link for s in self.sensors if isinstance(s, LiteralWrench)}
+        self.separate = {tree.links[k].name for k in wrenches}.union(options.separate)
+        self.host: dict[int, int] = {}  # link -> body that carries it
+        self.offset: dict[int, tuple[LiteralPlacement, ...]] = {}  # link -> placements from its body's frame
+        self.sources: dict[str, list[str]] = {}  # label of a body -> elements that its joint's frames come from
+
+    def build(self) -> Built:
+        self._check_massless()
+        for index, link in enumerate(self.tree.links):
+            if self._makes_body(index, link):
+                self._add_body(index, link)
+            else:
+                self._attach(index, link)
+        self._attach_inertials()
+        gravity = gravity_vector(self.options.gravity, self.intent.gravity())
+        if not self.tree.closures:  # loops close at the numbers of the file, not at any others
+            self.bodies, gravity = with_relations(self.bodies, gravity, self.intent, self.sources)
+        couplings = tuple(c.coupling for c in self.couplings.values())
+        closures = tuple(self._closure(closure) for closure in self._moving_closures())
+        mechanism = Mechanism(
+            self.tree.name,
+            tuple(self.bodies),
+            gravity,
+            couplings,
+            closures=closures,
+        )
+        mechanism = replace(mechanism, measured=self._measured(mechanism))
+        used = {s for b in self.bodies for s in b.joint.symbols()}
+        used.update(s for placement in setup_placements(mechanism) for s in placement.symbols())
+        symbols = {name: symbol for name, symbol in self.intent.symbols.items() if name in used}
+        # a placement on the way to a closure is read once more
+        snaps = tuple(dict.fromkeys(self.intent.snaps))
+        riders = Riders(self.intent, self._rides())
+        mechanism = replace(mechanism, symbols=symbols)
+        if closures:
+            assembly, note = chosen_pose(mechanism, self.tree.poses)
+            mechanism = replace(mechanism, assembly=assembly)
+            self.notes += [note] if note else []
+            driven = [name for name in self.tree.driven if name in mechanism.velocities]
+            mechanism = close(mechanism, None, prefer=driven)
+        return Built(mechanism, snaps, tuple(self.notes), riders)
+
+    def _rides(self) -> dict[str, Ride]:
+        """What is fixed to bodies, by name: links, frames, and joints, which mark the link that they fix."""
+        links, bodies = self.tree.links, {body.name for body in self.bodies}
+        rides = {link.name: self._ride(k) for k, link in enumerate(links) if link.name not in bodies}
+        for frame in self.tree.frames:
+            if frame.name not in bodies:
+                body, placements = self._ride(frame.link)
+                rides.setdefault(frame.name, (body, (*placements, *frame.placements)))
+        for link in links:
+            if link.joint and link.joint not in bodies and link.name in rides:
+                rides.setdefault(link.joint, rides[link.name])
+        return rides
+
+    def _measured(self, mechanism: Mechanism) -> tuple[Output, ...] | None:
+        """What the sensors of the file measure, if that is asked for."""
+        if self.options.measured == "drives":
+            if self.tree.sensors:
+                unused = f"{len(self.tree.sensors)} sensors of forces in the file are not used"
+                self.notes.append(f"{unused}; --measured file takes them as outputs")
+            return None
+        motions = {m.name: m for m in mechanism.motions if m.name not in mechanism.dependent}
+        outputs = tuple(build_outputs(self.sensors, motions, self._ride, self.intent, self.notes))
+        if not outputs:
+            raise InputError("it has no sensors of forces that could be outputs", source=self.tree.source)
+        return outputs
+
+    def _closure(self, stated: LiteralClosure) -> Closure:
+        closure = build_closure(stated, self.tree, self.intent, self._ride)
+        return with_parallelogram(closure, stated.element, self.bodies, self.intent)
+
+    def _moving_closures(self) -> Iterator[LiteralClosure]:
+        for closure in self.tree.closures:
+            if self._ride(closure.first)[0] != self._ride(closure.second)[0]:
+                yield closure
+            else:
+                self.notes.append(f"{closure.element} is ignored: it connects what does not move against each other")
+
+    def _ride(self, link: int) -> Ride:
+        """The body that carries a link, and the placements from its frame to the link's."""
+        return self.host.get(link, GROUND), self.offset.get(link, ())
+
+    # -- bodies ----------------------------------------------------------------------------------------------------
+
+    def _makes_body(self, index: int, link: LiteralLink) -> bool:
+        moves = any(not isinstance(step, LiteralPlacement) for step in link.steps)
+        is_world = index == 0 and self.tree.root_is_world
+        kept = self.options.every_link or link.name in self.separate
+        return moves or index == self.floating_link or (kept and not is_world)
+
+    def _floating_link(self) -> int:
+        """The link that floats: the root, or what hangs on the world where the world is the root."""
+        if not self.tree.root_is_world:
+            return 0
+        hanging = [k for k, link in enumerate(self.tree.links) if link.parent == 0]
+        if len(hanging) == 1 and all(isinstance(s, LiteralPlacement) for s in self.tree.links[hanging[0]].steps):
+            return hanging[0]
+        names = ", ".join(f"'{self.tree.links[k].name}'" for k in hanging) or "none"
+        raise InputError(
+            f"floating needs exactly one body that is fixed to the world; the world carries {names}",
+            source=self.tree.source,
+        )
+
+    def _add_body(self, index: int, link: LiteralLink) -> None:
+        label = str(len(self.bodies) if self.options.floating or self.options.every_link else len(self.bodies) + 1)
+        parent = self.host.get(link.parent, GROUND)
+        steps: tuple[LiteralStep, ...] = (*self.offset.get(link.parent, ()), *link.steps)
+        self.sources[label] = [step.element for step in steps]
+        read = self._read(steps, label)
+        kind, name = link.kind, link.joint
+        if index == self.floating_link:
+            kind, name, read = "floating", "base", (*floating_motions("base"), *read)
+        read = merge(read)
+        if not self.tree.closures:  # loops close at the lengths of the file, not at any others
+            read = merge(self.intent.name_lengths(read, label, f"joint '{link.joint or link.name}'"))
+        massless = link.name in self.options.massless
+        self.bodies.append(Body(link.name, label, parent, Joint(name, kind, read), () if massless else ALL))
+        self.host[index] = len(self.bodies) - 1
+        self.offset[index] = ()
+
+    def _attach(self, index: int, link: LiteralLink) -> None:
+        """A fixed link rides on its parent's body."""
+        placements = tuple(step for step in link.steps if isinstance(step, LiteralPlacement))
+        self.host[index] = self.host.get(link.parent, GROUND)
+        self.offset[index] = (*self.offset.get(link.parent, ()), *placements)
+
+    def _read(self, steps: tuple[LiteralStep, ...], label: str) -> tuple[Step, ...]:
+        read: list[Step] = []
+        for step in steps:
+            if isinstance(step, LiteralPlacement):
+                read.append(self.intent.placement(step, label))
+                continue
+            motions = self.intent.motion(step, label)
+            read.extend(motions)
+            coupling = self.couplings.get(step.name)
+            if coupling is not None and coupling.offset:
+                moved = next(m for m in motions if isinstance(m, Motion))
+                read.insert(read.index(moved), self._offset(coupling, moved, label))
+        return merge(tuple(read))
+
+    def _offset(self, coupling: StatedCoupling, motion: Motion, label: str) -> Placement:
+        """The constant part of a coupling, as a placement before the motion."""
+        offset = coupling.offset * motion.sign
+        if motion.kind is MotionKind.TRANSLATION:
+            x, y, z = (offset if k == motion.axis else 0 for k in range(3))
+            return shift(x, y, z)
+        value = offset.number
+        assert isinstance(value, int | Fraction)
+        return turn(motion.axis, self.intent.angle(value, f"{coupling.element} offset", f"offset{label}"))
+
+    def _check_massless(self) -> None:
+        names = {link.name: index for index, link in enumerate(self.tree.links)}
+        for name in self.options.massless:
+            if name not in names:
+                raise InputError(f"no link '{name}' to declare massless", source=self.tree.source)
+            if not self._makes_body(names[name], self.tree.links[names[name]]):
+                raise InputError(
+                    "it is fixed to its parent and counts as part of it; keep every link, or declare the moving link",
+                    source=self.tree.source,
+                    element=f"massless link '{name}'",
+                )
+
+    # -- inertials -------------------------------------------------------------------------------------------------
+
+    def _attach_inertials(self) -> None:
+        totals: dict[int, Inertial] = {}
+        for index, link in enumerate(self.tree.links):
+            body = self.host[index]
+            if body == GROUND or link.inertial is None:
+                continue
+            rotation, translation = np.eye(3), np.zeros(3)
+            for placement in self.offset[index]:
+                step_rotation, step_translation = numeric_placement(placement)
+                translation = translation + rotation @ step_translation
+                rotation = rotation @ step_rotation
+            moved = move_inertial(np.array(link.inertial), rotation, translation)
+            totals[body] = totals[body] + moved if body in totals else moved
+        for body, total in totals.items():
+            values = tuple(float(v) for v in total)
+            self.bodies[body] = replace(self.bodies[body], inertial=values)
+
+    # -- couplings -------------------------------------------------------------------------------------------------
+
+    def _resolved_couplings(self) -> dict[str, StatedCoupling]:
+        """Couplings by dependent coordinate, unless they are to be ignored."""
+        if self.options.independent_mimics:
+            return {}
+        found = resolved(self.tree.couplings, self._error)
+        if found:
+            self.notes.append(f"coupled to another joint: {', '.join(found)}")
+        return found
+
+    def _error(self, element: str, problem: str) -> InputError:
+        return InputError(problem, source=self.tree.source, element=element)
+
+
+WhereLinksAre = Callable[[int], tuple[int, tuple[LiteralPlacement, ...]]]
+"""The body that carries a link, and the placements from its frame to the link's."""
+
+
+def build_closure(closure: LiteralClosure, tree: LiteralTree, intent: Intent, ride: WhereLinksAre) -> Closure:
+    """A closure between bodies."""
+    (first, offset), (second, other) = ride(closure.first), ride(closure.second)
+    stem = symbol_stem(closure.name)
+    frame = _placed(intent, closure.first_frame, stem)
+    if closure.second_frame is None:
+        met = _at_reference(tree, intent, closure, frame)
+    else:
+        met = _placed(intent, closure.second_frame, stem)
+    frame, met = _placed(intent, offset, stem) @ frame, _placed(intent, other, stem) @ met
+    return Closure(closure.name, closure.kind, first, second, frame, met)
+
+
+def _at_reference(tree: LiteralTree, intent: Intent, closure: LiteralClosure, frame: Placement) -> Placement:
+    """Where the frame of the first link is on the second one at the reference pose."""
+    links = tree.links
+    try:
+        return second_frame(
+            closure.kind,
+            closure.first,
+            closure.second,
+            frame,
+            lambda k: links[k].parent,
+            lambda k: _placed(intent, links[k].rest, symbol_stem(links[k].name)),
+        )
+    except ValueError as error:
+        raise InputError(str(error), source=tree.source, element=closure.element) from None
+
+
+def _placed(intent: Intent, placements: tuple[LiteralPlacement, ...], stem: str) -> Placement:
+    return reduce(matmul, (intent.placement(placement, stem) for placement in placements), Placement())
+
+
+def build_outputs(
+    sensors: Collection[LiteralSensor],
+    motions: Mapping[str, Motion],
+    host: Callable[[int], tuple[int, tuple[LiteralPlacement, ...]]],
+    intent: Intent,
+    notes: list[str],
+) -> Iterator[Output]:
+    """Outputs of sensors."""
+    for sensor in sensors:
+        if isinstance(sensor, LiteralWrench):
+            body, offset = host(sensor.link)
+            placements = (intent.placement(p, symbol_stem(sensor.name)) for p in (*offset, *sensor.placements))
+            frame = reduce(matmul, placements, Placement())
+            letter, unit = ("t", "N·m") if sensor.angular else ("f", "N")
+            for axis, word in enumerate("xyz"):
+                cut = Cut(body, frame, on_parent=False, axis=axis, angular=sensor.angular)
+                yield plain(f"{sensor.name}.{letter}{word}", unit, cut)
+        elif sensor.joint in motions:
+            unit = "N" if motions[sensor.joint].kind is MotionKind.TRANSLATION else "N·m"
+            yield Output(sensor.name, unit, ((JointForce(sensor.joint), Polynomial.constant(sensor.weight)),))
+        else:
+            notes.append(f"{sensor.element} is left out: joint '{sensor.joint}' does not move freely")
+
+
+Ride = tuple[int, tuple[LiteralPlacement, ...]]
+"""The body that carries something, and the placements from its frame to what it carries."""
+
+
+@dataclass(frozen=True)
+class Rider:
+    """A link that is fixed to another and counts as part of a body."""
+
+    body: int  # index of the body that carries it, or GROUND
+    placement: Placement  # its frame in the body's frame
+    symbols: tuple[Symbol, ...] = ()  # those of the placement
+    snaps: tuple[Snap, ...] = ()  # numbers of the placement that were read as nearby exact ones
+
+
+class Riders(Mapping[str, Rider]):
+    """What is fixed to bodies, by name; its numbers are read as exact ones when they are asked for."""
+
+    def __init__(self, intent: Intent, rides: Mapping[str, Ride]) -> None:
+        self._intent, self._rides = intent, rides
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._rides)
+
+    def __len__(self) -> int:
+        return len(self._rides)
+
+    def __getitem__(self, name: str) -> Rider:
+        (body, placements), known = self._rides[name], len(self._intent.snaps)
+        placed = Placement()
+        for placement in placements:
+            placed = placed @ self._intent.placement(placement, symbol_stem(name))
+        placed = self._intent.without_noise(placed, f"frame '{name}'")
+        symbols = tuple(self._intent.symbols[symbol] for symbol in placed.symbols())
+        return Rider(body, placed, symbols, tuple(self._intent.snaps[known:]))
+
+
+_CLOSED = 1e-9  # of the characteristic length, or rad: rounding of doubles, and nobody wants to know
+_NEAR = 0.02  # a pose that is this near to closing is taken for the one that is meant
+
+
+def chosen_pose(mechanism: Mechanism, poses: Mapping[str, Mapping[str, float]]) -> tuple[dict[str, float], str]:
+    """The pose near which loops are assembled, and what the user should know about it, if anything."""
+    known = [{n: v for n, v in pose.items() if n in mechanism.positions} for pose in poses.values()]
+    motion = ClosedMotion(mechanism)
+    values, _ = motion.closures.at(normalised(mechanism, np.array([_positions(mechanism, pose) for pose in known])))
+    open_by = largest(values)
+    best = 0 if open_by[0] < _NEAR else int(open_by.argmin())
+    names = list(poses)
+    if best:
+        at_first = f"at {names[0]} {motion.opening(values[0])}"
+        return known[best], f"the loops are assembled near {names[best]}, because {at_first}"
+    if open_by[0] > _CLOSED:
+        return known[0], f"at {names[0]} {motion.opening(values[0])}: the loops are assembled near it"
+    return known[0], ""
+
+
+def _positions(mechanism: Mechanism, pose: Mapping[str, float]) -> Floats:
+    upright = {m.positions[0]: 1.0 for m in mechanism.motions if m.kind is MotionKind.BALL}
+    return np.array([pose.get(name, upright.get(name, 0.0)) for name in mechanism.positions])

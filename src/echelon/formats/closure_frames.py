@@ -1,0 +1,166 @@
+"""Frames of closures: where the second one is if only the first is stated, and parallelograms within rounding.
+
+With opposite sides exactly equal a parallelogram moves in a special way, and fewer parameters show.  Rounded numbers
+destroy that, as they destroy right angles.  So the point at which such a loop is closed is moved to where the sides are
+equal, and the move is recorded like every number that is read as another one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from math import hypot
+from operator import matmul
+
+from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
+from echelon.formats.reading_options import PRECISION
+from echelon.formats.snapping import Intent
+from echelon.mechanism.closure import Closure, ClosureKind
+from echelon.mechanism.joint import Motion, MotionKind
+from echelon.mechanism.mechanism import GROUND, Body
+from echelon.mechanism.placement import IDENTITY, Placement, Vector, shift
+from echelon.mechanism.reading import Snap
+
+_MOST_ANGLES = 18  # a product of six rotations by three angles each has thousands of terms
+
+
+def second_frame(
+    kind: ClosureKind,
+    first: int,
+    second: int,
+    frame: Placement,
+    parent: Callable[[int], int],
+    place: Callable[[int], Placement],
+) -> Placement:
+    """A frame of the first member of a tree in the frame of the second one.
+
+    ``place`` says where a member is in its parent's frame at the pose in question.  Where the kind of closure fixes no
+    directions, the axes are those of the second member.
+    """
+    inward, outward = list(_carriers(first, parent)), list(_carriers(second, parent))
+    while inward and outward and inward[-1] == outward[-1]:
+        inward.pop()
+        outward.pop()
+    places = {member: place(member) for member in (*inward, *outward)}
+    _check_angles([frame, *places.values()])
+    for member in inward:
+        frame = places[member] @ frame
+    for member in reversed(outward):
+        frame = places[member].inverse() @ frame
+    return frame if kind.directions else Placement(IDENTITY, frame.translation)
+
+
+def _carriers(member: int, parent: Callable[[int], int]) -> Iterator[int]:
+    """A member and those that carry it, outward."""
+    while member != GROUND:
+        yield member
+        member = parent(member)
+
+
+def _check_angles(placements: list[Placement]) -> None:
+    generators = {g for placement in placements for entry in placement.entries() for g in entry.generators()}
+    angles = sorted({symbol_of(generator) for generator in generators if is_trigonometric(generator)})
+    if len(angles) > _MOST_ANGLES:
+        shown = ", ".join(angles[:3])
+        raise ValueError(
+            f"between the two bodies lie {len(angles)} angles that are no multiples of 15° ({shown}, …), too many to "
+            "derive the second frame from the first: state both"
+        )
+
+
+_PINS = (ClosureKind.SPHERICAL, ClosureKind.REVOLUTE)
+_PARALLEL = 1e-9
+
+
+def with_parallelogram(closure: Closure, element: str, bodies: Sequence[Body], intent: Intent) -> Closure:
+    """A closure moved to where it completes a parallelogram, if it nearly does.
+
+    Only where the loop is closed while all coordinates are zero is it known beforehand where that is.
+    """
+    chains = _chains(closure, bodies)
+    pivots = [[_Pivot.of(bodies, chain[k:]) for k in range(len(chain))] for chain in chains]
+    inner, outer = sorted(([p for p in side if p is not None] for side in pivots), key=len, reverse=True)
+    if closure.kind not in _PINS or [*map(len, chains)].count(0) or (len(inner), len(outer)) != (2, 1):
+        return closure
+    tip, base, other = *inner, *outer
+    if sum(map(len, chains)) != len((tip, base, other)) or not all(tip.parallel(p, intent) for p in (base, other)):
+        return closure
+    carriers = [reduce(matmul, (_at_zero(bodies[k]) for k in reversed(chain)), Placement()) for chain in chains]
+    frames = (closure.first_frame, closure.second_frame)
+    corner, met = ((carrier @ frame).translation for carrier, frame in zip(carriers, frames, strict=True))
+    if any(_across(tip, [c - m for c, m in zip(corner, met, strict=True)])):
+        return closure
+    missing = _across(tip, [b + d - a - c for a, b, c, d in zip(base.at, tip.at, corner, other.at, strict=True)])
+    size, sides = _length(missing, intent), [[b - a for a, b in zip(base.at, tip.at, strict=True)]]
+    sides.append([d - a for a, d in zip(base.at, other.at, strict=True)])
+    shortest = min(_length(_across(tip, side), intent) for side in sides)
+    tolerance = PRECISION if element in intent.literal else intent.options.tolerance
+    if not any(missing) or size > tolerance * shortest:
+        return closure
+    intent.snaps.append(Snap(element, f"sides that differ by {size:.3g} m", "a parallelogram", size))
+    x, y, z = missing
+    one, two = (c.inverse() @ shift(x, y, z) @ c @ frame for c, frame in zip(carriers, frames, strict=True))
+    return replace(closure, first_frame=one, second_frame=two)
+
+
+def _chains(closure: Closure, bodies: Sequence[Body]) -> list[list[int]]:
+    """The bodies that carry both ends of a closure, up to where they meet."""
+    chains = [_chain(body, bodies) for body in (closure.first, closure.second)]
+    while all(chains) and chains[0][-1] == chains[1][-1]:
+        chains = [chain[:-1] for chain in chains]
+    return chains
+
+
+@dataclass(frozen=True)
+class _Pivot:
+    """A revolute joint where all coordinates are zero: a point on its axis, and the frame in which it turns."""
+
+    at: Vector
+    frame: Placement
+    axis: int
+
+    @classmethod
+    def of(cls, bodies: Sequence[Body], chain: Sequence[int]) -> _Pivot | None:
+        """The only joint of the first body of a chain, seen from what carries the last one."""
+        motions = bodies[chain[0]].joint.motions
+        if len(motions) != 1 or motions[0].kind is not MotionKind.ROTATION:
+            return None
+        steps = bodies[chain[0]].joint.steps
+        before = [step for step in steps[: steps.index(motions[0])] if isinstance(step, Placement)]
+        carrier = reduce(matmul, (_at_zero(bodies[k]) for k in reversed(chain[1:])), Placement())
+        frame = reduce(matmul, before, carrier)
+        return cls(frame.translation, frame, motions[0].axis)
+
+    def parallel(self, other: _Pivot, intent: Intent) -> bool:
+        """Whether two axes are parallel."""
+        along, seen = self._direction(intent), other._direction(intent)
+        cross = [along[i] * seen[j] - along[j] * seen[i] for i, j in ((1, 2), (2, 0), (0, 1))]
+        return hypot(*cross) < _PARALLEL
+
+    def _direction(self, intent: Intent) -> list[float]:
+        return [intent.numeric(row[self.axis]) for row in self.frame.rotation]
+
+
+def _chain(body: int, bodies: Sequence[Body]) -> list[int]:
+    """A body and those that carry it, outward."""
+    found: list[int] = []
+    while body != GROUND:
+        found.append(body)
+        body = bodies[body].parent
+    return found
+
+
+def _at_zero(body: Body) -> Placement:
+    return reduce(matmul, (step for step in body.joint.steps if not isinstance(step, Motion)), Placement())
+
+
+def _across(pivot: _Pivot, vector: Sequence[Polynomial]) -> list[Polynomial]:
+    """The part of a vector that is perpendicular to an axis."""
+    direction = [row[pivot.axis] for row in pivot.frame.rotation]
+    along = Polynomial.sum(n * v for n, v in zip(direction, vector, strict=True))
+    return [v - along * n for n, v in zip(direction, vector, strict=True)]
+
+
+def _length(vector: Sequence[Polynomial], intent: Intent) -> float:
+    return hypot(*(intent.numeric(entry) for entry in vector))

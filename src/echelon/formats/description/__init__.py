@@ -1,0 +1,1 @@
+"""The reader of descriptions, the YAML and JSON format of Echelon."""

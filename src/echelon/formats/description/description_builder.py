@@ -1,0 +1,328 @@
+"""From the parts of a description to a mechanism: floating base, lumping of fixed parts, labels, couplings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from echelon.errors import InputError
+from echelon.exact.polynomial import Polynomial
+from echelon.formats.axis_relations import with_relations
+from echelon.formats.builder import Built, Rider
+from echelon.formats.description.document import Document
+from echelon.formats.description.parts import BASE, Part, read_parts
+from echelon.formats.description.stated_couplings import offset_placement, read_couplings
+from echelon.formats.description.stated_expressions import (
+    Expressions,
+    check_use,
+    declared_symbols,
+    stated_gravity,
+    with_intended_angles,
+)
+from echelon.formats.description.stated_joints import coordinate_axis
+from echelon.formats.description.stated_loops import add_loops
+from echelon.formats.description.stated_setup import add_setup, cut_off
+from echelon.formats.link_inertia import Inertial, move_inertial
+from echelon.formats.literal import StatedCoupling
+from echelon.formats.reading_options import ReadingOptions, StatedJoint, gravity_vector
+from echelon.formats.snapping import numeric_value, symbol_stem
+from echelon.hints import nearest_of
+from echelon.inputs.yaml_text import step_into
+from echelon.mechanism.joint import Joint, Motion, Step, floating_motions, merge
+from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
+from echelon.mechanism.placement import ORIGIN, Placement
+from echelon.mechanism.reading import Snap
+
+if TYPE_CHECKING:
+    from echelon.formats.schema.robot_schema import RobotDescription
+    from echelon.formats.schema.schema_setup import RobotFile
+
+
+def build_description(
+    document: Document,
+    robot: RobotDescription,
+    options: ReadingOptions,
+    literal: Collection[str] = (),
+    base: Callable[[ReadingOptions], Built] | None = None,
+) -> Built:
+    """Interpret a description."""
+    if robot.robot is not None:
+        assert base is not None
+        return _added_to_file(document, robot, options, base)
+    if robot.labels:
+        raise document.error("labels", "is for bodies of a robot file; here a label is stated with each body")
+    symbols, bare = declared_symbols(robot, document)
+    expressions = Expressions(document, options, literal, symbols)
+    floating = robot.floating_base or options.floating
+    tree = _Tree(read_parts(robot, expressions), floating, cut_off(robot), options, expressions)
+    couplings = tree.couple(robot)
+    stated = stated_gravity(robot, expressions)
+    chosen = stated if options.gravity == "file" else gravity_vector(options.gravity, stated or ORIGIN)
+    chosen = chosen if chosen is not None and any(chosen) else None
+    bodies = tree.bodies
+    if not robot.loops:
+        bodies, chosen = with_relations(bodies, chosen, expressions.intent, tree.sources, expressions.declared)
+    mechanism = Mechanism(
+        robot.name,
+        tuple(bodies),
+        chosen,
+        tuple(c.coupling for c in couplings),
+        {name: s for name, s in expressions.intent.symbols.items() if name not in bare},
+    )
+    mechanism = add_loops(mechanism, robot, expressions, tree.find)
+    mechanism = add_setup(mechanism, robot, expressions, tree.find)
+    mechanism = with_intended_angles(mechanism, expressions.intent)
+    notes = (*tree.notes, *check_use(mechanism, robot, document))
+    return Built(mechanism, tuple(expressions.intent.snaps), notes)
+
+
+def _added_to_file(
+    document: Document, robot: RobotDescription, options: ReadingOptions, base: Callable[[ReadingOptions], Built]
+) -> Built:
+    """A robot file with what a description adds to it."""
+    assert robot.robot is not None
+    for key in ("gravity", "floating_base", "couplings"):
+        if key in robot.model_fields_set:
+            raise document.error(key, "belongs to the geometry, which is that of the robot file")
+    joints = tuple(_file_joints(document, robot.robot))
+    options = replace(options, separate=cut_off(robot), joints=joints)
+    # the loops of a geometry in numbers close at these numbers only
+    stated = base(replace(options, symbolic=False) if robot.loops else options)
+    return _with_additions(document, robot, options, stated)
+
+
+def _file_joints(document: Document, file: RobotFile) -> Iterator[StatedJoint]:
+    """What joints of a robot file really are."""
+    for name, entry in file.joints.items():
+        axes = tuple(coordinate_axis(axis) for axis in (entry.axis, entry.axis2) if axis is not None)
+        yield StatedJoint(name, entry.type, axes, partial(document.error, f"robot.joints.{name}"))
+
+
+def _with_additions(document: Document, robot: RobotDescription, options: ReadingOptions, stated: Built) -> Built:
+    """What a robot file states with what a description adds to it."""
+    mechanism = stated.mechanism
+    symbols, bare = declared_symbols(robot, document)
+    known = {n: s for n, s in symbols.items() if n not in bare}
+    expressions = Expressions(document, options, (), {**mechanism.symbols, **symbols})
+    mechanism, notes = _labelled(replace(mechanism, symbols={**mechanism.symbols, **known}), robot, document)
+    find = _FileParts(mechanism, stated.riders, expressions)
+    mechanism = add_setup(add_loops(mechanism, robot, expressions, find), robot, expressions, find)
+    snaps = tuple(dict.fromkeys((*stated.snaps, *find.snaps)))
+    return Built(mechanism, snaps, (*stated.notes, *notes))
+
+
+def _labelled(mechanism: Mechanism, robot: RobotDescription, document: Document) -> tuple[Mechanism, list[str]]:
+    """A robot file's mechanism with the labels that a description gives to its bodies, and remarks."""
+    names = [body.name for body in mechanism.bodies]
+    for name in robot.labels:
+        if name not in names:
+            raise document.error(step_into("labels", name), f"there is no body '{name}'{nearest_of(name, names)}")
+    bodies = [replace(body, label=robot.labels.get(body.name, body.label)) for body in mechanism.bodies]
+    notes = []
+    for label in dict.fromkeys(robot.labels.values()):
+        sharing = [k for k, body in enumerate(bodies) if body.label == label]
+        stated = [values for k in sharing if (values := bodies[k].inertial) is not None]
+        if len(set(stated)) > 1:  # files round; the mean of bodies is one that can exist
+            mean = tuple(float(value) for value in np.mean(stated, axis=0))
+            for k in sharing:
+                bodies[k] = replace(bodies[k], inertial=mean)
+            notes.append(f"bodies of label '{label}' get the mean of their stated inertial values")
+    return replace(mechanism, bodies=tuple(bodies)), notes
+
+
+class _FileParts:
+    """Finds bodies of a robot file, and what is fixed to them."""
+
+    def __init__(self, mechanism: Mechanism, riders: Mapping[str, Rider], expressions: Expressions) -> None:
+        self.names = {body.name: k for k, body in enumerate(mechanism.bodies)}
+        self._joints = {body.joint.name: k for k, body in enumerate(mechanism.bodies)}
+        self.riders, self.expressions, self.snaps = riders, expressions, list[Snap]()
+
+    def __call__(self, name: str | None, path: str) -> tuple[int, Placement]:
+        if name in self.names:
+            return self.names[name], Placement()
+        if name is not None and name in self.riders:
+            return self._rider(self.riders[name], path)
+        if name is None or name == BASE:
+            return GROUND, Placement()
+        if name in self._joints:  # a joint marks the frame that it moves
+            return self._joints[name], Placement()
+        valid = [BASE, *self.names, *self.riders]
+        raise self.expressions.error(path, f"there is no body or frame '{name}'{nearest_of(name, valid)}")
+
+    def _rider(self, rider: Rider, path: str) -> tuple[int, Placement]:
+        known = self.expressions.intent.symbols
+        for symbol in rider.symbols:
+            if known.setdefault(symbol.name, symbol) != symbol:
+                raise self.expressions.error(path, f"the robot file has an angle '{symbol.name}': rename the symbol")
+        self.snaps += rider.snaps
+        return rider.body, rider.placement
+
+
+class _Tree:
+    """Turns parts into bodies."""
+
+    def __init__(
+        self, parts: list[Part], floating: bool, cut: Collection[str], options: ReadingOptions, expressions: Expressions
+    ) -> None:
+        self.parts, self.options, self.expressions = parts, options, expressions
+        self.floating, self.cut = floating, cut
+        self.massless = self._massless()
+        self.bodies: list[Body] = []
+        self.notes: list[str] = []
+        # of every part, and of the base: the body that carries it, and where it sits on that body
+        self.host: dict[str | None, int] = {None: GROUND}
+        self.offset: dict[str | None, Placement] = {None: Placement()}
+        self.sources: dict[str, list[str]] = {}  # of every body, by label: elements that its joint's frames come from
+        self._paths: dict[str | None, list[str]] = {None: []}
+        self._riders: dict[int, list[Part]] = {}
+        self._coordinates: dict[str, str] = {}
+        if floating and (not parts or (parts[0].moves and parts[0].kind != "floating")):
+            self._float_base()
+        for part in parts:
+            self._add(part)
+        for index, riders in self._riders.items():
+            self.bodies[index] = self._loaded(self.bodies[index], riders)
+
+    # -- bodies ----------------------------------------------------------------------------------------------------
+
+    def _float_base(self) -> None:
+        """The base becomes a body, because the first part moves against it."""
+        names, name = {part.name for part in self.parts}, BASE
+        while name in names:
+            name += "_"
+        joint = Joint(BASE, "floating", floating_motions(BASE))
+        self._append(Body(name, "0", GROUND, joint, () if BASE in self.options.massless else ALL), "floating_base")
+        self.host[None] = 0
+
+    def _add(self, part: Part) -> None:
+        floats = self.floating and not self.bodies and not part.moves
+        if not (part.moves or part.separate or part.name in self.cut or self.options.every_link or floats):
+            self._attach(part)
+            return
+        label = self._label(part, floats)
+        self.sources[label], self._paths[part.name] = [*self._paths[part.parent], part.path], []
+        before = self.offset[part.parent]
+        steps = part.steps(label)
+        joint = Joint(part.joint, part.kind, steps if before.is_identity else merge((before, *steps)))
+        if floats:
+            self._hang_base_on(steps)
+            joint = Joint(BASE, "floating", merge((*floating_motions(BASE), *steps)))
+        body = Body(part.name, label, self.host[part.parent] if not floats else GROUND, joint)
+        body = replace(body, carried=() if part.name in self.massless else part.carried, inertial=part.inertial)
+        self.host[part.name], self.offset[part.name] = len(self.bodies), Placement()
+        self._append(body, part.path)
+
+    def _hang_base_on(self, steps: tuple[Step, ...]) -> None:
+        """The first part carries the base, so all else that hangs on the base hangs on it."""
+        self.host[None] = 0
+        for step in steps:
+            assert isinstance(step, Placement)
+            self.offset[None] = step.inverse() @ self.offset[None]
+
+    def _append(self, body: Body, path: str) -> None:
+        for motion in body.joint.motions:
+            if not motion.name:
+                raise self.expressions.error(f"{path}.joint.name", "a joint that moves needs a name")
+            if motion.name in self._coordinates:
+                problem = f"the coordinate '{motion.name}' occurs already in {self._coordinates[motion.name]}"
+                raise self.expressions.error(path, problem)
+            self._coordinates[motion.name] = path
+        self.bodies.append(body)
+
+    def _label(self, part: Part, floats: bool) -> str:
+        if part.label is not None:
+            return part.label
+        if part.default_label is not None and not floats:
+            return part.default_label
+        # a base that is a body of its own is number 0, so that the numbers of the others stay what they are
+        first = self.parts[0]
+        has_base = self.floating or (not first.moves and (first.separate or self.options.every_link))
+        return str(len(self.bodies) + (0 if has_base else 1))
+
+    def _attach(self, part: Part) -> None:
+        """A fixed part rides on its parent's body."""
+        self._paths[part.name] = [*self._paths[part.parent], part.path]
+        placed = self.offset[part.parent]
+        for step in part.steps(symbol_stem(part.name)):
+            assert isinstance(step, Placement)
+            placed = placed @ step
+        self.host[part.name], self.offset[part.name] = self.host[part.parent], placed
+        if self.host[part.name] != GROUND:
+            self._riders.setdefault(self.host[part.name], []).append(part)
+
+    def find(self, name: str | None, path: str) -> tuple[int, Placement]:
+        """The body that carries a part, and where the part sits on it; None is the fixed world."""
+        if name is None:
+            return GROUND, Placement()
+        known = name if name in self.host else None
+        if known is None and name != BASE:
+            names = [BASE, *(part.name for part in self.parts)]
+            raise self.expressions.error(path, f"there is no body '{name}'{nearest_of(name, names)}")
+        return self.host[known], self.offset[known]
+
+    # -- inertial values -------------------------------------------------------------------------------------------
+
+    def _massless(self) -> frozenset[str]:
+        names = [part.name for part in self.parts]
+        for name in self.options.massless:
+            if name not in names and not (name == BASE and self.floating):
+                source = self.expressions.document.source
+                raise InputError(f"no body '{name}' to declare massless{nearest_of(name, names)}", source=source)
+        stated = {part.name for part in self.parts if not part.carried}
+        return frozenset(stated | set(self.options.massless))
+
+    def _loaded(self, body: Body, riders: list[Part]) -> Body:
+        """A body with what rides on it."""
+        loaded = body.massless and not all(part.name in self.massless for part in riders)
+        carried = ALL if loaded else body.carried
+        if body.inertial is None and not body.massless:
+            return body
+        total = np.array(body.inertial) if body.inertial is not None and not body.massless else None
+        for part in riders:
+            if part.inertial is None:
+                continue
+            moved = self._moved(part)
+            if moved is None:
+                self.notes.append(
+                    f"inertial values of '{body.name}' are unknown: '{part.name}' sits at a symbolic place"
+                )
+                return replace(body, carried=carried, inertial=None)
+            total = moved if total is None else total + moved
+        values = None if total is None else tuple(float(v) for v in total)
+        return replace(body, carried=carried, inertial=values)
+
+    def _moved(self, part: Part) -> Inertial | None:
+        """A rider's parameters about the frame of its body, if all symbols on the way have values."""
+        place = self.offset[part.name]
+        known = {n: s.value for n, s in self.expressions.intent.symbols.items() if s.value is not None}
+        if not known.keys() >= set(place.symbols()):
+            return None
+
+        def value(entry: Polynomial) -> float:
+            return numeric_value(entry, known)
+
+        rotation = [[value(entry) for entry in row] for row in place.rotation]
+        return move_inertial(np.array(part.inertial), rotation, [value(entry) for entry in place.translation])
+
+    # -- couplings -------------------------------------------------------------------------------------------------
+
+    def couple(self, robot: RobotDescription) -> list[StatedCoupling]:
+        """Read the couplings and move their constant parts into the joints."""
+        motions = {m.name: m for body in self.bodies for m in body.joint.motions}
+        couplings = read_couplings(robot, self.expressions, motions)
+        offsets = {c.coordinate: c for c in couplings if c.offset}
+        for index, body in enumerate(self.bodies):
+            if not any(m.name in offsets for m in body.joint.motions):
+                continue
+            steps: list[Step] = []
+            for step in body.joint.steps:
+                if isinstance(step, Motion) and step.name in offsets:
+                    steps.append(offset_placement(offsets[step.name], step, body.label, self.expressions))
+                steps.append(step)
+            self.bodies[index] = replace(body, joint=replace(body.joint, steps=merge(tuple(steps))))
+        return couplings

@@ -1,0 +1,228 @@
+"""The three forms of a description as one: parts, each with a parent and a joint, parents first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from echelon.conventions import PARAMETERS
+from echelon.exact.syntax import is_whole
+from echelon.formats.description.stated_expressions import Expressions
+from echelon.formats.description.stated_joints import Joints, joint_name
+from echelon.formats.link_inertia import central_inertial
+from echelon.hints import nearest, nearest_of
+from echelon.mechanism.joint import Step
+from echelon.mechanism.mechanism import ALL
+
+if TYPE_CHECKING:
+    from echelon.formats.schema.robot_schema import BodyEntry, Inertial, ModifiedRow, RobotDescription, StandardRow
+
+
+BASE = "base"
+"""What a parent is called that is the base, unless a body has that name."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A row of a table or a body, before it is known whether it becomes a body of the mechanism."""
+
+    path: str  # element of the document, and name of the body
+    name: str  # element of the document, and name of the body
+    parent: str | None  # name of the parent part; None for the base
+    label: str | None  # label that is stated, and label by position in a table
+    default_label: str | None  # label that is stated, and label by position in a table
+    joint: str  # name and type of the joint
+    kind: str  # name and type of the joint
+    moves: bool
+    separate: bool
+    carried: tuple[int, ...]  # which of XX … M it carries
+    inertial: tuple[float, ...] | None
+    steps: Callable[[str], tuple[Step, ...]]  # steps of the joint, for a given stem of symbol names
+
+
+def read_parts(robot: RobotDescription, expressions: Expressions) -> list[Part]:
+    """All parts, parents before children and otherwise in the order of the document."""
+    joints = Joints(expressions)
+    if robot.modified_dh is not None:
+        return _sorted(_modified(robot.modified_dh, joints), expressions)
+    if robot.standard_dh is not None:
+        return _sorted(_standard(robot.standard_dh, joints), expressions)
+    assert robot.bodies is not None
+    parts = _sorted(_bodies(robot.bodies, joints), expressions)
+    for part in parts[1:]:
+        if part.kind == "root":
+            raise expressions.error(part.path, "needs a joint; only the first body may go without one")
+    return parts
+
+
+# -- tables ---------------------------------------------------------------------------------------------------------
+
+
+def _modified(rows: Sequence[ModifiedRow], joints: Joints) -> list[Part]:
+    names = _row_names(rows, "modified_dh", joints.expressions)
+    parts = []
+    for index, row in enumerate(rows):
+        path = f"modified_dh[{index}]"
+        parent = _antecedent(row.parent, index, names, f"{path}.parent", joints.expressions)
+        steps = partial(joints.modified_row, row, names[index], path)
+        parts.append(_row_part(row, index, path, names[index], parent, joints.expressions, steps))
+    return parts
+
+
+def _standard(rows: Sequence[StandardRow], joints: Joints) -> list[Part]:
+    names = _row_names(rows, "standard_dh", joints.expressions)
+    parts = []
+    for index, row in enumerate(rows):
+        path = f"standard_dh[{index}]"
+        parent = names[index - 1] if index else None
+        steps = partial(joints.standard_row, row, names[index], path)
+        parts.append(_row_part(row, index, path, names[index], parent, joints.expressions, steps))
+    return parts
+
+
+def _row_part(
+    row: ModifiedRow | StandardRow,
+    index: int,
+    path: str,
+    name: str,
+    parent: str | None,
+    expressions: Expressions,
+    steps: Callable[[str], tuple[Step, ...]],
+) -> Part:
+    return Part(
+        path=path,
+        name=name,
+        parent=parent,
+        label=row.label,
+        default_label=str(index + 1),
+        joint=name,
+        kind=row.joint,
+        moves=row.joint != "fixed",
+        separate=row.separate,
+        carried=_carried(row),
+        inertial=_inertial(row.inertial, f"{path}.inertial", expressions),
+        steps=steps,
+    )
+
+
+def _row_names(rows: Sequence[ModifiedRow | StandardRow], form: str, expressions: Expressions) -> list[str]:
+    names = [row.name or f"j{number}" for number, row in enumerate(rows, 1)]
+    for index, name in enumerate(names):
+        if is_whole(name):
+            problem = f"'{name}' would be confused with the number of a row: use a name such as j{name}"
+            raise expressions.error(f"{form}[{index}].name", problem)
+    return names
+
+
+def _antecedent(
+    stated: str | None, index: int, names: Sequence[str], path: str, expressions: Expressions
+) -> str | None:
+    if stated is None:
+        return names[index - 1] if index else None
+    if stated in names:
+        return stated
+    if stated in ("0", BASE):
+        return None
+    if is_whole(stated) and int(stated) <= len(names):
+        return names[int(stated) - 1]
+    valid = f"0 to {len(names)}" if is_whole(stated) else f"0 to {len(names)}, base or a name"
+    raise expressions.error(path, f"there is no row '{stated}': give {valid}{nearest(stated, names)}")
+
+
+# -- bodies ---------------------------------------------------------------------------------------------------------
+
+
+def _bodies(bodies: Sequence[BodyEntry], joints: Joints) -> list[Part]:
+    names = [body.name for body in bodies]
+    return [_body_part(body, f"bodies[{index}]", names, joints) for index, body in enumerate(bodies)]
+
+
+def _body_part(body: BodyEntry, path: str, names: Sequence[str], joints: Joints) -> Part:
+    parent = body.parent
+    if parent is not None and parent not in names:
+        if parent != BASE:
+            problem = f"there is no body '{parent}'{nearest_of(parent, [BASE, *names])}"
+            raise joints.expressions.error(f"{path}.parent", problem)
+        parent = None
+    kind, moves = _kind(body)
+    return Part(
+        path=path,
+        name=body.name,
+        parent=parent,
+        label=body.label,
+        default_label=None,
+        joint=joint_name(body) if body.joint is not None else "",
+        kind=kind,
+        moves=moves,
+        separate=body.separate,
+        carried=_carried(body),
+        inertial=_inertial(body.inertial, f"{path}.inertial", joints.expressions),
+        steps=partial(joints.body, body, path),
+    )
+
+
+def _kind(body: BodyEntry) -> tuple[str, bool]:
+    """What a joint is called, and whether it moves."""
+    from echelon.formats.schema.schema_geometry import MotionStep
+
+    if body.joint is None:
+        return "root", False
+    if body.joint.type == "custom":
+        return body.joint.kind, any(isinstance(step, MotionStep) for step in body.joint.steps)
+    return body.joint.type, body.joint.type != "fixed"
+
+
+def _carried(entry: ModifiedRow | StandardRow | BodyEntry) -> tuple[int, ...]:
+    """Which of the ten parameters a part carries."""
+    if entry.massless:
+        return ()
+    return ALL if entry.parameters is None else tuple(sorted({PARAMETERS.index(kind) for kind in entry.parameters}))
+
+
+# -- both -----------------------------------------------------------------------------------------------------------
+
+
+def _inertial(stated: Inertial | None, path: str, expressions: Expressions) -> tuple[float, ...] | None:
+    """The ten standard parameters about the body's frame."""
+    from echelon.formats.schema.robot_schema import StandardInertial
+
+    if stated is None:
+        return None
+    if isinstance(stated, StandardInertial):
+        return tuple(expressions.real(text, f"{path}.standard[{i}]") for i, text in enumerate(stated.standard))
+    mass = expressions.real(stated.mass, f"{path}.mass")
+    if mass < 0:
+        raise expressions.error(f"{path}.mass", f"'{stated.mass}' is negative")
+    centre = [expressions.real(text, f"{path}.com[{i}]") for i, text in enumerate(stated.com)]
+    xx, xy, xz, yy, yz, zz = (
+        expressions.real(getattr(stated.inertia, entry), f"{path}.inertia.{entry}")
+        for entry in ("xx", "xy", "xz", "yy", "yz", "zz")
+    )
+    tensor = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+    return tuple(float(v) for v in central_inertial(mass, centre, tensor, np.eye(3)))
+
+
+def _sorted(parts: list[Part], expressions: Expressions) -> list[Part]:
+    """Parents before children; who already stands behind their parents stays in place."""
+    by_name: dict[str, Part] = {}
+    for part in parts:
+        if part.name in by_name:
+            taken = by_name[part.name].path
+            raise expressions.error(f"{part.path}.name", f"the name '{part.name}' is taken by {taken}")
+        by_name[part.name] = part
+    ordered: dict[str, Part] = {}
+    for part in parts:
+        chain: dict[str, Part] = {}
+        above: Part | None = part
+        while above is not None and above.name not in ordered:
+            if above.name in chain:
+                circle = " -> ".join([*list(chain)[list(chain).index(above.name) :], above.name])
+                raise expressions.error(f"{part.path}.parent", f"the parents form a circle: {circle}")
+            chain[above.name] = above
+            above = by_name[above.parent] if above.parent is not None else None
+        ordered.update(reversed(chain.items()))
+    return list(ordered.values())

@@ -1,0 +1,267 @@
+"""The symbols and expressions of a description, with errors that name the place.
+
+Angles may be given as decimals, which round: 1.5708 is read as π/2 by the same rules as in other robot files (see
+:mod:`echelon.formats.snapping`).  An angle that is stated exactly, with ``pi`` or symbols, is never moved.
+"""
+
+from __future__ import annotations
+
+import keyword
+import math
+import re
+import unicodedata
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from echelon.errors import InputError
+from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
+from echelon.exact.expressions import PI, RESERVED, as_angle, parse, parse_angle
+from echelon.exact.numbers import Number, Rational, Surd
+from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
+from echelon.formats.description.document import Document
+from echelon.formats.literal import LiteralTree
+from echelon.formats.reading_options import NOT_FINITE, ReadingOptions, checked_size, gravity_vector
+from echelon.formats.snapping import Intent
+from echelon.hints import nearest
+from echelon.mechanism.mechanism import Mechanism, Symbol, setup_expressions
+from echelon.mechanism.placement import ORIGIN, Placement, Vector
+from echelon.mechanism.reading import Snap
+from echelon.mechanism.symbol_values import symbol_roles
+
+if TYPE_CHECKING:
+    from echelon.formats.schema.robot_schema import RobotDescription
+
+
+_MOST_TERMS = 5000
+_LEADING_ZERO = re.compile(r"[+-]?0\d+")
+
+
+class Expressions:
+    """Reads the expressions of one description."""
+
+    def __init__(
+        self,
+        document: Document,
+        options: ReadingOptions,
+        literal: Collection[str],
+        symbols: Mapping[str, Symbol],
+    ) -> None:
+        self.document = document
+        self.declared = frozenset(symbols)
+        self.intent = Intent(LiteralTree(document.source, document.source, ()), options, literal, dict(symbols))
+
+    @property
+    def named(self) -> dict[str, Symbol]:
+        """Symbols that were given to angles without an exact sine."""
+        return {name: symbol for name, symbol in self.intent.symbols.items() if name not in self.declared}
+
+    def error(self, path: str, problem: str) -> InputError:
+        """An error about the element at a path."""
+        return self.document.error(path, problem)
+
+    def polynomial(self, text: str, path: str, coordinates: Collection[str] = ()) -> Polynomial:
+        """Any expression in declared symbols, pi, and coordinates where they may stand."""
+        value = self.parsed(text, path)
+        for name in value.symbols():
+            if name not in self.declared and name not in coordinates and name != PI:
+                problem = f"the symbol '{name}' in '{text}' is not declared: list it in symbols"
+                if coordinates:
+                    problem = f"'{name}' in '{text}' is neither a coordinate nor a declared symbol"
+                raise self.error(path, problem + nearest(name, [*self.declared, *coordinates]))
+        return value
+
+    def parsed(self, text: str, path: str) -> Polynomial:
+        """An expression in any names."""
+        self._check_spelling(text, path)
+        try:
+            value = parse(text)
+            if len(value.terms) > _MOST_TERMS:
+                raise ValueError(f"the expression expands to {len(value.terms)} terms (at most {_MOST_TERMS})")
+            for coefficient in value.terms.values():
+                checked_size(coefficient, text)
+        except ValueError as error:
+            raise self.error(path, str(error)) from None
+        return value
+
+    def _check_spelling(self, text: str, path: str) -> None:
+        if NOT_FINITE.fullmatch(text) and text not in self.declared:
+            raise self.error(path, f"'{text}' is not a finite number")
+        if _LEADING_ZERO.fullmatch(text) and int(text):
+            raise self.error(path, f"'{text}' could be decimal or octal: write it without the leading zero")
+        if "°" in text or text.endswith("deg"):
+            raise self.error(path, f"'{text}' is in degrees: angles are in radians, such as 30*pi/180")
+
+    def length(self, text: str, path: str) -> Polynomial:
+        """An expression that is not an angle, so without pi."""
+        value = self.polynomial(text, path)
+        if PI in value.generators():
+            raise self.error(path, f"pi can occur in angles only, not in '{text}': use a symbol or a number")
+        return value
+
+    def vector(self, texts: Sequence[str], path: str) -> Vector:
+        """Three lengths, or three components of gravity."""
+        x, y, z = (self.length(text, f"{path}[{i}]") for i, text in enumerate(texts))
+        return (x, y, z)
+
+    def number(self, text: str, path: str) -> Number:
+        """A number without symbols."""
+        value = self.length(text, path).number
+        if value is None:
+            raise self.error(path, f"'{text}' must be a number here, without symbols")
+        return value
+
+    def real(self, text: str, path: str) -> float:
+        """A number as a float."""
+        return float(self.number(text, path))
+
+    def direction(self, axis: str | Sequence[str], path: str) -> tuple[Rational, Rational, Rational]:
+        """A direction: a coordinate axis such as ``-x``, or three numbers that are not all zero."""
+        if isinstance(axis, str):
+            sign = -1 if axis.startswith("-") else 1
+            x, y, z = (sign if letter == axis[-1] else 0 for letter in "xyz")
+            return (x, y, z)
+        numbers = [self.number(text, f"{path}[{i}]") for i, text in enumerate(axis)]
+        if not any(numbers):
+            raise self.error(path, "the axis is zero; it needs a direction such as z or [0, 0, 1]")
+        # only directions are taken from these numbers, as floats, so a square root may be rounded like one
+        a, b, c = (Fraction(float(n)) if isinstance(n, Surd) else n for n in numbers)
+        return (a, b, c)
+
+    def angle(self, text: str, path: str, name: str) -> Angle:
+        """An angle in radians."""
+        return self.exact_angle(self.polynomial(text, path), path, name)
+
+    def exact_angle(self, value: Polynomial, path: str, name: str) -> Angle:
+        """An expression as an angle with exact sine and cosine."""
+        try:
+            stated = as_angle(value)
+        except ValueError as error:
+            raise self.error(path, str(error)) from None
+        for symbol, count in stated.parts:
+            if count.denominator != 1:
+                problem = f"'{value}' holds a fraction of the angle {symbol}: make the smaller angle the symbol"
+                raise self.error(path, problem)
+        has_steps = (stated.half_turns * STEPS_PER_HALF_TURN).denominator == 1
+        turns = stated.half_turns if has_steps else Fraction(0)
+        if not has_steps:
+            # stated exactly as a part of pi, so it must not be mistaken for a rounded multiple of 15°
+            read = self.intent.named_angle(Angle(stated.half_turns, radians=stated.radians), path, name)
+        elif stated.radians:
+            read = self.intent.angle(stated.radians, path, name)
+        else:
+            read = Angle()
+        return Angle(turns + read.half_turns, (*stated.parts, *read.parts))
+
+
+GENERIC = gravity_vector("generic", ORIGIN)
+"""Gravity of unknown direction; its symbols need no declaration."""
+
+
+def declared_symbols(robot: RobotDescription, document: Document) -> tuple[dict[str, Symbol], frozenset[str]]:
+    """The declared symbols."""
+    expressions = Expressions(document, ReadingOptions(), (), {})
+    symbols, bare = {}, set()
+    for name, entry in robot.symbols.items():
+        path = f"symbols.{name}"
+        problem = _unusable(name)
+        if problem:
+            raise document.error(path, f"'{name}' {problem}")
+        stated = entry if entry is None or isinstance(entry, str) else entry.value
+        value = None if stated is None else _constant(expressions, stated, path)
+        meaning = ""
+        if entry is not None and not isinstance(entry, str):
+            meaning = entry.meaning
+            if entry.approximate is not None:
+                value = expressions.real(entry.approximate, f"{path}.approximate")
+            if value is None and not meaning:
+                bare.add(name)
+        symbols[name] = Symbol(name, value, stated, meaning)
+    return symbols, frozenset(bare)
+
+
+def _unusable(name: str) -> str:
+    """Why a name cannot be a symbol, or nothing."""
+    if name in RESERVED:
+        return f"has a fixed meaning in expressions and cannot be a symbol ({', '.join(sorted(RESERVED))} have)"
+    if keyword.iskeyword(name):
+        return f"is a word of the expression language (a Python keyword): use another name, such as {name}_ or {name}1"
+    if not name.isidentifier():
+        return "is not a possible symbol: letters, digits and _ only, not beginning with a digit, such as l1 or d_4"
+    if unicodedata.normalize("NFKC", name) != name:
+        return f"is written with compatibility characters: write {unicodedata.normalize('NFKC', name)}"
+    if any(c.isdigit() and not c.isascii() for c in name):
+        return "is written with other digits than 0 to 9"
+    return ""
+
+
+def _constant(expressions: Expressions, text: str, path: str) -> float:
+    value = expressions.parsed(text, path)
+    if not set(value.generators()) <= {PI}:
+        problem = f"'{text}' is not a number: a relation between symbols belongs where the length or angle is used"
+        raise expressions.error(path, problem)
+    return value.evaluate({PI: math.pi}, float)
+
+
+def with_intended_angles(mechanism: Mechanism, intent: Intent) -> Mechanism:
+    """Decimal values of angle symbols that are near a multiple of 15° are that multiple; near zero they are meant."""
+    found = dict(mechanism.symbols)
+    for name in sorted(symbol_roles(mechanism).angles & found.keys()):
+        symbol, element = found[name], f"symbols.{name}"
+        if symbol.exact is None or symbol.value is None or parse_angle(symbol.exact).half_turns:
+            continue
+        steps = round(intent.angle_value(symbol.value, element) * STEPS_PER_HALF_TURN / math.pi)
+        exact = steps * math.pi / STEPS_PER_HALF_TURN
+        difference = abs(symbol.value - exact)
+        if steps and difference <= intent.angle_tolerance(element):
+            intent.snaps.append(Snap(element, symbol.exact, f"{15 * steps}°", difference))
+            found[name] = replace(symbol, value=exact, exact=f"{steps}*pi/{STEPS_PER_HALF_TURN}")
+    return replace(mechanism, symbols=found)
+
+
+def check_use(mechanism: Mechanism, robot: RobotDescription, document: Document) -> list[str]:
+    """Check that every symbol has one role."""
+    geometry = {generator for entry in _geometry(mechanism) for generator in entry.generators()}
+    gravity = {generator for entry in mechanism.gravity or () for generator in entry.generators()}
+    plain = {g for g in geometry | gravity if not is_trigonometric(g)}
+    for generator in geometry | gravity:
+        if is_trigonometric(generator) and symbol_of(generator) in plain:
+            name = symbol_of(generator)
+            raise document.error(f"symbols.{name}", f"'{name}' is used as an angle and as another quantity")
+    if mechanism.gravity is not None and mechanism.gravity == GENERIC:
+        for name in sorted(gravity & geometry):
+            raise document.error(
+                f"symbols.{name}", f"'{name}' is a component of the generic gravity: rename the symbol"
+            )
+    terms = " ".join(action.term for effect in mechanism.effects for action in effect.actions)
+    used = {symbol_of(g) for g in geometry | gravity} | set(re.findall(r"\w+", terms))
+    unused = [name for name in robot.symbols if name not in used]
+    put_in = [name for name in unused if name not in mechanism.symbols and robot.symbols[name] is not None]
+    return [
+        f"the symbol '{name}' is taken at its value everywhere, as loops need ratios that are numbers"
+        if name in put_in
+        else f"the symbol '{name}' is not used"
+        for name in unused
+    ]
+
+
+def _geometry(mechanism: Mechanism) -> Iterator[Polynomial]:
+    for body in mechanism.bodies:
+        for step in body.joint.steps:
+            if isinstance(step, Placement):
+                yield from step.translation
+                yield from (entry for row in step.rotation for entry in row)
+            else:
+                yield step.pitch
+    yield from setup_expressions(mechanism)
+
+
+def stated_gravity(robot: RobotDescription, expressions: Expressions) -> Vector | None:
+    """Gravity as the description states it; None for none."""
+    if robot.gravity == "none":
+        return None
+    if robot.gravity == "generic":
+        return GENERIC
+    assert not isinstance(robot.gravity, str)
+    return expressions.vector(robot.gravity, "gravity")

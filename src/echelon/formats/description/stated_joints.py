@@ -1,0 +1,186 @@
+"""Joints of a description: rows of Denavit–Hartenberg tables and joints between bodies, as exact steps."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+from echelon.exact.angle import Angle
+from echelon.exact.polynomial import Polynomial
+from echelon.formats.description.stated_expressions import Expressions
+from echelon.formats.literal import LiteralMotion
+from echelon.mechanism.joint import (
+    Motion,
+    MotionKind,
+    Step,
+    X,
+    Y,
+    Z,
+    ball,
+    floating_motions,
+    merge,
+    rotation,
+    screw,
+    translation,
+)
+from echelon.mechanism.placement import IDENTITY, Matrix, Placement, multiply, shift, transpose, turn
+
+if TYPE_CHECKING:
+    from echelon.formats.schema.robot_schema import BodyEntry, ModifiedRow, StandardRow
+    from echelon.formats.schema.schema_geometry import AxisJoint, CustomJoint, Frame, HelicalJoint, Joint, MotionStep
+
+
+_LITERAL_KINDS: dict[str, MotionKind | str] = {
+    "revolute": MotionKind.ROTATION,
+    "continuous": MotionKind.ROTATION,
+    "prismatic": MotionKind.TRANSLATION,
+    "planar": "planar",
+}
+
+
+class Joints:
+    """Reads joints with the expressions of one description.
+
+    Every method takes the element's path, for messages, and a stem: the ending of symbols that stand for angles
+    without an exact sine (``roll3`` for the stem 3).
+    """
+
+    def __init__(self, expressions: Expressions) -> None:
+        self.expressions = expressions
+
+    # -- tables ----------------------------------------------------------------------------------------------------
+
+    def modified_row(self, row: ModifiedRow, name: str, path: str, stem: str) -> tuple[Step, ...]:
+        """Rot z(γ) Trans z(b) Rot x(α) Trans x(a) Rot z(θ) Trans z(d), then the motion, which commutes with both."""
+        placed = (
+            self._turn(Z, row.gamma, f"{path}.gamma", f"gamma{stem}")
+            @ self._shift(Z, row.b, f"{path}.b")
+            @ self._turn(X, row.alpha, f"{path}.alpha", f"alpha{stem}")
+            @ self._shift(X, row.a, f"{path}.a")
+            @ self._along_z(row, path, stem)
+        )
+        return merge((placed, *_row_motion(row, name)))
+
+    def standard_row(self, row: StandardRow, name: str, path: str, stem: str) -> tuple[Step, ...]:
+        """The motion, then Rot z(θ) Trans z(d) Trans x(a) Rot x(α)."""
+        placed = (
+            self._along_z(row, path, stem)
+            @ self._shift(X, row.a, f"{path}.a")
+            @ self._turn(X, row.alpha, f"{path}.alpha", f"alpha{stem}")
+        )
+        return merge((*_row_motion(row, name), placed))
+
+    def _along_z(self, row: ModifiedRow | StandardRow, path: str, stem: str) -> Placement:
+        return self._turn(Z, row.theta, f"{path}.theta", f"theta{stem}") @ self._shift(Z, row.d, f"{path}.d")
+
+    def _turn(self, axis: int, text: str, path: str, name: str) -> Placement:
+        angle = self.expressions.angle(text, path, name)
+        return turn(axis, angle) if angle != Angle() else Placement()
+
+    def _shift(self, axis: int, text: str, path: str) -> Placement:
+        length = self.expressions.length(text, path)
+        return shift(length if axis == X else 0, length if axis == Y else 0, length if axis == Z else 0)
+
+    # -- bodies ----------------------------------------------------------------------------------------------------
+
+    def body(self, body: BodyEntry, path: str, stem: str) -> tuple[Step, ...]:
+        """From the parent's frame to the body's."""
+        place = self.frame(body.frame, f"{path}.frame", stem)
+        if body.joint is None:
+            return merge((place,))
+        if body.joint.type == "custom":
+            steps = self._custom(body.joint, f"{path}.joint", stem)
+            # left as stated, so that a saved mechanism is read back as it was
+            return steps if place.is_identity else merge((*steps, place))
+        origin = self.frame(body.joint.origin, f"{path}.joint.origin", stem)
+        name = joint_name(body)
+        return merge((origin, *self._motions(body.joint, name, f"{path}.joint", stem), place))
+
+    def _motions(self, joint: Joint, name: str, path: str, stem: str) -> tuple[Step, ...]:
+        match joint.type:
+            case "fixed":
+                return ()
+            case "spherical":
+                return (ball(name),)
+            case "floating":
+                return floating_motions(name)
+            case "universal":
+                pairs = enumerate((joint.axis, joint.axis2), 1)
+                return tuple(rotation(f"{name}.{i}", *coordinate_axis(axis)) for i, axis in pairs)
+            case "helical" | "cylindrical":
+                return self._along_axis(joint, name, path, stem)
+        axis_joint = cast("AxisJoint", joint)
+        axis = self.expressions.direction(axis_joint.axis, f"{path}.axis")
+        return self.expressions.intent.motion(LiteralMotion(path, name, _LITERAL_KINDS[joint.type], axis), stem)
+
+    def _along_axis(self, joint: HelicalJoint | AxisJoint, name: str, path: str, stem: str) -> tuple[Step, ...]:
+        direction = self.expressions.direction(joint.axis, f"{path}.axis")
+        mounting, axis, sign = self.expressions.intent.direction(direction, f"{path} axis", stem)
+        motions: tuple[Motion, ...]
+        if joint.type == "helical":
+            motions = (screw(name, self.expressions.length(joint.pitch, f"{path}.pitch"), axis, sign),)
+        else:
+            motions = (translation(f"{name}.slide", axis, sign), rotation(f"{name}.turn", axis, sign))
+        return (mounting, *motions, mounting.inverse())
+
+    def _custom(self, joint: CustomJoint, path: str, stem: str) -> tuple[Step, ...]:
+        from echelon.formats.schema.schema_geometry import MotionStep
+
+        steps: list[Step] = []
+        for index, step in enumerate(joint.steps):
+            here = f"{path}.steps[{index}]"
+            if isinstance(step, MotionStep):
+                steps.append(self._elementary(step, here))
+            else:
+                steps.append(self.frame(step, here, stem))
+        return tuple(steps)
+
+    def _elementary(self, step: MotionStep, path: str) -> Motion:
+        axis, sign = coordinate_axis(step.axis)
+        pitch = self.expressions.length(step.pitch, f"{path}.pitch")
+        if pitch and step.motion != "screw":
+            raise self.expressions.error(f"{path}.pitch", f"only a screw has a pitch, not a {step.motion}")
+        return Motion(MotionKind(step.motion), step.name, axis, sign, pitch)
+
+    # -- frames ----------------------------------------------------------------------------------------------------
+
+    def frame(self, frame: Frame, path: str, stem: str) -> Placement:
+        """Where a frame sits in another."""
+        placed = Placement(IDENTITY, self.expressions.vector(frame.xyz, f"{path}.xyz"))
+        if frame.rotation is not None:
+            return placed @ Placement(self._rotation(frame.rotation, f"{path}.rotation"))
+        if frame.rpy is not None:
+            for axis, word in ((Z, "yaw"), (Y, "pitch"), (X, "roll")):
+                placed = placed @ self._turn(axis, frame.rpy[axis], f"{path}.rpy[{axis}]", f"{word}{stem}")
+        return placed
+
+    def _rotation(self, rows: tuple[tuple[str, str, str], ...], path: str) -> Matrix:
+        a, b, c = (self.expressions.vector(row, f"{path}[{i}]") for i, row in enumerate(rows))
+        matrix: Matrix = (a, b, c)
+        if multiply(matrix, transpose(matrix)) != IDENTITY or not _is_right_handed(matrix):
+            problem = "this is not exactly a rotation matrix: use entries such as sqrt(3)/2, cos(beta), or rpy angles"
+            raise self.expressions.error(path, problem)
+        return matrix
+
+
+def joint_name(body: BodyEntry) -> str:
+    """Name of a body's joint."""
+    stated = body.joint.name if body.joint is not None else None
+    return body.name if stated is None else stated
+
+
+def coordinate_axis(direction: str) -> tuple[int, int]:
+    """Axis and sign of a direction such as ``-x``."""
+    return "xyz".index(direction[-1]), -1 if direction.startswith("-") else 1
+
+
+def _row_motion(row: ModifiedRow | StandardRow, name: str) -> tuple[Motion, ...]:
+    if row.joint == "fixed":
+        return ()
+    return (rotation(name),) if row.joint == "revolute" else (translation(name),)
+
+
+def _is_right_handed(matrix: Matrix) -> bool:
+    """Whether the third row of an orthogonal matrix is the cross product of the first two."""
+    (a, b, c), (d, e, f), third = matrix
+    cross: tuple[Polynomial, ...] = (b * f - c * e, c * d - a * f, a * e - b * d)
+    return cross == third

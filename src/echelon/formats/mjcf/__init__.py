@@ -1,0 +1,1 @@
+"""The reader of MJCF, the XML format of MuJoCo."""

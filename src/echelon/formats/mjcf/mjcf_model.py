@@ -1,0 +1,334 @@
+"""Compiled MuJoCo models for the MJCF reader: documents that are checked, whatever meshes and masses are missing.
+
+MuJoCo would resolve includes against the working directory, write a log file and go on when a number is not finite, and
+take hours over a large ``<replicate>``.  So all documents are read here, and are handed over only if they are harmless.
+
+MuJoCo's own compiler resolves defaults, frames, orientation notations, ``<replicate>``, ``<attach>`` and inertias of
+geoms, so that a file means here what it means there.  Left alone it would also refuse what a geometric description may
+well lack: mesh and texture files, and masses.  So everything that carries neither geometry nor inertia is removed
+first, absent meshes are removed if need be, and bodies without mass get one that is far below anything meant.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from math import isfinite, isnan, prod
+from pathlib import Path, PurePath
+from typing import Any
+from xml.etree.ElementTree import tostring
+
+import numpy as np
+
+from echelon.errors import InputError, MissingExtraError
+from echelon.exact.syntax import is_whole
+from echelon.inputs.content import INCLUDES, read_content
+from echelon.inputs.xml_text import parse_xml
+
+_NUMERIC = {
+    *("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "axis", "ref", "polycoef", "gravity"),
+    *("mass", "density", "diaginertia", "fullinertia", "fromto", "size", "offset", "scale", "massscale"),
+}
+_MULTIPLYING = ("replicate", "composite", "flexcomp")
+_MOST_COPIES = 10_000
+
+
+def check_document(
+    text: str | bytes, source: str, directory: Path | None
+) -> tuple[str, dict[str, bytes], tuple[str, ...]]:
+    """The text of a model, and the contents of the files that it includes or attaches, by the names it uses.
+
+    Includes of missing files are left out, unless they would define parts of bodies.
+    """
+    root = parse_xml(text, source)
+    if root.tag == "mujocoinclude":
+        raise InputError("this is a fragment, not a model: read the file that includes it", source=source)
+    if root.tag != "mujoco":
+        raise InputError(f"expected a <mujoco> element, found <{root.tag}>", source=source)
+    try:
+        decoded = text.decode("utf-8-sig") if isinstance(text, bytes) else text
+    except UnicodeDecodeError:
+        raise InputError("not UTF-8, which MuJoCo expects", source=source) from None
+    included: dict[str, bytes] = {}
+    _check(root, source)
+    _gather(root, source, directory, PurePath(), included)
+    missing = tuple(name for name, content in included.items() if not content)
+    if missing:
+        decoded = _without(root, missing).decode()
+        present = {name: parse_xml(content, name) for name, content in included.items() if name not in missing}
+        included = {name: _without(child, missing) for name, child in present.items()}
+    return decoded, included, missing
+
+
+def _without(root: Any, missing: Collection[str]) -> bytes:
+    """A document without includes of missing files; for MuJoCo an empty file will not do."""
+    for element in list(root.iter()):
+        for child in [c for c in element if c.tag == "include" and c.get("file") in missing]:
+            element.remove(child)
+    return bytes(tostring(root, encoding="utf-8"))
+
+
+def _gather(
+    root: Any, source: str, directory: Path | None, folder: PurePath, included: dict[str, bytes], inside: bool = False
+) -> None:
+    """Read and check the files that a document includes or attaches, and those that these include."""
+    in_bodies = {id(e) for tree in root.iter("worldbody") for e in tree.iter("include")}
+    for element in root.iter():
+        name = element.get("file") if element.tag in ("include", "model") else None
+        if name is None or name in included:
+            continue
+        where = f"{element.tag} '{name}'"
+        needed = inside or element.tag == "model" or id(element) in in_bodies
+        if directory is None and needed:
+            raise InputError("the model has no directory to find this file in", source=source, element=where)
+        # MuJoCo looks beside the main file first, then beside the including one
+        places = (PurePath(name), folder / name)
+        found = None if directory is None else next((p for p in places if (directory / p).is_file()), None)
+        if directory is None or found is None:
+            if needed:
+                raise InputError("no such file, and it is part of the bodies", source=source, element=where)
+            included[name] = b""
+            continue
+        included[name] = read_content(directory / found)
+        INCLUDES.check(len(included), source, where)
+        child = parse_xml(included[name], str(found))
+        _check(child, str(found))
+        _gather(child, str(found), directory, found.parent, included, needed)
+
+
+def _check(root: Any, source: str) -> None:
+    _check_finite(root, source)
+    _check_copies(root, source)
+
+
+def _check_finite(root: Any, source: str) -> None:
+    """MuJoCo itself lets nan and inf pass with no more than a warning."""
+    for element in root.iter():
+        for name, value in element.items():
+            for word in value.split() if name in _NUMERIC else ():
+                try:
+                    finite = isfinite(float(word))
+                except ValueError:
+                    continue  # MuJoCo reports it, with the line
+                if not finite:
+                    where = f"{element.tag} '{element.get('name', '')}' {name}"
+                    raise InputError(f"'{word}' is not a finite number", source=source, element=where)
+
+
+def _check_copies(root: Any, source: str) -> None:
+    pending = [(root, 1)]
+    while pending:
+        element, copies = pending.pop()
+        if element.tag in _MULTIPLYING:
+            copies *= prod(int(word) for word in element.get("count", "1").split() if is_whole(word))
+            if copies > _MOST_COPIES:
+                problem = f"{copies} copies are too many; {_MOST_COPIES} are allowed"
+                raise InputError(problem, source=source, element=element.tag)
+        pending.extend((child, copies) for child in element)
+
+
+NO_MASS = 2e-15
+"""Mass (kg) and inertia (kg·m²) given to moving bodies that have none; MuJoCo's compiler asks for at least 1e-15."""
+
+# None of these moves a body or changes its inertia; equalities, which do matter, are kept.
+_IRRELEVANT = ("keys", "sensors", "actuators", "tendons", "pairs", "excludes", "skins", "tuples")
+_EFFECTS = ("armature", "damping", "frictionloss", "stiffness")
+_COMPILED = (
+    *("body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos", "body_iquat"),
+    *("jnt_pos", "jnt_axis", "qpos0"),
+)
+
+
+@dataclass(frozen=True)
+class CompiledModel:
+    """What MuJoCo makes of a file."""
+
+    model: Any  # bodies and joints all have names
+    spec: Any  # the same before compilation, with the numbers as written
+    unknown: frozenset[str]  # bodies whose inertia would come from meshes that are not there
+    notes: tuple[str, ...]
+
+
+def import_mujoco() -> Any:
+    """The optional package ``mujoco``."""
+    try:
+        import mujoco
+    except ImportError:
+        raise MissingExtraError("mujoco", "mjcf") from None
+    return mujoco
+
+
+def parse_spec(text: str | bytes, source: str, directory: Path | None) -> Any:
+    """The ``MjSpec`` of an MJCF document, with the files that it includes."""
+    mujoco = import_mujoco()
+    checked, included, _ = check_document(text, source, directory)
+    try:
+        spec = mujoco.MjSpec.from_string(checked, include=included)
+    except (ValueError, mujoco.FatalError) as error:
+        raise _wrapped(error, source) from None
+    if directory is not None:
+        spec.modelfiledir = str(directory)
+    return spec
+
+
+def compile_spec(spec: Any, source: str, directory: Path | None, *, lenient: bool = False) -> CompiledModel:
+    """Compile a spec for its geometry and inertias; the spec is changed."""
+    mujoco = import_mujoco()
+    notes = _effect_notes(spec)
+    if _keep_frames(spec, mujoco):
+        notes.append("free bodies keep the frames of the file: the alignment that it asks for is ignored")
+    _name_all(spec)
+    _remove_irrelevant(spec)
+    undefined = {g.meshname for g in spec.geoms if g.meshname and lenient} - {_mesh_name(m) for m in spec.meshes}
+    absent = _absent_meshes(spec, directory) | undefined
+    stages = [absent] if directory is None or undefined else [set(), absent]
+    unknown: set[str] = set()
+    for doomed in (*stages, {_mesh_name(mesh) for mesh in spec.meshes if mesh.file}):
+        unknown |= _remove_meshes(spec, doomed)
+        try:
+            model = spec.compile()
+            break
+        except (ValueError, mujoco.FatalError) as error:
+            failure = error
+    else:
+        raise _wrapped(failure, source)
+    if unknown and spec.compiler.settotalmass > 0:  # then the share of every other body is unknown as well
+        unknown = {body.name for body in spec.bodies}
+    if unknown:
+        notes.append(f"inertias of {_listed(unknown)} are unknown: they come from meshes that cannot be read")
+    _check_compiled(model, source)
+    inferred = _inferred(spec, model) - unknown
+    if inferred:
+        notes.append(f"inertias of {_listed(inferred)} are computed from their geoms: the file does not state them")
+    return CompiledModel(model, spec, frozenset(unknown), tuple(notes))
+
+
+# -- messages ----------------------------------------------------------------------------------------------------------
+
+
+def _check_compiled(model: Any, source: str) -> None:
+    for name in _COMPILED:
+        if not np.all(np.isfinite(getattr(model, name))):
+            raise InputError(f"the compiled model has infinite values in {name}", source=source)
+
+
+def _wrapped(error: Exception, source: str) -> InputError:
+    """MuJoCo's message as an input error that names the element."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    problem = re.sub(r"^((XML )?Error: )+", "", lines[0] if lines else "no reason given")
+    rest = " ".join(lines[1:])
+    place = re.search(r"Element (?:name )?'(?P<name>[^']*)'(?:, id \d+)?(?:, line (?P<line>\d+))?", rest)
+    if place is None:
+        return InputError(" ".join([f"MuJoCo refuses the model: {problem}", *lines[1:]]), source=source)
+    parts = [f"element '{place['name']}'" if place["name"] else "", f"line {place['line']}" if place["line"] else ""]
+    return InputError(f"MuJoCo refuses it: {problem}", source=source, element=", ".join(p for p in parts if p))
+
+
+# -- preparation -------------------------------------------------------------------------------------------------------
+
+
+def _effect_notes(spec: Any) -> list[str]:
+    found = [f"joint {name}" for name in _EFFECTS if any(np.any(getattr(joint, name)) for joint in spec.joints)]
+    found += ["gravity compensation"] if any(body.gravcomp for body in spec.bodies) else []
+    acts = any(np.any(getattr(tendon, name, 0)) for tendon in spec.tendons for name in _EFFECTS)
+    found += ["forces of tendons"] if acts else []
+    return [f"ignored, since rigid-body parameters do not cover them: {', '.join(found)}"] if found else []
+
+
+def _keep_frames(spec: Any, mujoco: Any) -> bool:
+    """Make bodies and their frames stay as the file has them; whether free joints were to change them."""
+    compiler = spec.compiler
+    compiler.fusestatic = compiler.discardvisual = False
+    compiler.boundmass = max(compiler.boundmass, NO_MASS)
+    compiler.boundinertia = max(compiler.boundinertia, NO_MASS)
+    aligned = mujoco.mjtAlignFree
+    free = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+    asked = (aligned.mjALIGNFREE_TRUE, aligned.mjALIGNFREE_AUTO) if compiler.alignfree else (aligned.mjALIGNFREE_TRUE,)
+    changed = any(joint.align in asked for joint in free)
+    for joint in free:
+        joint.align = aligned.mjALIGNFREE_FALSE
+    return changed
+
+
+def _name_all(spec: Any) -> None:
+    for stem, elements in (("body", spec.bodies), ("joint", spec.joints)):
+        taken = {element.name for element in elements}
+        for index, element in enumerate(elements):
+            if not element.name:
+                name = f"{stem}_{index}"
+                while name in taken:
+                    name += "_"
+                element.name = name
+
+
+def _remove_irrelevant(spec: Any) -> None:
+    for group in _IRRELEVANT:
+        for element in list(getattr(spec, group)):
+            spec.delete(element)
+    for equality in [e for e in spec.equalities if e.type == import_mujoco().mjtEq.mjEQ_TENDON]:
+        spec.delete(equality)
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    for geom in [g for g in spec.geoms if g.hfieldname or (g.meshname and not _contributes(spec, g))]:
+        spec.delete(geom)
+    for element in (*spec.geoms, *spec.sites):
+        element.material = ""
+    used = {geom.meshname for geom in spec.geoms}
+    unused = [mesh for mesh in spec.meshes if _mesh_name(mesh) not in used]
+    for element in (*spec.textures, *spec.hfields, *unused):
+        spec.delete(element)
+
+
+def _contributes(spec: Any, geom: Any) -> bool:
+    """Whether the body's inertia may come from this geom."""
+    mujoco = import_mujoco()
+    rule = spec.compiler.inertiafromgeom
+    if rule == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE or geom.parent.name == "world":
+        return False
+    if rule == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO and geom.parent.explicitinertial:
+        return False
+    first, last = spec.compiler.inertiagrouprange
+    weight = geom.density if isnan(geom.mass) else geom.mass
+    return bool(weight) and first <= geom.group <= last
+
+
+def _inferred(spec: Any, model: Any) -> set[str]:
+    """Names of the bodies whose inertias come from geoms."""
+    always = spec.compiler.inertiafromgeom == import_mujoco().mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    shaped = {geom.parent.name for geom in spec.geoms if _contributes(spec, geom)}
+    heavy = {b.name for b in spec.bodies if always or not b.explicitinertial} & shaped
+    return {name for name in heavy if float(model.body(name).mass[0]) > 2 * NO_MASS}
+
+
+def _absent_meshes(spec: Any, directory: Path | None) -> set[str]:
+    """Names of meshes whose files are not there."""
+    folder = None if directory is None else directory / spec.meshdir
+    strip = spec.strippath
+    files = {_mesh_name(m): PurePath(m.file).name if strip else m.file for m in spec.meshes if m.file}
+    return {name for name, file in files.items() if folder is None or not (folder / file).is_file()}
+
+
+def _mesh_name(mesh: Any) -> str:
+    return str(mesh.name) or PurePath(mesh.file).stem  # older versions find the latter only while compiling
+
+
+def _remove_meshes(spec: Any, doomed: Collection[str]) -> set[str]:
+    """Delete meshes and their geoms; returns the names of the bodies that lose inertia."""
+    losers = set()
+    for geom in [g for g in spec.geoms if g.meshname in doomed and g.meshname]:
+        losers.add(str(geom.parent.name))
+        spec.delete(geom)
+    for mesh in [m for m in spec.meshes if _mesh_name(m) in doomed]:
+        spec.delete(mesh)
+    return losers
+
+
+def _listed(names: Collection[str]) -> str:
+    return ", ".join(_quoted(names))
+
+
+def _quoted(names: Collection[str], most: int = 6) -> Iterator[str]:
+    yield from (f"body '{name}'" for name in sorted(names)[:most])
+    if len(names) > most:
+        yield f"{len(names) - most} more"

@@ -1,0 +1,122 @@
+"""Numbers and poses of compiled MuJoCo models as what was meant: decimals, and angles about fixed axes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from math import asin, atan2, floor, hypot, log10, pi
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.errors import InputError
+from echelon.exact.angle import STEPS_PER_HALF_TURN
+from echelon.exact.numbers import Rational, parse_decimal
+from echelon.formats.link_inertia import rotation_matrix
+from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralStep, Triple
+from echelon.formats.reading_options import checked_size
+
+_NOISE = 1e-14  # what a few roundings of MuJoCo's compiler leave of a zero or of a multiple of 15°
+_LOCK = 1e-2  # cosine of the pitch below which roll and yaw are hardly told apart
+_DIGITS = 15  # significant decimal digits that a double always keeps
+
+# -- geometry ----------------------------------------------------------------------------------------------------------
+
+
+def quaternion_matrix(quaternion: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Rotation matrix of a quaternion w, x, y, z of any length but zero."""
+    q = np.asarray(quaternion, dtype=float)
+    w, x, y, z = q / np.linalg.norm(q)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def placements(element: str, xyz: Triple, quaternion: npt.ArrayLike) -> tuple[LiteralPlacement, ...]:
+    """A pose as placements whose angles, where they are nearly multiples of 15°, are all seen to be."""
+    return placements_of(element, xyz, quaternion_matrix(quaternion))
+
+
+def placements_of(element: str, xyz: Triple, matrix: npt.NDArray[np.float64]) -> tuple[LiteralPlacement, ...]:
+    """The same of a rotation matrix.
+
+    With a pitch of nearly ±90° a rounded quaternion has arbitrary roll and yaw, and only their sum or difference means
+    anything.  Then the first placement has roll 0 and pitch ±90° exactly, and a second one, of three small angles, the
+    remainder.
+    """
+    if hypot(matrix[0, 0], matrix[1, 0]) >= _LOCK:
+        return (LiteralPlacement(element, xyz, _rpy(matrix)),)
+    pitch, yaw = (pi / 2 if matrix[2, 0] < 0 else -pi / 2), atan2(-matrix[0, 1], matrix[1, 1])
+    locked = LiteralPlacement(element, xyz, (0, exact_angle(pitch), exact_angle(yaw)))
+    remainder = _rpy(rotation_matrix(0.0, pitch, float(locked.rpy[2])).T @ matrix)
+    return (locked, LiteralPlacement(f"{element} remainder", (0, 0, 0), remainder)) if any(remainder) else (locked,)
+
+
+def _rpy(matrix: npt.NDArray[np.float64]) -> Triple:
+    roll = atan2(matrix[2, 1], matrix[2, 2])
+    pitch = atan2(-matrix[2, 0], hypot(matrix[0, 0], matrix[1, 0]))
+    return exact_angle(roll), exact_angle(pitch), exact_angle(atan2(matrix[1, 0], matrix[0, 0]))
+
+
+def displaced(
+    where: str, kind: str, axis: Triple, displacement: Rational, motion: tuple[LiteralMotion, ...]
+) -> Iterator[LiteralStep]:
+    """A constant displacement and then a motion along or about one axis, which becomes z meanwhile.
+
+    So both have exactly the same direction, however the angles of the axis are read.
+    """
+    x, y, z = (float(v) for v in axis)
+    if hypot(x, y) < _LOCK:
+        turns = ((1, exact_angle(atan2(x, z))), (0, exact_angle(-asin(y))))
+    else:
+        turns = ((2, exact_angle(atan2(y, x))), (1, exact_angle(atan2(hypot(x, y), z))))
+    yield from (_turn(f"{where} axis", k, angle) for k, angle in turns)
+    along: Triple = (0, 0, displacement)
+    element = f"{where} ref"
+    yield LiteralPlacement(element, rpy=along) if kind == "hinge" else LiteralPlacement(element, along)
+    yield from (replace(m, axis=(0, 0, 1)) for m in motion)
+    yield from (_turn(f"{where} axis", k, -angle) for k, angle in reversed(turns))
+
+
+def _turn(element: str, axis: int, angle: Rational) -> LiteralPlacement:
+    roll, pitch, yaw = (angle if k == axis else 0 for k in range(3))
+    return LiteralPlacement(element, rpy=(roll, pitch, yaw))
+
+
+# -- numbers -----------------------------------------------------------------------------------------------------------
+
+
+def exact_number(value: float) -> Rational:
+    """The shortest decimal that is this double, which is the number in the file unless that has over 15 digits."""
+    text = repr(float(value))
+    try:
+        return checked_size(parse_decimal(text), text)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+
+
+def exact_angle(value: float) -> Rational:
+    """An angle in rad without the noise of computing it, if it is a multiple of 15°."""
+    step = pi / STEPS_PER_HALF_TURN
+    nearest = round(value / step) * step
+    return exact_number(nearest if abs(value - nearest) <= _NOISE else value)
+
+
+def exact_triple(vector: npt.NDArray[np.float64], written: npt.NDArray[np.float64] | None = None) -> Triple:
+    """Exact numbers of a vector; one that is not as written was computed and keeps 15 digits of its largest entry."""
+    largest = float(np.max(np.abs(vector)))
+    if written is None or np.array_equal(vector, written) or not largest:
+        x, y, z = (exact_number(v) for v in vector)
+    else:
+        x, y, z = (exact_number(round(float(v), _DIGITS - 1 - floor(log10(largest)))) for v in vector)
+    return x, y, z
+
+
+def cleaned(direction: npt.NDArray[np.float64]) -> Triple:
+    """A unit vector without the noise of computing it."""
+    x, y, z = (exact_number(v) if abs(v) > _NOISE else 0 for v in direction)
+    return x, y, z

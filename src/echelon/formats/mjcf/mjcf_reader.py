@@ -1,0 +1,386 @@
+"""MJCF, the model format of MuJoCo: bodies and joints, loops, force sensors.
+
+MuJoCo itself compiles the file (see :mod:`echelon.formats.mjcf.mjcf_model`).  Its doubles become exact numbers through
+their shortest decimal, so 0.333 is 333/1000 although it went through a double.  Rotations become angles about fixed
+axes, chosen so that what was meant as a multiple of 15° is recognised later.
+
+Loops are the equality constraints ``connect`` and ``weld``.  Between bodies, ``connect`` states its point on the first
+body and ``weld`` on the second.  The other body has it where it is at the reference pose, unless a weld states the
+relative pose.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from echelon.errors import InputError
+from echelon.exact.numbers import Rational, parse_decimal
+from echelon.formats.link_inertia import central_inertial
+from echelon.formats.literal import (
+    LiteralClosure,
+    LiteralEffort,
+    LiteralFrame,
+    LiteralLink,
+    LiteralMotion,
+    LiteralPlacement,
+    LiteralSensor,
+    LiteralStep,
+    LiteralTree,
+    LiteralWrench,
+    Triple,
+)
+from echelon.formats.mjcf.mjcf_equality import (
+    JOINT,
+    TENDON,
+    equality_kind,
+    equality_label,
+    read_relation,
+    resolve,
+    take_equalities,
+)
+from echelon.formats.mjcf.mjcf_model import (
+    NO_MASS,
+    CompiledModel,
+    check_document,
+    compile_spec,
+    import_mujoco,
+    parse_spec,
+)
+from echelon.formats.mjcf.mjcf_numbers import (
+    cleaned,
+    displaced,
+    exact_angle,
+    exact_number,
+    exact_triple,
+    placements,
+    quaternion_matrix,
+)
+from echelon.mechanism.closure import ClosureKind
+from echelon.mechanism.joint import MotionKind
+
+_KINDS = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint
+_SINGLE = {"slide": MotionKind.TRANSLATION, "hinge": MotionKind.ROTATION}
+_UNNAMED = "MuJoCo Model"
+_SOME_MASS = 2 * NO_MASS
+
+
+def read_mjcf(text: str | bytes, source: str, directory: Path | None, *, mimics: bool = True) -> LiteralTree:
+    """Parse an MJCF document.
+
+    The coordinates are MuJoCo's: q counts from the joint's ``ref``, a ball joint has a unit quaternion w, x, y, z and
+    its angular velocity in the moved frame, a free joint the position and velocity of the body's origin in the world's
+    axes and then the same as a ball joint.
+    """
+    *_, missing = check_document(text, source, directory)
+    if not missing:
+        return _read(text, source, directory, mimics, lenient=False)
+    names = ", ".join(f"'{name}'" for name in missing)
+    try:
+        tree = _read(text, source, directory, mimics, lenient=True)
+        if not any(isinstance(step, LiteralMotion) for link in tree.links for step in link.steps):
+            raise InputError("nothing moves", source=source)
+    except InputError as error:
+        problem = f"{error.problem}; included files are missing: {names}"
+        raise InputError(problem, source=error.source, element=error.element) from None
+    return replace(tree, notes=(f"included files are missing, read without what they define: {names}", *tree.notes))
+
+
+def _read(text: str | bytes, source: str, directory: Path | None, mimics: bool, *, lenient: bool) -> LiteralTree:
+    spec = parse_spec(text, source, directory)
+    equalities, notes = take_equalities(spec, source)
+    couples = [equality for equality in equalities if equality_kind(equality) in (JOINT, TENDON)]
+    relations = [read_relation(e, spec, source) for e in couples if mimics or (e.name1 and not e.name2)]
+    relations = [relation for relation in relations if mimics or len(relation.terms) == 1]
+    driven, keyframes = driven_joints(spec), read_keyframes(spec)
+    sensors = Sensors(spec)
+    reader = _Reader(compile_spec(spec, source, directory, lenient=lenient), source)
+    held, couplings, found = resolve(relations, reader.reference, driven, source)
+    notes += found
+    notes += [f"joint '{name}' is held by an equality and cannot move" for name in held]
+    model = reader.model
+    loops = [equality for equality in equalities if equality not in couples]
+    measured = tuple(sensors.read(model))
+    weightless = model.opt.disableflags & import_mujoco().mjtDisableBit.mjDSBL_GRAVITY
+    gravity: Triple = (0, 0, 0) if weightless else exact_triple(model.opt.gravity)
+    return LiteralTree(
+        "robot" if spec.modelname == _UNNAMED else str(spec.modelname),
+        source,
+        tuple(reader.link(index, held) for index in range(model.nbody)),
+        couplings,
+        gravity,
+        (*notes, *reader.compiled.notes, *sensors.notes),
+        root_is_world=True,
+        closures=tuple(read_closures(loops, model, spec)),
+        poses=read_poses(model, keyframes) if loops else {},
+        driven=driven,
+        has_mimics=bool(couplings) or len(relations) < len(couples),
+        sensors=measured,
+        frames=tuple(named_frames(model, spec)),
+    )
+
+
+class _Reader:
+    """Links of a compiled model."""
+
+    def __init__(self, compiled: CompiledModel, source: str) -> None:
+        self.compiled, self.model, self.source = compiled, compiled.model, source
+        self.bodies = {body.name: body for body in compiled.spec.bodies}
+        self.joints = {joint.name: joint for joint in compiled.spec.joints}
+        self.reference: dict[str, Rational] = {}
+        for index in range(self.model.njnt):
+            if self._kind(index) in _SINGLE:
+                self.reference[self._name(index)] = self._reference(index)
+
+    def _reference(self, joint: int) -> Rational:
+        value = float(self.model.qpos0[self.model.jnt_qposadr[joint]])
+        try:
+            return exact_angle(value) if self._kind(joint) == "hinge" else exact_number(value)
+        except InputError as error:
+            raise InputError(error.problem, source=self.source, element=f"joint '{self._name(joint)}' ref") from None
+
+    def _kind(self, joint: int) -> str:
+        return _KINDS[int(self.model.jnt_type[joint])]
+
+    def _name(self, joint: int) -> str:
+        return str(self.model.joint(joint).name)
+
+    # -- links -----------------------------------------------------------------------------------------------------
+
+    def link(self, index: int, held: Mapping[str, Rational]) -> LiteralLink:
+        """One body with the joints that connect it to its parent."""
+        name = str(self.model.body(index).name)
+        if index == 0:
+            return LiteralLink(name, -1, "", "root", ())
+        try:
+            return self._moving_link(index, name, held)
+        except InputError as error:
+            raise InputError(error.problem, source=self.source, element=error.element or f"body '{name}'") from None
+
+    def _moving_link(self, index: int, name: str, held: Mapping[str, Rational]) -> LiteralLink:
+        first = int(self.model.body_jntadr[index])
+        joints = range(first, first + int(self.model.body_jntnum[index]))
+        moving = [j for j in joints if self._name(j) not in held]
+        return LiteralLink(
+            name,
+            int(self.model.body_parentid[index]),
+            "+".join(self._name(j) for j in moving) or name,
+            "+".join(self._kind(j) for j in moving) or "fixed",
+            tuple(self._steps(index, name, joints, held)),
+            self._inertial(index, name),
+            self._rest(index, name),
+        )
+
+    def _rest(self, index: int, name: str) -> tuple[LiteralPlacement, ...]:
+        xyz = exact_triple(self.model.body_pos[index], self.bodies[name].pos)
+        return placements(f"body '{name}'", xyz, self.model.body_quat[index])
+
+    def _steps(self, index: int, name: str, joints: range, held: Mapping[str, Rational]) -> Iterator[LiteralStep]:
+        if any(self._kind(j) == "free" for j in joints):  # its position is the whole pose: body_pos does not count
+            yield from (LiteralMotion(f"joint '{self._name(j)}'", self._name(j), "floating") for j in joints)
+            return
+        yield from self._rest(index, name)
+        for joint in joints:
+            yield from self._joint(joint, held)
+
+    def _joint(self, joint: int, held: Mapping[str, Rational]) -> Iterator[LiteralStep]:
+        name, kind = self._name(joint), self._kind(joint)
+        x, y, z = exact_triple(self.model.jnt_pos[joint], self.joints[name].pos)
+        if kind == "slide" or not (x or y or z):  # where a straight line is anchored makes no difference
+            yield from self._freedom(joint, name, kind, held)
+            return
+        yield LiteralPlacement(f"joint '{name}' anchor", (x, y, z))
+        yield from self._freedom(joint, name, kind, held)
+        yield LiteralPlacement(f"joint '{name}' anchor", (-x, -y, -z))
+
+    def _freedom(self, joint: int, name: str, kind: str, held: Mapping[str, Rational]) -> Iterator[LiteralStep]:
+        where = f"joint '{name}'"
+        if kind == "ball":
+            yield LiteralMotion(where, name, MotionKind.BALL)
+            return
+        axis = cleaned(self.model.jnt_axis[joint])
+        displacement = held.get(name, -self.reference[name])
+        motion = () if name in held else (LiteralMotion(where, name, _SINGLE[kind], axis),)
+        if not displacement:
+            yield from motion
+            return
+        yield from displaced(where, kind, axis, displacement, motion)
+
+    def _inertial(self, index: int, name: str) -> tuple[float, ...] | None:
+        mass, moments = float(self.model.body_mass[index]), np.array(self.model.body_inertia[index])
+        stated = self.bodies[name].explicitinertial or mass > _SOME_MASS
+        if not stated or name in self.compiled.unknown:
+            return None
+        moments[moments <= _SOME_MASS] = 0.0
+        mass = mass if mass > _SOME_MASS else 0.0
+        rotation = quaternion_matrix(self.model.body_iquat[index])
+        centre = [float(v) for v in exact_triple(self.model.body_ipos[index])]
+        inertial = central_inertial(float(exact_number(mass)), centre, np.diag(moments), rotation)
+        return tuple(float(v) for v in inertial)
+
+
+_WRENCHES = {"mjSENS_FORCE": False, "mjSENS_TORQUE": True}
+
+
+class Sensors:
+    """The sensors of a spec, kept while it is compiled without them."""
+
+    def __init__(self, spec: Any) -> None:
+        self.notes: list[str] = []
+        self._sites = {site.name: site for site in spec.sites}
+        self._drives = {actuator.name: actuator for actuator in spec.actuators}
+        self._driven = Counter(str(actuator.target) for actuator in spec.actuators if _direct(actuator))
+        self._wrenches: list[tuple[str, str, Any, bool]] = []
+        self._efforts: list[LiteralEffort] = []
+        self._taken: set[str] = {sensor.name for sensor in spec.sensors if sensor.name}
+        others: Counter[str] = Counter()
+        for sensor in spec.sensors:
+            kind, target = str(sensor.type.name), str(sensor.objname)
+            label = f"sensor {kind.removeprefix('mjSENS_').lower()} '{sensor.name or target}'"
+            if kind in _WRENCHES:
+                name = self._named(sensor.name, target)
+                self._wrenches.append((label, name, self._sites[target], _WRENCHES[kind]))
+            elif kind == "mjSENS_JOINTACTFRC":
+                self._efforts.append(LiteralEffort(label, self._named(sensor.name, target), target))
+            elif kind == "mjSENS_ACTUATORFRC":
+                self._efforts += self._of_actuator(label, self._named(sensor.name, target), self._drives[target])
+            else:
+                others[kind.removeprefix("mjSENS_").lower()] += 1
+        if others and (self._wrenches or self._efforts):
+            counts = ", ".join(f"{kind} ({count})" for kind, count in sorted(others.items()))
+            self.notes.append(f"sensors of other quantities than drive forces and wrenches are left out: {counts}")
+
+    def read(self, model: Any) -> Iterator[LiteralSensor]:
+        """Those that measure forces, in terms of the compiled model."""
+        for label, name, site, angular in self._wrenches:
+            link, placements = site_frame(model, site, label)
+            if link:
+                yield LiteralWrench(label, name, link, placements, angular)
+            else:
+                self.notes.append(f"{label} is left out: the world has no parent")
+        yield from self._efforts
+
+    def _named(self, stated: str, target: str) -> str:
+        """The sensor's name, or one after what it is on."""
+        if stated:
+            return str(stated)
+        name = target
+        while name in self._taken:
+            name += "_"
+        self._taken.add(name)
+        return name
+
+    def _of_actuator(self, label: str, name: str, actuator: Any) -> Iterator[LiteralEffort]:
+        joint, gear = str(actuator.target), parse_decimal(repr(float(actuator.gear[0])))
+        if not _direct(actuator):
+            self.notes.append(f"{label} is left out: it does not drive a joint directly")
+        elif self._driven[joint] > 1:
+            self.notes.append(f"{label} is left out: joint '{joint}' has other actuators, too")
+        elif not gear:
+            self.notes.append(f"{label} is left out: its gear is zero")
+        else:
+            yield LiteralEffort(label, name, joint, 1 / Fraction(gear))
+
+
+def _direct(actuator: Any) -> bool:
+    kinds = import_mujoco().mjtTrn
+    return actuator.trntype in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT)
+
+
+_ANCHOR, _POSITION, _QUATERNION, _TORQUE_SCALE = slice(0, 3), slice(3, 6), slice(6, 10), 10
+_BALL = ("w", "x", "y", "z")
+
+
+def driven_joints(spec: Any) -> tuple[str, ...]:
+    """Names of the joints that actuators drive directly."""
+    transmissions = import_mujoco().mjtTrn
+    direct = (transmissions.mjTRN_JOINT, transmissions.mjTRN_JOINTINPARENT)
+    return tuple(dict.fromkeys(str(a.target) for a in spec.actuators if a.trntype in direct))
+
+
+def read_poses(model: Any, keyframes: Mapping[str, Sequence[float]]) -> dict[str, dict[str, float]]:
+    """The coordinates of the reference pose, and of the keyframes, by what states them."""
+    names: list[str] = []
+    for index in range(model.njnt):
+        joint = model.joint(index)
+        ball = tuple(f"{joint.name}.{c}" for c in _BALL)
+        free = (*(f"{joint.name}.t{c}" for c in "xyz"), *(f"{joint.name}.r.{c}" for c in _BALL))
+        names += {1: (str(joint.name),), len(ball): ball, len(free): free}[len(joint.qpos0)]
+    stated = {"the reference pose": model.qpos0} | {f"keyframe '{name}'": qpos for name, qpos in keyframes.items()}
+    # a rotation without w would be taken for none
+    return {
+        element: {n: float(v) for n, v in zip(names, qpos, strict=True) if v or n.endswith(".w")}
+        for element, qpos in stated.items()
+        if len(qpos) == len(names) and all(map(isfinite, qpos))
+    }
+
+
+def read_keyframes(spec: Any) -> dict[str, Sequence[float]]:
+    """Positions of the keyframes, by name or number."""
+    return {str(key.name) or str(number): list(key.qpos) for number, key in enumerate(spec.keys)}
+
+
+def read_closures(equalities: Sequence[Any], model: Any, spec: Any) -> Iterator[LiteralClosure]:
+    """The closures of a compiled model."""
+    sites = {site.name: site for site in spec.sites}
+    taken = {equality.name for equality in equalities}
+    for number, equality in enumerate(equalities, 1):
+        kind, label = _kind(equality), equality_label(equality)
+        name = str(equality.name) or _unused(f"loop{number}", taken)
+        if equality.objtype == import_mujoco().mjtObj.mjOBJ_SITE:
+            (first, at), (second, on_second) = (
+                site_frame(model, sites[str(site)], label) for site in (equality.name1, equality.name2)
+            )
+            yield LiteralClosure(label, name, kind, first, second, at, on_second)
+        else:
+            yield _between_bodies(equality, model, label, name, kind)
+
+
+def _unused(name: str, taken: Collection[str]) -> str:
+    while name in taken:
+        name += "_"
+    return name
+
+
+def _kind(equality: Any) -> ClosureKind:
+    # a weld that does not count rotations is a connect
+    rigid = equality_kind(equality) == "weld" and equality.data[_TORQUE_SCALE]
+    return ClosureKind.WELD if rigid else ClosureKind.SPHERICAL
+
+
+def site_frame(model: Any, site: Any, label: str) -> tuple[int, tuple[LiteralPlacement, ...]]:
+    """The body that carries a site, and the site's frame on it."""
+    compiled = model.site(site.name)
+    xyz = exact_triple(compiled.pos, site.pos)
+    return int(compiled.bodyid[0]), placements(f"{label} site '{site.name}'", xyz, compiled.quat)
+
+
+def named_frames(model: Any, spec: Any) -> Iterator[LiteralFrame]:
+    """The sites that have names."""
+    for site in spec.sites:
+        if site.name:
+            body, at = site_frame(model, site, "frame")
+            yield LiteralFrame(str(site.name), body, at)
+
+
+def _between_bodies(equality: Any, model: Any, label: str, name: str, kind: ClosureKind) -> LiteralClosure:
+    stated, other = (_body(model, body) for body in (equality.name1, equality.name2))
+    related = None
+    if equality_kind(equality) == "weld":
+        stated, other = other, stated
+        if any(equality.data[_QUATERNION]):
+            related = placements(f"{label} pose", exact_triple(equality.data[_POSITION]), equality.data[_QUATERNION])
+    anchor = LiteralPlacement(f"{label} anchor", exact_triple(equality.data[_ANCHOR]))
+    return LiteralClosure(label, name, kind, stated, other, (anchor,), related)
+
+
+def _body(model: Any, name: str) -> int:
+    """Index of a body; the second one may be left out and is the world then."""
+    return int(model.body(name).id) if name else 0

@@ -1,0 +1,312 @@
+"""How exciting trajectories are designed, as data models of the description format.
+
+Numbers are expressions of numbers and pi, and are evaluated here: limits come from data sheets, which state ``2*pi`` as
+often as ``6.28``, and no symbol of the geometry belongs into them.  A limit that does not exist is written ``none``, so
+that it cannot be mistaken for one that was forgotten; it becomes infinite here.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema, model_validator
+
+from echelon.exact.expressions import PI, parse
+from echelon.exact.polynomial import float_generators
+from echelon.exact.syntax import is_whole
+from echelon.formats.reading_options import NOT_FINITE
+from echelon.formats.schema.schema_geometry import Model
+from echelon.formats.schema.schema_types import AS_LIST, Flag, Name, kind_of, refusal
+
+EVERY = "all"
+"""Key of mappings by name that stands for every name that is not listed."""
+
+Optimality = Literal["d_optimal", "a_optimal", "condition"]
+Family = Literal["fourier", "bspline", "sum"]
+
+_NONE = "none"
+_TEXTS = ("body", "name", "mesh")
+"""Keys of shapes whose values are texts."""
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise refusal(f"needs a number such as 0.5 or 2*pi, found {kind_of(value)}")
+    text = value.strip() if isinstance(value, str) else str(value)
+    if NOT_FINITE.fullmatch(text):
+        raise refusal(f"'{text}' is not a finite number")
+    try:
+        expression = parse(text)
+        if expression.symbols() not in ([], [PI]):
+            raise refusal(f"needs a number or an expression of numbers and pi, found '{text}'")
+        number = expression.evaluate(float_generators(expression.generators(), {PI: math.pi}), float)
+    except ValueError as error:
+        raise refusal(str(error)) from None
+    return number
+
+
+def _whole(value: object) -> int:
+    text = str(value)
+    if not is_whole(text.removeprefix("-")):
+        raise refusal(f"needs a whole number, found {kind_of(value)}")
+    return int(text)
+
+
+def _limit(value: object) -> float:
+    if value == _NONE:
+        return math.inf
+    if NOT_FINITE.fullmatch(str(value).strip()):
+        raise refusal(f"'{value}' is not a finite number: write none where there is no limit")
+    return _number(value)
+
+
+def _range(value: object) -> tuple[float, float]:
+    """Lowest and highest value; none, or none at one end, is unlimited."""
+    if value == _NONE:
+        return (-math.inf, math.inf)
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        found = f"{len(value)} entries" if isinstance(value, list | tuple) else kind_of(value)
+        raise refusal(f"needs a range such as [-1.5, pi/2], found {found}")
+    low, high = -_limit(value[0]) if value[0] == _NONE else _limit(value[0]), _limit(value[1])
+    if low > high:
+        raise refusal(f"the range is empty: {low:g} is larger than {high:g}")
+    return (low, high)
+
+
+def _corner(value: object) -> tuple[float, ...]:
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        found = f"{len(value)} entries" if isinstance(value, list | tuple) else kind_of(value)
+        raise refusal(f"needs three numbers such as [0, 0, 0.1], found {found}")
+    return tuple(_number(part) for part in value)
+
+
+def _normal(value: object) -> tuple[float, ...]:
+    direction = _corner(value)
+    length = math.hypot(*direction)
+    if not length:
+        raise refusal("the normal is zero; it needs a direction such as [0, 0, 1]")
+    return tuple(part / length for part in direction)
+
+
+def _pair(value: object) -> tuple[object, ...]:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        found = f"{len(value)} entries" if isinstance(value, list | tuple) else kind_of(value)
+        raise refusal(f"needs a pair of names such as [link1, link3], found {found}")
+    return tuple(value)
+
+
+def _shape(value: object) -> object:
+    """A shape whose numbers are numbers; what shapes there are is not known here."""
+    if not isinstance(value, dict):
+        raise refusal(f"needs a mapping such as {{body: link3, sphere: 0.06}}, found {kind_of(value)}")
+    return {key: part if key in _TEXTS else _numbers(part) for key, part in value.items()}
+
+
+def _numbers(value: object) -> object:
+    return [_number(part) for part in value] if isinstance(value, list | tuple) else _number(value)
+
+
+def _by_name(value: object) -> object:
+    return value if isinstance(value, dict) else {EVERY: value}
+
+
+def _written(value: float) -> float | str:
+    return value if math.isfinite(value) else _NONE
+
+
+def _written_range(value: tuple[float, float]) -> list[float | str]:
+    return [_written(end) for end in value]
+
+
+_SCALAR: dict[str, Any] = {"type": ["number", "string"]}
+_ENDS: dict[str, Any] = {"type": "array", "items": _SCALAR, "minItems": 2, "maxItems": 2}
+_INTERVAL: dict[str, Any] = {"anyOf": [_ENDS, {"const": _NONE}]}
+_THREE = WithJsonSchema({"type": "array", "items": _SCALAR, "minItems": 3, "maxItems": 3})
+_NAMES = {"type": "array", "items": {"type": ["string", "integer"]}, "minItems": 2, "maxItems": 2}
+
+
+def _one_or_each(item: dict[str, Any]) -> WithJsonSchema:
+    return WithJsonSchema({"anyOf": [item, {"type": "object", "additionalProperties": item}]})
+
+
+Number = Annotated[float, BeforeValidator(_number), WithJsonSchema(_SCALAR)]
+Positive = Annotated[Number, Field(gt=0)]
+NotNegative = Annotated[Number, Field(ge=0)]
+Whole = Annotated[int, BeforeValidator(_whole), WithJsonSchema({"type": ["integer", "string"]})]
+Count = Annotated[Whole, Field(ge=1)]
+# JSON has no infinity, and what is written there is read again
+_WRITTEN = PlainSerializer(_written, return_type=float | str, when_used="json")
+_WRITTEN_RANGE = PlainSerializer(_written_range, return_type=list[float | str], when_used="json")
+Limit = Annotated[float, BeforeValidator(_limit), Field(gt=0), _WRITTEN]
+Range = Annotated[tuple[float, float], BeforeValidator(_range), WithJsonSchema(_INTERVAL), _WRITTEN_RANGE]
+Point = Annotated[tuple[float, float, float], BeforeValidator(_corner), _THREE]
+Unit = Annotated[tuple[float, float, float], BeforeValidator(_normal), _THREE]
+Shape = Annotated[dict[str, Any], BeforeValidator(_shape)]
+Pair = Annotated[tuple[Name, Name], BeforeValidator(_pair), WithJsonSchema(_NAMES)]
+Limits = Annotated[dict[str, Limit], BeforeValidator(_by_name), _one_or_each(_SCALAR)]
+Ranges = Annotated[dict[str, Range], BeforeValidator(_by_name), _one_or_each(_INTERVAL)]
+Deviations = Annotated[dict[str, Positive], BeforeValidator(_by_name), _one_or_each(_SCALAR)]
+
+_WHOSE = "one for all, or by name of a coordinate or an actuator, where all is every other; none for no limit."
+
+
+# -- limits -----------------------------------------------------------------------------------------------------------
+
+
+class LimitsEntry(Model):
+    """What the robot can do; what is stated here comes before what the robot file states."""
+
+    position: Ranges = Field(
+        {}, description=f"Lowest and highest position, rad or m: {_WHOSE}", examples=[{"j1": ["-pi/2", 1.5]}]
+    )
+    velocity: Limits = Field({}, description=f"Largest speed, rad/s or m/s: {_WHOSE}", examples=[{"all": 2, "j1": 1}])
+    acceleration: Limits = Field(
+        {}, description=f"Largest acceleration, rad/s² or m/s²: {_WHOSE}", examples=[10, {"j1": "none"}]
+    )
+    jerk: Limits = Field({}, description=f"Largest jerk, rad/s³ or m/s³: {_WHOSE}", examples=[500])
+    effort: Limits = Field({}, description=f"Largest torque or force, N·m or N: {_WHOSE}", examples=[{"j1": 87}])
+    scale: Annotated[Number, Field(gt=0, le=1)] = Field(
+        1.0, description="Share of the robot file's limits that is used; those stated here hold as they are.",
+        examples=[0.8],
+    )  # fmt: skip
+
+
+# -- where frames and bodies may go -----------------------------------------------------------------------------------
+
+
+class BoxEntry(Model):
+    """A box along the axes of the base frame; what is absent is unlimited."""
+
+    x: Range | None = Field(None, description="Lowest and highest x, m; none for no limit.", examples=[[-0.5, 0.5]])
+    y: Range | None = Field(None, description="Lowest and highest y, m.", examples=[["-0.5", "none"]])
+    z: Range | None = Field(None, description="Lowest and highest z, m.", examples=[[0.05, 1.2]])
+
+    @model_validator(mode="after")
+    def _check_one(self) -> Self:
+        if self.x is None and self.y is None and self.z is None:
+            raise refusal("the box limits nothing: give x, y or z")
+        return self
+
+
+class HalfSpaceEntry(Model):
+    """The points p of the base frame with normal · p ≥ offset."""
+
+    normal: Unit = Field(description="Direction of any length, out of what is forbidden.", examples=[[0, 0, 1]])
+    offset: Number = Field(0.0, description="Distance of the plane from the base along the normal, m.", examples=[0.1])
+
+
+class FrameEntry(Model):
+    """A point of a body, or a ball about it, that stays inside a box or on one side of a plane."""
+
+    body: Name = Field(description="Name of the body.", examples=["hand"])
+    point: Point = Field((0.0, 0.0, 0.0), description="The point in the body's frame, m.", examples=[[0, 0, 0.1]])
+    radius: NotNegative = Field(0.0, description="Radius of the ball about it that stays inside, m.", examples=[0.05])
+    box: BoxEntry | None = Field(None, description="Box that holds it.", examples=[{"z": [0.05, 1.2]}])
+    above: HalfSpaceEntry | None = Field(
+        None, description="Plane above which it stays.", examples=[{"normal": [0, 0, 1], "offset": 0.05}]
+    )
+
+    @model_validator(mode="after")
+    def _check_one(self) -> Self:
+        if (self.box is None) == (self.above is None):
+            raise refusal("give box or above" + ", not both" * (self.box is not None))
+        return self
+
+
+class CollisionsEntry(Model):
+    """What must not touch."""
+
+    self: Flag = Field(True, description="Keep the robot's bodies apart.", examples=[False])
+    clearance: NotNegative = Field(0.02, description="Least distance, m.", examples=[0.05])
+    shapes: Annotated[tuple[Shape, ...], AS_LIST] = Field(
+        (),
+        description="Shapes of bodies in their frames, beside those of the robot file: sphere, capsule or cylinder "
+        "(radius), box or ellipsoid (half lengths), mesh (file).",
+        examples=[[{"body": "link3", "capsule": 0.06, "from": [0, 0, 0], "to": [0, 0, 0.3]}]],
+    )  # fmt: skip
+    obstacles: Annotated[tuple[Shape, ...], AS_LIST] = Field(
+        (),
+        description="Shapes that do not move, in the base frame; a plane's normal points to the robot's side.",
+        examples=[[{"name": "table", "box": [1, 1, 0.1], "at": [0, 0, -0.1]}, {"plane": [0, 0, 1]}]],
+    )  # fmt: skip
+    exclude: Annotated[tuple[Pair, ...], AS_LIST] = Field(
+        (), description="Pairs of bodies or obstacles that may touch.", examples=[[["link1", "link3"]]]
+    )
+    ignore_touching: Flag = Field(
+        False,
+        description="Leave out pairs of bodies that touch already where motions start.",
+        examples=[True],
+    )
+
+
+# -- the section ------------------------------------------------------------------------------------------------------
+
+
+class ExcitationEntry(Model):
+    """What the motion that excites the parameters looks like, and what it has to keep."""
+
+    duration: Positive | None = Field(None, description="Length of the motion, or of its period, s.", examples=[10])
+    rate: Positive = Field(100.0, description="Samples per second that the criterion counts, Hz.", examples=[200])
+    family: Family = Field(
+        "fourier", description="Functions of time: Fourier series, B-splines, or both added.", examples=["bspline"]
+    )
+    harmonics: Count | None = Field(
+        None,
+        description="Harmonics of Fourier series; default: 7, fewer where more than 8 coordinates move.",
+        examples=[5],
+    )
+    segments: Count = Field(8, description="Segments of B-splines.", examples=[12])
+    criterion: Optimality = Field(
+        "d_optimal",
+        description="What is optimised: the volume of the confidence ellipsoid, the sum of the variances, or the "
+        "condition number.",
+        examples=["condition"],
+    )
+    noise: Deviations = Field(
+        {EVERY: 1.0},
+        description="Standard deviation of the outputs' noise, SI units: one for all, or by output.",
+        examples=[0.5, {"all": 1, "j6": 0.1}],
+    )
+    move: Annotated[tuple[Name, ...], AS_LIST] | None = Field(
+        None, description="Coordinates that move; default: all that can.", examples=[["j1", "j2"]]
+    )
+    hold: dict[str, Number] = Field(
+        {}, description="Positions of the coordinates that do not, rad or m; default: 0.", examples=[{"j3": "pi/2"}]
+    )
+    centre: dict[str, Number] = Field(
+        {}, description="Positions about which motions start, rad or m.", examples=[{"j4": -1.5}]
+    )
+    limits: LimitsEntry = Field(LimitsEntry.model_construct(), description="What the robot can do.")
+    effort_margin: Annotated[Number, Field(ge=0, lt=1)] = Field(
+        0.1, description="Share of the effort limits kept free for what the prior model does not know.", examples=[0.2]
+    )
+    model: Name | None = Field(
+        None,
+        description="Identified model (model.json) that predicts torques, relative to this file; default: inertial "
+        "values of the prior or of the robot file.",
+        examples=["result/model.json"],
+    )
+    deviations: NotNegative = Field(
+        3.0,
+        description="Standard deviations of torques predicted by an identified model that are kept free.",
+        examples=[2],
+    )
+    frames: Annotated[tuple[FrameEntry, ...], AS_LIST] = Field(
+        (), description="Where points of bodies may go.",
+        examples=[[{"body": "hand", "radius": 0.1, "above": {"normal": [0, 0, 1]}}]],
+    )  # fmt: skip
+    collisions: CollisionsEntry = Field(CollisionsEntry.model_construct(), description="What must not touch.")
+    starts: Count = Field(4, description="Random starts of the optimisation; the best result counts.", examples=[8])
+    seed: Annotated[Whole, Field(ge=0)] = Field(2015, description="Of the random starts.", examples=[1])
+    iterations: Count = Field(500, description="Steps of the solver in each start, at most.", examples=[50])
+
+    @model_validator(mode="after")
+    def _check_roles(self) -> Self:
+        moved = next((name for name in self.move or () if name in self.hold), None)
+        if moved is not None:
+            raise refusal(f"'{moved}' moves and is held: name it under move or under hold")
+        held = next((name for name in self.centre if name in self.hold), None)
+        if held is not None:
+            raise refusal(f"'{held}' is held, so its motion has no centre")
+        return self

@@ -1,0 +1,274 @@
+"""Intended geometry: from the numbers of a file to exact placements.
+
+Files round: π/2 stands as 1.5708, an axis as (0, −1, 4e-8), a zero as 1e-17.  Taken literally such numbers destroy the
+dependences between parameters and the count comes out wrong.  So angles near multiples of 15° and axes near coordinate
+directions become exact, tiny translations become zero, and every such decision is recorded as a :class:`Snap`.  Other
+numbers become symbols named by joint, with equal magnitudes sharing one symbol, and keep their values.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from math import atan2, ceil, hypot, log10, pi
+
+from echelon.errors import InputError
+from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
+from echelon.exact.expressions import PI
+from echelon.exact.numbers import Rational, decimal_text
+from echelon.exact.polynomial import Polynomial, as_polynomial, float_generators, format_polynomial
+from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree, Triple
+from echelon.formats.reading_options import LARGEST_ANGLE, LENGTH_TOLERANCE, PRECISION, ReadingOptions
+from echelon.mechanism.joint import (
+    Motion,
+    MotionKind,
+    Step,
+    floating_motions,
+    planar_motions,
+)
+from echelon.mechanism.mechanism import Symbol
+from echelon.mechanism.placement import Placement, Vector, shift, turn
+from echelon.mechanism.reading import Snap
+
+_STEP = pi / STEPS_PER_HALF_TURN
+_SAME = 1e-12
+_EXACT = 1e-15
+_DIGITS, _DOUBLE = 12, 1e-15  # digits of a short decimal, and how far a double is from it, of the largest length
+
+
+@dataclass
+class Intent:
+    """Reads literal numbers as exact ones while keeping account."""
+
+    tree: LiteralTree
+    options: ReadingOptions
+    literal: Collection[str] = ()  # elements to take literally; None means that none is
+    symbols: dict[str, Symbol] = field(default_factory=dict)
+    snaps: list[Snap] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        placements = [s for link in self.tree.links for s in link.steps if isinstance(s, LiteralPlacement)]
+        self._scale = max((abs(float(x)) for p in placements for x in p.xyz), default=0.0)
+        self._angles: list[tuple[float, str]] = []
+        self._lengths: dict[Polynomial, str] = {}
+        self.exact: set[str] = set()
+        """Symbols of angles that are stated exactly."""
+
+    # -- placements ------------------------------------------------------------------------------------------------
+
+    def placement(self, literal: LiteralPlacement, label: str) -> Placement:
+        """A literal placement with exact rotation; translations stay numbers until :meth:`name_lengths`."""
+        x, y, z = (as_polynomial(self._without_digits(v, literal.element)) for v in literal.xyz)
+        placed = shift(x, y, z)
+        for axis, word in ((2, "yaw"), (1, "pitch"), (0, "roll")):
+            value = literal.rpy[axis]
+            if value:
+                placed = placed @ turn(axis, self.angle(value, f"{literal.element} {word}", f"{word}{label}"))
+        return placed.inverse() if literal.inverse else placed
+
+    def _without_digits(self, value: Rational, element: str) -> Rational:
+        """A length without the last digits of a double, if without them it is a short decimal: 0.175 for 0.1749…933."""
+        if not self._scale or not self.options.tolerance or element in self.literal:
+            return value
+        digits = _DIGITS - ceil(log10(self._scale))
+        short = round(Fraction(value), digits)
+        return short if abs(float(short - value)) <= _DOUBLE * self._scale else value
+
+    def name_lengths(self, steps: tuple[Step, ...], label: str, element: str) -> tuple[Step, ...]:
+        """The steps with tiny translations dropped and the others, if so wished, given symbols."""
+        return tuple(self._with_lengths(s, label, element) if isinstance(s, Placement) else s for s in steps)
+
+    def _with_lengths(self, placement: Placement, label: str, element: str) -> Placement:
+        x, y, z = (
+            self._length(value, f"p{axis}{label}", f"{element} {axis}")
+            for axis, value in zip("xyz", placement.translation, strict=True)
+        )
+        return Placement(placement.rotation, (x, y, z))
+
+    def without_noise(self, placement: Placement, element: str) -> Placement:
+        """A placement with tiny translations dropped and the others left as numbers."""
+        x, y, z = (
+            self._rounded(value, f"{element} {axis}") for axis, value in zip("xyz", placement.translation, strict=True)
+        )
+        return Placement(placement.rotation, (x, y, z))
+
+    def _rounded(self, value: Polynomial, element: str) -> Polynomial:
+        size = abs(self.numeric(value)) if value else 0.0
+        if value and size <= self.length_tolerance(element):
+            self.snaps.append(Snap(element, f"{self.numeric(value):.3g}", "0", size))
+            return Polynomial({})
+        return value
+
+    def _length(self, value: Polynomial, name: str, element: str) -> Polynomial:
+        value = self._rounded(value, element)
+        if not value or not self.options.symbolic:
+            return value
+        size = abs(self.numeric(value))
+        sign = 1 if self.numeric(value) > 0 else -1
+        known = None if self.options.separate_symbols else self._same_length(sign * value, size, element)
+        if known is None:
+            number = (sign * value).number
+            exact, stands_for = (decimal_text(number), None) if number is not None else (None, sign * value)
+            known = self._new_symbol(name, Symbol(name, size, exact, element, stands_for))
+            self._lengths[sign * value] = known
+        return sign * Polynomial.generator(known)
+
+    def _same_length(self, value: Polynomial, size: float, element: str) -> str | None:
+        """The symbol of a length that this one is meant to be equal to."""
+        if value in self._lengths:
+            return self._lengths[value]
+        tolerance = 0.0 if element in self.literal else self.length_tolerance(element)
+        for symbol in self._lengths.values():
+            known = self.symbols[symbol].value or 0.0
+            if abs(known - size) <= tolerance:
+                self.snaps.append(Snap(element, f"{size:.9g}", f"{symbol} = {known:.9g}", abs(known - size)))
+                return symbol
+        return None
+
+    def length(self, value: float, name: str, element: str) -> Polynomial:
+        """A measured length: a symbol, or the decimal that it is to twelve digits."""
+        return self._length(as_polynomial(Fraction(f"{value:.12g}")), name, element)
+
+    def length_tolerance(self, element: str) -> float:
+        """How far an element's length may be from zero, m."""
+        if not self.options.tolerance:
+            return 0.0
+        return (PRECISION if element in self.literal else LENGTH_TOLERANCE) * self._scale
+
+    # -- angles ----------------------------------------------------------------------------------------------------
+
+    def angle(self, value: Rational | float, element: str, name: str) -> Angle:
+        """A number of radians as an exact angle: a multiple of 15°, or a multiple of 90° and a symbol."""
+        number = self.angle_value(value, element)
+        steps = round(number / _STEP)
+        difference = abs(number - steps * _STEP)
+        if difference <= max(self.angle_tolerance(element), _EXACT * max(1.0, abs(number))):
+            if difference > _EXACT * max(1.0, abs(number)):
+                self.snaps.append(Snap(element, _decimal(value), f"{steps * 15}°", difference))
+            return Angle(Fraction(steps, STEPS_PER_HALF_TURN))
+        return self.named_angle(value, element, name)
+
+    def named_angle(self, value: Rational | float | Angle, element: str, name: str) -> Angle:
+        """A number of radians as a multiple of 90° and a symbol, however near to a multiple of 15° it is."""
+        exact = value if isinstance(value, Angle) else None
+        if isinstance(value, int | Fraction):
+            exact = Angle(radians=Fraction(value))
+        number = self.angle_value(value if exact is None else exact.value, element)  # type: ignore[arg-type]
+        quarters = round(number / (pi / 2))
+        rest = number - quarters * (pi / 2)
+        sign = 1 if rest > 0 else -1
+        text = None if exact is None else _rest_text(exact, quarters, sign)
+        symbol = self._angle_symbol(abs(rest), text, element, name)
+        if isinstance(value, Angle):
+            self.exact.add(symbol)
+        return Angle(Fraction(quarters, 2), ((symbol, sign),))
+
+    def angle_value(self, value: Rational | float, element: str) -> float:
+        """An angle in floats, if these still tell angles apart."""
+        number = float(value)
+        if abs(number) > LARGEST_ANGLE:
+            problem = f"{number:.3g} rad is too large for an angle: robots have angles up to {LARGEST_ANGLE:.0e}"
+            raise InputError(problem, source=self.tree.source, element=element)
+        return number
+
+    def angle_tolerance(self, element: str) -> float:
+        """How far an element's angle may be from an exact one, rad."""
+        return min(PRECISION, self.options.tolerance) if element in self.literal else self.options.tolerance
+
+    def _angle_symbol(self, size: float, exact: str | None, element: str, name: str) -> str:
+        for known, symbol in self._angles:
+            # a number that is read once more is the same number
+            apart = self.options.separate_symbols and self.symbols[symbol].meaning != element
+            if abs(known - size) <= _SAME and not apart:
+                return symbol
+        symbol = self._new_symbol(name, Symbol(name, size, exact, element))
+        self._angles.append((size, symbol))
+        return symbol
+
+    # -- motions ---------------------------------------------------------------------------------------------------
+
+    def motion(self, literal: LiteralMotion, label: str) -> tuple[Step, ...]:
+        """A literal motion as elementary motions, between placements if its axis is not a coordinate axis."""
+        if literal.kind == MotionKind.BALL:
+            return (Motion(MotionKind.BALL, literal.name),)
+        if literal.kind == "floating":
+            return floating_motions(literal.name)
+        mounting, axis, sign = self.direction(literal.axis, f"{literal.element} axis", label)
+        if literal.kind == "planar":
+            flip = turn((axis + 1) % 3, Angle(Fraction(1))) if sign < 0 else Placement()
+            mounting, motions = mounting @ flip, planar_motions(literal.name, axis)
+        else:
+            assert isinstance(literal.kind, MotionKind)
+            motions = (Motion(literal.kind, literal.name, axis, sign),)
+        return (mounting, *motions, mounting.inverse())
+
+    def direction(self, direction: Triple, element: str, label: str) -> tuple[Placement, int, int]:
+        """A placement, a coordinate axis of it, and a sign, that together give a direction of any length."""
+        x, y, z = (float(v) for v in direction)
+        for axis, component in enumerate((x, y, z)):
+            rest = [v for k, v in enumerate((x, y, z)) if k != axis]
+            off = atan2(hypot(*rest), abs(component))
+            if off <= max(self.angle_tolerance(element), _EXACT):
+                if off:
+                    text = " ".join(_decimal(v) for v in direction)
+                    self.snaps.append(Snap(element, f"({text})", "xyz"[axis], off))
+                return Placement(), axis, 1 if component > 0 else -1
+        azimuth = self.angle(atan2(y, x), f"{element} azimuth", f"azimuth{label}")
+        elevation = self.angle(atan2(hypot(x, y), z), f"{element} inclination", f"inclination{label}")
+        return turn(2, azimuth) @ turn(1, elevation), 2, 1
+
+    # -- gravity and symbols ---------------------------------------------------------------------------------------
+
+    def gravity(self) -> Vector:
+        """Gravity as the file states it."""
+        x, y, z = (as_polynomial(v) for v in self.tree.gravity)
+        return (x, y, z)
+
+    def numeric(self, value: Polynomial) -> float:
+        """Numeric value of an expression in angle symbols."""
+        return numeric_value(value, {name: s.value for name, s in self.symbols.items() if s.value is not None})
+
+    def forget(self, names: Collection[str]) -> None:
+        """Take back symbols that nothing uses."""
+        for name in names:
+            del self.symbols[name]
+        self._angles = [(size, name) for size, name in self._angles if name in self.symbols]
+
+    def _new_symbol(self, name: str, symbol: Symbol) -> str:
+        unique, suffix = name, "b"
+        while unique in self.symbols:
+            unique, suffix = name + suffix, chr(ord(suffix) + 1)
+        self.symbols[unique] = replace(symbol, name=unique)
+        return unique
+
+
+def _rest_text(angle: Angle, quarters: int, sign: int) -> str:
+    """The exact text of what an angle is more, or less, than a number of right angles."""
+    turns = Polynomial({((PI, 1),): sign * (angle.half_turns - Fraction(quarters, 2))})
+    radians = sign * angle.radians
+    if not turns or not radians:
+        return format_polynomial(turns) if turns else decimal_text(radians)
+    return f"{format_polynomial(turns)} {'+' if radians > 0 else '-'} {decimal_text(abs(radians))}"
+
+
+def symbol_stem(name: str) -> str:
+    """How the names of symbols end that belong to a part or a loop of this name."""
+    return "_" + "".join(c if _in_names(c) else "_" for c in name)
+
+
+def _in_names(character: str) -> bool:
+    """Whether a character may stand in the name of a symbol, which is read back from saved files."""
+    if not f"_{character}".isidentifier() or unicodedata.normalize("NFKC", character) != character:
+        return False
+    return character.isascii() or not character.isdigit()
+
+
+def numeric_value(value: Polynomial, symbols: dict[str, float]) -> float:
+    """A polynomial in floats, for given values of its symbols (rad for angles)."""
+    return value.evaluate(float_generators(value.generators(), symbols), float)
+
+
+def _decimal(value: Rational | float) -> str:
+    return repr(float(value)) if not isinstance(value, int) else str(value)

@@ -1,0 +1,1 @@
+"""Readers of URDF and SDF, the XML formats of ROS and Gazebo."""

@@ -1,0 +1,250 @@
+"""URDF: the robot description format of ROS.
+
+Numbers are taken from the text, so 0.333 is 333/1000.  XML is parsed defensively: entities and external references are
+refused.  The reader checks the tree completely, because the rest of Echelon relies on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from echelon.errors import InputError
+from echelon.exact.numbers import Rational, decimal_text, parse_decimal
+from echelon.exact.polynomial import as_polynomial
+from echelon.formats.link_inertia import central_inertial, rotation_matrix
+from echelon.formats.literal import (
+    LiteralLink,
+    LiteralMotion,
+    LiteralPlacement,
+    LiteralStep,
+    LiteralTree,
+    StatedCoupling,
+    Triple,
+)
+from echelon.formats.reading_options import checked_size
+from echelon.mechanism.coupling import linear
+from echelon.mechanism.joint import MotionKind
+
+_MOTIONS: dict[str, MotionKind | str] = {
+    "revolute": MotionKind.ROTATION,
+    "continuous": MotionKind.ROTATION,
+    "prismatic": MotionKind.TRANSLATION,
+    "planar": "planar",
+    "floating": "floating",
+}
+JOINT_TYPES = (*_MOTIONS, "fixed")
+_SINGLE_AXIS = ("revolute", "continuous", "prismatic")
+_DEFAULT_AXIS: Triple = (1, 0, 0)
+
+
+def read_urdf(root: Any, source: str, *, mimics: bool = True) -> LiteralTree:
+    """The tree of a URDF document."""
+    return _Reader(root, source).read(mimics)
+
+
+class _Reader:
+    def __init__(self, root: Any, source: str) -> None:
+        self.root, self.source = root, source
+        self.notes: list[str] = []
+        self.links = self._named("link")
+        self.joints = self._named("joint")
+
+    def read(self, mimics: bool) -> LiteralTree:
+        if not self.links:
+            raise self._error("the robot has no links")
+        parents = self._parents()
+        order = list(self._depth_first(self._root_link(parents)))
+        if len(order) < len(self.links):
+            lost = sorted(set(self.links) - set(order))
+            raise self._error(f"links {_listed(lost)} form a cycle and are not connected to the root")
+        position = {name: i for i, name in enumerate(order)}
+        links = tuple(self._link(name, parents.get(name), position) for name in order)
+        couplings = tuple(self._couplings()) if mimics else ()
+        name = self.root.get("name") or "robot"
+        has_mimics = any(joint.find("mimic") is not None for joint in self.joints.values())
+        return LiteralTree(name, self.source, links, couplings, notes=tuple(self.notes), has_mimics=has_mimics)
+
+    # -- tree ------------------------------------------------------------------------------------------------------
+
+    def _named(self, tag: str) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for element in self.root.findall(tag):
+            name = element.get("name")
+            if not name:
+                raise self._error(f"a <{tag}> has no name")
+            if name in found:
+                raise self._error("this name occurs twice; names must be unique", f"{tag} '{name}'")
+            found[name] = element
+        return found
+
+    def _parents(self) -> dict[str, str]:
+        """Joint that carries each link, by link."""
+        carried: dict[str, str] = {}
+        self.children: dict[str, list[str]] = {name: [] for name in self.links}
+        for name, joint in self.joints.items():
+            parent, child = self._end(joint, "parent", name), self._end(joint, "child", name)
+            if parent == child:
+                raise self._error(f"link '{child}' is its own parent", f"joint '{name}'")
+            if child in carried:
+                raise self._closes_loop(name, parent, child, carried[child])
+            carried[child] = name
+            self.children[parent].append(child)
+        return carried
+
+    def _closes_loop(self, name: str, parent: str, child: str, carrier: str) -> InputError:
+        """A second joint of a link closes a loop, which URDF cannot state, but a description can."""
+        joint, where = self.joints[name], f"joint '{name}'"
+        known = {"continuous": "revolute", "fixed": "weld", "floating": None}
+        kind = known.get(joint.get("type"), joint.get("type"))
+        origin = self._origin(joint, where)
+        frame = f"{{xyz: [{_written(origin.xyz)}], rpy: [{_written(origin.rpy)}]}}"
+        axis = "" if kind in ("weld", None) else f", axis: [{_written(self._axis(joint, name))}]"
+        loop = f"{{name: {name}, joint: {kind}, connects: [{parent}, {child}], at: {frame}{axis}, on_second: {{}}}}"
+        stated = f"and state it as a loop: 'robot: {{file: {PurePath(self.source).name}}}' and 'loops: [{loop}]'"
+        return self._error(
+            f"link '{child}' already has joint '{carrier}', and the links of a URDF form a tree: take this joint out, "
+            + (f"{stated} in a YAML file beside it" if kind else "as it constrains nothing"),
+            where,
+        )
+
+    def _end(self, joint: Any, tag: str, name: str) -> str:
+        element = joint.find(tag)
+        link = None if element is None else element.get("link")
+        if not link:
+            raise self._error(f"needs <{tag} link='...'/>", f"joint '{name}'")
+        if link not in self.links:
+            raise self._error(f"{tag} link '{link}' does not exist", f"joint '{name}'")
+        return str(link)
+
+    def _root_link(self, parents: dict[str, str]) -> str:
+        roots = [name for name in self.links if name not in parents]
+        if not roots:
+            raise self._error("every link has a parent: the links form a cycle and there is no root")
+        if len(roots) > 1:
+            raise self._error(f"there are {len(roots)} root links, {_listed(roots)}; a tree has one")
+        return roots[0]
+
+    def _depth_first(self, root: str) -> Iterator[str]:
+        pending = [root]
+        while pending:
+            name = pending.pop()
+            yield name
+            pending.extend(reversed(self.children[name]))
+
+    # -- elements --------------------------------------------------------------------------------------------------
+
+    def _link(self, name: str, joint: str | None, position: dict[str, int]) -> LiteralLink:
+        inertial = self._inertial(name)
+        if joint is None:
+            return LiteralLink(name, -1, "", "root", (), inertial)
+        element = self.joints[joint]
+        kind = element.get("type")
+        if kind not in JOINT_TYPES:
+            valid = ", ".join(JOINT_TYPES)
+            problem = f"unknown joint type '{kind}'" if kind else "the attribute 'type' is missing"
+            raise self._error(f"{problem} (valid: {valid})", f"joint '{joint}'")
+        steps: list[LiteralStep] = [self._origin(element, f"joint '{joint}'")]
+        if kind != "fixed":
+            axis = (0, 0, 1) if kind == "floating" else self._axis(element, joint)
+            steps.append(LiteralMotion(f"joint '{joint}'", joint, _MOTIONS[kind], axis))
+        parent = position[self._end(element, "parent", joint)]
+        return LiteralLink(name, parent, joint, kind, tuple(steps), inertial)
+
+    def _origin(self, element: Any, where: str) -> LiteralPlacement:
+        origin = element.find("origin")
+        if origin is None:
+            return LiteralPlacement(f"{where} origin")
+        xyz = self._triple(origin.get("xyz", "0 0 0"), f"{where} origin xyz")
+        rpy = self._triple(origin.get("rpy", "0 0 0"), f"{where} origin rpy")
+        return LiteralPlacement(f"{where} origin", xyz, rpy)
+
+    def _axis(self, element: Any, joint: str) -> Triple:
+        axis = element.find("axis")
+        if axis is None:
+            return _DEFAULT_AXIS
+        values = self._triple(axis.get("xyz", "1 0 0"), f"joint '{joint}' axis")
+        if not any(values):
+            raise self._error("the axis is zero; it needs a direction such as 0 0 1", f"joint '{joint}'")
+        return values
+
+    def _inertial(self, link: str) -> tuple[float, ...] | None:
+        where = f"link '{link}' inertial"
+        element = self.links[link].find("inertial")
+        if element is None:
+            return None
+        mass = self._attribute(element.find("mass"), "value", f"{where} mass")
+        inertia = element.find("inertia")
+        xx, xy, xz, yy, yz, zz = (
+            float(self._attribute(inertia, name, f"{where} inertia"))
+            for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        )
+        origin = self._origin(element, where)
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        centre = [float(v) for v in origin.xyz]
+        rotation = rotation_matrix(*(float(v) for v in origin.rpy))
+        return tuple(float(v) for v in central_inertial(float(mass), centre, tensor, rotation))
+
+    def _couplings(self) -> Iterator[StatedCoupling]:
+        for name, joint in self.joints.items():
+            mimic = joint.find("mimic")
+            if mimic is None:
+                continue
+            where = f"joint '{name}' mimic"
+            leader = mimic.get("joint")
+            if not leader:
+                raise self._error("needs joint='...', the joint that it follows", where)
+            if leader not in self.joints:
+                raise self._error(
+                    f"it follows joint '{leader}', which does not exist (--mimic independent ignores that)", where
+                )
+            if leader == name:
+                raise self._error("the joint mimics itself", where)
+            if joint.get("type") == "fixed":
+                self.notes.append(f"{where} is ignored: the joint is fixed")
+                continue
+            for role in (name, leader):
+                kind = self.joints[role].get("type")
+                if kind not in _SINGLE_AXIS:
+                    raise self._error(f"joint '{role}' is {kind}; only single-axis joints can be coupled", where)
+            ratio, offset = (
+                as_polynomial(self._number(mimic.get(key, usual), where))
+                for key, usual in (("multiplier", "1"), ("offset", "0"))
+            )
+            yield StatedCoupling(where, name, {leader: linear(ratio)}, offset)
+
+    # -- numbers ---------------------------------------------------------------------------------------------------
+
+    def _triple(self, text: str, where: str) -> Triple:
+        parts = text.split()
+        if len(parts) != 3:
+            raise self._error(f"needs three numbers, found '{text}'", where)
+        x, y, z = (self._number(part, where) for part in parts)
+        return (x, y, z)
+
+    def _attribute(self, element: Any, name: str, where: str) -> Rational:
+        text = None if element is None else element.get(name)
+        if text is None:
+            raise self._error(f"the attribute '{name}' is missing", where)
+        return self._number(text, where)
+
+    def _number(self, text: str, where: str) -> Rational:
+        try:
+            return checked_size(parse_decimal(text.strip()), text)
+        except ValueError as error:
+            raise self._error(str(error), where) from None
+
+    def _error(self, problem: str, element: str | None = None) -> InputError:
+        return InputError(problem, source=self.source, element=element)
+
+
+def _written(numbers: Triple) -> str:
+    return ", ".join(decimal_text(number) for number in numbers)
+
+
+def _listed(names: list[str], most: int = 6) -> str:
+    shown = ", ".join(f"'{n}'" for n in names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"

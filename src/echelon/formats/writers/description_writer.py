@@ -1,0 +1,189 @@
+"""Write any mechanism as a description, exactly: reading it back gives an equal mechanism.
+
+Joints are written by their usual types where that says everything, and otherwise as the sequence of frames and
+elementary motions that they are.  Which of the two it is, is decided by reading the short form again.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from echelon.conventions import PARAMETERS
+from echelon.errors import InputError
+from echelon.exact.numbers import decimal_text
+from echelon.formats.description.stated_expressions import GENERIC
+from echelon.formats.writers.loops_writer import expression_text, frame_data, write_loops
+from echelon.formats.writers.setup_writer import write_setup
+from echelon.mechanism.coupling import Coupling, Spline
+from echelon.mechanism.joint import Joint, Motion, MotionKind, Step
+from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, Symbol, setup_expressions
+from echelon.mechanism.placement import Placement, Vector
+
+if TYPE_CHECKING:
+    from echelon.formats.description.stated_joints import Joints
+
+
+_TYPES = (
+    "revolute",
+    "continuous",
+    "prismatic",
+    "cylindrical",
+    "planar",
+    "helical",
+    "universal",
+    "spherical",
+    "floating",
+    "fixed",
+)
+
+
+def write_description(mechanism: Mechanism, *, elementary: bool = False) -> dict[str, Any]:
+    """A mechanism in the description format, as data for JSON or YAML."""
+    names = [body.name for body in mechanism.bodies]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError("two bodies have this name; a description needs unique names", element=f"body '{name}'")
+    joints = None if elementary else _reader(mechanism)
+    document: dict[str, Any] = {"echelon": 1, "name": mechanism.name}
+    symbols = _symbols(mechanism)
+    if symbols:
+        document["symbols"] = symbols
+    document["gravity"] = _gravity(mechanism.gravity)
+    if mechanism.couplings:
+        document["couplings"] = [_coupling(coupling) for coupling in mechanism.couplings]
+    document |= write_loops(mechanism)
+    document |= write_setup(mechanism)
+    document["bodies"] = [_body(body, mechanism, joints) for body in mechanism.bodies]
+    return document
+
+
+def _gravity(gravity: Vector | None) -> str | list[str]:
+    if gravity is None:
+        return "none"
+    return "generic" if gravity == GENERIC else [expression_text(part) for part in gravity]
+
+
+def _coupling(coupling: Coupling) -> dict[str, Any]:
+    return {coupling.coordinate: {"terms": {name: _function(function) for name, function in coupling.terms}}}
+
+
+def _function(function: Spline) -> str | dict[str, Any]:
+    if function.ratio is not None:
+        return expression_text(function.ratio)
+    written: dict[str, Any] = {"coefficients": [expression_text(c) for c in function.coefficients]}
+    if function.knots:
+        written["knots"] = [[decimal_text(knot), expression_text(jump)] for knot, jump in function.knots]
+    return written
+
+
+# -- symbols --------------------------------------------------------------------------------------------------------
+
+
+def _used(mechanism: Mechanism) -> list[str]:
+    """Symbols that need a declaration, in order of appearance."""
+    found = [name for body in mechanism.bodies for name in body.joint.symbols()]
+    found += [name for value in setup_expressions(mechanism) for name in value.symbols()]
+    if mechanism.gravity != GENERIC:
+        found += [name for part in mechanism.gravity or () for name in part.symbols()]
+    return list(dict.fromkeys(found))
+
+
+def _symbols(mechanism: Mechanism) -> dict[str, Any]:
+    # an empty mapping declares a name that the mechanism uses but does not list
+    written: dict[str, Any] = {name: {} for name in _used(mechanism)}
+    return written | {name: _symbol(symbol) for name, symbol in mechanism.symbols.items()}
+
+
+def _symbol(symbol: Symbol) -> str | dict[str, str] | None:
+    entry: dict[str, str] = {}
+    if symbol.exact is not None:
+        entry["value"] = symbol.exact
+    elif symbol.value is not None:
+        entry["approximate"] = repr(float(symbol.value))
+    if symbol.meaning:
+        entry["meaning"] = symbol.meaning
+    return entry.get("value") if set(entry) <= {"value"} else entry
+
+
+# -- bodies ---------------------------------------------------------------------------------------------------------
+
+
+def _body(body: Body, mechanism: Mechanism, joints: Joints | None) -> dict[str, Any]:
+    written: dict[str, Any] = {"name": body.name, "label": body.label}
+    if body.parent != GROUND:
+        written["parent"] = mechanism.bodies[body.parent].name
+    written |= (joints and _short_form(body, joints)) or {"joint": _custom(body.joint)}
+    if body.massless:
+        written["massless"] = True
+    elif body.carried != ALL:
+        written["parameters"] = [PARAMETERS[k] for k in body.carried]
+    if body.joint.is_fixed:
+        written["separate"] = True
+    if body.inertial is not None:
+        written["inertial"] = {"standard": [repr(float(value)) for value in body.inertial]}
+    return written
+
+
+def _axis(motion: Motion) -> str:
+    return ("-" if motion.sign < 0 else "") + "xyz"[motion.axis]
+
+
+def _custom(joint: Joint) -> dict[str, Any]:
+    steps = [_motion(step) if isinstance(step, Motion) else frame_data(step) for step in joint.steps]
+    return {"type": "custom", "kind": joint.kind, "name": joint.name, "steps": steps}
+
+
+def _motion(motion: Motion) -> dict[str, Any]:
+    written = {"motion": motion.kind.value, "name": motion.name, "axis": _axis(motion)}
+    if motion.kind is MotionKind.SCREW:
+        written["pitch"] = expression_text(motion.pitch)
+    return written
+
+
+def _short_form(body: Body, joints: Joints) -> dict[str, Any] | None:
+    """Joint and frame by the joint's type, or None if that would not be the same joint."""
+    from echelon.formats.description.stated_joints import joint_name
+    from echelon.formats.schema.robot_schema import BodyEntry
+
+    if body.joint.kind not in _TYPES:
+        return None
+    written = _guess(body.joint)
+    entry = BodyEntry.model_validate({"name": body.name, **written})
+    try:
+        same = joints.body(entry, "", "") == body.joint.steps and joint_name(entry) == body.joint.name
+    except InputError:
+        return None
+    return written if same else None
+
+
+def _guess(joint: Joint) -> dict[str, Any]:
+    """What the joint would be if it had the usual form: a placement, motions, a placement."""
+    steps: list[Step] = list(joint.steps)
+    origin = steps.pop(0) if steps and isinstance(steps[0], Placement) else Placement()
+    frame = steps.pop() if steps and isinstance(steps[-1], Placement) else Placement()
+    assert isinstance(origin, Placement)
+    assert isinstance(frame, Placement)
+    written: dict[str, Any] = {"type": joint.kind, "name": joint.name}
+    if not origin.is_identity:
+        written["origin"] = frame_data(origin)
+    motions = joint.motions or (Motion(MotionKind.ROTATION, ""),)
+    if joint.kind not in ("spherical", "floating", "fixed"):
+        written["axis"] = _axis(motions[-1] if joint.kind == "planar" else motions[0])
+    if joint.kind == "helical":
+        written["pitch"] = expression_text(motions[0].pitch)
+    if joint.kind == "universal":
+        # any other second axis fails the comparison, whatever stands here
+        perpendicular = len(motions) > 1 and motions[1].axis != motions[0].axis
+        written["axis2"] = _axis(motions[1]) if perpendicular else "xyz"[(motions[0].axis + 1) % 3]
+    return {"joint": written} if frame.is_identity else {"joint": written, "frame": frame_data(frame)}
+
+
+def _reader(mechanism: Mechanism) -> Joints:
+    """A reader of joints that knows the mechanism's symbols."""
+    from echelon.formats.description.document import Document
+    from echelon.formats.description.stated_expressions import Expressions
+    from echelon.formats.description.stated_joints import Joints
+    from echelon.formats.reading_options import ReadingOptions
+
+    symbols = {name: Symbol(name) for name in (*_used(mechanism), *mechanism.symbols)}
+    return Joints(Expressions(Document({}, mechanism.name), ReadingOptions(), (), symbols))

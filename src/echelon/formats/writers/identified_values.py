@@ -1,0 +1,251 @@
+"""Identified values as robot files state them: inertia about the centre of mass, and one number of friction per joint.
+
+Standard parameters are about the frame's origin, where models are linear in them; files and simulators state the
+inertia about the centre of mass.  So every body needs a mass, unless it carries nothing at all.
+
+Files know joints, not drives.  An effect in a drive with a ratio of its own, θ = N q, appears at the joint N² times as
+large, dry friction |N| times.  Whatever is no such number (offsets, friction of coupled drives) is listed by value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.arrays import Floats
+from echelon.conventions import PARAMETERS, PER_BODY
+from echelon.errors import InputError
+from echelon.exact.polynomial import float_generators
+from echelon.formats.writers.xml_editor import comment
+from echelon.inertia.convert import convert
+from echelon.inertia.spatial import pseudo_inertia
+from echelon.mechanism.effect import Action, Side
+from echelon.mechanism.mechanism import ALL, Body, Mechanism
+from echelon.mechanism.symbol_values import known_values
+
+ROTOR = "rotor"
+"""Kind of the joint of a body that is the rotor of a drive."""
+
+_MASS = PARAMETERS.index("M")
+_ROUNDING = 1e-9
+"""How far below zero an eigenvalue may be, relative to the largest, that a solver left on the edge of the cone."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """What a body weighs."""
+
+    mass: float  # kg
+    centre: tuple[float, ...]  # centre of mass in the body's frame, m
+    moments: tuple[float, ...]  # XX XY XZ YY YZ ZZ about the centre of mass, along the axes of the body's frame, kg·m²
+
+
+@dataclass(frozen=True)
+class IdentifiedValues:
+    """Standard parameters sorted by what they describe."""
+
+    bodies: tuple[Floats, ...]  # one per body, zero for what it does not carry
+    effects: Mapping[str, float]  # by parameter
+
+
+def sorted_values(mechanism: Mechanism, standard: npt.ArrayLike) -> IdentifiedValues:
+    """Sort standard parameters by body and effect.  Shapes: standard (p,)."""
+    values = np.asarray(standard, dtype=float)
+    names = mechanism.parameters
+    if values.shape != (len(names),):
+        raise InputError(f"expected {len(names)} standard parameters of '{mechanism.name}', got shape {values.shape}")
+    strange = [name for name, value in zip(names, values, strict=True) if not np.isfinite(value)]
+    if strange:
+        raise InputError("the value is not a finite number", element=f"parameter '{strange[0]}'")
+    bodies = [np.zeros(PER_BODY) for _ in mechanism.bodies]
+    effects: dict[str, float] = {}
+    for parameter, value in zip(mechanism.columns, values, strict=True):
+        if parameter.body is None or parameter.kind is None:
+            effects[parameter.name] = float(value)
+        else:
+            for body in mechanism.sharing[parameter.body]:
+                bodies[body][parameter.kind] = value
+    for carrier in mechanism.carriers:
+        _check_consistency(mechanism.bodies[carrier], bodies[carrier])
+    return IdentifiedValues(tuple(bodies), effects)
+
+
+def has_centre(values: Floats) -> bool:
+    """Whether ten parameters have a centre of mass that files can state.  Shapes: values (10,)."""
+    return bool(values[_MASS] > 0 or not (values[_MASS] or values[6:9].any()))
+
+
+def load_of(values: Floats, name: str) -> Load | None:
+    """Mass, centre of mass and inertia about it; None of a body without any.  Shapes: values (10,)."""
+    if not values.any():
+        return None
+    if values[_MASS] > 0:
+        mass, *rest = (float(v) for v in convert(values, "echelon", "urdf"))
+        return Load(mass, tuple(rest[:3]), tuple(rest[3:]))
+    if not has_centre(values):
+        problem = f"its mass is {values[_MASS]:g} kg; files state a centre of mass, which needs a positive mass"
+        raise InputError(problem, element=f"body '{name}'")
+    return Load(0.0, (0.0, 0.0, 0.0), tuple(float(v) for v in values[:6]))
+
+
+def number_text(*values: float) -> str:
+    """Numbers with all their digits: reading them back gives the same doubles.
+
+    >>> number_text(0.1, -0.0, 3)
+    '0.1 0.0 3.0'
+    """
+    return " ".join(repr(float(value) + 0.0) for value in values)
+
+
+def _check_consistency(body: Body, values: Floats) -> None:
+    """Refuse parameters that no body has; a part of the ten alone cannot be judged."""
+    if body.carried != ALL or not values.any():
+        return
+    eigenvalues = np.linalg.eigvalsh(pseudo_inertia(values))
+    if values[_MASS] <= 0 or eigenvalues[0] < -_ROUNDING * eigenvalues[-1]:
+        problem = (
+            f"no body has these parameters (mass {values[_MASS]:.6g} kg, least eigenvalue of the pseudo-inertia "
+            f"{eigenvalues[0]:.3g}); files need physically consistent ones"
+        )
+        raise InputError(problem, element=f"body '{body.name}'")
+
+
+_NOTICEABLE = 1e-9
+"""Numbers that were read as exact ones within this differ in their last digits only."""
+
+
+def head_comment(notes: Sequence[str]) -> list[str]:
+    """Lines of the comment at the head of a written file."""
+    return comment(["Inertial parameters identified with Echelon.", *(f"Note: {note}." for note in notes)])
+
+
+def listed(names: Iterable[str], most: int = 12) -> str:
+    """Names in quotes, and how many more there are."""
+    every = [f"'{name}'" for name in names]
+    return ", ".join(every[:most]) + (f" and {len(every) - most} more" if len(every) > most else "")
+
+
+def rotor_notes(mechanism: Mechanism, values: IdentifiedValues, file_format: str) -> Iterator[str]:
+    """Spin inertias of rotors that are bodies of their own, which no robot file has."""
+    spins = [
+        f"{parameter.name} = {float(values.bodies[parameter.body][parameter.kind])!r} {parameter.unit}"
+        for parameter in mechanism.columns
+        if parameter.body is not None
+        and parameter.kind is not None
+        and mechanism.bodies[parameter.body].joint.kind == ROTOR
+    ]
+    if spins:
+        yield f"{file_format} has no rotors that turn with joints, left out: {', '.join(spins)}"
+
+
+def reading_notes(mechanism: Mechanism, values: IdentifiedValues, root: Any, file_format: str) -> Iterator[str]:
+    """Remarks on an edited file: rotors, numbers that were read as others, files that it refers to."""
+    yield from rotor_notes(mechanism, values, file_format)
+    snaps = mechanism.reading.snaps if mechanism.reading is not None else ()
+    moved = [snap.difference for snap in snaps if snap.difference > _NOTICEABLE]
+    if moved:
+        yield (
+            f"{len(moved)} numbers of the geometry stay as written although they were read as exact ones, "
+            f"up to {np.max(moved):.2g} away; predictions of this file differ accordingly"
+        )
+    if any(_is_relative(value) for e in root.iter() for key, value in e.items() if key in ("filename", "file")):
+        yield "files that it refers to are looked for relative to the folder of the input"
+
+
+def _is_relative(path: str) -> bool:
+    return "://" not in path and not PurePath(path).is_absolute()
+
+
+VISCOUS, COULOMB, ROTOR_INERTIA = "viscous friction", "Coulomb friction", "rotor inertia"
+_TERMS = {"qd": VISCOUS, "sign(qd)": COULOMB, "qdd": ROTOR_INERTIA}
+
+
+@dataclass(frozen=True)
+class JointEffects:
+    """Effects as numbers of joints."""
+
+    # by coordinate: the format's attribute and its value at the joint, SI units
+    attributes: Mapping[str, Mapping[str, float]]
+    notes: tuple[str, ...]  # the others, with their values
+
+
+@dataclass(frozen=True)
+class _Simple:
+    """An effect that is one number of one joint."""
+
+    kind: str
+    coordinate: str
+    value: float
+
+
+def joint_effects(
+    mechanism: Mechanism,
+    values: Mapping[str, float],
+    supported: Mapping[str, str],
+    coordinates: Collection[str],
+    file_format: str,
+) -> JointEffects:
+    """Sort effects into attributes of joints and what a format cannot say."""
+    attributes: dict[str, dict[str, float]] = {}
+    lost: dict[str, list[str]] = {}
+    for effect in mechanism.effects:
+        value = values[effect.parameter]
+        # one parameter may be that of several joints
+        simple = [_simple(mechanism, action, value) for action in effect.actions]
+        reason = next(filter(None, (_obstacle(s, supported, coordinates, file_format) for s in simple)), "")
+        if reason:
+            lost.setdefault(reason, []).append(f"{effect.parameter} = {value!r} {effect.unit}")
+            continue
+        for at in filter(None, simple):
+            found = attributes.setdefault(at.coordinate, {})
+            name = supported[at.kind]
+            found[name] = found.get(name, 0.0) + at.value
+    return JointEffects(attributes, tuple(f"{reason}: {', '.join(entries)}" for reason, entries in lost.items()))
+
+
+def kept_notes(stated: Mapping[str, Mapping[str, float]], written: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+    """What to say of numbers of joints that a file states and the identified model does not have."""
+    kept: dict[str, list[str]] = {}
+    for joint, numbers in stated.items():
+        for name, value in numbers.items():
+            if value and name not in written.get(joint, {}):
+                kept.setdefault(name, []).append(joint)
+    for name, joints in kept.items():
+        yield f"{name} stays as in the input where the identified model has no such effect: {listed(joints)}"
+
+
+def _simple(mechanism: Mechanism, action: Action, value: float) -> _Simple | None:
+    """What an effect does at a joint, if it is of a known kind and acts on one joint only."""
+    term = "".join(action.term.split()).replace(f"[{action.at}]", "")
+    kind = _TERMS.get(term)
+    if kind is None:
+        return None
+    if action.side is Side.JOINT:
+        return _Simple(kind, action.at, value)
+    terms = next(a.terms for a in mechanism.transmission.actuators if a.name == action.at)
+    known = known_values(mechanism)
+    if len(terms) != 1 or not known.keys() >= set(terms[0][1].symbols()):
+        return None
+    coordinate, ratio = terms[0]
+    gear = abs(ratio.evaluate(float_generators(ratio.generators(), known), float))
+    return _Simple(kind, coordinate, value * (gear if kind == COULOMB else gear * gear))
+
+
+def _obstacle(
+    simple: _Simple | None, supported: Mapping[str, str], coordinates: Collection[str], file_format: str
+) -> str:
+    """Why an effect cannot be an attribute of a joint; empty if it can."""
+    if simple is None:
+        return f"{file_format} has no place for these effects, left out"
+    if simple.kind not in supported:
+        return f"{file_format} has no place for {simple.kind}, left out"
+    if simple.coordinate not in coordinates:
+        return f"{file_format} has no place for effects at what is no single-axis joint of the file, left out"
+    if simple.value < 0:
+        return f"simulators refuse negative {simple.kind}, left out"
+    return ""

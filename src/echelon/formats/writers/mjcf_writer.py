@@ -1,0 +1,273 @@
+"""The MJCF file that a robot was read from, with identified inertials, as one document.
+
+Included files are put in their places.  What multiplies or attaches bodies is left to MuJoCo, which prints the model
+that it made; it prints six digits, so that bodies, frames and joints get theirs back from its own numbers.
+
+Every body that moves gets an explicit inertial, so that its geoms no longer weigh anything, and what is fixed to such a
+body gets an empty one.  Settings that would change these values afterwards are switched off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from echelon.errors import InputError
+from echelon.formats.mjcf.mjcf_model import NO_MASS, check_document, compile_spec, import_mujoco, parse_spec
+from echelon.formats.writers.identified_values import (
+    COULOMB,
+    ROTOR,
+    ROTOR_INERTIA,
+    VISCOUS,
+    IdentifiedValues,
+    Load,
+    head_comment,
+    joint_effects,
+    kept_notes,
+    listed,
+    load_of,
+    number_text,
+    reading_notes,
+)
+from echelon.formats.writers.xml_editor import XmlEditor, decoded
+from echelon.mechanism.mechanism import Mechanism
+
+_PRINTED = (
+    "MuJoCo has written out what multiplies or attaches bodies: without comments, "
+    "and with six digits but for bodies, frames and joints"
+)
+JOINTS = ("joint", "freejoint")
+
+
+class NamedModel:
+    """A document with the names under which Echelon knows its bodies and joints."""
+
+    def __init__(self, text: str, source: str, directory: Path | None) -> None:
+        text = text.removeprefix("\ufeff")  # MuJoCo would stumble over the mark of byte order
+        _, included, missing = check_document(text, source, directory)
+        self._lenient = bool(missing)
+        parse_spec(text, source, directory)  # which refuses files that include themselves
+        self.notes: tuple[str, ...] = ()
+        self._read(_with_includes(text, source, included), source, directory)
+        if not self._is_complete:
+            self.notes = (_PRINTED,)
+            self._read(_printed(text, source, directory), source, directory)
+        if not self._is_complete:
+            raise InputError("its bodies cannot be told apart; give every body and joint a name", source=source)
+
+    def _read(self, text: str, source: str, directory: Path | None) -> None:
+        self.editor = XmlEditor(text, source)
+        self.spec = compile_spec(parse_spec(text, source, directory), source, directory, lenient=self._lenient).spec
+        self._spec_bodies = [str(body.name) for body in self.spec.bodies][1:]
+        self._spec_joints = [str(joint.name) for joint in self.spec.joints]
+        world = [e for part in self.editor.root.findall("worldbody") for e in part.iter()]
+        bodies, joints = [e for e in world if e.tag == "body"], [e for e in world if e.tag in JOINTS]
+        self.bodies = dict(zip(bodies, self._spec_bodies, strict=False))
+        self.joints = dict(zip(joints, self._spec_joints, strict=False))
+        self._counts = len(bodies) == len(self._spec_bodies) and len(joints) == len(self._spec_joints)
+
+    @property
+    def _is_complete(self) -> bool:
+        """Whether elements and MuJoCo's bodies and joints are the same ones in the same order."""
+        named = (*self.bodies.items(), *self.joints.items())
+        return self._counts and all(element.get("name") in (None, "", name) for element, name in named)
+
+
+def _with_includes(text: str, source: str, included: Mapping[str, bytes]) -> str:
+    editor = XmlEditor(text, source)
+    for element in editor.root.iter("include"):
+        name = element.get("file")
+        if name not in included:
+            continue  # missing from the start, and still needed for whatever it defines
+        inner = XmlEditor(_with_includes(decoded(included[name], name), name, included), name)
+        editor.replace(element, inner.inside(inner.root))
+    return editor.result()
+
+
+def _printed(text: str, source: str, directory: Path | None) -> str:
+    """The model that MuJoCo makes of a document, with all digits where bodies, frames and joints are."""
+    mujoco = import_mujoco()
+    spec = parse_spec(text, source, directory)
+    spec.compiler.fusestatic = spec.compiler.discardvisual = False
+    spec.compiler.boundmass = max(spec.compiler.boundmass, NO_MASS)
+    spec.compiler.boundinertia = max(spec.compiler.boundinertia, NO_MASS)
+    for stem, elements in (("body", spec.bodies), ("joint", spec.joints), ("frame", spec.frames)):
+        _name(stem, elements)
+    try:
+        model = spec.compile()
+        spec.compiler.boundmass = spec.compiler.boundinertia = 0.0
+        printed = str(spec.to_xml())
+    except (ValueError, mujoco.FatalError) as error:
+        problem = f"MuJoCo, which must write out what multiplies or attaches bodies, refuses the model: {error}"
+        raise InputError(" ".join(problem.split()), source=source) from None
+    editor = XmlEditor(printed, source)
+    precise = dict(_precise(spec, model))
+    for element in (e for part in editor.root.findall("worldbody") for e in part.iter()):
+        tag = "joint" if element.tag in JOINTS else element.tag
+        editor.set_attributes(element, precise.get((tag, element.get("name", "")), {}))
+    return editor.result()
+
+
+def _name(stem: str, elements: list[Any]) -> None:
+    taken = {str(element.name) for element in elements}
+    for index, element in enumerate(elements):
+        name = f"{stem}_{index}"
+        while name in taken:
+            name += "_"
+        if not element.name:
+            element.name = name
+
+
+def _precise(spec: Any, model: Any) -> Iterator[tuple[tuple[str, str], dict[str, str]]]:
+    """Poses of bodies and frames and axes of joints, by tag and name."""
+    mujoco = import_mujoco()
+    for tag, elements in (("body", spec.bodies[1:]), ("frame", spec.frames)):
+        for element in elements:
+            rotation = element.quat
+            if element.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT:
+                rules = getattr(element, "compiler", spec.compiler)  # of the model that was attached
+                rotation = spec.resolve_orientation(
+                    degree=rules.degree, sequence=rules.eulerseq, orientation=element.alt
+                )
+            yield (tag, str(element.name)), {"pos": number_text(*element.pos), "quat": number_text(*rotation)}
+    for joint in spec.joints:
+        if joint.type == mujoco.mjtJoint.mjJNT_FREE:
+            continue
+        place = {"pos": number_text(*joint.pos)}
+        if joint.type != mujoco.mjtJoint.mjJNT_BALL:
+            place["axis"] = number_text(*joint.axis)
+            place["ref"] = number_text(model.qpos0[model.joint(joint.name).qposadr[0]])
+        yield ("joint", str(joint.name)), place
+
+
+_FORMAT = "MJCF"
+_ATTRIBUTES = {VISCOUS: "damping", COULOMB: "frictionloss", ROTOR_INERTIA: "armature"}
+_HARMFUL = ("inertiafromgeom", "balanceinertia", "boundmass", "boundinertia", "settotalmass")
+"""Settings of the compiler that may change stated inertias; without them it does not."""
+_HARMLESS = ("auto", "false")
+
+
+def edited_mjcf(
+    mechanism: Mechanism, values: IdentifiedValues, text: str, source: str, directory: Path | None
+) -> tuple[str, tuple[str, ...]]:
+    """An MJCF document with identified values in the place of its own."""
+    return _Writer(mechanism, values, NamedModel(text, source, directory), source).written()
+
+
+class _Writer:
+    def __init__(self, mechanism: Mechanism, values: IdentifiedValues, model: NamedModel, source: str) -> None:
+        self.mechanism, self.values, self.model, self.source = mechanism, values, model, source
+        self.editor = model.editor
+        self.indices = {b.name: k for k, b in enumerate(mechanism.bodies) if b.joint.kind != ROTOR}
+
+    def written(self) -> tuple[str, tuple[str, ...]]:
+        known = set(self.model.bodies.values())
+        strange = next((name for name in self.indices if name not in known), None)
+        if strange is not None:
+            raise InputError("the model has no such body", source=self.source, element=f"body '{strange}'")
+        notes = [*self.model.notes, *self._write_bodies(), *self._write_joints(), *self._write_compiler()]
+        notes += reading_notes(self.mechanism, self.values, self.editor.root, _FORMAT)
+        if self.mechanism.bodies and self.mechanism.bodies[0].joint.name == "base" and self._base_is_fixed:
+            notes.append("the base is fixed in this file as in the input, although it was identified floating")
+        self.editor.insert_first(self.editor.root, head_comment(notes))
+        return self.editor.result(), tuple(notes)
+
+    @property
+    def _base_is_fixed(self) -> bool:
+        base = next(e for e, name in self.model.bodies.items() if name == self.mechanism.bodies[0].name)
+        return self.mechanism.bodies[0].joint.kind == "floating" and not _joints_of(base)
+
+    # -- bodies ----------------------------------------------------------------------------------------------------
+
+    def _write_bodies(self) -> Iterator[str]:
+        lumped: list[str] = []
+        massless: list[str] = []
+        pending = [(e, False) for world in self.editor.root.findall("worldbody") for e in _children(world)]
+        while pending:
+            element, rides = pending.pop(0)
+            name = self.model.bodies[element]
+            moves = rides or name in self.indices
+            if name in self.indices:
+                load = load_of(self.values.bodies[self.indices[name]], name)
+                massless += [] if load else [name]
+                self._write_inertial(element, load or _nothing(element))
+            elif rides and (element.find("inertial") is not None or _joints_of(element) or _has_geoms(element)):
+                lumped.append(name)
+                self._write_inertial(element, _nothing(element))
+            pending += [(child, moves) for child in _children(element)]
+        if lumped:
+            yield f"no mass of their own, since they count as part of the body that they are fixed to: {listed(lumped)}"
+        if massless:
+            reason = "no mass, or next to none where MuJoCo demands some, since they carry no parameters or zero"
+            yield f"{reason}: {listed(massless)}"
+
+    def _write_inertial(self, body: Any, load: Load) -> None:
+        xx, xy, xz, yy, yz, zz = load.moments
+        if xy or xz or yz:
+            moments = f'fullinertia="{number_text(xx, yy, zz, xy, xz, yz)}"'
+        else:
+            moments = f'diaginertia="{number_text(xx, yy, zz)}"'
+        text = f'<inertial pos="{number_text(*load.centre)}" mass="{number_text(load.mass)}" {moments}/>'
+        stated = body.findall("inertial")
+        for element in stated[1:]:
+            self.editor.remove(element)
+        if stated:
+            self.editor.replace(stated[0], text)
+        else:
+            self.editor.insert_first(body, [text])
+
+    # -- joints and settings ---------------------------------------------------------------------------------------
+
+    def _write_joints(self) -> Iterator[str]:
+        mujoco = import_mujoco()
+        single = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+        stated = {str(joint.name): joint for joint in self.model.spec.joints if joint.type in single}
+        effects = joint_effects(self.mechanism, self.values.effects, _ATTRIBUTES, stated, _FORMAT)
+        for element, name in self.model.joints.items():
+            numbers = effects.attributes.get(name, {})
+            self.editor.set_attributes(element, {key: number_text(value) for key, value in numbers.items()})
+        keys = (*_ATTRIBUTES.values(), "stiffness")
+        said = {name: {key: _first(getattr(joint, key)) for key in keys} for name, joint in stated.items()}
+        yield from kept_notes(said, effects.attributes)
+        yield from effects.notes
+
+    def _write_compiler(self) -> Iterator[str]:
+        changed: list[str] = []
+        for element in self.editor.root.findall("compiler"):
+            harmful = [key for key in _HARMFUL if element.get(key) is not None and element.get(key) not in _HARMLESS]
+            self.editor.drop_attributes(element, harmful)
+            changed += harmful
+        if changed:
+            yield f"settings that could change the inertias are left out: {', '.join(dict.fromkeys(changed))}"
+
+
+def _children(element: Any) -> Iterator[Any]:
+    """Bodies in a body or the world, also those in frames."""
+    for child in element:
+        if child.tag == "body":
+            yield child
+        elif child.tag == "frame":
+            yield from _children(child)
+
+
+def _joints_of(body: Any) -> bool:
+    """Whether a body has joints, perhaps in frames."""
+    return any(e.tag in JOINTS or (e.tag == "frame" and _joints_of(e)) for e in body)
+
+
+def _has_geoms(body: Any) -> bool:
+    return any(e.tag == "geom" or (e.tag == "frame" and _has_geoms(e)) for e in body)
+
+
+def _nothing(body: Any) -> Load:
+    """No mass, or what MuJoCo needs of a body that moves."""
+    least = NO_MASS if _joints_of(body) else 0.0
+    return Load(least, (0.0, 0.0, 0.0), (least, 0.0, 0.0, least, 0.0, least))
+
+
+def _first(value: Any) -> float:
+    """A number of a joint, or the first coefficient of a polynomial."""
+    return float(np.ravel(value)[0])

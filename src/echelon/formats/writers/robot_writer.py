@@ -1,0 +1,83 @@
+"""The identified robot as files that people simulate and control with.
+
+Who comes with a URDF or MJCF file gets that file back with other numbers in it.  Who comes with a description gets the
+description with values, which says everything, and a URDF of its geometry where URDF can say it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from echelon.formats.robot_file import RobotFile
+from echelon.formats.writers.identified_values import IdentifiedValues, sorted_values
+from echelon.formats.writers.xml_editor import decoded
+from echelon.mechanism.mechanism import Mechanism
+
+
+@dataclass(frozen=True)
+class WrittenRobot:
+    """A robot file that is yet to be written (see :func:`echelon.files.write_atomically`)."""
+
+    name: str  # ``identified.urdf``, ``identified.xml`` (MJCF) or ``identified.yaml``
+    text: str
+    notes: tuple[str, ...]  # what the format cannot say, with values, and what was changed beside inertias
+
+
+def identified_robot(
+    mechanism: Mechanism, standard: npt.ArrayLike, file: RobotFile | None = None
+) -> tuple[WrittenRobot, ...]:
+    """Write identified standard parameters into the robot's file.  Shapes: standard (p,).
+
+    >>> from echelon.formats.robot_file import open_robot
+    >>> file = open_robot("examples/two_link.xml")
+    >>> robot = file.mechanism()
+    >>> (written,) = identified_robot(robot, [v or 0.0 for v in robot.standard_values()], file)
+    >>> written.name
+    'identified.xml'
+    >>> 'mass="1.6"' in written.text
+    True
+    """
+    values = sorted_values(mechanism, standard)
+    if file is None or file.is_description or file.root.tag == "sdf":
+        return _from_description(mechanism, values)
+    text = decoded(file.data, file.source)
+    if file.root.tag == "mujoco":
+        from echelon.formats.writers.mjcf_writer import edited_mjcf
+
+        return (WrittenRobot("identified.xml", *edited_mjcf(mechanism, values, text, file.source, file.directory)),)
+    from echelon.formats.writers.urdf_writer import edited_urdf
+
+    return (WrittenRobot("identified.urdf", *edited_urdf(mechanism, values, text, file.source)),)
+
+
+def _from_description(mechanism: Mechanism, values: IdentifiedValues) -> tuple[WrittenRobot, ...]:
+    import yaml
+
+    from echelon.formats.writers.description_writer import write_description
+    from echelon.formats.writers.urdf_writer import generated_urdf, urdf_obstacle
+
+    document = write_description(_with_values(mechanism, values))
+    dumped: Any = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
+    obstacle = urdf_obstacle(mechanism, values)
+    if obstacle:
+        return (
+            WrittenRobot("identified.yaml", str(dumped), (f"there is no URDF of this robot beside it: {obstacle}",)),
+        )
+    return (
+        WrittenRobot("identified.yaml", str(dumped), ()),
+        WrittenRobot("identified.urdf", *generated_urdf(mechanism, values)),
+    )
+
+
+def _with_values(mechanism: Mechanism, values: IdentifiedValues) -> Mechanism:
+    """The mechanism as if its file had stated the identified values."""
+    bodies = tuple(
+        replace(body, inertial=tuple(float(v) for v in np.asarray(ten)) if body.carried else None)
+        for body, ten in zip(mechanism.bodies, values.bodies, strict=True)
+    )
+    effects = tuple(replace(effect, value=values.effects[effect.parameter]) for effect in mechanism.effects)
+    return replace(mechanism, bodies=bodies, effects=effects)

@@ -1,0 +1,178 @@
+"""A mechanism with some coordinates held where they are: what remains to be seen when only the others move."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from fractions import Fraction
+from math import tan
+
+from echelon.errors import InputError
+from echelon.exact.polynomial import Polynomial, float_generators
+from echelon.hints import nearest_of
+from echelon.mechanism.coupling import Coupling, Spline
+from echelon.mechanism.effect import Effect
+from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, merge
+from echelon.mechanism.mechanism import Body, Mechanism
+from echelon.mechanism.output import ActuatorForce, Cut, Output
+from echelon.mechanism.placement import IDENTITY, Matrix, Placement, as_matrix
+from echelon.mechanism.symbol_values import known_values
+from echelon.mechanism.transmission import Actuator
+
+_DENOMINATOR = 10**8  # of tangents of half angles: a rational point of the circle within 2e-8 rad of any angle
+_REFERENCE = re.compile(r"\b(qdd|qd|q)\[([^\]]*)\]")
+_INPUT = re.compile(r"\bi\[([^\]]*)\]")
+
+
+def held(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechanism:
+    """Hold some coordinates.
+
+    Bodies and their parameters stay; actuators, effects and outputs of what is held go, so do outputs of the forces
+    that hold it.  A ball (floating bases have one) is held upright.
+
+    >>> import echelon as ec
+    >>> arm = ec.load("examples/double_pendulum.yaml")
+    >>> held(arm, {"j1": 0}).velocities
+    ('j2',)
+    """
+    if not positions:
+        return mechanism
+    motions = {motion.name: motion for motion in mechanism.motions}
+    strange = next((name for name in positions if name not in motions), None)
+    if strange is not None:
+        raise InputError(f"there is no coordinate '{strange}' to hold{nearest_of(strange, list(motions))}")
+    if mechanism.closures:
+        raise InputError("coordinates of a mechanism with loops cannot be held one by one")
+    all_positions = _with_coupled(mechanism, positions)
+    gone = {name for key in all_positions for name in (key, *motions[key].velocities)}
+    actuators = tuple(_actuators(mechanism, gone))
+    gone |= {a.name for a in mechanism.actuators} - {a.name for a in actuators}
+    return replace(
+        mechanism,
+        bodies=tuple(_body(body, all_positions) for body in mechanism.bodies),
+        couplings=tuple(c for c in mechanism.couplings if c.coordinate not in gone),
+        actuators=actuators,
+        effects=tuple(_effects(mechanism, gone, all_positions)),
+        measured=None if mechanism.measured is None else tuple(_outputs(mechanism.measured, gone)),
+    )
+
+
+def _with_coupled(mechanism: Mechanism, positions: Mapping[str, float]) -> dict[str, float]:
+    """Positions of what is held, and of what follows it."""
+    found = dict(positions)
+    for coupling in mechanism.couplings:
+        leaders = [name for name, _ in coupling.terms]
+        here = [name for name in leaders if name in positions]
+        if coupling.coordinate in positions:
+            raise InputError(f"'{coupling.coordinate}' follows {', '.join(leaders)}; hold these instead")
+        if here and len(here) < len(leaders):
+            raise InputError(f"'{coupling.coordinate}' follows {', '.join(leaders)}: hold all of them or none")
+        if here:
+            found[coupling.coordinate] = sum(
+                _known(coupling, f).floats(positions[name], {})[0] for name, f in coupling.terms
+            )
+    return found
+
+
+def _known(coupling: Coupling, function: Spline) -> Spline:
+    if any(value.number is None for value in function.expressions):
+        raise InputError(
+            f"the coupling of '{coupling.coordinate}' has symbols; only coordinates of known ratios can be held"
+        )
+    return function
+
+
+def _body(body: Body, positions: Mapping[str, float]) -> Body:
+    steps: list[Step] = []
+    for step in body.joint.steps:
+        if isinstance(step, Motion) and step.name in positions:
+            steps.append(_placed(step, positions[step.name]))
+        else:
+            steps.append(step)
+    joint = body.joint
+    kind = joint.kind if any(isinstance(step, Motion) for step in steps) else "fixed"
+    return replace(body, joint=Joint(joint.name, kind, merge(tuple(steps))))
+
+
+def _placed(motion: Motion, position: float) -> Placement:
+    """Where a motion is at a position."""
+    if motion.kind is MotionKind.BALL:
+        if position:
+            raise InputError(f"'{motion.name}' turns freely; it can be held at 0 only")
+        return Placement()
+    along, turned = Fraction(0), IDENTITY
+    if motion.kind is MotionKind.TRANSLATION:
+        along = motion.sign * Fraction(position)
+    elif position:
+        turned = _turned(motion.axis, motion.sign * position)
+    entries = [Polynomial.constant(along if k == motion.axis else Fraction(0)) for k in range(3)]
+    if motion.kind is MotionKind.SCREW:
+        entries[motion.axis] = motion.pitch * Polynomial.constant(motion.sign * Fraction(position))
+    return Placement(turned, (entries[0], entries[1], entries[2]))
+
+
+def _turned(axis: int, angle: float) -> Matrix:
+    t = Fraction(tan(angle / 2)).limit_denominator(_DENOMINATOR)
+    c, s = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
+    rows = [list(row) for row in IDENTITY]
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    rows[i][i], rows[i][j], rows[j][i], rows[j][j] = (Polynomial.constant(x) for x in (c, -s, s, c))
+    return as_matrix(rows)
+
+
+def _actuators(mechanism: Mechanism, gone: Iterable[str]) -> Iterable[Actuator]:
+    """Actuators that still move something, as many as there are coordinates that they move."""
+    left = [
+        replace(actuator, terms=terms)
+        for actuator in mechanism.actuators
+        if (terms := tuple((name, ratio) for name, ratio in actuator.terms if name not in gone))
+    ]
+    driven = {name for actuator in left for name, _ in actuator.terms}
+    if len(driven) < len(left):
+        names, joints = ", ".join(a.name for a in left), ", ".join(sorted(driven))
+        raise InputError(f"{names} would drive {joints} alone: hold all joints that are coupled, or none of them")
+    return left
+
+
+def _effects(mechanism: Mechanism, gone: set[str], positions: Mapping[str, float]) -> Iterable[Effect]:
+    """Effects where something moves, with what does not move standing still."""
+    still = _still(mechanism, gone, positions)
+
+    def written(found: re.Match[str]) -> str:
+        kind, name = found[1], found[2].strip()
+        if name not in gone:
+            return found[0]
+        return f"({still.get(name, 0.0)!r})" if kind == "q" else "0"
+
+    for effect in mechanism.effects:
+        actions = tuple(
+            replace(action, term=_REFERENCE.sub(written, action.term))
+            for action in effect.actions
+            if action.at not in gone and not gone.intersection(_INPUT.findall(action.term))
+        )
+        if actions:
+            yield replace(effect, actions=actions)
+
+
+def _still(mechanism: Mechanism, gone: set[str], positions: Mapping[str, float]) -> dict[str, float]:
+    """Positions of coordinates and actuators that do not move."""
+    known = known_values(mechanism)
+    found = dict(positions)
+    for actuator in mechanism.actuators:
+        if actuator.name in gone:
+            ratios = [(name, r.evaluate(float_generators(r.generators(), known), float)) for name, r in actuator.terms]
+            found[actuator.name] = sum(ratio * positions.get(name, 0.0) for name, ratio in ratios)
+    return found
+
+
+def _outputs(outputs: Iterable[Output], gone: set[str]) -> Iterable[Output]:
+    for output in outputs:
+        terms = tuple(
+            (channel, weight)
+            for channel, weight in output.terms
+            if isinstance(channel, Cut)
+            or (channel.actuator if isinstance(channel, ActuatorForce) else channel.coordinate) not in gone
+        )
+        if terms:
+            yield replace(output, terms=terms)
