@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 import echelon as ec
-from echelon.claims.findings import Agreement
+from echelon.claims.result import Agreement
 from oracles import float_regressor, random_states
 from published import EXAMPLES, RX90_FILE, base, rows
 from robots import has_pinocchio, robot_file

@@ -23,8 +23,8 @@ from echelon.base.special import special_geometry as special_geometry
 from echelon.base.structure import Structure as Structure
 from echelon.base.symbolic import SymbolicRegressor as SymbolicRegressor
 from echelon.claims.audit import audit as audit
-from echelon.claims.findings import Verdict as Verdict
 from echelon.claims.result import Audit as Audit
+from echelon.claims.result import Verdict as Verdict
 from echelon.codegen.generate import generate as generate
 from echelon.errors import AssemblyWarning as AssemblyWarning
 from echelon.errors import CertificateError as CertificateError

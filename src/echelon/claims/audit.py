@@ -13,15 +13,12 @@ from echelon.base.derive import base_parameters
 from echelon.base.expression import collect
 from echelon.base.model import BaseModel
 from echelon.base.reading_report import ROUNDING
-from echelon.claims.compare import Geometry, Row, RowComparison, compare_row, led_by
-from echelon.claims.findings import Agreement, Finding, Missing
-from echelon.claims.linear import LinearReader, names_in
+from echelon.claims.compare import Geometry, Row, RowComparison, Span, compare_row, led_by, span_exactly, span_roughly
+from echelon.claims.linear_terms import LinearReader, names_in
 from echelon.claims.naming import AUTO, Naming, find_naming, plain_words, unknown_token
-from echelon.claims.precision import precision_of
-from echelon.claims.reading import Claim, read_claims
-from echelon.claims.result import Audit
-from echelon.claims.span import Span, span_exactly, span_roughly
-from echelon.claims.witness import Laboratory
+from echelon.claims.reading import Claim, precision_of, read_claims
+from echelon.claims.result import Agreement, Audit, Finding, Missing
+from echelon.claims.witness import WitnessSearch
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import Polynomial
@@ -100,7 +97,7 @@ def _compare(
     rounded = [precision_of([claim.text]).decimals is not None for claim in claims]
     compared = [compare_row(row, matrix, geometry, precision, r) for row, r in zip(rows, rounded, strict=True)]
     right = [k for k, c in enumerate(compared) if c.agreement is not Agreement.WRONG]
-    laboratory = Laboratory(model, matrix, tuple(rows), geometry, model.seed)
+    search = WitnessSearch(model, matrix, tuple(rows), geometry, model.seed)
     if any(c.agreement is Agreement.PRINTED_DIGITS for c in compared):
         span = span_roughly(rows, right, matrix, geometry, precision.absolute)
     else:
@@ -108,8 +105,8 @@ def _compare(
     return Audit(
         model.mechanism.name,
         model.rank,
-        tuple(_finding(k, claims[k], compared[k], span, laboratory) for k in range(len(claims))),
-        tuple(_missing(k, laboratory) for k in span.missing),
+        tuple(_finding(k, claims[k], compared[k], span, search) for k in range(len(claims))),
+        tuple(_missing(k, search) for k in span.missing),
         naming.name,
         str(precision),
         any(c.numeric for c in compared),
@@ -130,8 +127,8 @@ def _notes(model: BaseModel, compared: Sequence[RowComparison]) -> tuple[str, ..
     )
 
 
-def _finding(index: int, claim: Claim, compared: RowComparison, span: Span, laboratory: Laboratory) -> Finding:
-    witness = laboratory.unseen_by_outputs(_clearest(compared)) if compared.columns else None
+def _finding(index: int, claim: Claim, compared: RowComparison, span: Span, search: WitnessSearch) -> Finding:
+    witness = search.unseen_by_outputs(_clearest(compared)) if compared.columns else None
     redundant = index in span.redundant
     return Finding(index + 1, claim, compared.agreement, redundant, compared.differences, compared.largest, witness)
 
@@ -142,12 +139,12 @@ def _clearest(compared: RowComparison) -> int:
     return compared.columns[sizes.index(max(sizes))]
 
 
-def _missing(index: int, laboratory: Laboratory) -> Missing:
-    matrix = laboratory.matrix
+def _missing(index: int, search: WitnessSearch) -> Missing:
+    matrix = search.matrix
     column = matrix.pivots[index]
     terms = [(matrix.parameters[c], value) for c, value in sorted(matrix.rows[index].items())]
-    unit = laboratory.model.mechanism.columns[column].unit
-    return Missing(collect(matrix.parameters[column], unit, terms), laboratory.unseen_by_claims(index))
+    unit = search.model.mechanism.columns[column].unit
+    return Missing(collect(matrix.parameters[column], unit, terms), search.unseen_by_claims(index))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A claimed row against the exact ones.
+"""Claimed rows against the exact ones: coefficient by coefficient, and what they span together.
 
 With B in reduced echelon form, a row c lies in its row space exactly if c = Σ c[p] · B[p] over the pivots p.  The
 pivots are chosen among the claimed rows' own leading parameters where possible: then every c is compared with the one
@@ -6,6 +6,11 @@ row of B that it means, and what differs is the coefficient that is wrong.
 
 Coefficients are compared as rational functions of the geometry, which decides exactly.  Rows that state numbers instead
 of symbols are compared at the robot's lengths, exactly first, then within the rounding of the printed digits.
+
+Which rows depend on others, and which base parameters none of them sees, are questions about the row rank and the
+column rank of K, the claimed coefficients at the pivots of B.  They are decided modulo a 61-bit prime at random
+geometry; where claims hold only at the robot's lengths and to their printed digits, by elimination in floats with that
+precision.
 """
 
 from __future__ import annotations
@@ -15,13 +20,16 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
+import numpy.typing as npt
 
-from echelon.base.matrix import BaseMatrix, coefficient_value
+from echelon.base.matrix import BaseMatrix, coefficient_value, residue, residues_of_generators
 from echelon.base.model import BaseModel
 from echelon.base.order import reordered
-from echelon.claims.findings import Agreement, TermDifference
-from echelon.claims.precision import Precision
-from echelon.errors import InputError
+from echelon.claims.reading import Precision
+from echelon.claims.result import Agreement, TermDifference
+from echelon.errors import DegenerateSampleError, EchelonError, InputError
+from echelon.exact.elimination import reduced_echelon
+from echelon.exact.field import PrimeField
 from echelon.exact.numbers import Number, Surd
 from echelon.exact.polynomial import float_generators, is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
@@ -31,6 +39,9 @@ Row = Mapping[int, RationalFunction]
 """Claimed coefficients by column, in the order of the text."""
 
 _ZERO = RationalFunction(0)
+_PRIME_BITS = 61
+_ATTEMPTS = 8
+_NOISE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -76,7 +87,7 @@ def _fraction(x: Number) -> Number:
 
 @dataclass(frozen=True)
 class RowComparison:
-    """What is found about one row; see :class:`echelon.claims.findings.Finding`.
+    """What is found about one row; see :class:`echelon.claims.result.Finding`.
 
     ``columns`` are those of the differences, ``numeric`` says that it agrees at the robot's lengths only.
     """
@@ -186,3 +197,70 @@ def coefficient_words(value: RationalFunction) -> str:
         return str(value)
     text = f"{float(number):.12g}"
     return text if Fraction(text) == number else str(number)
+
+
+@dataclass(frozen=True)
+class Span:
+    """What claimed rows span of the row space of B."""
+
+    redundant: tuple[int, ...]  # right rows that depend on the right rows before them
+    missing: tuple[int, ...]  # rows of B that complete the claimed ones
+
+
+def span_exactly(rows: Sequence[Row], right: Sequence[int], matrix: BaseMatrix, rng: np.random.Generator) -> Span:
+    """The span for generic geometry."""
+    for _ in range(_ATTEMPTS):
+        field = PrimeField.random(rng, _PRIME_BITS)
+        try:
+            values = _residues(rows, matrix, field, rng)
+        except DegenerateSampleError:
+            continue
+        independent = reduced_echelon(values[list(right)].T, field)[1]
+        return _span(right, independent, reduced_echelon(values, field)[1], matrix)
+    raise EchelonError("every random geometry is singular for the claimed coefficients")
+
+
+def span_roughly(
+    rows: Sequence[Row], right: Sequence[int], matrix: BaseMatrix, geometry: Geometry, tolerance: float
+) -> Span:
+    """The span at the robot's geometry for coefficients that are known to a tolerance."""
+    values = np.array([[geometry.roughly(row.get(p, _ZERO)) or 0.0 for p in matrix.pivots] for row in rows])
+    values = values.reshape(len(rows), matrix.rank)
+    threshold = max(_NOISE, 4 * tolerance)
+    independent = _independent(values[list(right)].T, threshold)
+    return _span(right, independent, _independent(values, threshold), matrix)
+
+
+def _span(right: Sequence[int], independent: Sequence[int], seen: Sequence[int], matrix: BaseMatrix) -> Span:
+    redundant = set(right) - {right[k] for k in independent}
+    return Span(tuple(sorted(redundant)), tuple(k for k in range(matrix.rank) if k not in set(seen)))
+
+
+def _residues(
+    rows: Sequence[Row], matrix: BaseMatrix, field: PrimeField, rng: np.random.Generator
+) -> npt.NDArray[np.object_]:
+    used = [row[p] for row in rows for p in matrix.pivots if p in row]
+    generators = sorted({g for c in used for p in (c.numerator, c.denominator) for g in p.generators()})
+    symbols = {name: field.draw(rng, (1,)) for name in sorted({symbol_of(g) for g in generators})}
+    known = {g: int(v[0]) for g, v in residues_of_generators(generators, symbols, field).items()}
+    values = np.zeros((len(rows), matrix.rank), dtype=object)
+    for i, row in enumerate(rows):
+        for k, pivot in enumerate(matrix.pivots):
+            if pivot in row:
+                values[i, k] = residue(row[pivot], known, field)
+    return values
+
+
+def _independent(values: npt.NDArray[np.float64], threshold: float) -> list[int]:
+    """Columns that do not depend on the ones before, by modified Gram–Schmidt, applied twice for accuracy."""
+    basis: list[npt.NDArray[np.float64]] = []
+    chosen = []
+    for index, column in enumerate(values.T):
+        rest = column.astype(float)
+        for direction in basis * 2:
+            rest = rest - (direction @ rest) * direction
+        size = float(np.linalg.norm(rest))
+        if size > threshold * max(1.0, float(np.linalg.norm(column))):
+            basis.append(rest / size)
+            chosen.append(index)
+    return chosen

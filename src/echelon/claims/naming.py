@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 from echelon.base.model import BaseModel
-from echelon.claims.linear import names_in
+from echelon.claims.linear_terms import names_in
 from echelon.conventions import PARAMETERS
 from echelon.errors import InputError
 

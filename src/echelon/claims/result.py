@@ -1,13 +1,96 @@
-"""What an audit found."""
+"""What an audit found: verdicts, wrong coefficients, witnesses; as objects, as text and as JSON-able data."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from enum import Enum
 from typing import Any
 
-from echelon.claims.display import to_dict, to_text
-from echelon.claims.findings import Agreement, Finding, Missing, Verdict
+from echelon.base.expression import Expression
 from echelon.claims.reading import Claim
+from echelon.errors import one_line
+
+SCHEMA_NAME = "echelon.audit/1"
+_LONGEST = 160  # characters of a row that are shown
+
+
+class Verdict(Enum):
+    """How a claimed set compares with the exact one; the first that applies, from the bottom of this list."""
+
+    EQUAL = "equal"
+    EQUAL_TO_PRINTED_DIGITS = "equal to the printed digits"
+    REDUNDANT = "redundant"
+    INCOMPLETE = "incomplete"
+    WRONG = "wrong"
+
+
+_MEANING = {
+    Verdict.EQUAL: "the claimed set is the exact one, up to the choice of representatives",
+    Verdict.EQUAL_TO_PRINTED_DIGITS: "the claimed set is the exact one, as far as its digits tell",
+    Verdict.REDUNDANT: "complete, but some rows depend on others",
+    Verdict.INCOMPLETE: "what is claimed is right, but the outputs see more",
+    Verdict.WRONG: "some rows see what the outputs do not",
+}
+
+
+class Agreement(Enum):
+    """How one claimed expression compares with what the outputs see."""
+
+    EXACT = "exact"
+    PRINTED_DIGITS = "agrees to the printed digits"
+    WRONG = "wrong"
+
+
+@dataclass(frozen=True)
+class TermDifference:
+    """A coefficient that is not what it has to be beside the other ones of its row."""
+
+    parameter: str
+    claimed: str  # coefficients; "0" where there is no such term
+    expected: str  # coefficients; "0" where there is no such term
+    difference: float | None  # claimed minus expected at the robot's geometry, if that is known
+
+    def __str__(self) -> str:
+        if self.expected == "0":
+            return f"the term {self.claimed}·{self.parameter} does not belong here"
+        if self.claimed == "0":
+            return f"the term {self.expected}·{self.parameter} is missing"
+        return f"{self.parameter} has the coefficient {self.claimed} instead of {self.expected}"
+
+
+@dataclass(frozen=True)
+class Witness:
+    """A change of the standard parameters that the claimed set and the outputs disagree about."""
+
+    change: Mapping[str, float]  # what is added to the standard parameters, SI units
+    # what it changes in the claimed base parameters, by row number from 1; empty if nothing
+    claimed: Mapping[int, float]
+    # ``q``, ``qd``, ``qdd`` of an example, in the order of the mechanism's coordinates; ``i[name]`` for measured inputs
+    state: Mapping[str, tuple[float, ...]]
+    outputs: Mapping[str, float]  # change of the outputs in that state
+    symbols: Mapping[str, float] = field(default_factory=dict)  # values that were assumed for symbols without one
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One claimed base parameter."""
+
+    number: int  # its place in the claimed set, from 1
+    claim: Claim
+    agreement: Agreement
+    redundant: bool  # whether it depends on the rows before it
+    differences: tuple[TermDifference, ...] = ()  # what is wrong with it; empty unless the agreement is ``WRONG``
+    largest_difference: float = 0.0  # largest difference of a coefficient that is within the printed digits
+    witness: Witness | None = None  # for a wrong row: a change that no output sees, but this row does
+
+
+@dataclass(frozen=True)
+class Missing:
+    """A base parameter that no claimed row sees."""
+
+    expression: Expression
+    witness: Witness  # a change that the outputs see, but no claimed row does
 
 
 @dataclass(frozen=True)
@@ -76,14 +159,129 @@ class Audit:
 
     def to_dict(self) -> dict[str, Any]:
         """The audit as JSON-able data, schema ``echelon.audit/1``."""
-        return to_dict(self)
+        return _data(self)
 
     def to_text(self) -> str:
         """The audit as plain text: verdict, wrong rows with witnesses, redundant rows, missing directions."""
-        return to_text(self)
+        return _text(self)
 
     def __str__(self) -> str:
         return self.to_text()
 
     def __repr__(self) -> str:
         return f"Audit({self.name}: {self.verdict.value}; {len(self.findings)} claimed, {self.rank} exact)"
+
+
+def _text(audit: Audit) -> str:
+    """Plain text: verdict, counts, then every row that is not right, with a witness."""
+    lines = [
+        one_line(f"{audit.name}: {audit.verdict.value.upper()}: {_MEANING[audit.verdict]}"),
+        f"{len(audit.findings)} claimed, {audit.rank} exact base parameters; naming: {audit.naming}; "
+        f"coefficients: {audit.precision}",
+        *_counts(audit),
+    ]
+    for finding in audit.of(Agreement.WRONG):
+        lines += ["", f"wrong: {_title(finding)}"]
+        lines += [f"  {difference}" for difference in finding.differences]
+        lines += [f"  {text}" for text in _proof(finding)]
+    lines += [""] * any(finding.redundant for finding in audit.findings)
+    lines += [f"redundant: {_title(finding)}" for finding in audit.findings if finding.redundant]
+    for missing in audit.missing:
+        lines += ["", f"missing: {missing.expression}", *(f"  {text}" for text in _blindness(missing))]
+    return "\n".join(one_line(line) for line in lines) + "\n"
+
+
+def _counts(audit: Audit) -> list[str]:
+    texts = []
+    exact, rounded = audit.of(Agreement.EXACT), audit.of(Agreement.PRINTED_DIGITS)
+    if exact:
+        place = " at the robot's lengths" if audit.numeric else ""
+        texts.append(f"{len(exact)} exact{place}")
+    if rounded:
+        largest = max(finding.largest_difference for finding in rounded)
+        texts.append(f"{len(rounded)} agree to the printed digits (largest difference {largest:.2g})")
+    wrong = audit.of(Agreement.WRONG)
+    texts += [f"{len(wrong)} wrong"] * bool(wrong)
+    redundant = [finding for finding in audit.findings if finding.redundant]
+    texts += [f"{len(redundant)} redundant"] * bool(redundant)
+    lines = [f"rows: {', '.join(texts)}", f"missing: {len(audit.missing)}"]
+    if audit.ignored:
+        lines.append(f"ignored: {len(audit.ignored)} rows ({', '.join(claim.text for claim in audit.ignored)})")
+    lines += [f"note: {note}" for note in audit.notes]
+    return lines if audit.missing else [line for line in lines if not line.startswith("missing")]
+
+
+def _title(finding: Finding) -> str:
+    name = f"{finding.claim.name} = " if finding.claim.name else ""
+    text = one_line(f"row {finding.number} ({finding.claim.where}): {name}{finding.claim.text}")
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 2]} …"
+
+
+def _proof(finding: Finding) -> list[str]:
+    if finding.witness is None:
+        return []
+    felt = finding.witness.claimed.get(finding.number, 0.0)
+    return [
+        f"witness: add {_change(finding.witness)}",
+        f"no output changes in any state, but this row changes by {felt:.6g}",
+    ]
+
+
+def _blindness(missing: Missing) -> list[str]:
+    witness = missing.witness
+    state = ", ".join(f"{name} = {_numbers(values)}" for name, values in witness.state.items())
+    outputs = ", ".join(f"{name} by {value:.6g}" for name, value in witness.outputs.items() if value)
+    return [
+        f"witness: add {_change(witness)}",
+        f"no claimed row changes, but the outputs do: {outputs}",
+        f"at {state}",
+    ]
+
+
+def _change(witness: Witness) -> str:
+    change = ", ".join(f"{value:+.6g} to {name}" for name, value in witness.change.items())
+    assumed = ", ".join(f"{name} = {value:g}" for name, value in witness.symbols.items())
+    return f"{change} (with {assumed})" if assumed else change
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{value + 0.0:.4g}" for value in values) + ")"
+
+
+def _data(audit: Audit) -> dict[str, Any]:
+    """JSON-able data of schema ``echelon.audit/1``."""
+    return {
+        "schema": SCHEMA_NAME,
+        "name": audit.name,
+        "verdict": audit.verdict.value,
+        "equal": audit.equal,
+        "claimed": len(audit.findings),
+        "rank": audit.rank,
+        "naming": audit.naming,
+        "precision": audit.precision,
+        "numeric": audit.numeric,
+        "rows": [_finding(finding) for finding in audit.findings],
+        "missing": [{"expression": str(m.expression), "witness": _witness(m.witness)} for m in audit.missing],
+        "ignored": [claim.text for claim in audit.ignored],
+        "notes": list(audit.notes),
+    }
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    claim = finding.claim
+    return {
+        "number": finding.number,
+        "where": claim.where,
+        "name": claim.name,
+        "expression": claim.text,
+        "columns": dict(claim.columns),
+        "agreement": finding.agreement.value,
+        "redundant": finding.redundant,
+        "largest_difference": finding.largest_difference,
+        "differences": [asdict(difference) for difference in finding.differences],
+        "witness": None if finding.witness is None else _witness(finding.witness),
+    }
+
+
+def _witness(witness: Witness) -> dict[str, Any]:
+    return asdict(witness) | {"claimed": {str(number): value for number, value in witness.claimed.items()}}

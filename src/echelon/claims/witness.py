@@ -17,7 +17,7 @@ from echelon.arrays import Floats
 from echelon.base.matrix import BaseMatrix
 from echelon.base.model import BaseModel
 from echelon.claims.compare import Geometry, Row
-from echelon.claims.findings import Witness
+from echelon.claims.result import Witness
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.joint import MotionKind
 from echelon.regressor.loops.assembly import Assembly
@@ -28,7 +28,7 @@ _NEGLIGIBLE = 1e-12
 
 
 @dataclass(frozen=True)
-class Laboratory:
+class WitnessSearch:
     """Where changes of parameters are tried out in numbers."""
 
     model: BaseModel
