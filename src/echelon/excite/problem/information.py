@@ -20,7 +20,7 @@ from echelon.dynamics.arguments import STATE, geometry_values
 from echelon.dynamics.functions import robot_function
 from echelon.errors import InputError
 from echelon.excite.problem.trajectory import Basis
-from echelon.formats.schema_excite import Optimality
+from echelon.formats.schema.schema_excite import Optimality
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.derivatives import derivatives
