@@ -19,7 +19,7 @@ FACTORS = [
     (30 / math.pi, "rpm"),
     (-0.5 / math.pi, "rev/s), with the wrong sign"),
     (1000.0, "time were in ms"),
-    (100.0, "ratio (scale) differ"),
+    (100.0, "check units, ratio (scale)"),
 ]
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 
@@ -38,6 +39,15 @@ class InputError(EchelonError):
     def located(self, source: str) -> InputError:
         """The same error with its file named, for readers that learn the file's name last."""
         return InputError(self.problem, source=self.source or source, element=self.element)
+
+
+@contextmanager
+def locating(source: str) -> Iterator[None]:
+    """Errors of an input in the block name this file, unless they name one already."""
+    try:
+        yield
+    except InputError as error:
+        raise error.located(source) from None
 
 
 class MissingExtraError(EchelonError):

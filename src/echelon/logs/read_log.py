@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from echelon.errors import InputError
+from echelon.errors import locating
 from echelon.logs.columns.column_guess import guess_columns
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.columns.conversion import needed_columns, recording
@@ -81,7 +81,5 @@ def chosen_columns(
 
 
 def _needed(columns: ColumnMap, names: Sequence[str], source: str) -> tuple[str, ...]:
-    try:
+    with locating(source):
         return needed_columns(columns, names)
-    except InputError as error:
-        raise error.located(source) from None

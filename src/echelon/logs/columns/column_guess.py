@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from echelon.errors import InputError
+from echelon.errors import InputError, locating
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.columns.quantities import actuators, coordinates, units
 from echelon.logs.columns.units import factor
@@ -110,20 +110,16 @@ def guess_columns(names: Sequence[str], mechanism: Mechanism, source: str = "", 
     drives = [a.name for a in mechanism.transmission.actuators]
     known = {*mechanism.positions, *mechanism.velocities, *(o.name for o in mechanism.outputs), *drives}
     meanings = {name: found for name in names if (found := meaning(name, known)) is not None}
-    try:
+    with locating(source):
         groups = {kind: _channels(meanings, mechanism, kind) for kind in ("position", "output")}
         _require(groups, names, mechanism, outputs)
-    except InputError as error:
-        raise error.located(source) from None
     for kind in ("velocity", "acceleration", "reference"):
         try:
             groups[kind] = _channels(meanings, mechanism, kind)
         except InputError:  # nobody needs them: what is not clear is left out
             groups[kind] = {}
-    try:
+    with locating(source):
         time = _time(meanings)
-    except InputError as error:
-        raise error.located(source) from None
     return ColumnMap(
         time,
         None,
@@ -133,29 +129,6 @@ def guess_columns(names: Sequence[str], mechanism: Mechanism, source: str = "", 
         groups["output"],
         groups["reference"],
     )
-
-
-def columns_text(columns: ColumnMap) -> str:
-    """Which columns were taken for what, in one line."""
-    time = {"": columns.time} if columns.time else {}
-    groups: dict[str, Mapping[str, Channel]] = {
-        "time": time,
-        "position": columns.positions,
-        "velocity": columns.velocities,
-        "acceleration": columns.accelerations,
-        "output": columns.outputs,
-        "reference": columns.references,
-        "input": columns.inputs,
-    }
-    parts = []
-    for kind, group in groups.items():
-        shown = [
-            (f"{name} = " if name else "") + channel.column + (f" ({channel.unit})" if channel.unit else "")
-            for name, channel in group.items()
-        ]
-        if shown:
-            parts.append(f"{kind}: {', '.join(shown)}")
-    return "; ".join(parts)
 
 
 def _require(

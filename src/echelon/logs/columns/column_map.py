@@ -59,3 +59,15 @@ class ColumnMap:
     outputs: Mapping[str, Channel] = field(default_factory=dict)
     references: Mapping[str, Channel] = field(default_factory=dict)
     inputs: Mapping[str, Channel] = field(default_factory=dict)
+
+    @property
+    def channels(self) -> dict[str, Mapping[str, Channel]]:
+        """Channels by the kind of their quantity, positions first."""
+        return {
+            "position": self.positions,
+            "velocity": self.velocities,
+            "acceleration": self.accelerations,
+            "output": self.outputs,
+            "reference": self.references,
+            "input": self.inputs,
+        }

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
-from echelon.errors import InputError
+from echelon.errors import InputError, locating
 from echelon.hints import nearest_of
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.columns.gear_sides import check_names, joint_coordinates, measured_outputs
@@ -29,8 +29,8 @@ from echelon.signals.clock import GAP, nominal_period
 _TIME_WORDS = ("time", "stamp", "t", "ts", "sec", "seconds", "clock")
 
 _GAINED = ("A", "V")
-_LARGEST = 1e100  # squares of it still have doubles
 """What drives report instead of forces."""
+_LARGEST = 1e100  # squares of it still have doubles
 _STATES = {"position": "q", "velocity": "qd", "acceleration": "qdd", "reference": "reference"}
 
 
@@ -146,7 +146,7 @@ def check_lengths(table: Table, groups: Mapping[str, Sequence[str]]) -> None:
 def needed_columns(columns: ColumnMap, names: Sequence[str] = ()) -> tuple[str, ...]:
     """Columns that a recording needs; without time or rate also those that could be time stamps, to name them."""
     time = [columns.time] if columns.time is not None else []
-    channels = [*time, *(channel for _, group in _groups(columns) for channel in group.values())]
+    channels = [*time, *(channel for group in columns.channels.values() for channel in group.values())]
     found = list(dict.fromkeys(channel.column for channel in channels))
     if names:
         strange = next((name for name in found if name not in names), None)
@@ -161,46 +161,25 @@ def recording(
     table: Table, columns: ColumnMap, mechanism: Mechanism, symbols: Mapping[str, float] | None = None
 ) -> Recording:
     """A log in SI units, on the joints' side, on the clock of the positions; values within pauses are NaN."""
-    try:
-        return _recording(table, columns, mechanism, symbols)
-    except InputError as error:
-        raise error.located(table.source) from None
-
-
-def _recording(
-    table: Table, columns: ColumnMap, mechanism: Mechanism, symbols: Mapping[str, float] | None
-) -> Recording:
-    groups = dict(_groups(columns))
-    if not groups["position"]:
-        raise InputError("the column map names no positions", element="position")
-    for kind, group in groups.items():
-        check_names(mechanism, kind, group)
-    aligned = _aligned(table, columns)
-    given = {kind: _read(aligned, mechanism, kind, group) for kind, group in groups.items() if group}
-    signals = {
-        signal: joint_coordinates(mechanism, kind, given[kind], symbols)
-        for kind, signal in _STATES.items()
-        if kind in given
-    }
-    if "output" in given:
-        signals["y"] = measured_outputs(mechanism, given["output"], symbols)
-    return Recording(table.source, aligned.time, signals, given.get("input", {}))
-
-
-def _groups(columns: ColumnMap) -> list[tuple[str, Mapping[str, Channel]]]:
-    """Channels by kind, positions first."""
-    return [
-        ("position", columns.positions),
-        ("velocity", columns.velocities),
-        ("acceleration", columns.accelerations),
-        ("output", columns.outputs),
-        ("reference", columns.references),
-        ("input", columns.inputs),
-    ]
+    with locating(table.source):
+        if not columns.positions:
+            raise InputError("the column map names no positions", element="position")
+        for kind, group in columns.channels.items():
+            check_names(mechanism, kind, group)
+        aligned = _aligned(table, columns)
+        given = {kind: _read(aligned, mechanism, kind, group) for kind, group in columns.channels.items() if group}
+        signals = {
+            signal: joint_coordinates(mechanism, kind, given[kind], symbols)
+            for kind, signal in _STATES.items()
+            if kind in given
+        }
+        if "output" in given:
+            signals["y"] = measured_outputs(mechanism, given["output"], symbols)
+        return Recording(table.source, aligned.time, signals, given.get("input", {}))
 
 
 def _aligned(table: Table, columns: ColumnMap) -> Alignment:
-    names = tuple(channel.column for _, group in _groups(columns) for channel in group.values())
+    names = tuple(channel.column for group in columns.channels.values() for channel in group.values())
     for name in names:
         raw_column(table, name)
     aligned = Alignment(table, columns, tuple(dict.fromkeys(names)))

@@ -143,7 +143,9 @@ def _shares(mechanism: Mechanism, output: Output, channel: Channel, symbols: Sym
     """Actuators whose forces make a channel, with their ratios."""
     where = f"output '{output.name}'"
     if not isinstance(channel, JointForce):
-        raise InputError("a column is missing for it; forces of actuators become those of joints only", element=where)
+        raise InputError(
+            "a column is missing for it; only forces of joints follow from those of actuators", element=where
+        )
     driven, matrix = transmission_matrix(mechanism, symbols)
     found = {channel.coordinate: 1.0}
     if channel.coordinate in driven:

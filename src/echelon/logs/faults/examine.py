@@ -128,7 +128,7 @@ def _constant(
             moving.append(channel)
         elif whole and len(values) > 1:
             what = {
-                "q": "what only its motion shows cannot be identified",
+                "q": "parameters that only its motion excites cannot be identified",
                 "y": "is the sensor connected, and is this its column?",
             }.get(channel.signal, "is this its column?")
             text = f"is {values[0]:.6g} in all {len(values)} samples: {what}"

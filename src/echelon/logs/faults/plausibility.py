@@ -122,7 +122,7 @@ def _check_time(recording: Recording, columns: ColumnMap) -> list[Finding]:
         raise InputError(problem, source=recording.source, element=f"column '{channel.column}'")
     if channel.unit == "s":
         return []
-    hint = f": is time in {units[0]}?" if units else ", which no dynamics can be seen in"
+    hint = f": is time in {units[0]}?" if units else ", a rate that shows no dynamics"
     return [Finding(Severity.WARNING, "time", f"{recording.source}, time", text + hint)]
 
 
@@ -322,4 +322,4 @@ def _reason(pair: _Pair, factor: float) -> str:
     known: Sequence[tuple[float, str]] = _SLIDING if pair.sliding else _TURNING
     hint = next((text for value, text in known if abs(abs(factor) / value - 1) < _NEAR), None)
     sign = ", with the wrong sign" if factor < 0 else ""
-    return hint.format(**words) + sign if hint else "units or a ratio (scale) differ, or the sides of the gear do"
+    return hint.format(**words) + sign if hint else "check units, ratio (scale) and the side of the gear"

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from echelon.arrays import Floats
-from echelon.errors import InputError
+from echelon.errors import InputError, locating
 from echelon.logs.files.log_file import CHUNK, Table, missing
 from echelon.logs.files.mcap_file import Mcap, is_mcap
 from echelon.logs.files.message_columns import Numbers, TopicColumns, stamp
@@ -108,10 +108,8 @@ class BagFile:
         self._messages: MessageSource = Mcap(path) if is_mcap(path) else Rosbag(path)
         self.source = self._messages.source
         self.origin = self._messages.start // 10**9
-        try:
+        with locating(self.source):
             self._topics, self._left_out = first_look(self._messages)
-        except InputError as error:
-            raise error.located(self.source) from None
         topics = [topic for topic in self._topics.values() if topic.columns]
         self.names: tuple[str, ...] = tuple(name for topic in topics for name in (topic.clock, *topic.columns))
         if not self.names:
@@ -121,11 +119,9 @@ class BagFile:
     def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
         """One table: columns of different topics differ in length, so that there are no common rows to cut at."""
         del rows
-        try:
+        with locating(self.source):
             collected = self._collected(names)
             table = self._table(collected)
-        except InputError as error:
-            raise error.located(self.source) from None
         for name in names or ():
             if name not in table.columns:
                 raise missing(self.source, name, [*self.names, *table.columns], self._left_out)

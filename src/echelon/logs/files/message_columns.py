@@ -125,7 +125,7 @@ def nanoseconds(value: Any) -> int | None:
         return None
     time = seconds * 10**9 + rest
     if abs(time) >= END_OF_TIME:
-        raise InputError("a message's time is further away than 292 years, which no clock says", element="stamp")
+        raise InputError("a message's time is more than 292 years from zero", element="stamp")
     return time
 
 

@@ -16,7 +16,7 @@ from math import isfinite, prod
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.errors import InputError
+from echelon.errors import InputError, locating
 from echelon.logs.columns.quantities import motion_of, quaternion_columns, signal_names
 from echelon.logs.preparation.prepare import rubs, speed_rows
 from echelon.logs.preparation.settings import RATES_ALIKE, WORTH, Preparation, decimation_stages
@@ -89,10 +89,8 @@ class _Data:
     def spectra_of(self, signal: str) -> list[Spectrum]:
         """Of every column of a signal."""
         columns = self.segments[0].signals[signal].shape[1]
-        try:
+        with locating(self.source):
             return [spectrum([s.signals[signal][:, k] for s in self.segments], self.rate) for k in range(columns)]
-        except InputError as error:
-            raise error.located(self.source) from None
 
     @cached_property
     def moving(self) -> list[int]:
@@ -100,7 +98,7 @@ class _Data:
         found = [k for k, s in enumerate(self.spectra) if s.moves]
         if not found:
             longest = max(len(segment) for segment in self.segments) / self.rate
-            problem = f"nothing moves: no position stands out of its noise within the {longest:.3g} s without a gap"
+            problem = f"nothing moves: no position exceeds its noise in the {longest:.3g} s without a gap"
             raise InputError(problem, source=self.source)
         return found
 
@@ -113,10 +111,8 @@ def _period(data: _Data, made: Preparation) -> Preparation:
     if made.period is not None or not (made.average or made.derivative == "fourier"):
         return made
     longest = max(data.segments, key=len)
-    try:
+    with locating(data.source):
         period = find_period(longest.signals["q"], data.rate)
-    except InputError as error:
-        raise error.located(data.source) from None
     times = len(longest) / data.rate / period
     return _reasoned(made, "period", period, f"{period:.6g} s: after it the motion repeats itself, {times:.3g} times")
 
@@ -124,7 +120,7 @@ def _period(data: _Data, made: Preparation) -> Preparation:
 def _cutoff(data: _Data, made: Preparation) -> Preparation:
     if made.cutoff is not None:
         return made
-    best = {k: _best(data.spectra[k], made.order) for k in data.moving}
+    best = {k: best_cutoff(data.spectra[k], 2, made.order) for k in data.moving}
     highest = max(best, key=lambda k: best[k])
     if not isfinite(best[highest]):
         clean = [k for k in best if not isfinite(best[k])]
@@ -139,10 +135,6 @@ def _cutoff(data: _Data, made: Preparation) -> Preparation:
         f"{noise:.2g} {_unit(data.mechanism, name)} (standard deviation)"
     )
     return _reasoned(made, "cutoff", best[highest], reason)
-
-
-def _best(found: Spectrum, order: int) -> float:
-    return best_cutoff(found, 2, order)
 
 
 def _clean(found: Spectrum) -> float:
@@ -204,7 +196,7 @@ def _still(data: _Data, made: Preparation) -> Preparation:
         if rows is not None:
             found[output.name] = SIGMAS * float(np.sqrt(rows**2 @ noise**2).max())
     if not found:
-        return _reasoned(made, "still", 0.0, "none: no output feels dry friction")
+        return _reasoned(made, "still", 0.0, "none: no output has dry friction")
     listed = ", ".join(f"{name} {value:.2g}" for name, value in found.items())
     reason = (
         f"{listed} (m/s, rad/s): {SIGMAS:g} standard deviations of the velocity's noise, within which the direction of "

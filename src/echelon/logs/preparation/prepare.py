@@ -15,7 +15,7 @@ from math import ceil
 import numpy as np
 
 from echelon.arrays import Flags, Floats
-from echelon.errors import InputError
+from echelon.errors import InputError, locating
 from echelon.exact.polynomial import float_generators
 from echelon.logs.preparation.settings import Preparation, at_rate
 from echelon.logs.preparation.states import needed, states, states_reach, usable, velocity_names
@@ -211,11 +211,9 @@ def _mean_period(segment: Segment, preparation: Preparation, mechanism: Mechanis
     """One mean period as samples that count, between as many copies as the filters need."""
     if preparation.period is None:
         raise InputError("averaging needs the period of the motion", source=segment.source, element="period")
-    try:
+    with locating(segment.source):
         means = {name: average(values, segment.rate, preparation.period) for name, values in segment.signals.items()}
         inputs = {name: average(values, segment.rate, preparation.period) for name, values in segment.inputs.items()}
-    except InputError as error:
-        raise error.located(segment.source) from None
     count, rate = len(means["q"][0]), means["q"][1]
     plan = PreparationPlan(preparation, mechanism, rate)
     states, both = -(-plan.inner // count), -(-plan.outer // count)

@@ -7,14 +7,13 @@ uniform clock are left alone; others are resampled at the nominal rate.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from echelon.arrays import Flags, Floats, Integers
-from echelon.errors import InputError
+from echelon.errors import InputError, locating
 from echelon.logs.columns.quantities import SIGNALS, WRAP, angle_columns, quaternion_columns, signal_names
 from echelon.logs.finding import Finding, Severity, seconds
 from echelon.logs.recording import Recording, Segment
@@ -65,67 +64,54 @@ def unwrapped(
 
 def break_findings(
     source: str, time: Floats, found: Stretches, gap: float, short: Sequence[Integers]
-) -> tuple[Finding, ...]:
+) -> Iterator[Finding]:
     """Findings of duplicates, jumps back, gaps, and stretches that are too short."""
-    findings = []
+
+    def warning(kind: str, stamp: float, text: str) -> Finding:
+        return Finding(Severity.WARNING, kind, f"{source}, from {seconds(stamp)} s", text)
+
     if len(found.duplicates):
-        where = f"{source}, from {seconds(time[found.duplicates[0]])} s"
-        text = f"{_times(len(found.duplicates), 'time stamp repeats', 'time stamps repeat')} the one before; left out"
-        findings.append(Finding(Severity.WARNING, "duplicates", where, text))
+        repeated = _times(len(found.duplicates), "time stamp repeats", "time stamps repeat")
+        yield warning("duplicates", time[found.duplicates[0]], f"{repeated} the one before; left out")
     if len(found.backward):
         jumps = ", ".join(f"{seconds(time[row - 1])} → {seconds(time[row])} s" for row in found.backward[:3])
-        text = (
-            f"the clock jumps back {_times(len(found.backward), 'time', 'times')} ({jumps}), "
-            "as where runs were joined; segments end there"
-        )
-        findings.append(
-            Finding(Severity.WARNING, "backward", f"{source}, {seconds(time[found.backward[0] - 1])} s", text)
-        )
+        text = f"the clock jumps back {_times(len(found.backward), 'time', 'times')} ({jumps}); segments end there"
+        yield warning("backward", time[found.backward[0] - 1], text)
     if len(found.gaps):
-        lengths = time[found.gaps] - _before(time, found)
-        text = (
-            f"{_times(len(found.gaps), 'gap', 'gaps')} of more than {gap:g} periods, up to {lengths.max():.4g} s; "
-            "segments end there"
-        )
-        findings.append(Finding(Severity.WARNING, "gap", f"{source}, from {seconds(_before(time, found)[0])} s", text))
+        before = _before(time, found)
+        longest = (time[found.gaps] - before).max()
+        gaps = f"{_times(len(found.gaps), 'gap', 'gaps')} of more than {gap:g} periods, up to {longest:.4g} s"
+        yield warning("gap", before[0], f"{gaps}; segments end there")
     if short:
-        lost = sum(map(len, short))
         text = (
             f"{_times(len(short), 'stretch is', 'stretches are')} too short to use, with up to "
-            f"{_times(max(map(len, short)), 'sample', 'samples')}; left out ({lost} in all)"
+            f"{_times(max(map(len, short)), 'sample', 'samples')}; left out ({sum(map(len, short))} in all)"
         )
-        findings.append(Finding(Severity.WARNING, "short", f"{source}, from {seconds(time[short[0][0]])} s", text))
-    return tuple(findings)
+        yield warning("short", time[short[0][0]], text)
 
 
 def rate_findings(
     source: str, starts: Sequence[float], found: Stretches, regular: Sequence[Regularity], rate: float | None
-) -> tuple[Finding, ...]:
+) -> Iterator[Finding]:
     """Findings of lost samples that were interpolated, jitter, and a lower rate."""
-    findings = []
     uneven = [(start, one) for start, one in zip(starts, regular, strict=True) if not one.uniform]
     where = f"{source}, from {seconds(uneven[0][0])} s" if uneven else source
-    missing = sum(one.missing for _, one in uneven)
-    if missing:
-        longest = max(one.longest for _, one in uneven)
-        text = (
-            f"{_times(missing, 'sample is', 'samples are')} missing (intervals up to {longest * 1e3:.4g} ms); "
-            "interpolated"
-        )
-        findings.append(Finding(Severity.NOTE, "missing", where, text))
+    longest = 1e3 * max((one.longest for _, one in uneven), default=0.0)
+    if missing := sum(one.missing for _, one in uneven):
+        lost = _times(missing, "sample is", "samples are")
+        text = f"{lost} missing (intervals up to {longest:.4g} ms); interpolated"
+        yield Finding(Severity.NOTE, "missing", where, text)
     if uneven:
-        shortest, longest = min(one.shortest for _, one in uneven), max(one.longest for _, one in uneven)
-        spread = max(one.spread for _, one in uneven)
+        shortest, spread = min(one.shortest for _, one in uneven), max(one.spread for _, one in uneven)
         text = (
             f"time stamps are usually {found.period * 1e3:.4g} ms apart, but {shortest * 1e3:.4g} to "
-            f"{longest * 1e3:.4g} ms, with a standard deviation of {spread * 1e3:.2g} ms; resampled at "
+            f"{longest:.4g} ms, with a standard deviation of {spread * 1e3:.2g} ms; resampled at "
             f"{uneven[0][1].rate:g} Hz by cubic interpolation"
         )
-        findings.append(Finding(Severity.NOTE, "jitter", where, text))
+        yield Finding(Severity.NOTE, "jitter", where, text)
     if rate is not None and any(rate < SLOWER * one.rate for one in regular):
         text = f"resampled from {regular[0].rate:.6g} Hz to {rate:g} Hz, after a low-pass at {0.4 * rate:.4g} Hz"
-        findings.append(Finding(Severity.NOTE, "rate", source, text))
-    return tuple(findings)
+        yield Finding(Severity.NOTE, "rate", source, text)
 
 
 def _before(time: Floats, found: Stretches) -> Floats:
@@ -159,10 +145,8 @@ def segments(
     if len(rows) < FEWEST:
         return _none(recording, f"{len(rows)} usable samples of {len(used)}; at least {FEWEST} are needed", whole)
     clean = _taken(recording, rows)
-    try:
+    with locating(recording.source):
         found = stretches(clean.time, gap)
-    except InputError as error:
-        raise error.located(recording.source) from None
     asked = _checked(rate, found.period, recording.source)
     counts = [_count(clean.time[piece], asked) for piece in found.pieces]
     if max(counts) < FEWEST:
@@ -175,11 +159,12 @@ def segments(
         [p for p, n in zip(found.pieces, counts, strict=True) if (n >= FEWEST) is so] for so in (True, False)
     )
     signals, wrapped = unwrapped(clean, mechanism, found.pieces)
-    cutter = _Cutter(replace(clean, signals=signals), mechanism, found.period, asked)
-    cut, regular = zip(*map(cutter.segment, long), strict=True)
+    clean = replace(clean, signals=signals)
+    regular = [regularity(clean.time[piece], found.period) for piece in long]
+    cut = [_segment(clean, mechanism, *one, asked) for one in zip(long, regular, strict=True)]
     breaks = break_findings(recording.source, clean.time, found, gap, short)
     clock = rate_findings(recording.source, [segment.start for segment in cut], found, regular, asked)
-    return cut, (*breaks, *clock, *wrapped)
+    return tuple(cut), (*breaks, *clock, *wrapped)
 
 
 def _count(time: Floats, rate: float | None) -> int:
@@ -188,6 +173,7 @@ def _count(time: Floats, rate: float | None) -> int:
 
 
 def _none(recording: Recording, problem: str, whole: bool) -> tuple[tuple[Segment, ...], tuple[Finding, ...]]:
+    """No segments: an error for a whole log, a finding for a piece of one."""
     if whole:
         raise InputError(problem, source=recording.source)
     start = f", from {seconds(float(recording.time[0]))} s" if len(recording.time) else ""
@@ -195,18 +181,14 @@ def _none(recording: Recording, problem: str, whole: bool) -> tuple[tuple[Segmen
 
 
 def finite(recording: Recording) -> Flags:
-    """A symmetric finite low-pass by Kaiser's window, with decimation.
-
-    The pass-band ends at the cut-off, Hz.  The stop-band (``attenuation``, dB) begins ``width`` Hz above it; by default
-    that is half the cut-off, or as much as decimation leaves.
-    """
+    """Samples of which everything is a finite number, shape (N,)."""
     found = np.isfinite(recording.time)
     for values in (*recording.signals.values(), *recording.inputs.values()):
         found &= np.isfinite(values.reshape(len(found), -1)).all(axis=1)
     return found
 
 
-def _taken(recording: Recording, rows: npt.NDArray[np.intp]) -> Recording:
+def _taken(recording: Recording, rows: Integers) -> Recording:
     # rows without a hole between them need not be copied
     together = len(rows) > 0 and rows[-1] - rows[0] == len(rows) - 1
     some = slice(rows[0], rows[-1] + 1) if together else rows
@@ -226,41 +208,34 @@ def _checked(rate: float | None, period: float, source: str) -> float | None:
     return rate
 
 
-@dataclass(frozen=True)
-class _Cutter:
-    recording: Recording
-    mechanism: Mechanism
-    period: float
-    rate: float | None
+def _segment(
+    recording: Recording, mechanism: Mechanism, piece: Integers, regular: Regularity, rate: float | None
+) -> Segment:
+    own = _taken(recording, piece)
+    signals = {
+        name: _on_uniform_clock(own.time, values, regular, rate, quaternion_columns(mechanism, name, values.shape[1]))
+        for name, values in own.signals.items()
+    }
+    inputs = {name: _on_uniform_clock(own.time, values, regular, rate) for name, values in own.inputs.items()}
+    return Segment(recording.source, float(own.time[0]), rate or regular.rate, signals, inputs)
 
-    def segment(self, piece: npt.NDArray[np.intp]) -> tuple[Segment, Regularity]:
-        time = self.recording.time[piece]
-        regular = regularity(time, self.period)
-        own = _taken(self.recording, piece)
-        signals = {
-            name: self._moved(time, values, regular, quaternion_columns(self.mechanism, name, values.shape[1]))
-            for name, values in own.signals.items()
-        }
-        inputs = {name: self._moved(time, values, regular, ()) for name, values in own.inputs.items()}
-        rate = self.rate or regular.rate
-        return Segment(self.recording.source, float(time[0]), rate, signals, inputs), regular
 
-    def _moved(self, time: Floats, values: Floats, regular: Regularity, quaternions: tuple[int, ...]) -> Floats:
-        """A signal on the uniform clock."""
-        values = values.copy()
-        for first in quaternions:
-            values[:, first : first + 4] = continuous(values[:, first : first + 4])
-        since, span = time - time[0], float(time[-1] - time[0])
-        if regular.uniform:
-            since = np.arange(len(time)) / regular.rate
-        else:
-            times = grid(0.0, span, regular.rate)
-            since, values = times, interpolated(since, values, times)
-        if self.rate is not None and abs(self.rate / regular.rate - 1) > 1e-9:
-            if self.rate < SLOWER * regular.rate:
-                values = low_passed(values, self.rate / regular.rate)
-            values = interpolated(since, values, grid(0.0, float(since[-1]), self.rate))
-        for first in quaternions:
-            block = values[:, first : first + 4]
-            values[:, first : first + 4] = block / np.linalg.norm(block, axis=1, keepdims=True)
-        return values
+def _on_uniform_clock(
+    time: Floats, values: Floats, regular: Regularity, rate: float | None, quaternions: tuple[int, ...] = ()
+) -> Floats:
+    values = values.copy()
+    for first in quaternions:
+        values[:, first : first + 4] = continuous(values[:, first : first + 4])
+    if regular.uniform:
+        since = np.arange(len(time)) / regular.rate
+    else:
+        since = grid(0.0, float(time[-1] - time[0]), regular.rate)
+        values = interpolated(time - time[0], values, since)
+    if rate is not None and abs(rate / regular.rate - 1) > 1e-9:
+        if rate < SLOWER * regular.rate:
+            values = low_passed(values, rate / regular.rate)
+        values = interpolated(since, values, grid(0.0, float(since[-1]), rate))
+    for first in quaternions:
+        block = values[:, first : first + 4]
+        values[:, first : first + 4] = block / np.linalg.norm(block, axis=1, keepdims=True)
+    return values
