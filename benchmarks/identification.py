@@ -123,14 +123,14 @@ def processes(folder: Path, logs: int, samples: int) -> None:
 
 def merging(folder: Path) -> tuple[float, float]:
     """Seconds and bytes of one merge of two R-factors."""
-    from echelon.identification.passes_over_data import Passes
+    from echelon.identification.passes_over_data import PassesOverData
     from echelon.identification.rows.plan import Plan
     from echelon.identification.survey import survey
 
     setup, log = panda(), next((folder / "many").iterdir())
     base = ec.base_parameters(setup.mechanism)
     plan = Plan(base, setup.columns, survey(setup, base, [log]).preparation)
-    whole = Passes(plan, [log]).observation
+    whole = PassesOverData(plan, [log]).observation
     seconds = float(np.median([seconds_of(lambda: stacked(whole, whole)) for _ in range(200)]))
     size = sum(R.nbytes for R in whole.factors)
     print(

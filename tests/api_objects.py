@@ -18,7 +18,7 @@ import numpy as np
 
 import echelon as ec
 from echelon.formats.robot_file import RobotFile
-from echelon.identification.conditioning import excitation
+from echelon.identification.conditioning import conditioning
 from echelon.regressor.virtual_power import virtual_power_form
 from swinging import pendulum, write_log
 
@@ -123,7 +123,7 @@ def little() -> Any:
     """What data show that hold one joint still."""
     still = {name: values * [0, 1] for name, values in STATE.items()}
     observation = base().accumulate({**still, "y": LOG["y"]})
-    found = excitation(observation, np.ones(2), base())
+    found = conditioning(observation, np.ones(2), base())
     assert found.weak
     return found
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import echelon as ec
-from echelon.identification.conditioning import Direction, Excitation
+from echelon.identification.conditioning import Conditioning, Direction
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
@@ -100,12 +100,12 @@ def estimate_of(base: ec.BaseModel, values: Floats, std: Floats, rows: int) -> E
     )  # fmt: skip
 
 
-def excitation_of(base: ec.BaseModel, rng: np.random.Generator) -> Excitation:
+def conditioning_of(base: ec.BaseModel, rng: np.random.Generator) -> Conditioning:
     r = base.rank
     values = np.logspace(0, -2.3, r)
     weights = tuple((name, w) for name, w in zip(base.pivots[:3], (0.83, -0.5, 0.21), strict=False))
     weak = (Direction(float(values[-1]), weights, "Move joints 1 and 2 at the same time, and faster."),)
-    return Excitation(742.0, 199.5, values, r, rng.uniform(0.03, 1.0, r), weak)
+    return Conditioning(742.0, 199.5, values, r, rng.uniform(0.03, 1.0, r), weak)
 
 
 def physical_of(base: ec.BaseModel, zeta: Floats) -> PhysicalFit:
@@ -148,7 +148,7 @@ def identification(robot: str = "double_pendulum", samples: int = 2500, seed: in
         PREPARATION,
         estimate_of(base, values, std, samples),
         replace(estimate_of(base, essential, std, samples), method="irls, essential"),
-        excitation_of(base, rng),
+        conditioning_of(base, rng),
         Feasibility(False, "An exact separating vector was verified in rational arithmetic.",
                     nearest=truth, distance=1.7),
         physical_of(base, zeta),
@@ -169,8 +169,9 @@ def bare(robot: str = "double_pendulum", samples: int = 400) -> Identification:
     first = full.validations[0]
     lone = replace(first, prior_scores=(), traces=tuple(replace(t, prior=None) for t in first.traces), verdict="")
     return replace(
-        full, essential=None, feasibility=None, physical=None, validations=(lone,), findings=(), chosen="estimate",
-        preparation=Preparation(), excitation=replace(full.excitation, weak=()), settings={}, verdict="",
+        full, essential=None, feasibility=None, physical=None, validations=(lone,), findings=(),
+        predict_with="estimate", preparation=Preparation(),
+        conditioning=replace(full.conditioning, weak=()), settings={}, verdict="",
     )  # fmt: skip
 
 
@@ -238,14 +239,14 @@ def hostile(run: Identification) -> Identification:
 
     assert run.physical is not None
     assert run.feasibility is not None
-    weak = tuple(replace(d, advice=HOSTILE, weights=((base.pivots[0], 1.0),)) for d in run.excitation.weak)
+    weak = tuple(replace(d, advice=HOSTILE, weights=((base.pivots[0], 1.0),)) for d in run.conditioning.weak)
     margins = {body.name: 1.0 for body in bodies}
     return replace(
         run, base=base, logs=(HOSTILE,), verdict=HOSTILE, settings={HOSTILE: HOSTILE},
         findings=(Finding(Severity.WARNING, HOSTILE, HOSTILE, HOSTILE),),
         validations=tuple(dirty(v) for v in run.validations),
         estimate=replace(run.estimate, method=HOSTILE, units=(HOSTILE,) * run.base.rank, diagnostics={HOSTILE: 1}),
-        excitation=replace(run.excitation, weak=weak),
+        conditioning=replace(run.conditioning, weak=weak),
         feasibility=replace(run.feasibility, evidence=HOSTILE),
         physical=replace(run.physical, parameters=other.parameters, margins=margins, prior=HOSTILE, status=HOSTILE),
         preparation=replace(run.preparation, still={HOSTILE: 1.0}, reasons={"still": HOSTILE}),

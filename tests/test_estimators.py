@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 from echelon.errors import InputError
 from echelon.identification.estimators.errors_in_variables import tls
 from echelon.identification.estimators.estimate import Estimate, solved
-from echelon.identification.estimators.least_squares import by_output, irls, ols, own_noise, wls
+from echelon.identification.estimators.least_squares import by_output, irls, noise_estimate, ols, wls
 from estimation import METHODS, NOISE, TRUTH, Floats, assert_same, dense, line, scaled, serial
 from rows import ArrayRows
 
@@ -123,7 +123,7 @@ def test_irls_maximises_the_restricted_likelihood() -> None:
         residual = y - W @ np.linalg.solve(gram, W.T @ (precision * y))
         return float(np.sum(precision * residual**2) - np.sum(np.log(precision)) + np.linalg.slogdet(gram)[1]) / 2
 
-    found = minimize(negative, np.log(own_noise(rows.observation())), method="BFGS", options={"gtol": 1e-9})
+    found = minimize(negative, np.log(noise_estimate(rows.observation())), method="BFGS", options={"gtol": 1e-9})
     estimate = irls(rows.observation(), rows.units)
     np.testing.assert_allclose(estimate.noise, np.exp(found.x), rtol=1e-5)
     assert estimate.diagnostics["converged"]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import echelon as ec
 from arms import double_pendulum, spherical
-from echelon.identification.conditioning import excitation, sparse_basis
+from echelon.identification.conditioning import conditioning, sparse_basis
 from echelon.identification.motion_advice import sensitivities
 from echelon.mechanism.effect import Side, ready_made
 from linkages import four_bar
@@ -42,31 +42,31 @@ def swings(base: ec.BaseModel, first: float, second: float, noise: float = 0.0) 
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 1000), st.integers(2, 6))
-def test_visibility_is_the_share_that_other_columns_do_not_explain(seed: int, n: int) -> None:
+def test_independent_share_is_the_share_that_other_columns_do_not_explain(seed: int, n: int) -> None:
     W = np.random.default_rng(seed).normal(size=(40, 1, n)) @ np.random.default_rng(seed + 1).normal(size=(n, n))
-    found = excitation(observed(W))
+    found = conditioning(observed(W))
     A = W[:, 0]
     for j in range(n):
         others = np.delete(A, j, axis=1)
         rest = A[:, j] - others @ np.linalg.lstsq(others, A[:, j], rcond=None)[0]
-        assert found.visibility[j] == pytest.approx(np.linalg.norm(rest) / np.linalg.norm(A[:, j]), rel=1e-6)
+        assert found.independent_share[j] == pytest.approx(np.linalg.norm(rest) / np.linalg.norm(A[:, j]), rel=1e-6)
     scaled = A / np.linalg.norm(A, axis=0)
     np.testing.assert_allclose(found.singular_values, np.linalg.svd(scaled)[1], rtol=1e-9, atol=1e-13)
     assert found.condition == pytest.approx(np.linalg.cond(A), rel=1e-6)
     assert found.rank == n
 
 
-def test_visibility_of_two_columns_is_the_sine_of_their_angle() -> None:
+def test_independent_share_of_two_columns_is_the_sine_of_their_angle() -> None:
     angle = 0.02
     W = np.zeros((3, 1, 3))
     W[:, 0] = [[1, np.cos(angle), 0], [0, np.sin(angle), 0], [0, 0, 7]]
-    found = excitation(observed(W))
-    np.testing.assert_allclose(found.visibility, [np.sin(angle), np.sin(angle), 1], rtol=1e-10)
+    found = conditioning(observed(W))
+    np.testing.assert_allclose(found.independent_share, [np.sin(angle), np.sin(angle), 1], rtol=1e-10)
     # singular values of two unit vectors are √(1 ± cos)
     np.testing.assert_allclose(found.singular_values[[0, -1]], np.sqrt([1 + np.cos(angle), 1 - np.cos(angle)]))
     assert not found.weak
     W[:2, 0, 1] = [np.cos(0.01), np.sin(0.01)]
-    (weak,) = excitation(observed(W)).weak
+    (weak,) = conditioning(observed(W)).weak
     assert weak.singular_value == pytest.approx(np.tan(0.005), rel=1e-6)  # √((1 − cos)/(1 + cos))
     assert {name for name, _ in weak.weights} == {"p1", "p2"}
     assert sum(share for _, share in weak.weights) == pytest.approx(0, abs=1e-6)
@@ -77,13 +77,13 @@ def test_scale_of_columns_and_order_of_outputs_do_not_matter() -> None:
     W = rng.normal(size=(30, 2, 4))
     W[:, :, 3] = W[:, :, 2] + 1e-3 * W[:, :, 3]
     scale = np.array([1e-6, 1.0, 1e4, 1e-3])
-    plain, scaled = excitation(observed(W)), excitation(observed(W * scale))
-    np.testing.assert_allclose(plain.visibility, scaled.visibility, rtol=1e-6)
+    plain, scaled = conditioning(observed(W)), conditioning(observed(W * scale))
+    np.testing.assert_allclose(plain.independent_share, scaled.independent_share, rtol=1e-6)
     (first,), (second,) = plain.weak, scaled.weak
     assert dict(first.weights) == pytest.approx(dict(second.weights), rel=1e-6) or dict(first.weights) == pytest.approx(
         {name: -share for name, share in second.weights}, rel=1e-6
     )
-    swapped = excitation(observed(W[:, ::-1]))
+    swapped = conditioning(observed(W[:, ::-1]))
     np.testing.assert_allclose(plain.singular_values, swapped.singular_values, rtol=1e-9)
 
 
@@ -91,20 +91,20 @@ def test_noise_makes_a_direction_weak_that_is_not_ill_conditioned() -> None:
     rng = np.random.default_rng(5)
     a, b = rng.normal(size=(2, 50, 1))
     W = np.stack([a, a + 0.05 * b], axis=2)
-    assert not excitation(observed(W, 1e-3)).weak
-    assert len(excitation(observed(W, 50.0)).weak) == 1
+    assert not conditioning(observed(W, 1e-3)).weak
+    assert len(conditioning(observed(W, 50.0)).weak) == 1
 
 
 def test_an_open_direction_is_given_with_its_combination() -> None:
     a, b = np.random.default_rng(6).normal(size=(2, 20, 1))
-    found = excitation(observed(np.stack([a, b, 2 * a, 0 * a], axis=2)))
+    found = conditioning(observed(np.stack([a, b, 2 * a, 0 * a], axis=2)))
     assert found.rank == 2
     assert found.scaled_condition == np.inf
     first, second = found.weak
     # p1 and p3 in columns of norm 1: the data see p1 + 2·p3 only
     assert {name: round(share, 6) for name, share in first.weights} in ({"p1": 0.707107, "p3": -0.707107},)
     assert second.weights == (("p4", 1.0),)
-    assert list(found.visibility > 0) == [False, True, False, False]
+    assert list(found.independent_share > 0) == [False, True, False, False]
     assert "do not tell p1 and p3 apart" in first.advice
     assert "2 of 4" in found.verdict
 
@@ -112,8 +112,8 @@ def test_an_open_direction_is_given_with_its_combination() -> None:
 def test_weights_leave_outputs_out() -> None:
     W = np.random.default_rng(7).normal(size=(20, 2, 2))
     W[:, 0, 1] = 0
-    assert excitation(observed(W)).rank == 2
-    assert excitation(observed(W), [1.0, 0.0]).rank == 1
+    assert conditioning(observed(W)).rank == 2
+    assert conditioning(observed(W), [1.0, 0.0]).rank == 1
 
 
 def test_a_sparse_basis_spans_the_same_space() -> None:
@@ -129,16 +129,16 @@ def test_a_sparse_basis_spans_the_same_space() -> None:
 
 
 def test_a_joint_at_rest_is_told_to_move(pendulum: ec.BaseModel) -> None:
-    found = excitation(swings(pendulum, 0.0, 1.0), base=pendulum)
+    found = conditioning(swings(pendulum, 0.0, 1.0), base=pendulum)
     advice = {d.weights[0][0]: d.advice for d in found.weak}
     assert advice["ZZ1"].endswith("move j1 with larger and more varied accelerations")
     assert advice["MY1"].endswith("move j1 over more of the range")
-    assert not excitation(swings(pendulum, 1.0, 1.0), base=pendulum).weak
+    assert not conditioning(swings(pendulum, 1.0, 1.0), base=pendulum).weak
 
 
 def test_following_the_advice_helps(pendulum: ec.BaseModel) -> None:
-    before = excitation(swings(pendulum, 0.01, 0.01), base=pendulum)
-    after = excitation(swings(pendulum, 1.5, 1.5), base=pendulum)
+    before = conditioning(swings(pendulum, 0.01, 0.01), base=pendulum)
+    after = conditioning(swings(pendulum, 1.5, 1.5), base=pendulum)
     assert before.scaled_condition > 100 * after.scaled_condition
     assert len(before.weak) > len(after.weak)
 
@@ -173,7 +173,7 @@ def test_loops_get_advice() -> None:
     base = ec.base_parameters(four_bar())
     x = np.linspace(0.9, 1.1, 30)[:, None]
     y = np.zeros((30, len(base.mechanism.outputs)))
-    found = excitation(base.accumulate({"q": x, "qd": 0 * x, "qdd": 0 * x, "y": y}), base=base)
+    found = conditioning(base.accumulate({"q": x, "qd": 0 * x, "qdd": 0 * x, "y": y}), base=base)
     assert found.rank < base.rank
     assert all(d.advice.endswith("faster and with larger accelerations") for d in found.weak)
 
@@ -182,11 +182,11 @@ def test_balls_get_advice() -> None:
     base = ec.base_parameters(spherical())
     N = 5
     log = {"q": np.tile([1.0, 0, 0, 0], (N, 1)), "qd": np.zeros((N, 3)), "qdd": np.zeros((N, 3)), "y": np.zeros((N, 3))}
-    found = excitation(base.accumulate(log, {"g": 9.81}), base=base, symbols={"g": 9.81})
+    found = conditioning(base.accumulate(log, {"g": 9.81}), base=base, symbols={"g": 9.81})
     assert found.weak
     assert all("move" in d.advice for d in found.weak)
 
 
 def test_another_model_is_refused(pendulum: ec.BaseModel) -> None:
     with pytest.raises(ec.InputError, match="different parameters"):
-        excitation(observed(np.ones((3, 1, 1))), base=pendulum)
+        conditioning(observed(np.ones((3, 1, 1))), base=pendulum)

@@ -50,7 +50,7 @@ def test_bounds_are_respected() -> None:
     assert np.trace(inside @ pseudo_inertia(bodies[5])) >= -1e-9
     assert 4 - 1e-9 <= mass.sum() <= 5 + 1e-9
     assert min(fit.margins.values()) >= 1e-3 * (1 - 1e-6)
-    assert fit.misfit > fit.least_misfit
+    assert fit.misfit > fit.unconstrained_misfit
     loose = physical_fit(base, observation.combined(weights))
     assert loose.misfit < fit.misfit
 

@@ -83,7 +83,7 @@ def test_fit_without_prior_is_as_good_as_the_truth(seed: int, name: str) -> None
     fit = physical_fit(base, triangle)
     at_truth = np.sum((triangle.R @ base.values(truth) - triangle.qty) ** 2) + triangle.residual**2
     drawn = PLAIN_WEIGHT * 100 * len(role.bodies)
-    assert fit.least_misfit - 1e-9 <= fit.misfit <= at_truth + drawn
+    assert fit.unconstrained_misfit - 1e-9 <= fit.misfit <= at_truth + drawn
     assert is_physical(role.blocks(fit.standard)).all()
     assert (fit.standard[list(role.positive)] >= 0).all()
     assert min(fit.margins.values()) > 0

@@ -117,7 +117,7 @@ def test_any_robot(robot: str) -> None:
         feasibility=replace(run.feasibility, nearest=None),
         estimate=replace(run.estimate, parameters=base.pivots, units=base.units, values=rng.normal(size=r),
                          covariance=np.eye(r)),
-        excitation=replace(run.excitation, visibility=np.ones(r), singular_values=np.ones(r), weak=()),
+        conditioning=replace(run.conditioning, independent_share=np.ones(r), singular_values=np.ones(r), weak=()),
     )  # fmt: skip
     page = Page(report_html(one))
     assert page.open == []
@@ -148,7 +148,7 @@ def test_numbers_that_are_none() -> None:
         validations=(replace(first, traces=traces, scores=scores, prior_scores=scores), second),
         estimate=replace(run.estimate, values=np.array([nan, inf, 0.0, 1e300, -1e-300, 1.0]),
                          covariance=np.diag([inf, 0, nan, 1, 1, 4.0])),
-        excitation=replace(run.excitation, condition=inf, scaled_condition=nan, visibility=np.full(r, nan),
+        conditioning=replace(run.conditioning, condition=inf, scaled_condition=nan, independent_share=np.full(r, nan),
                            singular_values=np.array([1, 0, 0, nan, 0, 0.0]), rank=1),
     )  # fmt: skip
     page = Page(report_html(dirty))

@@ -19,9 +19,9 @@ from echelon.errors import InputError
 from echelon.identification.estimators.covariance import clustered, clustered_by
 from echelon.identification.estimators.least_squares import irls
 from echelon.identification.identify import identify
-from echelon.identification.passes_over_data import Passes
+from echelon.identification.passes_over_data import PassesOverData
 from echelon.identification.result import Identification
-from echelon.identification.rows import model_rows
+from echelon.identification.rows import rows as model_rows
 from echelon.identification.rows.batches import BATCHES, Batcher, grouped, total
 from echelon.identification.rows.ingest import take
 from echelon.identification.rows.plan import Plan
@@ -155,10 +155,10 @@ def test_batches_add_up_to_the_whole(count: int, preparation: Preparation, plan:
 
 def test_many_logs_make_as_many_batches_as_wanted(plan: Plan, folder: Path) -> None:
     logs = sorted(folder.iterdir())
-    few, many = Passes(plan, logs[:1]), Passes(plan, logs * 10)
+    few, many = PassesOverData(plan, logs[:1]), PassesOverData(plan, logs * 10)
     assert BATCHES <= len(few.batches) <= 2 * BATCHES
     assert len(many.batches) == BATCHES
-    assert many.observation.rows == 10 * sum(Passes(plan, [log]).observation.rows for log in logs)
+    assert many.observation.rows == 10 * sum(PassesOverData(plan, [log]).observation.rows for log in logs)
 
 
 def test_intervals_from_factors_are_those_from_rows(plan: Plan, folder: Path) -> None:

@@ -71,27 +71,27 @@ def test_open_combinations_are_counted(still: tuple[Identification, Floats, Floa
     scales = np.linalg.norm(rows, axis=0)
     singular = np.linalg.svd(rows / np.where(scales == 0, 1, scales), compute_uv=False)
     rank = int(np.sum(singular > 1e-9 * singular[0]))
-    assert result.excitation.rank == rank < result.base.rank
-    assert sum(direction.singular_value == 0 for direction in result.excitation.weak) == result.base.rank - rank
-    said = [finding.text for finding in of_kind(result, "excitation")]
+    assert result.conditioning.rank == rank < result.base.rank
+    assert sum(direction.singular_value == 0 for direction in result.conditioning.weak) == result.base.rank - rank
+    said = [finding.text for finding in of_kind(result, "conditioning")]
     assert sum(f"the data determine {rank} of 42 base parameters" in text for text in said) == 1
 
 
 def test_open_combinations_are_named_with_advice(still: tuple[Identification, Floats, Floats]) -> None:
     result = still[0]
-    advice = [direction.advice for direction in result.excitation.weak]
+    advice = [direction.advice for direction in result.conditioning.weak]
     for friction in ("Fv3", "Fc3"):
         said = f"the data do not show {friction}: move j3 at more different speeds, in both directions"
         assert said in advice
     assert all("j3" in some for some in advice)
-    assert {finding.text for finding in of_kind(result, "excitation")} >= set(advice[:10])
+    assert {finding.text for finding in of_kind(result, "conditioning")} >= set(advice[:10])
     (constant,) = of_kind(result, "constant")
     assert "'j3'" in constant.where
 
 
 def test_what_is_determined_is_right(still: tuple[Identification, Floats, Floats]) -> None:
     result, truth, _ = still
-    determined = result.excitation.visibility > 0
+    determined = result.conditioning.independent_share > 0
     assert 5 < determined.sum() < len(truth)
     errors = (result.estimate.values - truth)[determined] / result.estimate.std[determined]
     assert np.abs(errors).max() < 6

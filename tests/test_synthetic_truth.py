@@ -45,7 +45,7 @@ def intervals(estimate: dict[str, Any]) -> list[tuple[float, float]]:
 
 def test_the_summary_says_that_all_is_well(result: Result) -> None:
     document = result.document
-    assert document["excitation"]["rank"] == result.base.rank
+    assert document["conditioning"]["rank"] == result.base.rank
     assert document["feasibility"]["feasible"] is True
     scores = [score for v in document["validations"] if v["role"] == "validation" for score in v["scores"]]
     assert len(scores) == len(result.system.noise)

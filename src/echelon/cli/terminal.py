@@ -122,6 +122,6 @@ def _parameters(result: Identification) -> Table:
 
 
 def _conditioning(result: Identification) -> str:
-    found = result.excitation
+    found = result.conditioning
     text = f"condition number {found.condition:.3g}, with columns of norm 1 {found.scaled_condition:.3g}"
     return text if not found.weak else f"{text}; weakest: {found.weak[0].advice}"

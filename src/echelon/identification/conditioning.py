@@ -55,7 +55,7 @@ class Direction:
 
 
 @dataclass(frozen=True)
-class Excitation:
+class Conditioning:
     """Conditioning of a set of data.
 
     Attributes
@@ -66,7 +66,7 @@ class Excitation:
         Of the scaled matrix, descending.
     rank : int
         Directions that the data determine at all.
-    visibility : array of shape (n,)
+    independent_share : array of shape (n,)
         For each parameter 1/√(VIF): the share of its column that no other column explains, 0 to 1.
     weak : tuple of Direction
         Combinations that the data leave open, or nearly so, weakest last.
@@ -76,13 +76,18 @@ class Excitation:
     scaled_condition: float
     singular_values: Floats
     rank: int
-    visibility: Floats
+    independent_share: Floats
     weak: tuple[Direction, ...]
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the data determine all base parameters."""
+        return self.rank == len(self.independent_share)
 
     @property
     def verdict(self) -> str:
         """How good the data are, in a sentence."""
-        count = len(self.visibility)
+        count = len(self.independent_share)
         start = f"the data determine {self.rank} of {count} base parameters"
         condition = f"condition number with scaled columns {self.scaled_condition:.3g}"
         if not self.weak:
@@ -92,12 +97,12 @@ class Excitation:
         return f"{start} and leave {some} {state} ({condition}); other motions would show them"
 
 
-def excitation(
+def conditioning(
     observation: Observation,
     weights: Sequence[float] | Floats | None = None,
     base: BaseModel | None = None,
     symbols: Mapping[str, float] | None = None,
-) -> Excitation:
+) -> Conditioning:
     """Conditioning of data, and the combinations of parameters that they hardly show.
 
     A direction is weak if its singular value is below :data:`WEAK` of the largest, or if the noise leaves it so
@@ -122,7 +127,9 @@ def excitation(
     condition, scaled_condition = triangle.condition, triangle.scaled_condition
     if rank < n:  # to within rounding
         condition = scaled_condition = float("inf")
-    return Excitation(condition, scaled_condition, singular, rank, _visibility(triangle, singular, directions), weak)
+    return Conditioning(
+        condition, scaled_condition, singular, rank, _independent_share(triangle, singular, directions), weak
+    )
 
 
 def without_rounding(observation: Observation, units: Sequence[str]) -> Observation:
@@ -143,7 +150,7 @@ def without_rounding(observation: Observation, units: Sequence[str]) -> Observat
     return replace(observation, factors=tuple(factors))
 
 
-def _visibility(triangle: Triangle, singular: Floats, directions: Floats) -> Floats:
+def _independent_share(triangle: Triangle, singular: Floats, directions: Floats) -> Floats:
     """1/√(VIF); the variance inflation of a column of norm 1 is its entry on the diagonal of (WᵀW)⁻¹."""
     rank = triangle.rank
     with np.errstate(divide="ignore"):

@@ -1,15 +1,10 @@
-"""From logs to a validated model, step by step: the steps of :func:`identify`.
-
-Each step is a function of its own elsewhere in this package; what happens here is only their order, and what is said
-about it.
-"""
+"""From logs to a validated model: :func:`identify` is the job, its lines are the steps in their order."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from functools import cached_property
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,19 +14,19 @@ from echelon.arrays import Floats
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.identification.conditioning import Excitation, excitation, without_rounding
+from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
 from echelon.identification.estimators.essential import essential
 from echelon.identification.estimators.estimate import Estimate, solved
 from echelon.identification.estimators.fit import fitted, usable_noise
-from echelon.identification.estimators.least_squares import minimum_norm, own_noise
-from echelon.identification.passes_over_data import Passes
+from echelon.identification.estimators.least_squares import minimum_norm, noise_estimate
+from echelon.identification.passes_over_data import PassesOverData, Task
 from echelon.identification.physics.feasibility import Feasibility, feasibility
 from echelon.identification.physics.fit import PhysicalFit, physical_fit
 from echelon.identification.physics.prior_information import Prior, prior_from
-from echelon.identification.result import Identification, dampened, fit_findings
+from echelon.identification.result import Identification, fit_findings, limited
 from echelon.identification.rows.ingest import MEMORY
-from echelon.identification.rows.plan import Part, Plan
-from echelon.identification.settings import Setup
+from echelon.identification.rows.plan import Plan
+from echelon.identification.settings import Settings, Setup
 from echelon.identification.setup import stated_bounds
 from echelon.identification.survey import Survey, survey
 from echelon.identification.validation import Validation
@@ -94,212 +89,173 @@ def identify(
     >>> setup = ec.load_setup("examples/logs/emps.yaml")
     >>> result = ec.identify(setup, ["DATA_EMPS.parquet"])                                  # doctest: +SKIP
     """
+    step, settings = on_step or (lambda _: None), setup.settings
     with one_thread():
-        return _Run(setup, logs, validate_on, client, on_step or (lambda _: None), memory).result()
+        step("deriving the base parameters")
+        base = base_parameters(setup.mechanism, seed=settings.seed)
+        fitted_logs, unseen_logs = _split_logs(logs, validate_on, settings.holdout)
+        seen = survey(setup, base, fitted_logs, unseen_logs)
+        plan = Plan(base, setup.columns, seen.preparation, 0.0 if unseen_logs else settings.holdout)
+        prior = _prior(setup, base)
+        prior_base = None if prior is None else _base_values(prior, base)
 
+        step(f"taking in {len(fitted_logs)} logs")
+        data = PassesOverData(plan, fitted_logs, client, memory)
+        observation = without_rounding(data.observation, base.units)
+        _check_rows(observation, fitted_logs)
 
-@dataclass
-class _Run:
-    setup: Setup
-    logs: Paths
-    validate_on: Paths
-    client: Client | None
-    step: OnStep
-    memory: int
-
-    def result(self) -> Identification:
-        self.step("deriving the base parameters")
-        plan = self.plan
-        self.step(f"taking in {len(self.fit_paths)} logs")
-        observation = self.observation
-        self._check_rows(observation)
-        self.step("estimating")
-        estimate = self.estimate
+        step("estimating")
+        shown = conditioning(observation, 1 / noise_estimate(observation), base)
+        estimate = _estimate(settings, data, observation, shown, prior_base)
         noise = usable_noise(observation, estimate)
-        essential_ = self._essential(noise)
-        self.step("fitting a physical robot")
-        physical = self._physical(noise)
-        chosen = self._chosen(essential_, physical)
-        self.step("validating")
-        values = {"essential": essential_, "physical": physical}.get(chosen) or estimate
-        validations = self._validations(values.base if isinstance(values, PhysicalFit) else values.values)
-        feasible = self._feasibility(noise)
-        findings = [Finding(Severity.NOTE, "assumed", self.setup.source, text) for text in self.setup.assumed]
-        findings += [*self.survey.findings, *(() if self._prior is None else self._prior.findings)]
-        findings += fit_findings(estimate, self.seen, feasible, physical, validations)
-        return Identification(
-            self.base,
-            tuple(map(str, self.fit_paths)),
-            plan.preparation,
-            estimate,
-            essential_,
-            self.seen,
-            feasible,
-            physical,
-            validations,
-            dampened(findings),
-            chosen,
-            self._record(),
-            overall_verdict(validations),
-        )
+        reduced = _essential(settings, observation, estimate, shown, noise)
 
-    # -- what is fitted to what ------------------------------------------------------------------------------------
+        step("fitting a physical robot")
+        physical = _physical(setup, data, observation, noise, prior) if settings.physical else None
+        feasible = _feasibility(base, observation, estimate, noise) if settings.physical and shown.is_complete else None
 
-    @cached_property
-    def base(self) -> BaseModel:
-        return base_parameters(self.setup.mechanism, seed=self.setup.settings.seed)
+        step("validating")
+        predicting = _predicting(settings, estimate, reduced, physical)
+        validations = _validations(data, predicting, prior_base, unseen_logs)
 
-    @cached_property
-    def _paths(self) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
-        """Logs that are fitted, and logs that are not."""
-        given = [path for log in self.logs for path in log_paths(log)]
-        others = [path for log in self.validate_on for path in log_paths(log)]
-        if not given:
-            raise InputError("no log is given to fit the model to")
-        held = round(self.setup.settings.holdout * len(given)) if not others else 0
-        if held and len(given) > 1:
-            return tuple(given[:-held]), tuple(given[-held:])
-        return tuple(given), tuple(others)
+    findings = [Finding(Severity.NOTE, "assumed", setup.source, text) for text in setup.assumed]
+    findings += [*seen.findings, *(() if prior is None else prior.findings)]
+    findings += fit_findings(estimate, shown, feasible, physical, validations)
+    return Identification(
+        base,
+        tuple(map(str, fitted_logs)),
+        plan.preparation,
+        estimate,
+        reduced,
+        shown,
+        feasible,
+        physical,
+        validations,
+        limited(findings),
+        settings.predict,
+        _record(setup, plan, seen),
+        overall_verdict(validations),
+    )
 
-    @property
-    def fit_paths(self) -> tuple[Path, ...]:
-        return self._paths[0]
 
-    @cached_property
-    def survey(self) -> Survey:
-        return survey(self.setup, self.base, *self._paths)
+def _split_logs(logs: Paths, validate_on: Paths, holdout: float) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    """Logs that are fitted, and logs that are not."""
+    given = tuple(path for log in logs for path in log_paths(log))
+    others = tuple(path for log in validate_on for path in log_paths(log))
+    if not given:
+        raise InputError("no log is given to fit the model to")
+    held = 0 if others or len(given) == 1 else round(holdout * len(given))
+    return (given[:-held], given[-held:]) if held else (given, others)
 
-    @cached_property
-    def plan(self) -> Plan:
-        found = self.survey
-        holdout = 0.0 if self._paths[1] else self.setup.settings.holdout
-        return Plan(self.base, self.setup.columns, found.preparation, holdout)
 
-    @cached_property
-    def passes(self) -> Passes:
-        return Passes(self.plan, self.fit_paths, self.client, self.memory)
+def _prior(setup: Setup, base: BaseModel) -> Prior | None:
+    """Prior information on the standard parameters: from another description, or the values of this one."""
+    if setup.prior is not None:
+        return prior_from(base, setup.prior)
+    stated = np.array([np.nan if value is None else value for value in setup.mechanism.standard_values()])
+    return None if np.isnan(stated).all() else Prior(setup.mechanism.name, stated, ())
 
-    @cached_property
-    def observation(self) -> Observation:
-        return without_rounding(self.passes.observation, self.base.units)
 
-    @cached_property
-    def pieces(self) -> list[Observation]:
-        """The data in stretches of time."""
-        return self.passes.pieces(_PIECES)
+def _base_values(prior: Prior, base: BaseModel) -> Floats | None:
+    """Base parameters of the prior; unknown friction counts as none, unknown bodies make it useless."""
+    inertial = [column.body is not None for column in base.mechanism.columns]
+    return None if np.isnan(prior.values[inertial]).any() else base.values(np.nan_to_num(prior.values))
 
-    def _check_rows(self, observation: Observation) -> None:
-        """Refuse logs that nothing is left of, or that measured nothing."""
-        if any(count and np.any(R[:, -1]) for count, R in zip(observation.counts, observation.factors, strict=True)):
-            return
-        problem = (
-            "no row is left: 'still' is above all speeds" if not any(observation.counts) else "all outputs are zero"
-        )
-        raise InputError(problem, source=", ".join(map(str, self.fit_paths[:3])))
 
-    # -- estimates -------------------------------------------------------------------------------------------------
+def _check_rows(observation: Observation, logs: Sequence[Path]) -> None:
+    """Refuse logs that nothing is left of, or that measured nothing."""
+    if any(count and np.any(R[:, -1]) for count, R in zip(observation.counts, observation.factors, strict=True)):
+        return
+    problem = "no row is left: 'still' is above all speeds" if not any(observation.counts) else "all outputs are zero"
+    raise InputError(problem, source=", ".join(map(str, logs[:3])))
 
-    @cached_property
-    def seen(self) -> Excitation:
-        """What the data show, with outputs weighted by their own noise."""
-        return excitation(self.observation, 1 / own_noise(self.observation), self.base)
 
-    @cached_property
-    def estimate(self) -> Estimate:
-        settings = self.setup.settings
-        if self.seen.rank < self.base.rank and settings.estimator != "ridge" and not settings.known:
-            return minimum_norm(self.observation, self.base.units)
-        passes = self.passes
-        instruments = None
-        if settings.estimator == "iv":
-            instruments = self.plan.rows(self.fit_paths, "first", reference=True)
-        return fitted(
-            settings,
-            passes.rows(),
-            passes.observation,
-            prior=self.prior_base,
-            instruments=instruments,
-            batches=passes.batches,
-        )
+def _estimate(
+    settings: Settings, data: PassesOverData, observation: Observation, shown: Conditioning, prior: Floats | None
+) -> Estimate:
+    if not shown.is_complete and settings.estimator != "ridge" and not settings.known:
+        return minimum_norm(observation, data.plan.base.units)
+    along_reference = settings.estimator == "iv"
+    return fitted(
+        settings,
+        data.rows(),
+        data.observation,
+        prior=prior,
+        instruments=data.plan.rows(data.paths, "first", reference=True) if along_reference else None,
+        batches=data.batches,
+    )
 
-    def _essential(self, noise: Floats) -> Estimate | None:
-        criterion = self.setup.settings.essential
-        if criterion == "none" or self.seen.rank < self.base.rank:
-            return None
-        # residuals that resemble their neighbours say less than their number
-        inflation = [value for value in self.estimate.diagnostics.get("inflation", {}).values() if np.isfinite(value)]
-        correlation = max(1.0, float(np.mean(inflation))) if inflation else 1.0
-        return essential(self.observation, self.base.units, noise, criterion=criterion, correlation=correlation)
 
-    # -- physics ---------------------------------------------------------------------------------------------------
+def _essential(
+    settings: Settings, observation: Observation, estimate: Estimate, shown: Conditioning, noise: Floats
+) -> Estimate | None:
+    if settings.essential == "none" or not shown.is_complete:
+        return None
+    # residuals that resemble their neighbours say less than their number
+    inflation = [value for value in estimate.diagnostics.get("inflation", {}).values() if np.isfinite(value)]
+    correlation = max(1.0, float(np.mean(inflation))) if inflation else 1.0
+    return essential(observation, estimate.units, noise, criterion=settings.essential, correlation=correlation)
 
-    @cached_property
-    def _prior(self) -> Prior | None:
-        """Standard parameters that are believed beforehand."""
-        setup = self.setup
-        if setup.prior is not None:
-            return prior_from(self.base, setup.prior)
-        stated = np.array([np.nan if value is None else value for value in setup.mechanism.standard_values()])
-        return None if np.isnan(stated).all() else Prior(setup.mechanism.name, stated, ())
 
-    @cached_property
-    def prior_base(self) -> Floats | None:
-        """Base parameters of the prior model; unknown friction counts as none, unknown bodies make it useless."""
-        if self._prior is None:
-            return None
-        inertial = [column.body is not None for column in self.base.mechanism.columns]
-        values = self._prior.values
-        return None if np.isnan(values[inertial]).any() else self.base.values(np.nan_to_num(values))
+def _physical(
+    setup: Setup, data: PassesOverData, observation: Observation, noise: Floats, prior: Prior | None
+) -> PhysicalFit:
+    base, settings = data.plan.base, setup.settings
+    weights, pieces = _weights(noise), data.pieces(_PIECES)
+    return physical_fit(
+        base,
+        observation.combined(weights),
+        bounds=stated_bounds(setup, base),
+        prior=None if prior is None else prior.values,
+        prior_weight="auto" if settings.prior_weight is None else settings.prior_weight,
+        prior_name="" if prior is None else prior.name,
+        pieces=pieces if len(pieces) > 1 else (),
+        weights=weights,
+    )
 
-    def _physical(self, noise: Floats) -> PhysicalFit | None:
-        settings = self.setup.settings
-        if not settings.physical:
-            return None
-        weights = np.where(np.isfinite(noise), 1 / noise, 0.0)
-        bounds = stated_bounds(self.setup, self.base)
-        return physical_fit(
-            self.base,
-            self.observation.combined(weights),
-            bounds=bounds,
-            prior=None if self._prior is None else self._prior.values,
-            prior_weight="auto" if settings.prior_weight is None else settings.prior_weight,
-            prior_name="" if self._prior is None else self._prior.name,
-            pieces=self.pieces if len(self.pieces) > 1 else (),
-            weights=weights,
-        )
 
-    def _feasibility(self, noise: Floats) -> Feasibility | None:
-        """Distances are measured by the classical covariance: that of batches of time has no more rank than batches."""
-        if not self.setup.settings.physical or self.seen.rank < self.base.rank:
-            return None
-        solution = solved(self.observation, self.base.units, np.where(np.isfinite(noise), 1 / noise, 0.0))
-        return feasibility(self.base, self.estimate.values, solution.inverse)
+def _feasibility(base: BaseModel, observation: Observation, estimate: Estimate, noise: Floats) -> Feasibility:
+    """Distances are measured by the classical covariance: that of batches of time has no more rank than batches."""
+    return feasibility(base, estimate.values, solved(observation, base.units, _weights(noise)).inverse)
 
-    def _chosen(self, essential_: Estimate | None, physical: PhysicalFit | None) -> str:
-        wanted = self.setup.settings.predict
-        if {"essential": essential_, "physical": physical}.get(wanted, self.estimate) is None:
-            raise InputError(f"predictions shall use the {wanted} values, which were not computed: switch them on")
-        return wanted
 
-    # -- validation ------------------------------------------------------------------------------------------------
+def _weights(noise: Floats) -> Floats:
+    return np.where(np.isfinite(noise), 1 / noise, 0.0)
 
-    def _validations(self, values: Floats) -> tuple[Validation, ...]:
-        fit, others = self._paths
-        seen: list[tuple[Path, Part, str]] = [(path, "first", "identification") for path in fit]
-        unseen: list[tuple[Path, Part, str]] = [(path, "all", "validation") for path in others]
-        if self.plan.holdout:
-            unseen = [(path, "last", "validation") for path in fit]
-        first = list(self.passes.validations(values, self.prior_base, seen))
-        reference = first[0] if len(first) == 1 else None
-        return (*first, *self.passes.validations(values, self.prior_base, unseen, reference))
 
-    def _record(self) -> dict[str, Any]:
-        """Everything needed to repeat the run, JSON-able."""
-        setup = self.setup
-        return {
-            **asdict(setup.settings),
-            "setup": setup.source,
-            "prior": None if setup.prior is None else setup.prior.name,
-            "columns": [asdict(columns) for columns in setup.columns or self.survey.columns],
-            "held_out": self.plan.holdout,
-        }
+def _predicting(
+    settings: Settings, estimate: Estimate, reduced: Estimate | None, physical: PhysicalFit | None
+) -> Floats:
+    """Base parameters that predictions use, shape (r,)."""
+    values = {
+        "estimate": estimate.values,
+        "essential": None if reduced is None else reduced.values,
+        "physical": None if physical is None else physical.base,
+    }[settings.predict]
+    if values is None:
+        problem = f"predictions shall use the {settings.predict} values, which were not computed: switch them on"
+        raise InputError(problem)
+    return values
+
+
+def _validations(
+    data: PassesOverData, values: Floats, prior: Floats | None, unseen_logs: Sequence[Path]
+) -> tuple[Validation, ...]:
+    seen: list[Task] = [(path, "first", "identification") for path in data.paths]
+    unseen: list[Task] = [(path, "all", "validation") for path in unseen_logs]
+    if data.plan.holdout:
+        unseen = [(path, "last", "validation") for path in data.paths]
+    first = list(data.validations(values, prior, seen))
+    reference = first[0] if len(first) == 1 else None
+    return (*first, *data.validations(values, prior, unseen, reference))
+
+
+def _record(setup: Setup, plan: Plan, seen: Survey) -> dict[str, Any]:
+    """Everything needed to repeat the run, JSON-able."""
+    return {
+        **asdict(setup.settings),
+        "setup": setup.source,
+        "prior": None if setup.prior is None else setup.prior.name,
+        "columns": [asdict(columns) for columns in setup.columns or seen.columns],
+        "held_out": plan.holdout,
+    }

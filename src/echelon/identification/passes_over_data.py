@@ -1,4 +1,4 @@
-"""Passes over the logs: one for the fit, and another for validation where rows did not fit into memory.
+"""PassesOverData over the logs: one for the fit, and another for validation where rows did not fit into memory.
 
 On a cluster both are spread, log by log: what comes back are R-factors of batches and scores, never samples.  From as
 many logs as batches are wanted each log is a part of one batch, and R-factors are merged where they were made.
@@ -38,7 +38,7 @@ _FEWEST = 24
 
 
 @dataclass
-class Passes:
+class PassesOverData:
     """Logs that a model is fitted to."""
 
     plan: Plan

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.identification.conditioning import Excitation
+from echelon.identification.conditioning import Conditioning
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
@@ -42,7 +42,7 @@ class Identification:
         Base parameters; the one that predictions use unless ``physical`` does.
     essential : Estimate, optional
         The smaller model after backward elimination; values of eliminated parameters are 0.
-    excitation : Excitation
+    conditioning : Conditioning
     feasibility : Feasibility, optional
         Of ``estimate``.
     physical : PhysicalFit, optional
@@ -50,7 +50,7 @@ class Identification:
         Identification data first, then data that the fit did not see.
     findings : tuple of Finding
         What is wrong with the logs or the fit; warnings first.
-    chosen : str
+    predict_with : str
         Which values predictions use: ``"estimate"``, ``"essential"`` or ``"physical"``.
     settings : mapping
         Everything needed to repeat the run: seed, versions, options.
@@ -63,21 +63,21 @@ class Identification:
     preparation: Preparation
     estimate: Estimate
     essential: Estimate | None
-    excitation: Excitation
+    conditioning: Conditioning
     feasibility: Feasibility | None
     physical: PhysicalFit | None
     validations: tuple[Validation, ...]
     findings: tuple[Finding, ...]
-    chosen: str
+    predict_with: str
     settings: Mapping[str, Any] = field(default_factory=dict)
     verdict: str = ""
 
     @property
     def values(self) -> Floats:
         """Base parameters that predictions use, shape (r,)."""
-        if self.chosen == "physical" and self.physical is not None:
+        if self.predict_with == "physical" and self.physical is not None:
             return self.physical.base
-        if self.chosen == "essential" and self.essential is not None:
+        if self.predict_with == "essential" and self.essential is not None:
             return self.essential.values
         return self.estimate.values
 
@@ -97,7 +97,7 @@ _COSTLY = 1.5
 
 def fit_findings(
     estimate: Estimate,
-    seen: Excitation,
+    seen: Conditioning,
     feasible: Feasibility | None,
     physical: PhysicalFit | None,
     validations: Sequence[Validation],
@@ -113,7 +113,7 @@ def fit_findings(
     ]
 
 
-def dampened(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+def limited(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Findings with warnings first, each once, and of one kind not more than can be read."""
     unique = list(dict.fromkeys(findings))
     unique.sort(key=lambda finding: finding.severity is not Severity.WARNING)
@@ -145,13 +145,13 @@ def _silent(estimate: Estimate) -> Iterable[Finding]:
             yield Finding(Severity.WARNING, "silent", f"output '{output}'", text)
 
 
-def _open(estimate: Estimate, seen: Excitation) -> Iterable[Finding]:
+def _open(estimate: Estimate, seen: Conditioning) -> Iterable[Finding]:
     n = len(estimate.values)
     if seen.rank < n:
         text = f"the data determine {seen.rank} of {n} base parameters, though the sensors could see all of them"
-        yield Finding(Severity.WARNING, "excitation", "", text)
+        yield Finding(Severity.WARNING, "conditioning", "", text)
     for direction in seen.weak:
-        yield Finding(Severity.WARNING, "excitation", "", direction.advice)
+        yield Finding(Severity.WARNING, "conditioning", "", direction.advice)
 
 
 def _unconverged(estimate: Estimate) -> Iterable[Finding]:
@@ -176,8 +176,8 @@ def _unphysical(feasible: Feasibility | None) -> Iterable[Finding]:
 def _costly(physical: PhysicalFit | None, estimate: Estimate) -> Iterable[Finding]:
     if physical is None:
         return
-    per_row = (physical.misfit - physical.least_misfit) / max(sum(estimate.rows), 1)
-    if physical.misfit > _COSTLY * max(physical.least_misfit, sum(estimate.rows)):
+    per_row = (physical.misfit - physical.unconstrained_misfit) / max(sum(estimate.rows), 1)
+    if physical.misfit > _COSTLY * max(physical.unconstrained_misfit, sum(estimate.rows)):
         text = (
             f"physical consistency raises the squares by {per_row:.2g} noise variances per row: is the model complete?"
         )

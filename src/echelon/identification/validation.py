@@ -127,7 +127,7 @@ class Score:
     whiteness: float
 
     @property
-    def explained(self) -> float:
+    def r2_without_bias(self) -> float:
         """R² of what is left when the mean of the residual is taken off, as an offset of the sensor would be."""
         return self.r2 if self.rms == 0 else 1 - (1 - self.r2) * (1 - (self.bias / self.rms) ** 2)
 

@@ -37,7 +37,7 @@ def parameters(run: Identification) -> Context:
         "others": [name for name, _ in others],
         "level": f"{100 * _LEVEL:g}",
         "essential": None if run.essential is None else sum(row["essential"] for row in rows),
-        "chosen": run.chosen,
+        "predict_with": run.predict_with,
         "method": run.estimate.method,
     }
 
@@ -69,7 +69,7 @@ def _row(run: Identification, k: int, form: Any, others: list[Any]) -> Context:
         "low": to_place(low, std),
         "high": to_place(high, std),
         "relative": relative,
-        "visibility": float(run.excitation.visibility[k]),
+        "independent_share": float(run.conditioning.independent_share[k]),
         "essential": None if run.essential is None else bool(run.essential.values[k] != 0),
         "others": [{"text": to_place(float(values[k]), std), "key": float(values[k])} for values in others],
         "deviations": apart,  # of the others, in standard deviations
@@ -86,14 +86,14 @@ def conditioning(run: Identification) -> Context:
             "terms": [(weight, forms.name(name)) for name, weight in direction.weights],
             "advice": direction.advice,
         }
-        for direction in run.excitation.weak
+        for direction in run.conditioning.weak
     ]
-    return {"excitation": run.excitation, "total": run.base.rank, "weak": weak, "plot": _plot(run)}
+    return {"conditioning": run.conditioning, "total": run.base.rank, "weak": weak, "plot": _plot(run)}
 
 
 def _plot(run: Identification) -> Context | None:
     """Bars of the singular values on a logarithmic scale; None if there are none."""
-    values = np.asarray(run.excitation.singular_values, dtype=float)
+    values = np.asarray(run.conditioning.singular_values, dtype=float)
     positive = values[np.isfinite(values) & (values > 0)]
     if not len(positive):
         return None
@@ -105,7 +105,7 @@ def _plot(run: Identification) -> Context | None:
     def height(value: float) -> float:
         return room * min(max((log10(value) - low) / (high - low), 0.01), 1.0) if value > 0 else 0.0
 
-    rank = run.excitation.rank
+    rank = run.conditioning.rank
     bars = [
         {"x": _LEFT + step * k, "y": _TOP + room - height(v), "height": height(v), "value": v, "seen": k < rank}
         for k, v in enumerate(values.tolist())
@@ -128,7 +128,7 @@ def _plot(run: Identification) -> Context | None:
 def physics(run: Identification) -> Context:
     """Whether a robot with these base parameters can exist, and which one was chosen."""
     feasibility, fit = run.feasibility, run.physical
-    least = 0.0 if fit is None else fit.least_misfit
+    least = 0.0 if fit is None else fit.unconstrained_misfit
     return {
         "feasibility": feasibility,
         "physical": fit,
@@ -136,7 +136,7 @@ def physics(run: Identification) -> Context:
         "bodies": [] if fit is None else _bodies(run.base.mechanism, fit),
         "effects": [] if fit is None else _effects(run, fit),
         "excess": 100 * (fit.misfit / least - 1) if fit is not None and least > 0 else None,
-        "used": run.chosen == "physical",
+        "used": run.predict_with == "physical",
     }
 
 

@@ -120,7 +120,7 @@ def _header(run: Identification) -> Context:
         "logs": run.logs,
         "validated": [v.source for v in run.validations if v.role == "validation"],
         **findings_of(run.findings),
-        "chosen": _CHOSEN.get(run.chosen, run.chosen),
+        "predict_with": _CHOSEN.get(run.predict_with, run.predict_with),
         "method": run.estimate.method,
         "facts": [
             ("base parameters", run.base.rank),

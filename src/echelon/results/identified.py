@@ -30,8 +30,8 @@ from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.preparation.settings import Preparation
 from echelon.results.saved import from_json, to_dict
 from echelon.results.schema import (
+    ConditioningRecord,
     EstimateRecord,
-    ExcitationRecord,
     FeasibilityRecord,
     IdentifiedRecord,
     ParameterRecord,
@@ -129,7 +129,7 @@ def identification_document(result: Identification) -> dict[str, Any]:
         values=dict(zip(result.base.pivots, result.values, strict=True)),
         estimate=_estimate(result.estimate, result),
         essential=None if result.essential is None else _estimate(result.essential, result),
-        excitation=record_of(ExcitationRecord, result.excitation),
+        conditioning=record_of(ConditioningRecord, result.conditioning),
         feasibility=None if result.feasibility is None else record_of(FeasibilityRecord, result.feasibility),
         physical=None if result.physical is None else _physical(result.physical),
         validations=[record_of(ValidationRecord, validation) for validation in result.validations],

@@ -261,14 +261,14 @@ class EstimateRecord(_Finite):
     diagnostics: dict[str, Any]
 
 
-class ExcitationRecord(_Finite):
+class ConditioningRecord(_Finite):
     """What the data show."""
 
     condition: float | None
     scaled_condition: float | None
     rank: int
     singular_values: list[float]
-    visibility: list[float]
+    independent_share: list[float]
     weak: list[dict[str, Any]]
 
 
@@ -287,7 +287,7 @@ class PhysicalRecord(_Finite):
     standard: dict[str, float] = Field(description="Standard parameters, SI units.")
     base: list[float] = Field(description="Their base parameters.")
     misfit: float | None
-    least_misfit: float | None
+    unconstrained_misfit: float | None
     margins: dict[str, float | None]
     prior: str
     prior_weight: float | None
@@ -336,11 +336,11 @@ class IdentifiedRecord(_Finite):
     versions: dict[str, str] = Field(description="Versions of Python and of the packages that computed.")
     verdict: str
     findings: list[dict[str, str]]
-    chosen: Literal["estimate", "essential", "physical"]
+    predict_with: Literal["estimate", "essential", "physical"]
     values: dict[str, Value] = Field(description="Base parameters that predictions use, SI units.")
     estimate: EstimateRecord
     essential: EstimateRecord | None
-    excitation: ExcitationRecord
+    conditioning: ConditioningRecord
     feasibility: FeasibilityRecord | None
     physical: PhysicalRecord | None
     validations: list[ValidationRecord]

@@ -14,7 +14,7 @@ from echelon.identification.estimators.errors_in_variables import instrumental, 
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.fixed_parameters import known
 from echelon.identification.estimators.huber import huber
-from echelon.identification.estimators.least_squares import irls, noise_floor, ols, own_noise, wls
+from echelon.identification.estimators.least_squares import irls, noise_estimate, noise_floor, ols, wls
 from echelon.identification.estimators.ridge import ridge
 from echelon.identification.rows.batches import Batch
 from echelon.identification.rows.rows import Rows
@@ -63,7 +63,7 @@ def _estimated(
         case "ols":
             return ols(observation, units)
         case "wls":
-            return wls(observation, units, own_noise(observation), relative=True)
+            return wls(observation, units, noise_estimate(observation), relative=True)
         case "irls":
             return irls(observation, units, tolerance=1e-6, limit=500)
         case "huber":

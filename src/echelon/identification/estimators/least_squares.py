@@ -118,7 +118,7 @@ def wls(
 def irls(observation: Observation, units: Sequence[str], *, tolerance: float = 1e-9, limit: int = 100) -> Estimate:
     """Least squares with the noise of each output found from the residuals."""
     check(observation, units)
-    noise, change, iterations = own_noise(observation), np.inf, 0
+    noise, change, iterations = noise_estimate(observation), np.inf, 0
     while change > tolerance and iterations < limit:
         iterations += 1
         new, _ = _updated(solved(observation, units, 1.0 / noise))
@@ -131,7 +131,7 @@ def irls(observation: Observation, units: Sequence[str], *, tolerance: float = 1
     return estimate_of(solution, "irls", units, solution.inverse, diagnostics)
 
 
-def own_noise(observation: Observation) -> Floats:
+def noise_estimate(observation: Observation) -> Floats:
     """Noise of each output when its own rows alone are fitted, shape (m,): a start that no unit or other output sways.
 
     Where an output has no more rows than parameters it is the root mean square of the output; infinite for outputs

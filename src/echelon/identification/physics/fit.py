@@ -63,7 +63,7 @@ class PhysicalFit:
         Their base parameters B ζ.
     misfit : float
         Σ ((W ζ̄ − y)/σ)² of the fit, and
-    least_misfit : float
+    unconstrained_misfit : float
         that of plain (weighted) least squares, which no fit undercuts.
     margins : mapping of str to float
         Body → smallest eigenvalue of its pseudo-inertia relative to that of its prior or its scale.
@@ -81,7 +81,7 @@ class PhysicalFit:
     standard: Floats
     base: Floats
     misfit: float
-    least_misfit: float
+    unconstrained_misfit: float
     margins: Mapping[str, float]
     prior: str
     prior_weight: float
@@ -89,9 +89,9 @@ class PhysicalFit:
     diagnostics: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        above = self.misfit - self.least_misfit
+        least = self.unconstrained_misfit
         drawn = f", drawn to {self.prior} with weight {self.prior_weight:g}" if self.prior else ""
-        return f"PhysicalFit({len(self.margins)} bodies, misfit {above:.4g} above {self.least_misfit:.4g}{drawn})"
+        return f"PhysicalFit({len(self.margins)} bodies, misfit {self.misfit - least:.4g} above {least:.4g}{drawn})"
 
 
 Solve = Callable[[Floats, Floats, float], Floats]
@@ -193,7 +193,7 @@ def physical_fit(
         standard=standard,
         base=values,
         misfit=_misfit(triangle, values),
-        least_misfit=_least_misfit(triangle),
+        unconstrained_misfit=_unconstrained_misfit(triangle),
         margins=dict(zip(names, map(float, reached), strict=True)),
         prior="" if prior is None else prior_name,
         prior_weight=choice.weight if prior is not None else 0.0,
@@ -264,7 +264,7 @@ def _misfit(triangle: Triangle, values: Floats) -> float:
     return float(np.sum((triangle.R @ values - triangle.qty) ** 2) + triangle.residual**2)
 
 
-def _least_misfit(triangle: Triangle) -> float:
+def _unconstrained_misfit(triangle: Triangle) -> float:
     scale = np.where(triangle.scales == 0, 1.0, triangle.scales)
     best = np.linalg.lstsq(triangle.R / scale, triangle.qty, rcond=None)[0]
     return float(np.sum((triangle.R / scale @ best - triangle.qty) ** 2) + triangle.residual**2)
