@@ -22,7 +22,7 @@ from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import read_description
 from echelon.formats.writers.description_writer import write_description
 from echelon.mechanism.coupling import Spline, natural_spline
-from echelon.mechanism.lock_joints import held
+from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
 from oracles import FloatArray, float_regressor, random_states
 from recorded import evaluate
@@ -294,7 +294,7 @@ def test_descriptions_are_written_exactly() -> None:
 
 def test_coordinates_are_held_with_what_follows_them() -> None:
     mechanism = leg()
-    part = held(leg(COUPLED.replace(" - 0.4*hip", "")), {"knee": 0.4})
+    part = lock_joints(leg(COUPLED.replace(" - 0.4*hip", "")), {"knee": 0.4})
     assert part.velocities == ("hip",)
     assert not part.couplings
     q = np.array([[0.3]])

@@ -21,10 +21,10 @@ from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.numbers import cosine_of_turn
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.reading_options import LENGTH_TOLERANCE, PRECISION
-from echelon.formats.snapping import Intent
+from echelon.formats.snapping import Snapping
 from echelon.mechanism.joint import Motion, MotionKind, Step, merge
 from echelon.mechanism.mechanism import GROUND, Body
-from echelon.mechanism.placement import Placement, Vector, multiply, rotate, transpose, turn
+from echelon.mechanism.placement import Matrix, Placement, Vector, multiply, rotate, transpose, turn
 from echelon.mechanism.reading import Snap
 from echelon.mechanism.stated import vanishes
 
@@ -41,27 +41,27 @@ _TO_AXIS = (turn(1, Angle(_QUARTER)), turn(0, Angle(-_QUARTER)), Placement())
 def with_relations(
     bodies: Sequence[Body],
     gravity: Vector | None,
-    intent: Intent,
+    snapping: Snapping,
     sources: Mapping[str, Collection[str]],
     declared: Collection[str] = (),
 ) -> tuple[list[Body], Vector | None]:
     """Bodies and gravity, with axes that are related exactly where the numbers of the file mean it."""
     found: list[Body] = []
-    literal = {label for label, own in sources.items() if any(e.startswith(tuple(own)) for e in intent.literal)}
-    named = set(intent.symbols)
-    scale, down = _scale(bodies, intent), _down(gravity, intent)
+    literal = {label for label, own in sources.items() if any(e.startswith(tuple(own)) for e in snapping.literal)}
+    named = set(snapping.symbols)
+    scale, down = _scale(bodies, snapping), _down(gravity, snapping)
     for body in bodies:
         pair = _pair(found, body, down)
         if pair is None or pair.symbols() & set(declared):
             found.append(body)
             continue
         parent = None if body.parent == GROUND else bodies[body.parent].label
-        as_stated = not literal.isdisjoint({body.label, parent}) or not intent.exact.isdisjoint(pair.symbols())
-        found.append(replace(pair, literal=as_stated, scale=scale).related(intent))
+        as_stated = not literal.isdisjoint({body.label, parent}) or not snapping.exact.isdisjoint(pair.symbols())
+        found.append(replace(pair, literal=as_stated, scale=scale).related(snapping))
         if body.parent == GROUND and down is not None and down.gravity and replace(pair, body=found[-1]).is_exact:
             gravity = down.gravity
     used = {s for body in found for s in body.joint.symbols()} | {s for part in gravity or () for s in part.symbols()}
-    intent.forget(set(intent.symbols) - named - used)
+    snapping.forget(set(snapping.symbols) - named - used)
     return found, gravity
 
 
@@ -74,13 +74,13 @@ class _Down:
     gravity: Vector | None  # gravity in the base frame by the frame's angles; None for a frame without any
 
 
-def _down(gravity: Vector | None, intent: Intent) -> _Down | None:
+def _down(gravity: Vector | None, snapping: Snapping) -> _Down | None:
     numbers = [part.number for part in gravity or ()]
     if gravity is None or any(not isinstance(n, int | Fraction) for n in numbers):
         axes = [k for k, part in enumerate(gravity or ()) if part]
         return _Down(Placement(), axes[0], None) if len(axes) == 1 else None
     x, y, z = (Fraction(n) for n in numbers if isinstance(n, int | Fraction))
-    frame, axis, sign = intent.direction((x, y, z), "gravity", "_gravity")
+    frame, axis, sign = snapping.direction((x, y, z), "gravity", "_gravity")
     if frame.is_identity:
         return _Down(frame, axis, None)
     size = Fraction(f"{hypot(x, y, z):.12g}") * sign
@@ -88,12 +88,12 @@ def _down(gravity: Vector | None, intent: Intent) -> _Down | None:
     return _Down(frame, axis, (a, b, c))
 
 
-def _scale(bodies: Sequence[Body], intent: Intent) -> float:
+def _scale(bodies: Sequence[Body], snapping: Snapping) -> float:
     """The largest translation whose value is known, m."""
-    known = {name for name, symbol in intent.symbols.items() if symbol.value is not None}
+    known = {name for name, symbol in snapping.symbols.items() if symbol.value is not None}
     steps = [step for body in bodies for step in body.joint.steps if isinstance(step, Placement)]
     entries = [entry for step in steps for entry in step.translation if set(entry.symbols()) <= known]
-    return max((abs(intent.numeric(entry)) for entry in entries), default=0.0)
+    return max((abs(snapping.numeric(entry)) for entry in entries), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -129,14 +129,14 @@ class _Pair:
         """Symbols between the two axes."""
         return {*self.trailing.symbols(), *self.leading.symbols()}
 
-    def related(self, intent: Intent) -> Body:
+    def related(self, snapping: Snapping) -> Body:
         """The body, with intended relations between the axes made exact."""
-        if not self.symbols() <= {name for name, s in intent.symbols.items() if s.value is not None}:
+        if not self.symbols() <= {name for name, s in snapping.symbols.items() if s.value is not None}:
             return self.body
         rotation = multiply(self.trailing.rotation, self.leading.rotation)
-        exact = self._rotation(rotation, intent)
+        exact = self._rotation(rotation, snapping)
         turned = self.leading.rotation if exact is rotation else multiply(transpose(self.trailing.rotation), exact)
-        shift = self._translation(exact, intent) if self.turns else self.leading.translation
+        shift = self._translation(exact, snapping) if self.turns else self.leading.translation
         if turned is self.leading.rotation and shift is self.leading.translation:
             return self.body
         kept: tuple[Step, ...] = self.body.joint.steps
@@ -150,24 +150,24 @@ class _Pair:
     def _element(self, what: str) -> str:
         return f"joint '{self.body.joint.name}' {what} {self.before}"
 
-    def _rotation(self, rotation: tuple[Vector, Vector, Vector], intent: Intent) -> tuple[Vector, Vector, Vector]:
+    def _rotation(self, rotation: Matrix, snapping: Snapping) -> Matrix:
         """The rotation between the axes' frames, exact if its twist is meant to be."""
-        numbers = np.array([[intent.numeric(entry) for entry in row] for row in rotation])
+        numbers = np.array([[snapping.numeric(entry) for entry in row] for row in rotation])
         along = numbers[self.axis, self.motion.axis]
         across = np.delete(numbers[:, self.motion.axis], self.axis)
         twist = atan2(hypot(*across), along)
         steps = round(twist / _STEP)
         element, difference = self._element("axis against"), abs(twist - steps * _STEP)
         excess = rotation[self.axis][self.motion.axis] - cosine_of_turn(steps)
-        if not excess or difference > max(self._tolerance(intent.angle_tolerance(element)), _NEAR):
+        if not excess or difference > max(self._tolerance(snapping.angle_tolerance(element)), _NEAR):
             return rotation
-        if not vanishes(excess, intent.symbols):
-            if not intent.options.tolerance:
+        if not vanishes(excess, snapping.symbols):
+            if not snapping.options.tolerance:
                 return rotation
-            intent.snaps.append(Snap(element, f"{twist:.9g}", f"{steps * 15}°", difference))
-        return self._with_twist(numbers, steps, element, intent)
+            snapping.snaps.append(Snap(element, f"{twist:.9g}", f"{steps * 15}°", difference))
+        return self._with_twist(numbers, steps, element, snapping)
 
-    def _with_twist(self, numbers: Floats, steps: int, element: str, intent: Intent) -> tuple[Vector, Vector, Vector]:
+    def _with_twist(self, numbers: Floats, steps: int, element: str, snapping: Snapping) -> Matrix:
         before, after = _TO_AXIS[self.axis], _TO_AXIS[self.motion.axis]
         matrix = _floats(before).T @ numbers @ _floats(after)
         if steps % STEPS_PER_HALF_TURN:
@@ -175,37 +175,37 @@ class _Pair:
         else:
             first, second = atan2(matrix[1, 0], matrix[0, 0]), 0.0
         one, two = (
-            intent.angle(angle, f"{element}, turn", f"turn{self.body.label}") if abs(angle) > _NOISE else Angle()
+            snapping.angle(angle, f"{element}, turn", f"turn{self.body.label}") if abs(angle) > _NOISE else Angle()
             for angle in (first, second)
         )
         twist = Angle(Fraction(steps, STEPS_PER_HALF_TURN))
         return (before @ turn(2, one) @ turn(0, twist) @ turn(2, two) @ after.inverse()).rotation
 
-    def _translation(self, rotation: tuple[Vector, Vector, Vector], intent: Intent) -> Vector:
+    def _translation(self, rotation: Matrix, snapping: Snapping) -> Vector:
         """The joint's place in its parent, exactly on the axis before it if it is meant to be."""
         if not any(m.kind in _TURNS and m.axis == self.motion.axis for m in self.body.joint.motions):
             return self.leading.translation  # where a slide is makes no difference
         place = tuple(a + b for a, b in zip(self.trailing.translation, self._moved(), strict=True))
         direction = tuple(row[self.motion.axis] for row in rotation)
         i, j = (self.axis + 1) % 3, (self.axis + 2) % 3
-        p, d = (np.array([intent.numeric(entry) for entry in v]) for v in (place, direction))
+        p, d = (np.array([snapping.numeric(entry) for entry in v]) for v in (place, direction))
         sine = hypot(d[i], d[j])
         if sine > _NOISE:
             gap, exact = abs(p[i] * d[j] - p[j] * d[i]) / sine, place[i] * direction[j] - place[j] * direction[i]
         else:
             gap, exact = hypot(p[i], p[j]), place[i] * place[i] + place[j] * place[j]
         element = self._element("distance of its axis from")
-        tolerance = PRECISION if self.literal or element in intent.literal else LENGTH_TOLERANCE
+        tolerance = PRECISION if self.literal or element in snapping.literal else LENGTH_TOLERANCE
         if not exact or gap > max(tolerance, _NEAR) * self.scale:
             return self.leading.translation
-        if not vanishes(exact, intent.symbols):
-            if not intent.options.tolerance:
+        if not vanishes(exact, snapping.symbols):
+            if not snapping.options.tolerance:
                 return self.leading.translation
-            intent.snaps.append(Snap(element, f"{gap:.3g}", "0", float(gap)))
+            snapping.snaps.append(Snap(element, f"{gap:.3g}", "0", float(gap)))
         second = 0.0 if sine <= _NOISE else float(p[i] * d[i] + p[j] * d[j]) / sine**2
         along = [Polynomial({})] * 3
-        along[self.axis] = intent.length(float(p[self.axis] - second * d[self.axis]), f"d{self.body.label}", element)
-        step = intent.length(second, f"r{self.body.label}", element)
+        along[self.axis] = snapping.length(float(p[self.axis] - second * d[self.axis]), f"d{self.body.label}", element)
+        step = snapping.length(second, f"r{self.body.label}", element)
         met = tuple(a + step * b for a, b in zip(along, direction, strict=True))
         x, y, z = (a - b for a, b in zip(met, self.trailing.translation, strict=True))
         return rotate(transpose(self.trailing.rotation), (x, y, z))

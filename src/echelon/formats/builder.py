@@ -33,7 +33,7 @@ from echelon.formats.literal import (
     with_joints,
 )
 from echelon.formats.reading_options import ReadingOptions, gravity_vector
-from echelon.formats.snapping import Intent, symbol_stem
+from echelon.formats.snapping import Snapping, symbol_stem
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, Symbol, setup_placements
@@ -62,7 +62,7 @@ def build_mechanism(tree: LiteralTree, options: ReadingOptions, literal: Collect
 class _Builder:
     def __init__(self, tree: LiteralTree, options: ReadingOptions, literal: Collection[str]) -> None:
         self.tree, self.options = tree, options
-        self.intent = Intent(tree, options, literal)
+        self.snapping = Snapping(tree, options, literal)
         self.notes = list(tree.notes)
         self.couplings = self._resolved_couplings()
         self.floating_link = self._floating_link() if options.floating else None
@@ -82,9 +82,9 @@ class _Builder:
             else:
                 self._attach(index, link)
         self._attach_inertials()
-        gravity = gravity_vector(self.options.gravity, self.intent.gravity())
+        gravity = gravity_vector(self.options.gravity, self.snapping.gravity())
         if not self.tree.closures:  # loops close at the numbers of the file, not at any others
-            self.bodies, gravity = with_relations(self.bodies, gravity, self.intent, self.sources)
+            self.bodies, gravity = with_relations(self.bodies, gravity, self.snapping, self.sources)
         couplings = tuple(c.coupling for c in self.couplings.values())
         closures = tuple(self._closure(closure) for closure in self._moving_closures())
         mechanism = Mechanism(
@@ -97,10 +97,10 @@ class _Builder:
         mechanism = replace(mechanism, measured=self._measured(mechanism))
         used = {s for b in self.bodies for s in b.joint.symbols()}
         used.update(s for placement in setup_placements(mechanism) for s in placement.symbols())
-        symbols = {name: symbol for name, symbol in self.intent.symbols.items() if name in used}
+        symbols = {name: symbol for name, symbol in self.snapping.symbols.items() if name in used}
         # a placement on the way to a closure is read once more
-        snaps = tuple(dict.fromkeys(self.intent.snaps))
-        riders = Riders(self.intent, self._rides())
+        snaps = tuple(dict.fromkeys(self.snapping.snaps))
+        riders = Riders(self.snapping, self._rides())
         mechanism = replace(mechanism, symbols=symbols)
         if closures:
             assembly, note = chosen_pose(mechanism, self.tree.poses)
@@ -131,14 +131,14 @@ class _Builder:
                 self.notes.append(f"{unused}; --measured file takes them as outputs")
             return None
         motions = {m.name: m for m in mechanism.motions if m.name not in mechanism.dependent}
-        outputs = tuple(build_outputs(self.sensors, motions, self._ride, self.intent, self.notes))
+        outputs = tuple(build_outputs(self.sensors, motions, self._ride, self.snapping, self.notes))
         if not outputs:
             raise InputError("it has no sensors of forces that could be outputs", source=self.tree.source)
         return outputs
 
     def _closure(self, stated: LiteralClosure) -> Closure:
-        closure = build_closure(stated, self.tree, self.intent, self._ride)
-        return with_parallelogram(closure, stated.element, self.bodies, self.intent)
+        closure = build_closure(stated, self.tree, self.snapping, self._ride)
+        return with_parallelogram(closure, stated.element, self.bodies, self.snapping)
 
     def _moving_closures(self) -> Iterator[LiteralClosure]:
         for closure in self.tree.closures:
@@ -183,7 +183,7 @@ class _Builder:
             kind, name, read = "floating", "base", (*floating_motions("base"), *read)
         read = merge(read)
         if not self.tree.closures:  # loops close at the lengths of the file, not at any others
-            read = merge(self.intent.name_lengths(read, label, f"joint '{link.joint or link.name}'"))
+            read = merge(self.snapping.name_lengths(read, label, f"joint '{link.joint or link.name}'"))
         massless = link.name in self.options.massless
         self.bodies.append(Body(link.name, label, parent, Joint(name, kind, read), () if massless else ALL))
         self.host[index] = len(self.bodies) - 1
@@ -199,9 +199,9 @@ class _Builder:
         read: list[Step] = []
         for step in steps:
             if isinstance(step, LiteralPlacement):
-                read.append(self.intent.placement(step, label))
+                read.append(self.snapping.placement(step, label))
                 continue
-            motions = self.intent.motion(step, label)
+            motions = self.snapping.motion(step, label)
             read.extend(motions)
             coupling = self.couplings.get(step.name)
             if coupling is not None and coupling.offset:
@@ -217,7 +217,7 @@ class _Builder:
             return shift(x, y, z)
         value = offset.number
         assert isinstance(value, int | Fraction)
-        return turn(motion.axis, self.intent.angle(value, f"{coupling.element} offset", f"offset{label}"))
+        return turn(motion.axis, self.snapping.angle(value, f"{coupling.element} offset", f"offset{label}"))
 
     def _check_massless(self) -> None:
         names = {link.name: index for index, link in enumerate(self.tree.links)}
@@ -269,20 +269,20 @@ WhereLinksAre = Callable[[int], tuple[int, tuple[LiteralPlacement, ...]]]
 """The body that carries a link, and the placements from its frame to the link's."""
 
 
-def build_closure(closure: LiteralClosure, tree: LiteralTree, intent: Intent, ride: WhereLinksAre) -> Closure:
+def build_closure(closure: LiteralClosure, tree: LiteralTree, snapping: Snapping, ride: WhereLinksAre) -> Closure:
     """A closure between bodies."""
     (first, offset), (second, other) = ride(closure.first), ride(closure.second)
     stem = symbol_stem(closure.name)
-    frame = _placed(intent, closure.first_frame, stem)
+    frame = _placed(snapping, closure.first_frame, stem)
     if closure.second_frame is None:
-        met = _at_reference(tree, intent, closure, frame)
+        met = _at_reference(tree, snapping, closure, frame)
     else:
-        met = _placed(intent, closure.second_frame, stem)
-    frame, met = _placed(intent, offset, stem) @ frame, _placed(intent, other, stem) @ met
+        met = _placed(snapping, closure.second_frame, stem)
+    frame, met = _placed(snapping, offset, stem) @ frame, _placed(snapping, other, stem) @ met
     return Closure(closure.name, closure.kind, first, second, frame, met)
 
 
-def _at_reference(tree: LiteralTree, intent: Intent, closure: LiteralClosure, frame: Placement) -> Placement:
+def _at_reference(tree: LiteralTree, snapping: Snapping, closure: LiteralClosure, frame: Placement) -> Placement:
     """Where the frame of the first link is on the second one at the reference pose."""
     links = tree.links
     try:
@@ -292,28 +292,28 @@ def _at_reference(tree: LiteralTree, intent: Intent, closure: LiteralClosure, fr
             closure.second,
             frame,
             lambda k: links[k].parent,
-            lambda k: _placed(intent, links[k].rest, symbol_stem(links[k].name)),
+            lambda k: _placed(snapping, links[k].rest, symbol_stem(links[k].name)),
         )
     except ValueError as error:
         raise InputError(str(error), source=tree.source, element=closure.element) from None
 
 
-def _placed(intent: Intent, placements: tuple[LiteralPlacement, ...], stem: str) -> Placement:
-    return reduce(matmul, (intent.placement(placement, stem) for placement in placements), Placement())
+def _placed(snapping: Snapping, placements: tuple[LiteralPlacement, ...], stem: str) -> Placement:
+    return reduce(matmul, (snapping.placement(placement, stem) for placement in placements), Placement())
 
 
 def build_outputs(
     sensors: Collection[LiteralSensor],
     motions: Mapping[str, Motion],
     host: Callable[[int], tuple[int, tuple[LiteralPlacement, ...]]],
-    intent: Intent,
+    snapping: Snapping,
     notes: list[str],
 ) -> Iterator[Output]:
     """Outputs of sensors."""
     for sensor in sensors:
         if isinstance(sensor, LiteralWrench):
             body, offset = host(sensor.link)
-            placements = (intent.placement(p, symbol_stem(sensor.name)) for p in (*offset, *sensor.placements))
+            placements = (snapping.placement(p, symbol_stem(sensor.name)) for p in (*offset, *sensor.placements))
             frame = reduce(matmul, placements, Placement())
             letter, unit = ("t", "N·m") if sensor.angular else ("f", "N")
             for axis, word in enumerate("xyz"):
@@ -343,8 +343,8 @@ class Rider:
 class Riders(Mapping[str, Rider]):
     """What is fixed to bodies, by name; its numbers are read as exact ones when they are asked for."""
 
-    def __init__(self, intent: Intent, rides: Mapping[str, Ride]) -> None:
-        self._intent, self._rides = intent, rides
+    def __init__(self, snapping: Snapping, rides: Mapping[str, Ride]) -> None:
+        self._intent, self._rides = snapping, rides
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._rides)

@@ -15,7 +15,7 @@ from operator import matmul
 
 from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
 from echelon.formats.reading_options import PRECISION
-from echelon.formats.snapping import Intent
+from echelon.formats.snapping import Snapping
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import GROUND, Body
@@ -73,7 +73,7 @@ _PINS = (ClosureKind.SPHERICAL, ClosureKind.REVOLUTE)
 _PARALLEL = 1e-9
 
 
-def with_parallelogram(closure: Closure, element: str, bodies: Sequence[Body], intent: Intent) -> Closure:
+def with_parallelogram(closure: Closure, element: str, bodies: Sequence[Body], snapping: Snapping) -> Closure:
     """A closure moved to where it completes a parallelogram, if it nearly does.
 
     Only where the loop is closed while all coordinates are zero is it known beforehand where that is.
@@ -84,7 +84,7 @@ def with_parallelogram(closure: Closure, element: str, bodies: Sequence[Body], i
     if closure.kind not in _PINS or [*map(len, chains)].count(0) or (len(inner), len(outer)) != (2, 1):
         return closure
     tip, base, other = *inner, *outer
-    if sum(map(len, chains)) != len((tip, base, other)) or not all(tip.parallel(p, intent) for p in (base, other)):
+    if sum(map(len, chains)) != len((tip, base, other)) or not all(tip.parallel(p, snapping) for p in (base, other)):
         return closure
     carriers = [reduce(matmul, (_at_zero(bodies[k]) for k in reversed(chain)), Placement()) for chain in chains]
     frames = (closure.first_frame, closure.second_frame)
@@ -92,13 +92,13 @@ def with_parallelogram(closure: Closure, element: str, bodies: Sequence[Body], i
     if any(_across(tip, [c - m for c, m in zip(corner, met, strict=True)])):
         return closure
     missing = _across(tip, [b + d - a - c for a, b, c, d in zip(base.at, tip.at, corner, other.at, strict=True)])
-    size, sides = _length(missing, intent), [[b - a for a, b in zip(base.at, tip.at, strict=True)]]
+    size, sides = _length(missing, snapping), [[b - a for a, b in zip(base.at, tip.at, strict=True)]]
     sides.append([d - a for a, d in zip(base.at, other.at, strict=True)])
-    shortest = min(_length(_across(tip, side), intent) for side in sides)
-    tolerance = PRECISION if element in intent.literal else intent.options.tolerance
+    shortest = min(_length(_across(tip, side), snapping) for side in sides)
+    tolerance = PRECISION if element in snapping.literal else snapping.options.tolerance
     if not any(missing) or size > tolerance * shortest:
         return closure
-    intent.snaps.append(Snap(element, f"sides that differ by {size:.3g} m", "a parallelogram", size))
+    snapping.snaps.append(Snap(element, f"sides that differ by {size:.3g} m", "a parallelogram", size))
     x, y, z = missing
     one, two = (c.inverse() @ shift(x, y, z) @ c @ frame for c, frame in zip(carriers, frames, strict=True))
     return replace(closure, first_frame=one, second_frame=two)
@@ -132,14 +132,14 @@ class _Pivot:
         frame = reduce(matmul, before, carrier)
         return cls(frame.translation, frame, motions[0].axis)
 
-    def parallel(self, other: _Pivot, intent: Intent) -> bool:
+    def parallel(self, other: _Pivot, snapping: Snapping) -> bool:
         """Whether two axes are parallel."""
-        along, seen = self._direction(intent), other._direction(intent)
+        along, seen = self._direction(snapping), other._direction(snapping)
         cross = [along[i] * seen[j] - along[j] * seen[i] for i, j in ((1, 2), (2, 0), (0, 1))]
         return hypot(*cross) < _PARALLEL
 
-    def _direction(self, intent: Intent) -> list[float]:
-        return [intent.numeric(row[self.axis]) for row in self.frame.rotation]
+    def _direction(self, snapping: Snapping) -> list[float]:
+        return [snapping.numeric(row[self.axis]) for row in self.frame.rotation]
 
 
 def _chain(body: int, bodies: Sequence[Body]) -> list[int]:
@@ -162,5 +162,5 @@ def _across(pivot: _Pivot, vector: Sequence[Polynomial]) -> list[Polynomial]:
     return [v - along * n for n, v in zip(direction, vector, strict=True)]
 
 
-def _length(vector: Sequence[Polynomial], intent: Intent) -> float:
-    return hypot(*(intent.numeric(entry) for entry in vector))
+def _length(vector: Sequence[Polynomial], snapping: Snapping) -> float:
+    return hypot(*(snapping.numeric(entry) for entry in vector))

@@ -39,7 +39,7 @@ _DIGITS, _DOUBLE = 12, 1e-15  # digits of a short decimal, and how far a double 
 
 
 @dataclass
-class Intent:
+class Snapping:
     """Reads literal numbers as exact ones while keeping account."""
 
     tree: LiteralTree

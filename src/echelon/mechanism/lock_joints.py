@@ -1,4 +1,4 @@
-"""A mechanism with some coordinates held where they are: what remains to be seen when only the others move."""
+"""A mechanism with some joints locked: what remains to be seen when only the others move."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ _REFERENCE = re.compile(r"\b(qdd|qd|q)\[([^\]]*)\]")
 _INPUT = re.compile(r"\bi\[([^\]]*)\]")
 
 
-def held(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechanism:
-    """Hold some coordinates.
+def lock_joints(mechanism: Mechanism, positions: Mapping[str, float]) -> Mechanism:
+    """The mechanism with some joints locked.
 
     Bodies and their parameters stay; actuators, effects and outputs of what is held go, so do outputs of the forces
     that hold it.  A ball (floating bases have one) is held upright.
 
     >>> import echelon as ec
     >>> arm = ec.load("examples/double_pendulum.yaml")
-    >>> held(arm, {"j1": 0}).velocities
+    >>> lock_joints(arm, {"j1": 0}).velocities
     ('j2',)
     """
     if not positions:

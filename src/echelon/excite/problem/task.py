@@ -29,7 +29,7 @@ from echelon.hints import nearest_of
 from echelon.identification.settings import Setup
 from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.lock_joints import held
+from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
 
 _SMOOTH = 0.02  # share of the smallest speed limit within which dry friction changes sign gradually
@@ -65,7 +65,7 @@ def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
     try:
         findings: list[Finding] = []
         positions = _held(setup, entry, findings)
-        mechanism = held(setup.mechanism, positions)
+        mechanism = lock_joints(setup.mechanism, positions)
         if not mechanism.velocities:
             raise InputError("nothing moves: every coordinate is held", element="excitation")
         base = base_parameters(mechanism, seed=setup.settings.seed)

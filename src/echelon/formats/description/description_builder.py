@@ -65,19 +65,19 @@ def build_description(
     chosen = chosen if chosen is not None and any(chosen) else None
     bodies = tree.bodies
     if not robot.loops:
-        bodies, chosen = with_relations(bodies, chosen, expressions.intent, tree.sources, expressions.declared)
+        bodies, chosen = with_relations(bodies, chosen, expressions.snapping, tree.sources, expressions.declared)
     mechanism = Mechanism(
         robot.name,
         tuple(bodies),
         chosen,
         tuple(c.coupling for c in couplings),
-        {name: s for name, s in expressions.intent.symbols.items() if name not in bare},
+        {name: s for name, s in expressions.snapping.symbols.items() if name not in bare},
     )
     mechanism = add_loops(mechanism, robot, expressions, tree.find)
     mechanism = add_setup(mechanism, robot, expressions, tree.find)
-    mechanism = with_intended_angles(mechanism, expressions.intent)
+    mechanism = with_intended_angles(mechanism, expressions.snapping)
     notes = (*tree.notes, *check_use(mechanism, robot, document))
-    return Built(mechanism, tuple(expressions.intent.snaps), notes)
+    return Built(mechanism, tuple(expressions.snapping.snaps), notes)
 
 
 def _added_to_file(
@@ -155,7 +155,7 @@ class _FileParts:
         raise self.expressions.error(path, f"there is no body or frame '{name}'{nearest_of(name, valid)}")
 
     def _rider(self, rider: Rider, path: str) -> tuple[int, Placement]:
-        known = self.expressions.intent.symbols
+        known = self.expressions.snapping.symbols
         for symbol in rider.symbols:
             if known.setdefault(symbol.name, symbol) != symbol:
                 raise self.expressions.error(path, f"the robot file has an angle '{symbol.name}': rename the symbol")
@@ -299,7 +299,7 @@ class _Tree:
     def _moved(self, part: Part) -> Inertial | None:
         """A rider's parameters about the frame of its body, if all symbols on the way have values."""
         place = self.offset[part.name]
-        known = {n: s.value for n, s in self.expressions.intent.symbols.items() if s.value is not None}
+        known = {n: s.value for n, s in self.expressions.snapping.symbols.items() if s.value is not None}
         if not known.keys() >= set(place.symbols()):
             return None
 

@@ -23,7 +23,7 @@ from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
 from echelon.formats.description.document import Document
 from echelon.formats.literal import LiteralTree
 from echelon.formats.reading_options import NOT_FINITE, ReadingOptions, checked_size, gravity_vector
-from echelon.formats.snapping import Intent
+from echelon.formats.snapping import Snapping
 from echelon.hints import nearest
 from echelon.mechanism.mechanism import Mechanism, Symbol, setup_expressions
 from echelon.mechanism.placement import ORIGIN, Placement, Vector
@@ -50,12 +50,12 @@ class Expressions:
     ) -> None:
         self.document = document
         self.declared = frozenset(symbols)
-        self.intent = Intent(LiteralTree(document.source, document.source, ()), options, literal, dict(symbols))
+        self.snapping = Snapping(LiteralTree(document.source, document.source, ()), options, literal, dict(symbols))
 
     @property
     def named(self) -> dict[str, Symbol]:
         """Symbols that were given to angles without an exact sine."""
-        return {name: symbol for name, symbol in self.intent.symbols.items() if name not in self.declared}
+        return {name: symbol for name, symbol in self.snapping.symbols.items() if name not in self.declared}
 
     def error(self, path: str, problem: str) -> InputError:
         """An error about the element at a path."""
@@ -147,9 +147,9 @@ class Expressions:
         turns = stated.half_turns if has_steps else Fraction(0)
         if not has_steps:
             # stated exactly as a part of pi, so it must not be mistaken for a rounded multiple of 15°
-            read = self.intent.named_angle(Angle(stated.half_turns, radians=stated.radians), path, name)
+            read = self.snapping.named_angle(Angle(stated.half_turns, radians=stated.radians), path, name)
         elif stated.radians:
-            read = self.intent.angle(stated.radians, path, name)
+            read = self.snapping.angle(stated.radians, path, name)
         else:
             read = Angle()
         return Angle(turns + read.half_turns, (*stated.parts, *read.parts))
@@ -204,18 +204,18 @@ def _constant(expressions: Expressions, text: str, path: str) -> float:
     return value.evaluate({PI: math.pi}, float)
 
 
-def with_intended_angles(mechanism: Mechanism, intent: Intent) -> Mechanism:
+def with_intended_angles(mechanism: Mechanism, snapping: Snapping) -> Mechanism:
     """Decimal values of angle symbols that are near a multiple of 15° are that multiple; near zero they are meant."""
     found = dict(mechanism.symbols)
     for name in sorted(symbol_roles(mechanism).angles & found.keys()):
         symbol, element = found[name], f"symbols.{name}"
         if symbol.exact is None or symbol.value is None or parse_angle(symbol.exact).half_turns:
             continue
-        steps = round(intent.angle_value(symbol.value, element) * STEPS_PER_HALF_TURN / math.pi)
+        steps = round(snapping.angle_value(symbol.value, element) * STEPS_PER_HALF_TURN / math.pi)
         exact = steps * math.pi / STEPS_PER_HALF_TURN
         difference = abs(symbol.value - exact)
-        if steps and difference <= intent.angle_tolerance(element):
-            intent.snaps.append(Snap(element, symbol.exact, f"{15 * steps}°", difference))
+        if steps and difference <= snapping.angle_tolerance(element):
+            snapping.snaps.append(Snap(element, symbol.exact, f"{15 * steps}°", difference))
             found[name] = replace(symbol, value=exact, exact=f"{steps}*pi/{STEPS_PER_HALF_TURN}")
     return replace(mechanism, symbols=found)
 

@@ -110,11 +110,11 @@ class Joints:
                 return self._along_axis(joint, name, path, stem)
         axis_joint = cast("AxisJoint", joint)
         axis = self.expressions.direction(axis_joint.axis, f"{path}.axis")
-        return self.expressions.intent.motion(LiteralMotion(path, name, _LITERAL_KINDS[joint.type], axis), stem)
+        return self.expressions.snapping.motion(LiteralMotion(path, name, _LITERAL_KINDS[joint.type], axis), stem)
 
     def _along_axis(self, joint: HelicalJoint | AxisJoint, name: str, path: str, stem: str) -> tuple[Step, ...]:
         direction = self.expressions.direction(joint.axis, f"{path}.axis")
-        mounting, axis, sign = self.expressions.intent.direction(direction, f"{path} axis", stem)
+        mounting, axis, sign = self.expressions.snapping.direction(direction, f"{path} axis", stem)
         motions: tuple[Motion, ...]
         if joint.type == "helical":
             motions = (screw(name, self.expressions.length(joint.pitch, f"{path}.pitch"), axis, sign),)

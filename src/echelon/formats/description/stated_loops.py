@@ -120,7 +120,7 @@ class _Loops:
         if entry.axis is None:
             return Placement()
         direction = self.expressions.direction(entry.axis, f"{path}.axis")
-        mounting, axis, sign = self.expressions.intent.direction(direction, f"{path}.axis", stem)
+        mounting, axis, sign = self.expressions.snapping.direction(direction, f"{path}.axis", stem)
         return mounting @ _Z_ALONG[axis, sign]
 
     def _met(self, kind: ClosureKind, first: int, second: int, frame: Placement, path: str) -> Placement:

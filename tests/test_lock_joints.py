@@ -14,7 +14,7 @@ import pytest
 import echelon as ec
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import InputError
-from echelon.mechanism.lock_joints import held
+from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
 from exciting import Floats
 from oracles import float_regressor, random_states
@@ -74,7 +74,7 @@ def test_remaining_joints_are_those_of_the_reduced_model(name: str, names: tuple
     """Torques of random inertias: what is held rides on as a part of the links before it."""
     positions = chosen(names, 3)
     model, zeta = random_model(name, 3)
-    truth, ours = reduced(model, positions), held(loaded(name), positions)
+    truth, ours = reduced(model, positions), lock_joints(loaded(name), positions)
     assert set(ours.velocities) == {n for n in loaded(name).velocities if n not in names}
     q, qd, qdd = random_states(ours, 4)
     found = float_regressor(ours, q, qd, qdd) @ zeta
@@ -95,7 +95,7 @@ def test_remaining_joints_are_those_of_the_reduced_model(name: str, names: tuple
 
 @pytest.mark.parametrize("angle", [1e-4, 4.9e-5, -0.0003, 0.7853, 2 * np.arctan(0.50005), np.pi, -np.pi, 3.1, 40.0])
 def test_held_angles_are_those_asked_for(angle: float) -> None:
-    arm = held(ec.load(EXAMPLES / "double_pendulum.yaml"), {"j1": angle})
+    arm = lock_joints(ec.load(EXAMPLES / "double_pendulum.yaml"), {"j1": angle})
     turn = Kinematics(arm).frames(np.zeros((1, 1)))[0, 0, :, :3]
     expected = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
     np.testing.assert_allclose(turn, expected, atol=TURNED)
@@ -103,19 +103,19 @@ def test_held_angles_are_those_asked_for(angle: float) -> None:
 
 
 def test_zero_is_exact() -> None:
-    arm = held(ec.load(EXAMPLES / "double_pendulum.yaml"), {"j1": 0})
+    arm = lock_joints(ec.load(EXAMPLES / "double_pendulum.yaml"), {"j1": 0})
     np.testing.assert_array_equal(Kinematics(arm).frames(np.zeros((1, 1)))[0, 0, :, :3], np.eye(3))
-    assert held(arm, {}) is arm
+    assert lock_joints(arm, {}) is arm
 
 
 @pytest.mark.parametrize("name", ["scara", "cart_pole", "puma560"])
 def test_slides_and_screws_stay_where_they_are(name: str) -> None:
-    """Frames are those of the whole robot at the held positions."""
+    """Frames are those of the whole robot at the locked positions."""
     whole = ec.load(EXAMPLES / f"{name}.yaml")
     q = np.random.default_rng(0).uniform(-1, 1, (3, len(whole.positions)))
     for k, motion in enumerate(whole.positions):
         q[:, k] = 0.37
-        part = held(whole, {motion: 0.37})
+        part = lock_joints(whole, {motion: 0.37})
         kept = np.delete(q, k, axis=1)
         assert len(part.positions) == len(whole.positions) - 1
         np.testing.assert_allclose(Kinematics(part).frames(kept), Kinematics(whole).frames(q), atol=TURNED)
@@ -129,7 +129,7 @@ def test_slides_and_screws_stay_where_they_are(name: str) -> None:
 def test_ranks(name: str, names: tuple[str, ...]) -> None:
     """As many base parameters as Pinocchio's regressor of the reduced model has independent columns."""
     positions = chosen(names, 5)
-    ours = held(loaded(name), positions)
+    ours = lock_joints(loaded(name), positions)
     truth = reduced(pinocchio_model(robot_file(name), False), positions)
     carriers = [b for b in ours.bodies if b.joint.motions]
     plain = Mechanism(
@@ -157,7 +157,7 @@ def _rooted(mechanism: Mechanism, carriers: list[Any], body: Any) -> Any:
 def test_bases_held_upright_are_fixed_ones(name: str) -> None:
     free, fixed = loaded(name, True), loaded(name)
     base = next(body for body in free.bodies if body.joint.kind == "floating")
-    bolted = held(free, {motion.name: 0.0 for motion in base.joint.motions})
+    bolted = lock_joints(free, {motion.name: 0.0 for motion in base.joint.motions})
     assert bolted.velocities == fixed.velocities
     state = random_states(fixed, 3)
     ours, theirs = float_regressor(bolted, *state), float_regressor(fixed, *state)
@@ -194,7 +194,7 @@ def written(text: str) -> Mechanism:
 
 def compare_at_rest(whole: Mechanism, held_name: str, position: float) -> None:
     """The regressor of what is left is that of the whole robot while the joint stands still."""
-    part = held(whole, {held_name: position})
+    part = lock_joints(whole, {held_name: position})
     k = whole.velocities.index(held_name)
     q, qd, qdd = random_states(whole, 6)
     q[:, k], qd[:, k], qdd[:, k] = position, 0, 0
@@ -212,7 +212,7 @@ def compare_at_rest(whole: Mechanism, held_name: str, position: float) -> None:
 def test_effects_of_what_is_held_go() -> None:
     whole = written("effects: [{type: viscous, at: all}, {type: coulomb, at: all}, {type: offset, at: all}]\n")
     compare_at_rest(whole, "j2", 0.8)
-    part = held(whole, {"j2": 0.8})
+    part = lock_joints(whole, {"j2": 0.8})
     assert [effect.parameter for effect in part.effects] == ["Fv1", "Fv3", "Fc1", "Fc3", "Fo1", "Fo3"]
     assert [output.name for output in part.outputs] == ["j1", "j3"]
 
@@ -224,7 +224,7 @@ def test_drives_of_their_own() -> None:
 def test_outputs_that_are_seen() -> None:
     whole = written("outputs: [{joint: j1}, {joint: j3}, {wrench: j2}]\n")
     compare_at_rest(whole, "j3", -0.4)
-    assert len(held(whole, {"j3": -0.4}).outputs) == 7
+    assert len(lock_joints(whole, {"j3": -0.4}).outputs) == 7
 
 
 def test_effects_between_what_is_held_and_what_moves() -> None:
@@ -238,13 +238,13 @@ def test_coupled_wrists_with_a_joint_held() -> None:
     """Joint 6 of the TX40 stands still: its motor turns with joint 5."""
     arm = ec.load(EXAMPLES / "tx40.yaml")
     with pytest.raises(ec.InputError, match=r"m5, m6 would drive j1, .* hold all joints that are coupled"):
-        held(arm, {"j6": 0.0})
-    assert ec.base_parameters(held(arm, {"j5": 0.0, "j6": 0.0})).rank > 0
+        lock_joints(arm, {"j6": 0.0})
+    assert ec.base_parameters(lock_joints(arm, {"j5": 0.0, "j6": 0.0})).rank > 0
 
 
 def test_coupled_coordinates_follow() -> None:
     whole = ec.load(EXAMPLES / "gripper_coupled.yaml")
-    part = held(whole, {"left": 0.02})
+    part = lock_joints(whole, {"left": 0.02})
     assert not part.couplings
     q = np.random.default_rng(0).uniform(-1, 1, (4, 2))
     expected = Kinematics(whole).frames(np.column_stack([q, np.full(4, 0.02)]))
@@ -257,26 +257,26 @@ def test_coupled_coordinates_follow() -> None:
 def test_what_cannot_be_held() -> None:
     gripper = ec.load(EXAMPLES / "gripper_coupled.yaml")
     with pytest.raises(InputError, match="'right' follows left; hold these instead"):
-        held(gripper, {"right": 0.01})
+        lock_joints(gripper, {"right": 0.01})
     with pytest.raises(InputError, match=r"no coordinate 'lft' to hold.*left"):
-        held(gripper, {"lft": 0.0})
+        lock_joints(gripper, {"lft": 0.0})
     tree = ec.load(EXAMPLES / "floating_tree.yaml")
     ball = next(motion for motion in tree.motions if len(motion.positions) == 4)
     with pytest.raises(InputError, match=f"'{ball.name}' turns freely; it can be held at 0 only"):
-        held(tree, {ball.name: 0.3})
+        lock_joints(tree, {ball.name: 0.3})
     loop = ec.load(next((EXAMPLES / "loops").glob("*.yaml")))
     with pytest.raises(InputError, match="loops cannot be held"):
-        held(loop, {loop.velocities[0]: 0.0})
+        lock_joints(loop, {loop.velocities[0]: 0.0})
 
 
 def test_couplings_are_held_whole_or_not() -> None:
     sums = written("couplings: [{j3: j1 + j2}]\n")
     with pytest.raises(InputError, match="'j3' follows j1, j2: hold all of them or none"):
-        held(sums, {"j1": 0.1})
-    both = held(sums, {"j1": 0.1, "j2": 0.2})
+        lock_joints(sums, {"j1": 0.1})
+    both = lock_joints(sums, {"j1": 0.1, "j2": 0.2})
     assert both.velocities == ()
     q = np.array([[0.1, 0.2]])
     np.testing.assert_allclose(Kinematics(both).frames(np.zeros((1, 0))), Kinematics(sums).frames(q), atol=6 * TURNED)
     geared = written("couplings: [{j3: l1*j1}]\n")
     with pytest.raises(InputError, match="the coupling of 'j3' has symbols"):
-        held(geared, {"j1": 0.1})
+        lock_joints(geared, {"j1": 0.1})
