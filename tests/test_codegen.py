@@ -12,11 +12,9 @@ import pytest
 
 import echelon as ec
 import generated
-from echelon.codegen import views
+from echelon.codegen import TARGETS, Precision, views
 from echelon.codegen.documentation import Subject
-from echelon.codegen.generate import generate_source, printed
-from echelon.codegen.numbers import Precision
-from echelon.codegen.targets import TARGETS
+from echelon.codegen.source import generate_source, printed
 from echelon.dynamics.functions import FUNCTIONS as ALL
 from echelon.dynamics.functions import LOOP_FUNCTIONS
 from echelon.program.function import Argument, Function

@@ -11,10 +11,9 @@ import numpy.typing as npt
 import pytest
 
 import generated
+from echelon.codegen import TARGETS, Precision
 from echelon.codegen.documentation import Subject
-from echelon.codegen.generate import printed
-from echelon.codegen.numbers import Precision
-from echelon.codegen.targets import TARGETS
+from echelon.codegen.source import printed
 from echelon.program.function import Argument, Function
 from echelon.program.tape import Program
 

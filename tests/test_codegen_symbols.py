@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import echelon as ec
 import generated
 from echelon.cli.commands import app
-from echelon.codegen.generate import generate_source
+from echelon.codegen.source import generate_source
 from echelon.errors import InputError
 
 ROOT = Path(__file__).parents[1]

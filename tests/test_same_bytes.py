@@ -70,7 +70,7 @@ def test_every_command_is_among_them() -> None:
     from typing import get_args
 
     from echelon.cli.commands import Schema
-    from echelon.codegen.targets import TARGETS
+    from echelon.codegen import TARGETS
 
     assert {line.split()[0] for line in COMMANDS.values()} == set(commands(app))
     assert (set(LANGUAGES), set(SCHEMAS)) == (set(TARGETS), set(get_args(Schema)))

@@ -14,7 +14,7 @@ from anchors import build
 from anchors.build import UnavailableError
 from anchors.generated_c import FLAGS
 from anchors.process import probe
-from echelon.codegen.generate import generate
+from echelon.codegen import generate
 from machine.inverse_dynamics import FUNCTION
 from ratios import Spread
 from robots import PANDA_FILE, find_urdf

@@ -11,7 +11,7 @@ import numpy as np
 import echelon as ec
 from anchors.build import UnavailableError
 from anchors.generated_c import CompiledC, compiled
-from echelon.codegen.generate import generate
+from echelon.codegen import generate
 from echelon.dynamics.functions import robot_function
 from machine.cases import Case, States, arms
 from ratios import Timer, interleaved_rounds

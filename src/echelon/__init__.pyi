@@ -25,7 +25,7 @@ from echelon.base.symbolic import SymbolicRegressor as SymbolicRegressor
 from echelon.claims.audit import audit as audit
 from echelon.claims.result import Audit as Audit
 from echelon.claims.result import Verdict as Verdict
-from echelon.codegen.generate import generate as generate
+from echelon.codegen.source import generate as generate
 from echelon.errors import AssemblyWarning as AssemblyWarning
 from echelon.errors import CertificateError as CertificateError
 from echelon.errors import ClosedFormError as ClosedFormError

@@ -15,9 +15,7 @@ from echelon.base.model import BaseModel
 from echelon.cli.destination import Destination
 from echelon.cli.options import reading
 from echelon.cli.screen import json_text, say_time, show, steps
-from echelon.codegen.constants import FROM_FILE
-from echelon.codegen.documentation import operation_counts, operations_text
-from echelon.codegen.generate import Source, generate_source
+from echelon.codegen import FROM_FILE, Source, generate_source, operation_counts, operations_text
 from echelon.errors import CertificateError, InputError, one_line
 from echelon.exact.numbers import parse_decimal
 from echelon.formats.robot_file import load_model

@@ -62,7 +62,7 @@ def run_identify(
 
 
 def _check_target(target: str) -> None:
-    from echelon.codegen.targets import TARGETS
+    from echelon.codegen import TARGETS
     from echelon.hints import nearest_of
 
     if target != NO_CODE and target not in TARGETS:
@@ -90,7 +90,7 @@ def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
         for robot in identified_robot(result.base.mechanism, result.physical.standard, setup.robot_file):
             files[robot.name] = robot.text
     if target != NO_CODE:
-        from echelon.codegen.generate import generate
+        from echelon.codegen import generate
 
         names = [expression.name for expression in result.base.expressions]
         values = dict(zip(names, map(float, result.values), strict=True))

@@ -1,58 +1,55 @@
-"""Which inputs of a robot's functions are replaced by numbers: known geometry, and parameters on request."""
+"""Inputs of a robot's functions that are replaced by numbers: known geometry, and parameters on request.
+
+Values are exact, so what cancels for this robot disappears; functions of numbers become numbers.  Chains of constant
+factors and of constant summands become one each, which products of parameters and lengths leave behind.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 
 import numpy as np
 
 from echelon.base.model import BaseModel
 from echelon.dynamics.arguments import parameter_input
 from echelon.errors import InputError, one_line
-from echelon.exact.numbers import Number
+from echelon.exact.numbers import Number, Surd, parts_of
 from echelon.mechanism.mechanism import Mechanism, Symbol
 from echelon.mechanism.symbol_values import all_symbols, symbol_values
-from echelon.program.scalar import exact
+from echelon.program.function import Argument, Function
+from echelon.program.operations import Op
+from echelon.program.scalar import Scalar, exact
+from echelon.program.schedule import FloatArithmetic
+from echelon.program.tape import Program
 
 FROM_FILE = "file"
 """The parameters that the robot's file states."""
 
+SHARED = ("inputs", "symbols")
+"""Arguments of which a function holds only what it uses."""
+
+_MOST_BITS = 512
 _SHOWN = 6
 
 
 @dataclass(frozen=True)
 class Constants:
-    """Numbers to put in.
+    """Numbers to put in."""
 
-    Attributes
-    ----------
-    numbers : mapping of str to Number
-        By the name of the program's input.
-    texts : mapping of str to str
-        The same for people to read, where they did not give it themselves.
-    values : tuple of float, optional
-        Base parameters.
-    stated : mapping of str to str
-        Values of symbols that are not put in although they have one.
-    """
-
-    numbers: Mapping[str, Number] = field(default_factory=dict)
+    numbers: Mapping[str, Number] = field(default_factory=dict)  # by the name of the program's input
+    # the same for people to read, where they did not give it themselves
     texts: Mapping[str, str] = field(default_factory=dict)
-    values: tuple[float, ...] | None = None
+    values: tuple[float, ...] | None = None  # base parameters
+    # values of symbols that are not put in although they have one
     stated: Mapping[str, str] = field(default_factory=dict)
 
 
 def kept_symbols(
     mechanism: Mechanism, keep: bool | Sequence[str], given: Mapping[str, float] | None
 ) -> tuple[str, ...]:
-    """Symbols that stay arguments although they have values.
-
-    Raises
-    ------
-    InputError
-        If there is no such symbol, or it is given a value, too.
-    """
+    """Symbols that stay arguments although they have values."""
     valid = sorted(all_symbols(mechanism))
     kept = tuple(valid) if keep is True else tuple(keep or ())
     strange = next((name for name in kept if name not in valid), None)
@@ -65,13 +62,7 @@ def kept_symbols(
 
 
 def symbol_constants(mechanism: Mechanism, given: Mapping[str, float] | None, kept: Collection[str] = ()) -> Constants:
-    """All symbols with a value, from the file or given, except those that are kept.
-
-    Raises
-    ------
-    InputError
-        If a given name is not a symbol of the mechanism.
-    """
+    """All symbols with a value, from the file or given, except those that are kept."""
     overrides = symbol_values(mechanism, given or {}, given)
     stated = {name: symbol for name, symbol in mechanism.symbols.items() if symbol.value is not None}
     listed = {name: symbol.exact or repr(symbol.value) for name, symbol in stated.items()}
@@ -90,13 +81,7 @@ def _number(symbol: Symbol) -> Number:
 def parameter_constants(
     base: BaseModel, given: str | Mapping[str, float] | None, symbols: Mapping[str, float] | None
 ) -> Constants:
-    """Values of the base parameters.
-
-    Raises
-    ------
-    InputError
-        If there are neither all base parameters nor all standard parameters, or a value is not finite.
-    """
+    """Values of the base parameters."""
     if given is None:
         return Constants()
     standard: Sequence[float | None] = ()
@@ -131,3 +116,104 @@ def _check_names(base: BaseModel, given: Mapping[str, float]) -> None:
 def _listed(names: Sequence[str]) -> str:
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     return ", ".join(f"'{one_line(name)}'" for name in names[:_SHOWN]) + more
+
+
+# -- put in ------------------------------------------------------------------------------------------------------------
+
+
+def specialised(
+    function: Function, values: Mapping[str, Number], layout: Mapping[str, Sequence[str]] | None = None
+) -> Function:
+    """The same function with some uniform inputs replaced by numbers."""
+    copy, known = Program(), function.program
+    new = {known.zero.node: copy.zero.node}
+    for node in function.needed:
+        new[node] = _copied(known, node, copy, new, values)
+    arguments = [_argument(function, argument, copy, values, layout or {}) for argument in function.arguments]
+    entries = {index: new[node] for index, node in function.entries.items() if new[node] != copy.zero.node}
+    kept = tuple(argument for argument in arguments if len(argument))
+    return Function(function.name, copy, kept, entries, function.axes, function.units, function.meaning)
+
+
+def _argument(
+    function: Function,
+    argument: Argument,
+    copy: Program,
+    values: Mapping[str, Number],
+    layout: Mapping[str, Sequence[str]],
+) -> Argument:
+    inputs = {label: function.program.inputs[node] for label, node in zip(argument.labels, argument.nodes, strict=True)}
+    units = dict(zip(argument.labels, argument.units, strict=True))
+    labels = [label for label in argument.labels if inputs[label].name not in values]
+    if argument.name in layout and labels:
+        labels = list(layout[argument.name])
+    nodes = []
+    for label in labels:
+        # an input that only other functions use needs a node too, so that vectors are the same for all
+        name, role = (inputs[label].name, inputs[label].role) if label in inputs else (f"unused[{label}]", "state")
+        nodes.append(copy.input(name, role).node)
+    kept = tuple(units.get(label, "SI") for label in labels)
+    return Argument(argument.name, tuple(nodes), tuple(labels), kept, argument.meaning, argument.uniform)
+
+
+def _copied(known: Program, node: int, copy: Program, new: Mapping[int, int], values: Mapping[str, Number]) -> int:
+    op = Op(known.ops[node])
+    if op is Op.INPUT:
+        given = known.inputs[node]
+        return (
+            copy.constant(values[given.name]).node if given.name in values else copy.input(given.name, given.role).node
+        )
+    if op is Op.CONSTANT:
+        return copy.constant(known.constants[node]).node
+    a = new[known.lhs[node]]
+    if op is Op.NEG:
+        return copy.negate(a)
+    if op >= Op.SIN:
+        return _function(copy, op, a)
+    return _binary(copy, op, a, new[known.rhs[node]])
+
+
+def _binary(copy: Program, op: Op, a: int, b: int) -> int:
+    if op is Op.DIV:
+        if b == copy.zero.node:
+            raise InputError("with the values put in a divisor is zero: is the mechanism always in a singular pose?")
+        made = copy.divide(a, b)
+    elif op is Op.MUL:
+        made = copy.multiply(*_gathered(copy, Op.MUL, a, b))
+    else:
+        made = copy.subtract(a, b) if op is Op.SUB else copy.add(*_gathered(copy, Op.ADD, a, b))
+    value = copy.constants.get(made)
+    return made if value is None else copy.constant(_bounded(value)).node
+
+
+def _gathered(copy: Program, op: Op, a: int, b: int) -> tuple[int, int]:
+    """Operands of c∘(d∘x) as those of x∘(c∘d)."""
+    if a in copy.constants:
+        a, b = b, a
+    if b not in copy.constants or copy.ops[a] != op:
+        return a, b
+    inner, outer = (copy.lhs[a], copy.rhs[a]), copy.constants[b]
+    for x, d in (inner, inner[::-1]):
+        if d in copy.constants:
+            value = copy.constants[d]
+            return x, copy.constant(_bounded(outer * value if op is Op.MUL else outer + value)).node
+    return a, b
+
+
+def _function(copy: Program, op: Op, a: int) -> int:
+    made = copy.function(op, Scalar(copy, a)).node
+    if a not in copy.constants or made in copy.constants:
+        return made
+    value = FloatArithmetic().unary(op, np.asarray(float(copy.constants[a])))
+    return copy.constant(exact(float(value))).node
+
+
+def _bounded(value: Number) -> Number:
+    """The number itself, or the nearest double if it has become very long."""
+    longest = max(max(abs(part.numerator), part.denominator).bit_length() for part in parts_of(value))
+    if longest <= _MOST_BITS:
+        return value
+    try:
+        return Fraction(float(value)) if isinstance(value, Surd | Fraction) else value
+    except OverflowError:
+        raise InputError("products of the values put in are beyond the range of floating-point numbers") from None

@@ -34,26 +34,13 @@ class _AsciiStyle(TextStyle):
 
 @dataclass(frozen=True)
 class Subject:
-    """What is documented.
+    """What is documented."""
 
-    Attributes
-    ----------
-    robot : str
-        The robot's own name.
-    base : sequence of Expression
-        Closed forms of the parameters.
-    constants : mapping of str to str
-        Values of symbols that are put in, as text.
-    values : sequence of float, optional
-        Values of the parameters, where they are put in.
-    stated : mapping of str to str
-        Values that the robot's file states for symbols that are arguments.
-    """
-
-    robot: str
-    base: Sequence[Expression]
-    constants: Mapping[str, str]
-    values: Sequence[float] | None = None
+    robot: str  # the robot's own name
+    base: Sequence[Expression]  # closed forms of the parameters
+    constants: Mapping[str, str]  # values of symbols that are put in, as text
+    values: Sequence[float] | None = None  # values of the parameters, where they are put in
+    # values that the robot's file states for symbols that are arguments
     stated: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -23,18 +23,7 @@ Text = tuple[str, Binding]
 
 
 class Expressions:
-    """Prints nodes of one program.
-
-    Parameters
-    ----------
-    program : Program
-    names : mapping of int to str
-        Nodes that have a name, inputs included.
-    number : callable
-        Prints a constant that is not negative.
-    function : callable
-        Prints a function of an expression.
-    """
+    """Prints nodes of one program."""
 
     def __init__(
         self,

@@ -7,66 +7,78 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
+from math import isfinite
 
-from echelon.codegen.numbers import Precision, decimal
+import numpy as np
+
+from echelon.errors import InputError, one_line
 from echelon.exact.numbers import Number
 from echelon.program.operations import Op
 
 
+class Precision(StrEnum):
+    """Floating-point types of generated code."""
+
+    DOUBLE = "double"
+    SINGLE = "single"
+
+    @classmethod
+    def named(cls, name: str) -> Precision:
+        """The type of a name that a user gave."""
+        if name not in list(cls):
+            raise InputError(f"there is no precision '{one_line(name)}' (valid: {', '.join(cls)})")
+        return cls(name)
+
+    @property
+    def suffix(self) -> str:
+        """What C appends to literals and names of functions."""
+        return "f" if self is Precision.SINGLE else ""
+
+
+def decimal(value: Number, precision: Precision) -> str:
+    """The shortest decimal of a number, always with a point or an exponent.
+
+    >>> from fractions import Fraction
+    >>> decimal(Fraction(1, 3), Precision.DOUBLE), decimal(Fraction(1, 3), Precision.SINGLE)
+    ('0.3333333333333333', '0.33333334')
+    """
+    with np.errstate(over="ignore"):
+        rounded = float(value) if precision is Precision.DOUBLE else np.float32(float(value))
+    if not isfinite(rounded):
+        raise InputError(f"{float(value):.3g} is too large for {precision} precision")
+    return str(rounded)
+
+
 @dataclass(frozen=True)
 class Language:
-    """How a language writes things.
+    """How a language writes things."""
 
-    Attributes
-    ----------
-    name : str
-        The target's name.
-    files : mapping of str to str
-        Templates by the pattern of the file's name: ``{robot}`` is the robot's identifier; with ``{function}`` there is
-        one file for each function.
-    comment : str
-        Opens every line of documentation.
-    functions : mapping of Op to str
-        Patterns of functions of ``{x}``.  Here and in :attr:`number`, ``{f}`` is ``f`` in single precision and empty in
-        double precision.
-    number : str
-        Pattern of a literal with the decimal ``{x}``.
-    real : mapping of Precision to str
-        Floating-point types.
-    element : str
-        Pattern of entry ``{index}`` of the vector ``{name}``.
-    entry : str
-        Pattern of the entry ``{index}`` of the result.
-    separator : str, optional
-        Stands between the indices of an entry of the result; None for one index into a dense row-major array.
-    define, assign : str
-        Patterns of the statements that give ``{name}`` the value ``{value}``, for the first time or otherwise.
-    first : int
-        The first index.
-    zeroed : bool
-        Whether the templates make results that start as zeros; otherwise zeros are assigned, or filled in if there are
-        many.
-    windows : bool
-        Whether sines and cosines are computed several at once, from consecutive entries of q where possible.
-    splits : bool
-        Whether long functions are cut into parts.
-    """
-
-    name: str
+    name: str  # the target's name
+    # templates by the pattern of the file's name: ``{robot}`` is the robot's identifier; with ``{function}`` there is
+    # one file for each function
     files: Mapping[str, str]
-    comment: str
+    comment: str  # opens every line of documentation
+    # patterns of functions of ``{x}``.  Here and in :attr:`number`, ``{f}`` is ``f`` in single precision and empty in
+    # double precision
     functions: Mapping[Op, str]
-    number: str = "{x}"
+    number: str = "{x}"  # pattern of a literal with the decimal ``{x}``
+    # floating-point types
     real: Mapping[Precision, str] = field(default_factory=lambda: {p: p.value for p in Precision})
-    element: str = "{name}[{index}]"
-    entry: str = "result[{index}]"
+    element: str = "{name}[{index}]"  # pattern of entry ``{index}`` of the vector ``{name}``
+    entry: str = "result[{index}]"  # pattern of the entry ``{index}`` of the result
+    # stands between the indices of an entry of the result; None for one index into a dense row-major array
     separator: str | None = None
+    # patterns of the statements that give ``{name}`` the value ``{value}``, for the first time or otherwise
     define: str = "{name} = {value}"
     assign: str = "{name} = {value}"
-    first: int = 0
+    first: int = 0  # the first index
+    # whether the templates make results that start as zeros; otherwise zeros are assigned, or filled in if there are
+    # many
     zeroed: bool = False
+    # whether sines and cosines are computed several at once, from consecutive entries of q where possible
     windows: bool = False
-    splits: bool = False
+    splits: bool = False  # whether long functions are cut into parts
 
     def literal(self, value: Number, precision: Precision) -> str:
         """A constant that is not negative."""

@@ -1,21 +1,21 @@
-"""The order in which a function's operations are written, and which of them get a name.
+"""Which of a function's operations get a name, and the statements that a source file consists of.
 
 Where there are many results (regressors), operations stand in depth-first order from the results, so that few values
 are alive at a time.  Where there are few (inverse dynamics), they stand in the order of recording, which alternates
 between independent chains.  The better one of both is 5 to 10 % faster in compiled C.
 
 What is used once becomes part of the expression that uses it, up to a length that a person can read; what is used more
-often gets a name.  Long functions are cut into parts that pass values on in an array, because compilers take more than
-linear time for one long function.
+often gets a name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from echelon.program.function import Function
 from echelon.program.operations import Op
+from echelon.program.order import cut, depth_first, operands, waiting_places
 from echelon.program.tape import Program
 
 LONGEST_PART = 1000
@@ -29,17 +29,10 @@ _ARITHMETIC = (Op.ADD, Op.SUB, Op.MUL, Op.NEG, Op.DIV)
 
 @dataclass(frozen=True)
 class Angle:
-    """An angle whose sine or cosine is needed.
+    """An angle whose sine or cosine is needed."""
 
-    Attributes
-    ----------
-    node : int
-        The argument of the sine and cosine.
-    label : str
-        Follows ``s`` and ``c`` in their names: the number of the coordinate, from 1, or ``a1`` … for other angles.
-    """
-
-    node: int
+    node: int  # the argument of the sine and cosine
+    # follows ``s`` and ``c`` in their names: the number of the coordinate, from 1, or ``a1`` … for other angles
     label: str
 
 
@@ -53,36 +46,17 @@ class Statement:
 
 @dataclass(frozen=True)
 class Plan:
-    """How a function is written.
-
-    Attributes
-    ----------
-    function : Function
-    angles : tuple of Angle
-        Their sines and cosines come first, all at once.
-    parts : tuple of tuple of Statement
-    names : mapping of int to str
-        What named nodes are called: temporaries, sines and cosines.
-    slots : mapping of int to int
-        For temporaries that a later part uses, their place in the array that parts share.
-    """
+    """How a function is written."""
 
     function: Function
-    angles: tuple[Angle, ...]
+    angles: tuple[Angle, ...]  # their sines and cosines come first, all at once
     parts: tuple[tuple[Statement, ...], ...]
-    names: Mapping[int, str]
-    slots: Mapping[int, int]
+    names: Mapping[int, str]  # what named nodes are called: temporaries, sines and cosines
+    slots: Mapping[int, int]  # for temporaries that a later part uses, their place in the array that parts share
 
 
 def plan(function: Function, longest_part: int) -> Plan:
-    """Order a function's operations.
-
-    Parameters
-    ----------
-    function : Function
-    longest_part : int
-        Number of statements after which a new part starts.
-    """
+    """Order a function's operations, with a new part after every ``longest_part`` statements."""
     angles = _angles(function)
     names = _sines_and_cosines(function, angles)
     writer = _Writer(function, names)
@@ -91,9 +65,10 @@ def plan(function: Function, longest_part: int) -> Plan:
     for entry, node in function.entries.items():
         writer.write(entry, node)
     names |= {s.node: f"t{k}" for k, s in enumerate((s for s in writer.statements if s.entry is None), 1)}
-    statements = writer.statements
-    parts = tuple(tuple(statements[k : k + longest_part]) for k in range(0, len(statements), longest_part))
-    return Plan(function, angles, parts, names, _slots(function.program, parts, names))
+    parts = cut(writer.statements, longest_part)
+    made = [[s.node for s in part if s.entry is None] for part in parts]
+    used = [used_names(function.program, part, names) for part in parts]
+    return Plan(function, angles, parts, names, waiting_places(made, used))
 
 
 def coordinates(function: Function) -> tuple[int, ...]:
@@ -104,12 +79,6 @@ def coordinates(function: Function) -> tuple[int, ...]:
 def homes(parts: Sequence[Sequence[Statement]]) -> dict[int, int]:
     """For every temporary, the number of the part that it is written in."""
     return {s.node: k for k, part in enumerate(parts) for s in part if s.entry is None}
-
-
-def operands(program: Program, node: int) -> tuple[int, ...]:
-    """The nodes that a node refers to."""
-    a, b = program.lhs[node], program.rhs[node]
-    return () if a < 0 else (a,) if b < 0 else (a, b)
 
 
 # -- angles ------------------------------------------------------------------------------------------------------------
@@ -154,33 +123,25 @@ def _sines_and_cosines(function: Function, angles: Sequence[Angle]) -> dict[int,
 
 
 class _Writer:
-    """Writes statements in depth-first order and decides what is inlined."""
+    """Writes statements and decides what is inlined."""
 
     def __init__(self, function: Function, given: Mapping[int, str]) -> None:
         self._program = function.program
         self._given = given
         self._uses = self._count_uses(function)
         self._leaves: dict[int, int] = {}
+        self._done: set[int] = set()
         self.statements: list[Statement] = []
 
-    def prepare(self, nodes: Sequence[int]) -> None:
+    def prepare(self, nodes: Iterable[int]) -> None:
         """Write operations in a given order."""
         for node in nodes:
+            self._done.add(node)
             self._finish(node, self._operands(node))
 
     def write(self, entry: tuple[int, ...], root: int) -> None:
-        """Write what an entry of the result needs, and the entry."""
-        pending = [(root, False)]
-        while pending:
-            node, ready = pending.pop()
-            if node in self._leaves:
-                continue
-            inner = self._operands(node)
-            if ready or not inner:
-                self._finish(node, inner)
-            else:
-                pending.append((node, True))
-                pending += [(n, False) for n in reversed(inner)]
+        """Write what an entry of the result needs, in depth-first order, and the entry."""
+        self.prepare(depth_first([root], self._operands, self._done))
         self.statements.append(Statement(root, entry))
 
     def _operands(self, node: int) -> tuple[int, ...]:
@@ -208,17 +169,6 @@ class _Writer:
     def _name(self, node: int) -> None:
         self.statements.append(Statement(node))
         self._leaves[node] = 1
-
-
-def _slots(program: Program, parts: Sequence[Sequence[Statement]], names: Mapping[int, str]) -> dict[int, int]:
-    """Temporaries that are used in a later part than they are written in."""
-    home = homes(parts)
-    crossing: dict[int, None] = {}
-    for k, part in enumerate(parts if len(parts) > 1 else ()):
-        for node in used_names(program, part, names):
-            if home.get(node, k) != k:
-                crossing[node] = None
-    return {node: slot for slot, node in enumerate(crossing)}
 
 
 def used_names(program: Program, statements: Sequence[Statement], names: Mapping[int, str]) -> list[int]:

@@ -9,8 +9,7 @@ from math import prod
 from sys import maxsize
 
 from echelon.codegen.expressions import Expressions
-from echelon.codegen.language import Language
-from echelon.codegen.numbers import Precision
+from echelon.codegen.language import Language, Precision
 from echelon.codegen.plan import LONGEST_PART, Plan, Statement, coordinates, homes, plan, used_names
 from echelon.program.function import Argument, Function
 from echelon.program.operations import Op
@@ -26,44 +25,22 @@ _MOST_ZEROS = 24
 
 @dataclass(frozen=True)
 class Trig:
-    """A sine or cosine that a part uses.
+    """A sine or cosine that a part uses."""
 
-    Attributes
-    ----------
-    name : str
-        ``"s2"``.
-    kind : str
-        ``"sine"`` or ``"cosine"``.
-    index : int
-        Place of the angle, from 0: in the vector of angles, or in the window on q.
-    """
-
-    name: str
-    kind: str
-    index: int
+    name: str  # ``"s2"``
+    kind: str  # ``"sine"`` or ``"cosine"``
+    index: int  # place of the angle, from 0: in the vector of angles, or in the window on q
 
 
 @dataclass(frozen=True)
 class PartView:
-    """Consecutive statements.
+    """Consecutive statements."""
 
-    Attributes
-    ----------
-    arguments : tuple of Argument
-        Those that the statements use.
-    trig : tuple of Trig
-    lines : tuple of str
-    writes : bool
-        Whether entries of the result are among them.
-    shares : bool
-        Whether values are passed to or from other parts.
-    """
-
-    arguments: tuple[Argument, ...]
+    arguments: tuple[Argument, ...]  # those that the statements use
     trig: tuple[Trig, ...]
     lines: tuple[str, ...]
-    writes: bool
-    shares: bool
+    writes: bool  # whether entries of the result are among them
+    shares: bool  # whether values are passed to or from other parts
 
     @property
     def passed(self) -> list[str]:
@@ -75,32 +52,17 @@ class PartView:
 
 @dataclass(frozen=True)
 class FunctionView:
-    """A function in one language.
-
-    Attributes
-    ----------
-    function : Function
-    unused : tuple of Argument
-        Arguments without influence on the result.
-    angles : tuple of str
-        Expressions of the angles whose sines and cosines are needed.
-    window : range, optional
-        For languages that compute several sines at once, the consecutive entries of q that hold all angles, where there
-        are at least :data:`LANES`; code reads them in place, because gathering them first stalls processors.
-    parts : tuple of PartView
-    slots : int
-        Number of values that parts share.
-    fills : bool
-        Whether the result is to be filled with zeros first.
-    """
+    """A function in one language."""
 
     function: Function
-    unused: tuple[Argument, ...]
-    angles: tuple[str, ...]
+    unused: tuple[Argument, ...]  # arguments without influence on the result
+    angles: tuple[str, ...]  # expressions of the angles whose sines and cosines are needed
+    # for languages that compute several sines at once, the consecutive entries of q that hold all angles, where there
+    # are at least :data:`LANES`; code reads them in place, because gathering them first stalls processors
     window: range | None
     parts: tuple[PartView, ...]
-    slots: int
-    fills: bool
+    slots: int  # number of values that parts share
+    fills: bool  # whether the result is to be filled with zeros first
 
     @property
     def name(self) -> str:
@@ -141,14 +103,7 @@ class FunctionView:
 
 
 def view(function: Function, language: Language, precision: Precision) -> FunctionView:
-    """Print a function.
-
-    Parameters
-    ----------
-    function : Function
-    language : Language
-    precision : Precision
-    """
+    """Print a function."""
     planned = plan(function, LONGEST_PART if language.splits else maxsize)
     places = () if language.zeroed else product(*map(range, function.shape))
     empty = [place for place in places if place not in function.entries]

@@ -24,8 +24,6 @@ _LONGEST = 48
 def identifier(text: str) -> str:
     r"""A name that is an identifier in every target language, in lower case.
 
-    Examples
-    --------
     >>> identifier("UR10 (e-series)"), identifier("3R"), identifier("*/ system(\"x\")"), identifier("class")
     ('ur10_e_series', 'robot_3r', 'system_x', 'class_robot')
     """
@@ -36,13 +34,7 @@ def identifier(text: str) -> str:
 
 
 def checked_identifier(text: str) -> str:
-    """A name that a user chose.
-
-    Raises
-    ------
-    InputError
-        If it is not an identifier in every target language.
-    """
+    """A name that a user chose."""
     simple = re.fullmatch(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", text)
     if not simple or text.lower() in _TAKEN or len(text) > 2 * _LONGEST:
         raise InputError(
@@ -55,8 +47,6 @@ def checked_identifier(text: str) -> str:
 def comment_text(text: str) -> str:
     r"""Text for a comment, in one line and unable to end the comment in any target language.
 
-    Examples
-    --------
     >>> comment_text("a */ system(\"x\")\nb \\")
     'a * / system("x") b /'
     """

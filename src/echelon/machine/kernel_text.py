@@ -32,7 +32,7 @@ class Block:
     lowered: Lowered
     vector: Vector
     samples: int  # K, a multiple of the vector's lanes
-    # Cache lines that are copied from ``%from`` to ``%to``, past the caches, between the operations on each vector:
+    # cache lines that are copied from ``%from`` to ``%to``, past the caches, between the operations on each vector:
     # memory is slower than the processor, so it must never wait
     streamed: int = 0
 

@@ -38,8 +38,8 @@ class Way(Enum):
 class Rows:
     """Rows made of a block's columns."""
 
-    block: Block  # Of as many samples as its vectors have lanes
-    places: tuple[int, ...]  # For each column of the row, the entry of the block, or −1 for a structural zero
+    block: Block  # of as many samples as its vectors have lanes
+    places: tuple[int, ...]  # for each column of the row, the entry of the block, or −1 for a structural zero
     way: Way
 
     @property

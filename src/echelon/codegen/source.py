@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from echelon.base.model import BaseModel
-from echelon.codegen.constants import kept_symbols, parameter_constants, symbol_constants
+from echelon.codegen.constants import SHARED, kept_symbols, parameter_constants, specialised, symbol_constants
 from echelon.codegen.documentation import Subject, documentation
-from echelon.codegen.language import Language
-from echelon.codegen.numbers import Precision
-from echelon.codegen.render import render
-from echelon.codegen.specialise import SHARED, specialised
+from echelon.codegen.language import Language, Precision
 from echelon.codegen.targets import TARGETS
 from echelon.codegen.views import LANES, view
 from echelon.codegen.wording import checked_identifier, identifier
 from echelon.dynamics.functions import ALL_FUNCTIONS
 from echelon.errors import InputError, one_line
-from echelon.program.function import Function
+from echelon.program.function import Argument, Function
 from echelon.program.operations import Op
 from echelon.version import __version__
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 DEFAULT_FUNCTIONS = ("regressor", "inverse_dynamics", "mass_matrix", "gravity")
 """What is generated unless something else is asked for; with loops also ``closed_positions``."""
@@ -27,15 +30,7 @@ DEFAULT_FUNCTIONS = ("regressor", "inverse_dynamics", "mass_matrix", "gravity")
 
 @dataclass(frozen=True)
 class Source:
-    """Generated source.
-
-    Attributes
-    ----------
-    files : mapping of str to str
-        Text by file name.
-    functions : tuple of Function
-        With all constants put in.
-    """
+    """Generated source: text by file name, and the functions with all constants put in."""
 
     files: Mapping[str, str]
     functions: tuple[Function, ...]
@@ -93,7 +88,7 @@ def generate(
     --------
     >>> import echelon as ec
     >>> base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
-    >>> from echelon.codegen.generate import generate
+    >>> from echelon.codegen import generate
     >>> list(generate(base, "c", ["inverse_dynamics"]))
     ['double_pendulum.h', 'double_pendulum.c']
     """
@@ -121,13 +116,7 @@ def generate_source(
     symbols: Mapping[str, float] | None = None,
     keep_symbols: bool | Sequence[str] = False,
 ) -> Source:
-    """As :func:`generate`, with the functions that were printed.
-
-    Parameters
-    ----------
-    base, target, functions, name, precision, parameters, symbols, keep_symbols
-        See :func:`generate`.
-    """
+    """As :func:`generate`, with the functions that were printed."""
     language = TARGETS[_valid("target", target, list(TARGETS))]
     if functions is None:
         functions = (*DEFAULT_FUNCTIONS, *["closed_positions"] * bool(base.mechanism.closures))
@@ -152,19 +141,7 @@ def generate_source(
 def printed(
     functions: Sequence[Function], language: Language, precision: Precision, robot: str, subject: Subject
 ) -> dict[str, str]:
-    """Text of the files by name.
-
-    Parameters
-    ----------
-    functions : sequence of Function
-        On any programs.
-    language : Language
-    precision : Precision
-    robot : str
-        An identifier.
-    subject : Subject
-        For the documentation.
-    """
+    """Text of the files by name; ``robot`` is an identifier, the subject is for the documentation."""
     views = [view(function, language, precision) for function in functions]
     context = {
         "robot": robot,
@@ -185,11 +162,11 @@ def printed(
     files: dict[str, str] = {}
     for pattern, template in language.files.items():
         if "{function}" not in pattern:
-            files[pattern.format(robot=robot)] = render(template, context)
+            files[pattern.format(robot=robot)] = _render(template, context)
             continue
         for shown in views:
             own = {"function": shown, "doc": documentation(subject, [shown], language)}
-            files[pattern.format(robot=robot, function=shown.name)] = render(template, {**context, **own})
+            files[pattern.format(robot=robot, function=shown.name)] = _render(template, {**context, **own})
     return files
 
 
@@ -214,3 +191,59 @@ def _valid(what: str, value: str, valid: Sequence[str]) -> str:
     if value not in valid:
         raise InputError(f"there is no {what} '{one_line(value)}' (valid: {', '.join(valid)})")
     return value
+
+
+# -- templates ---------------------------------------------------------------------------------------------------------
+
+TEMPLATES = Path(__file__).with_name("templates")
+
+
+def _render(template: str, context: Mapping[str, Any]) -> str:
+    """A template with its names filled in; a name without value is an error."""
+    return _environment().get_template(template).render(context)
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        undefined=StrictUndefined,
+        autoescape=False,  # source code, not pages
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {"each": _each, "padded": _padded, "listed": _listed, "renamed": _renamed, "owned": _owned}
+    return environment
+
+
+def _each(arguments: Sequence[Argument], pattern: str) -> list[str]:
+    """A pattern with ``{name}`` and ``{size}`` of every argument."""
+    return [pattern.format(name=argument.name, size=len(argument)) for argument in arguments]
+
+
+def _owned(arguments: Sequence[Argument]) -> list[str]:
+    """Names of arguments, those that vary from sample to sample as copies of one sample."""
+    return [argument.name if argument.uniform else f"own_{argument.name}" for argument in arguments]
+
+
+def _renamed(names: Sequence[str], other: Mapping[str, str]) -> list[str]:
+    """Names, some of them replaced."""
+    return [other.get(name, name) for name in names]
+
+
+def _padded(items: Sequence[str], length: int, filler: str) -> list[str]:
+    """A list made longer."""
+    return [*items, *[filler] * (length - len(items))]
+
+
+def _listed(items: Sequence[str], indent: int, width: int = 110) -> str:
+    """Items with commas, in lines that are not too long."""
+    lines = [""]
+    for item in items:
+        if lines[-1] and len(lines[-1]) + len(item) > width - indent:
+            lines.append("")
+        lines[-1] += f"{item}, "
+    return ("\n" + " " * indent).join(line.rstrip() for line in lines).rstrip(",")
