@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from echelon.errors import InputError
-from echelon.signals.filters import NEAR, Stages, butterworth, chebyshev, finite, lowpass, reduction
+from echelon.signals.filters import NEAR, Stages, butterworth, chebyshev, fir_lowpass, lowpass, reduction
 
 RATE = 1000.0
 INF = float("inf")
@@ -96,7 +96,7 @@ def test_butterworth_reduction_is_filtfilt(noise: np.ndarray) -> None:
 
 @pytest.mark.parametrize(("cutoff", "factor"), [(40.0, 10), (12.0, 1), (4.0, 100)])
 def test_finite_filter_passes_its_band_and_stops_the_rest(cutoff: float, factor: int) -> None:
-    found = finite(cutoff, RATE, factor)
+    found = fir_lowpass(cutoff, RATE, factor)
     f, response = signal.freqz(found.taps, worN=40000, fs=RATE)
     passes = np.abs(response[f <= cutoff])
     stops = np.abs(response[f >= min(1.5 * cutoff, RATE / factor - cutoff)])
@@ -107,7 +107,7 @@ def test_finite_filter_passes_its_band_and_stops_the_rest(cutoff: float, factor:
 
 
 def test_finite_filter_computes_the_convolution(noise: np.ndarray) -> None:
-    found = finite(20, RATE, 7)
+    found = fir_lowpass(20, RATE, 7)
     whole = np.stack([np.convolve(column, found.taps, "same") for column in noise.T], axis=1)
     weight = np.convolve(np.ones(len(noise)), found.taps, "same")[:, None]
     assert np.allclose(found.apply(noise), (whole / weight)[::7], atol=1e-13)
@@ -170,7 +170,7 @@ def test_what_reductions_are_made_of() -> None:
 
 @pytest.mark.parametrize(("edge", "rate", "factor"), [(1.8, 1000.0, 20), (3.0, 5000.0, 100), (2.0, 1000.0, 24)])
 def test_narrow_bands_take_two_filters_with_the_response_of_one(edge: float, rate: float, factor: int) -> None:
-    narrow, whole = reduction("fir", edge, rate, (factor,)), finite(edge, rate, factor)
+    narrow, whole = reduction("fir", edge, rate, (factor,)), fir_lowpass(edge, rate, factor)
     assert isinstance(narrow, Stages)
     assert narrow.factor == factor
     count = 3 * len(whole.taps)

@@ -18,12 +18,12 @@ what others did.
 from __future__ import annotations
 
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, isfinite, prod
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -176,8 +176,30 @@ def check_cutoff(cutoff: float, rate: float) -> None:
         )
 
 
+class Reduction(ABC):
+    """A linear filter along time that keeps every k-th sample."""
+
+    @property
+    @abstractmethod
+    def factor(self) -> int:
+        """Samples before, per sample after."""
+
+    @property
+    @abstractmethod
+    def reach(self) -> int:
+        """Samples on either side that a result depends on."""
+
+    @abstractmethod
+    def apply(self, values: Floats) -> Floats:
+        """The filtered values at the samples that remain; shape (N, …) to (kept, …)."""
+
+    def kept(self, count: int) -> Integers:
+        """Which of so many samples remain: every one whose number is a multiple of ``factor``."""
+        return np.arange(0, count, self.factor, dtype=np.intp)
+
+
 @dataclass(frozen=True, eq=False)
-class Finite:
+class FirFilter(Reduction):
     """A symmetric finite filter, computed where samples remain."""
 
     taps: Floats  # shape (2 reach + 1,); symmetric, with sum 1
@@ -187,10 +209,6 @@ class Finite:
     def reach(self) -> int:
         """Samples on either side that a result depends on."""
         return len(self.taps) // 2
-
-    def kept(self, count: int) -> Integers:
-        """Which of so many samples remain."""
-        return np.arange(0, count, self.factor, dtype=np.intp)
 
     def apply(self, values: Floats) -> Floats:
         """The filtered values at the samples that remain, shape (N, …) to (kept, …).
@@ -228,13 +246,11 @@ class Finite:
         return band
 
 
-def finite(
-    cutoff: float, rate: float, factor: int = 1, attenuation: float = ATTENUATION, *, width: float | None = None
-) -> Finite:
+def fir_lowpass(cutoff: float, rate: float, factor: int = 1, *, width: float | None = None) -> FirFilter:
     """A symmetric finite low-pass by Kaiser's window, with decimation.
 
-    The pass-band ends at the cut-off, Hz.  The stop-band (``attenuation``, dB) begins ``width`` Hz above it; by default
-    that is half the cut-off, or as much as decimation leaves.
+    The pass-band ends at the cut-off, Hz.  The stop-band begins ``width`` Hz above it; by default that is half the
+    cut-off, or as much as decimation leaves.
     """
     from scipy.signal import firwin, kaiser_beta
 
@@ -243,40 +259,14 @@ def finite(
         width = min(WIDEST * cutoff, rate / factor - 2 * cutoff)
     if width < LOWEST * rate:
         raise InputError(f"a filter whose edge is {width:g} Hz wide is too long at {rate:g} samples per second")
-    half = ceil((attenuation - 7.95) / (2.285 * 2 * np.pi * width / rate) / 2)  # Kaiser's formula
-    taps = firwin(2 * half + 1, cutoff + width / 2, window=("kaiser", kaiser_beta(attenuation)), fs=rate)
+    half = ceil((ATTENUATION - 7.95) / (2.285 * 2 * np.pi * width / rate) / 2)  # Kaiser's formula
+    taps = firwin(2 * half + 1, cutoff + width / 2, window=("kaiser", kaiser_beta(ATTENUATION)), fs=rate)
     taps = (taps + taps[::-1]) / 2
-    return Finite(taps / taps.sum(), factor)
-
-
-class Reduction(Protocol):
-    """A linear filter along time that keeps every k-th sample."""
-
-    @property
-    def factor(self) -> int:
-        """Samples before, per sample after."""
-        ...
-
-    @property
-    def reach(self) -> int:
-        """Samples on either side that a result depends on."""
-        ...
-
-    def kept(self, count: int) -> Integers:
-        """Which of so many samples remain: every one whose number is a multiple of ``factor``."""
-        ...
-
-    def apply(self, values: Floats) -> Floats:
-        """The filtered values at the samples that remain; shape (N, …) to (kept, …)."""
-        ...
-
-
-def _every(factor: int, count: int) -> Integers:
-    return np.arange(0, count, factor, dtype=np.intp)
+    return FirFilter(taps / taps.sum(), factor)
 
 
 @dataclass(frozen=True, eq=False)
-class Recursive:
+class Recursive(Reduction):
     """A recursive filter forwards and backwards, then decimation."""
 
     both: ZeroPhase
@@ -287,17 +277,13 @@ class Recursive:
         """Samples on either side that a result depends on, to within 1e-9 of the signal."""
         return self.both.reach(FAR)
 
-    def kept(self, count: int) -> Integers:
-        """Which of so many samples remain."""
-        return _every(self.factor, count)
-
     def apply(self, values: Floats) -> Floats:
         """The filtered values at the samples that remain."""
         return self.both.apply(values, every=self.factor)
 
 
 @dataclass(frozen=True, eq=False)
-class Stages:
+class Stages(Reduction):
     """Several reductions, one after another."""
 
     stages: tuple[Reduction, ...]
@@ -314,10 +300,6 @@ class Stages:
         for stage in reversed(self.stages):
             total = stage.reach + stage.factor * total
         return total
-
-    def kept(self, count: int) -> Integers:
-        """Which of so many samples remain."""
-        return _every(self.factor, count)
 
     def apply(self, values: Floats) -> Floats:
         """The values after all stages."""
@@ -346,23 +328,23 @@ def reduction(kind: str, cutoff: float, rate: float, factors: Sequence[int]) -> 
     total = prod(factors)
     edge = cutoff if isfinite(cutoff) else PASSED * rate / total / 2
     if kind == "fir":
-        return _finite_stages(edge, rate, total)
+        return _fir_stages(edge, rate, total)
     check_cutoff(edge, rate / total)
     return Recursive(butterworth(edge, rate), total)
 
 
-def _finite_stages(edge: float, rate: float, total: int) -> Reduction:
+def _fir_stages(edge: float, rate: float, total: int) -> Reduction:
     """One filter, or for a narrow band two: a short one that decimates, then a sharp one at the low rate.
 
     The first leaves the second's transition band alone, so together they attenuate as one filter would.
     """
-    whole = finite(edge, rate, total)
+    whole = fir_lowpass(edge, rate, total)
     stop = (1 + WIDEST) * edge
     first = max((k for k in range(1, total + 1) if total % k == 0 and rate / k >= _ROOM * edge), default=1)
     if len(whole.taps) <= _MOST_TAPS * total or first == 1:
         return whole
     return Stages(
-        (finite(stop, rate, first, width=rate / first - 2 * stop), finite(edge, rate / first, total // first))
+        (fir_lowpass(stop, rate, first, width=rate / first - 2 * stop), fir_lowpass(edge, rate / first, total // first))
     )
 
 

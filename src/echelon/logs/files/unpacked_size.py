@@ -11,7 +11,7 @@ import struct
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from echelon.errors import InputError
 from echelon.inputs.content import check_unpacked, most_unpacked, read_content
@@ -115,34 +115,23 @@ def _message_sizes(connection: sqlite3.Connection, size: int) -> Iterator[int]:
         stated = _zstd_size(bytes(head))
         if stated is None:
             (data,) = connection.execute("SELECT data FROM messages WHERE rowid = ?", (row,)).fetchone()
-            stated = _unpacked_size([data], most_unpacked(size))
+            stated = _unpacked_size(data, most_unpacked(size))
         yield stated
 
 
 def _check_packed(file: Path) -> None:
     size = file.stat().st_size
     with file.open("rb") as stream:
-        check_unpacked(_unpacked_size(iter(lambda: stream.read(_BLOCK), b""), most_unpacked(size)), size, str(file))
+        check_unpacked(_unpacked_size(stream, most_unpacked(size)), size, str(file))
 
 
-def _unpacked_size(blocks: Any, most: int) -> int:
+def _unpacked_size(packed: bytes | IO[bytes], most: int) -> int:
     """Bytes in a compressed stream; no more are unpacked than it may have."""
     import zstandard
 
     counted = 0
-    source: Any = _Blocks(blocks)
-    for piece in zstandard.ZstdDecompressor().read_to_iter(source, write_size=_BLOCK):
+    for piece in zstandard.ZstdDecompressor().read_to_iter(packed, read_size=_BLOCK, write_size=_BLOCK):
         counted += len(piece)
         if counted > most:
             break
     return counted
-
-
-class _Blocks:
-    """Blocks of bytes as a file, as the package wants them."""
-
-    def __init__(self, blocks: Any) -> None:
-        self._blocks = iter(blocks)
-
-    def read(self, _: int) -> bytes:
-        return next(self._blocks, b"")
