@@ -218,7 +218,7 @@ def test_more_samples_of_one_motion_add_up() -> None:
 
 def test_measured_inputs_are_refused() -> None:
     base = ec.base_parameters(loaded(STANFORD.replace("type: coulomb", "type: drive_gain")))
-    with pytest.raises(InputError, match=r"need the measured inputs of .*, which no trajectory fixes"):
+    with pytest.raises(InputError, match=r"need the measured inputs of .*, which a trajectory does not determine"):
         StateRegressor(base.mechanism, base.matrix.pivots)
 
 

@@ -346,7 +346,7 @@ def test_what_cannot_be_designed_is_refused_in_one_clear_line(tmp_path: Path, se
 
 
 def test_what_slides_needs_a_range(tmp_path: Path) -> None:
-    assert "'j3' slides and has no position limits" in refusal(arm(tmp_path, "", "prismatic"))
+    assert "'j3' is prismatic and has no position limits" in refusal(arm(tmp_path, "", "prismatic"))
     found = design(arm(tmp_path, "iterations: 20, limits: {position: {j3: [0, 0.2]}}", "prismatic"))
     assert [m.unit for m in found.margins if m.label == "velocity of j3"] == ["m/s"]
     assert [m.high for m in found.margins if m.label == "velocity of j3"] == [0.25]
@@ -423,5 +423,5 @@ def test_motions_of_little_use_are_warned_about() -> None:
     setup = ec.load_setup(EXAMPLES / "double_pendulum.yaml")
     still = Trajectory(("j1", "j2"), ("rad", "rad"), Fourier(4.0, 1), np.zeros((3, 2)))
     found = ec.judged_trajectory(setup, still)
-    assert any("does not show all base parameters" in finding.text for finding in found.findings)
+    assert any("does not determine all base parameters" in finding.text for finding in found.findings)
     assert found.safe

@@ -218,7 +218,7 @@ def test_what_is_not_seen_is_said() -> None:
     found = trajectory()
     blind = Conditioning(inf, inf, -inf, (inf,) * found.base.rank, ((3.0, inf), (6.0, inf)))
     page = Page(preview_html(replace(found, conditioning=blind)))
-    assert "does not show all base parameters" in page.words
+    assert "does not determine all base parameters" in page.words
     json.loads(page.scripts[0], parse_constant=lambda name: pytest.fail(name))
     assert not re.search(r"\b(nan|inf)\b", page.words)
 

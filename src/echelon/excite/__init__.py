@@ -1,1 +1,5 @@
-"""Exciting trajectories: motions that make every base parameter visible, within a robot's limits."""
+"""Exciting trajectories: motions that make base parameters visible and keep all limits at every time.
+
+The job is :mod:`echelon.excite.excite`.  ``problem`` states what is asked for, ``solve`` finds a motion, ``verify``
+shows that it keeps its limits between samples too, and ``files`` reads and writes trajectories.
+"""

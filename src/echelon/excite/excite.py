@@ -150,10 +150,10 @@ def _result(
 
 
 def _warnings(task: Task, conditioning: Conditioning, starts: Sequence[Start]) -> list[Finding]:
-    """What makes a trajectory of little use."""
+    """Reasons why a trajectory is of little use."""
     texts = []
     if not isfinite(conditioning.scaled_condition):
-        texts.append("this motion does not show all base parameters: give it more time, or wider limits")
+        texts.append("this motion does not determine all base parameters: give it more time, or wider limits")
     if starts and all(start.status != "converged" for start in starts):
         ended = ", ".join(sorted({start.status for start in starts}))
         texts.append(f"no start of the solver converged ({ended}): better motions may exist")

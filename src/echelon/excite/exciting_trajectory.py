@@ -1,4 +1,4 @@
-"""What an excitation design gives: a trajectory, what it shows, and how far it stays from every limit."""
+"""The result of a design: a trajectory, its conditioning, and its margins to every limit."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ def _rms(values: Floats) -> float:
 
 
 SUFFIXES = (".json", ".csv", ".parquet", ".yaml")
-"""Of the names of trajectories' files; .yml counts as .yaml."""
+"""Suffixes of trajectories' files; .yml counts as .yaml."""
 
 
 def kind_of(path: str | os.PathLike[str]) -> str:
@@ -134,7 +134,7 @@ def read_trajectory(path: str | os.PathLike[str], coordinates: Sequence[str], un
     with np.errstate(all="ignore"):
         largest = max(float(np.max(trajectory.bounds(order))) for order in range(4))
     if not (DURATIONS[0] <= trajectory.duration <= DURATIONS[1] and largest <= LARGEST):
-        problem = f"lasts {trajectory.duration:.3g} s and reaches {largest:.3g} in SI units: no robot moves so"
+        problem = f"lasts {trajectory.duration:.3g} s and reaches {largest:.3g} in SI units: beyond what a robot can do"
         raise InputError(problem, source=source)
     return trajectory
 
@@ -151,7 +151,7 @@ def _read(path: str | os.PathLike[str], coordinates: Sequence[str], units: Seque
 
 
 def _arranged(trajectory: Trajectory, coordinates: Sequence[str], units: Sequence[str], source: str) -> Trajectory:
-    """The same motion with its coordinates in the order asked for."""
+    """The motion with its coordinates in the order asked for."""
     try:
         order = places(trajectory.coordinates, coordinates, "coordinates")
     except InputError as error:

@@ -21,7 +21,7 @@ FEWEST = 6
 """Samples that a quintic spline goes through."""
 
 PREFIXES = ("q", "qd", "qdd")
-"""Of names of columns, by the order of the derivative."""
+"""Prefixes of the names of columns, by the order of the derivative."""
 
 _MOST = 5_000_000
 _AT_ONCE = 4_000_000
@@ -93,7 +93,7 @@ def sampled(trajectory: Trajectory, rate: float, repeats: int = 1) -> Samples:
 
 
 def _evaluated(trajectory: Trajectory, t: Floats, order: int) -> Floats:
-    """In pieces, because all functions of a basis are evaluated at once."""
+    """Derivatives at times, evaluated in pieces, because all functions of a basis are evaluated at once."""
     rows = max(1, _AT_ONCE // trajectory.basis.size)
     return np.concatenate([trajectory(t[k : k + rows], order) for k in range(0, len(t), rows)])
 

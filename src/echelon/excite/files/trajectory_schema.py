@@ -17,7 +17,7 @@ from echelon.excite.problem.trajectory import DURATIONS
 from echelon.hints import nearest_of
 
 VERSION = 1
-"""Of the format."""
+"""Version of the format."""
 
 FOURIER = (
     "q(t) = constant + sum over k = 1 ... harmonics of sin[k-1] * sin(2 pi k t / duration) "

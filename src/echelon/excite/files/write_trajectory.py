@@ -75,7 +75,7 @@ def write_trajectory(trajectory: Trajectory, path: str | os.PathLike[str], rate:
 
 
 def trajectory_content(trajectory: Trajectory, kind: str, rate: float, repeats: int = 1) -> str | bytes:
-    """What a trajectory's file holds."""
+    """Content of a trajectory's file; the kind is its suffix."""
     check_repeats(trajectory, repeats)
     if kind == ".json":
         return text_of(trajectory_to_json(trajectory))

@@ -125,7 +125,7 @@ class Clearance(StateConstraint):
 
     @cached_property
     def engine(self) -> Engine:
-        """What measures distances."""
+        """Measures distances."""
         return Engine(self.shapes)
 
     @cached_property

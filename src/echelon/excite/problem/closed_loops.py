@@ -107,7 +107,7 @@ class LoopPart:
         return self.constraint.values(closed.q, closed.qd, closed.qdd)
 
     def slopes(self, motion: LoopMotion, closed: Closed) -> list[Triple]:
-        """Of each function, the derivatives by the independent q, q̇ and q̈."""
+        """Derivatives of each function by the independent q, q̇ and q̈."""
         parts = self.constraint.slopes(closed.q, closed.qd, closed.qdd)
         rows = range(len(self.constraint.labels))
         return [motion.pulled(closed, *(None if part is None else part[:, row] for part in parts)) for row in rows]
@@ -135,7 +135,7 @@ class LoopEfforts:
         return self.constraint.values(*motion.independent(closed).values())
 
     def slopes(self, motion: LoopMotion, closed: Closed) -> list[Triple]:
-        """Of each effort, the derivatives by the independent q, q̇ and q̈."""
+        """Derivatives of each effort by the independent q, q̇ and q̈."""
         by_q, *by_rates = self.constraint.slopes(*motion.independent(closed).values())
         assert by_q is not None
         found: list[Triple] = []
@@ -174,7 +174,7 @@ OPEN = 0.15
 
 @dataclass(frozen=True, eq=False)
 class LoopLimits(StateConstraint):
-    """What a motion of the independent coordinates has to keep; made by :func:`loop_limits`.
+    """Limits of a motion of the independent coordinates; made by :func:`loop_limits`.
 
     The first function is the openness of the loops as a share of the usual one; where they cannot be closed, it is
     negative, by how far it is back to where they can.  All others count as kept there.
@@ -193,7 +193,7 @@ class LoopLimits(StateConstraint):
         return np.where(closed.done[:, None] | (np.arange(len(kept)) == 0), found, kept)
 
     def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
-        """Their derivatives, each of shape (N, m, k)."""
+        """Derivatives of the functions, each of shape (N, m, k)."""
         closed = self.motion.at(q, qd, qdd)
         opening = self.motion.openness_slopes(closed, np.full(len(q), 1 / self.motion.reference))
         away = np.linalg.norm(closed.missing, axis=1, keepdims=True)

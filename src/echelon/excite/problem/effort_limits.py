@@ -32,7 +32,7 @@ from echelon.program.intervals import Interval
 from echelon.results.identified import load_identified
 
 SIGNS = ("plus", "minus")
-"""Of the deviations, in the order of :meth:`EffortModel.extremes`."""
+"""Signs of the deviations, in the order of :meth:`EffortModel.extremes`."""
 
 _LEAST = 1e-6
 """N·m or N, which are added to every deviation in squares: a root has no derivative at zero."""
@@ -161,7 +161,7 @@ class UncertainEfforts(Enclosed):
         return np.hstack([model.extremes(entries[:, mine]) for mine, model in self._rows])
 
     def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
-        """Their derivatives by q, q̇ and q̈, each of shape (N, 2m, n)."""
+        """Derivatives of the functions by q, q̇ and q̈, each of shape (N, 2m, n)."""
         state = dict(zip(STATE, (q, qd, qdd), strict=True))
         entries, found = self.regressor.entries(state), []
         for mine, model in self._rows:
@@ -252,6 +252,6 @@ def _standard(
         findings.append(Finding(Severity.WARNING, "effort", setup.source, text))
         return None
     if np.isnan(values).any():
-        text = "friction has no values in the prior model: it is left to the margin of the torque limits"
+        text = "the prior model states no friction: the margin of the torque limits has to cover it"
         findings.append(Finding(Severity.NOTE, "effort", setup.source, text))
     return EffortModel(np.nan_to_num(values))

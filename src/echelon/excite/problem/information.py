@@ -46,7 +46,9 @@ class StateRegressor:
         function = _ordered(robot_function("regressor", mechanism, pivots))
         if any(argument.name == "inputs" for argument in function.arguments):
             labels = next(a.labels for a in function.arguments if a.name == "inputs")
-            raise InputError(f"effects need the measured inputs of {', '.join(labels)}, which no trajectory fixes")
+            raise InputError(
+                f"effects need the measured inputs of {', '.join(labels)}, which a trajectory does not determine"
+            )
         self.recorded = function  # without smoothing
         self.function = function if smooth is None else smooth_function(function, smooth)
         self._geometry = geometry_values(mechanism, self.function.arguments)
@@ -95,7 +97,7 @@ def pullback(function: Function) -> Function:
 
 
 def _ordered(function: Function) -> Function:
-    """The same function with its entries row by row."""
+    """A function with its entries row by row."""
     entries = dict(sorted(function.entries.items()))
     return Function(
         function.name, function.program, function.arguments, entries, function.axes, function.units, function.meaning
@@ -185,7 +187,7 @@ def condition_number(F: Floats) -> float:
 
 
 def log_det(F: Floats) -> float:
-    """Of an information matrix; −∞ if it is singular."""
+    """log det of an information matrix; −∞ if it is singular."""
     sign, value = np.linalg.slogdet(F)
     return float(value) if sign > 0 else -float("inf")
 

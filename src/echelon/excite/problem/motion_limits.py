@@ -25,7 +25,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.symbol_values import known_values
 
 ORDERS = ("position", "velocity", "acceleration", "jerk")
-"""What is limited, by the order of the derivative."""
+"""Kinds of limits, by the order of the derivative."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class MotionLimit:
 
     @property
     def kind(self) -> str:
-        """What is limited."""
+        """The kind of limit, by the order of the derivative."""
         return ORDERS[self.order]
 
     @property
@@ -130,7 +130,7 @@ class _Resolver:
                     raise InputError(problem, source=self.source, element=f"{kind} limits")
 
     def _stated(self, kind: str, name: str) -> float | tuple[float, float] | None:
-        """What the set-up states."""
+        """The limit that the set-up states."""
         given = getattr(self.entry, kind)
         if name in given or EVERY in given:
             found: float | tuple[float, float] = given.get(name, given.get(EVERY))
@@ -145,7 +145,7 @@ class _Resolver:
             middle, half = (range_[0] + range_[1]) / 2, (range_[1] - range_[0]) / 2
             found = (middle - scale * half, middle + scale * half)
         if found is None and self.units[name] != "rad":
-            problem = f"'{name}' slides and has no position limits; state them under limits: position (or none)"
+            problem = f"'{name}' is prismatic and has no position limits; state them under limits: position (or none)"
             raise InputError(problem, source=self.source, element="excitation")
         if found is None:
             self._default("position", name, "−π to π")

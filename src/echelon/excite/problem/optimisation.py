@@ -47,7 +47,7 @@ class Problem:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Of the coefficients."""
+        """Shape of the coefficients."""
         return self.basis.size, self.count
 
     @property
@@ -122,7 +122,7 @@ class Problem:
         return np.concatenate(parts)
 
     def slopes(self, x: Floats) -> Floats:
-        """Their derivatives by the coefficients, shape (values, unknowns)."""
+        """Derivatives of :meth:`constrained` by the coefficients, shape (values, unknowns)."""
         state = self.state(x)
         found = [np.zeros((0, self.size))]
         for constraint, (rows, columns) in zip(self.constraints, self._rows, strict=True):
@@ -166,7 +166,7 @@ class Problem:
         return self.shrunk((rest + away).ravel(), share)
 
     def shrunk(self, x: Floats, share: float = 1.0) -> Floats:
-        """The motion drawn towards resting at the centre until it keeps all limits, then by a share more."""
+        """The motion scaled down about the centre until it keeps all limits of the motion, then by a share more."""
         rest = self.at_rest.ravel()
         A, low, high = self.linear
         at, step = A @ rest, A @ (x - rest)
@@ -176,7 +176,7 @@ class Problem:
         return rest + share * max(largest, 0.0) * (x - rest)
 
     def inside(self, x: Floats) -> Floats:
-        """The motion, drawn towards resting at the centre by halves until it keeps all constraints at the samples."""
+        """The motion, halved about the centre until it keeps all constraints at the samples."""
         rest = self.at_rest.ravel()
         for _ in range(_HALVINGS):
             if self.violation(x) <= BROKEN:
@@ -197,7 +197,7 @@ class Problem:
         return found
 
     def violations(self, x: Floats) -> list[Floats]:
-        """Of every constraint the same, of each function at each sample, shape (grid, m)."""
+        """For every constraint, the relative violation of each function at each sample, shape (grid, m)."""
         state = self.state(x)
         return [beyond(c.values(*state), *ends) for c, ends in zip(self.constraints, self._ranges, strict=True)]
 
@@ -238,7 +238,7 @@ class Problem:
 _NEAR = 0.1
 """Room at a sample, relative to a limit's range, below which it is enforced together with those that are broken."""
 _NEAR_AGAIN = 0.3
-"""The same for functions that were enforced before, where they were not broken then."""
+"""The room for functions that were enforced before, where they were not broken then."""
 BROKEN = 1e-6
 """Violation at a sample, relative to a limit's range, that counts: limits are kept between samples with more room."""
 

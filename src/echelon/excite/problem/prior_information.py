@@ -44,7 +44,7 @@ def information_of_logs(setup: Setup, logs: Sequence[Path]) -> Floats:
     """
     entry = setup.excitation
     if entry.move is not None or entry.hold:
-        problem = "logs see other parameters than a trajectory that holds coordinates; let all of them move"
+        problem = "logs determine other parameters than a trajectory that holds coordinates; let all of them move"
         raise InputError(problem, source=setup.source, element="excitation")
     if any(body.joint.kind == "floating" for body in setup.mechanism.bodies):
         raise InputError("a floating base is held by trajectories, and not in logs", source=setup.source)

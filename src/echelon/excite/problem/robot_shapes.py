@@ -27,7 +27,7 @@ from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.mechanism import GROUND, Mechanism
 
 STAND_IN = "shapes of the set-up can stand in for it"
-"""What can be done about a shape that cannot be read."""
+"""Advice for a shape that cannot be read."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def carrying_bodies(tree: LiteralTree, mechanism: Mechanism) -> tuple[tuple[int,
 
 
 READABLE = (".stl", ".obj", ".msh")
-"""What MuJoCo reads."""
+"""Suffixes of meshes that MuJoCo reads."""
 
 
 def find_mesh(name: str, directory: Path) -> Path | None:
@@ -283,7 +283,11 @@ def _shape(model: Any, geom: int, link: str, body: int, place: Floats) -> Shape:
         vertices = np.asarray(model.mesh_vert[first : first + count], dtype=float)
         return mesh_shape(name, body, placement, vertices, link)
     if kind not in list(Kind) or (kind == "plane" and body != GROUND):
-        problem = "a moving plane has no end" if kind == "plane" else f"shapes of type '{kind}' are not convex solids"
+        problem = (
+            "a plane on a moving body is not supported"
+            if kind == "plane"
+            else f"shapes of type '{kind}' are not convex solids"
+        )
         raise InputError(f"{problem}; {STAND_IN}", element=f"geom '{name}' of body '{link}'")
     sizes = tuple(float(v) for v in model.geom_size[geom][: _SIZES[Kind(kind)]])
     return Shape(name, body, Kind(kind), sizes, placement, link=link)

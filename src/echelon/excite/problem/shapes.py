@@ -78,13 +78,13 @@ class Shape:
             if not (np.isfinite(value) and value > 0):
                 raise self._error(f"the {name} must be a positive number, got {value}")
         if self.kind is Kind.PLANE and self.body != GROUND:
-            raise self._error("a plane is endless: it can only belong to the world")
+            raise self._error("a plane is infinite: it can only belong to the world")
         self._check_placement()
         self._check_vertices()
 
     @property
     def owner(self) -> Owner:
-        """What distances of it are distances of: its body, or an obstacle by its name."""
+        """The body or the obstacle that distances of the shape are named after."""
         return self.body, self.name if self.obstacle else ""
 
     def _check_placement(self) -> None:

@@ -51,7 +51,7 @@ class StateConstraint(Limits, ABC):
 
     @abstractmethod
     def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
-        """Their derivatives."""
+        """Derivatives of the functions by q, q̇ and q̈."""
 
 
 class Bounded(Limits, ABC):
@@ -80,7 +80,7 @@ class StateLimits(Enclosed):
 
     @property
     def recorded(self) -> Function:
-        """What is bounded."""
+        """The recorded function, without smoothing."""
         return self.function
 
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
@@ -89,7 +89,7 @@ class StateLimits(Enclosed):
         return found
 
     def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:
-        """Their derivatives by q, q̇ and q̈, each of shape (N, m, n)."""
+        """Derivatives of the functions by q, q̇ and q̈, each of shape (N, m, n)."""
         found = self._kernels[1](self._given(q, qd, qdd))
         parts: dict[str, Floats] = {}
         place = 0

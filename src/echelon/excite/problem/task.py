@@ -37,7 +37,7 @@ _SMOOTH = 0.02  # share of the smallest speed limit within which dry friction ch
 
 @dataclass(frozen=True)
 class Task:
-    """What a trajectory is designed for, or judged by."""
+    """The robot and the limits for which a trajectory is designed, or by which it is judged."""
 
     setup: Setup
     entry: ExcitationEntry
@@ -51,12 +51,12 @@ class Task:
 
     @property
     def mechanism(self) -> Mechanism:
-        """What moves."""
+        """The robot with what does not move held."""
         return self.base.mechanism
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Of the coordinates that move, ``"rad"`` or ``"m"``."""
+        """Units of the coordinates that move, ``"rad"`` or ``"m"``."""
         return self.limits.units
 
 
@@ -70,7 +70,7 @@ def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
             raise InputError("nothing moves: every coordinate is held", element="excitation")
         base = base_parameters(mechanism, seed=setup.settings.seed)
         if not base.rank:
-            raise InputError("the outputs see no parameter, however the robot moves: the base set is empty")
+            raise InputError("no output depends on a parameter, however the robot moves: the base set is empty")
         stated = stated_limits(setup.robot_file, mechanism) if setup.robot_file else {}
         limits = resolved_limits(mechanism, entry.limits, stated, setup.source, names_of(setup.mechanism))
         findings += limits.findings

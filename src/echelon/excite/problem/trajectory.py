@@ -61,7 +61,7 @@ class Combined(Basis):
 
     @property
     def duration(self) -> float:  # type: ignore[override]
-        """That of the parts."""
+        """Duration of the parts, s."""
         return self.parts[0].duration
 
     @property
@@ -76,7 +76,7 @@ class Combined(Basis):
 
     @property
     def periodic(self) -> bool:
-        """If all parts are."""
+        """Whether all parts are periodic."""
         return all(part.periodic for part in self.parts)
 
     def values(self, t: Floats, order: int = 0) -> Floats:
@@ -144,12 +144,12 @@ class Fourier(Basis):
 
     @property
     def frequency(self) -> float:
-        """Of the last harmonic, Hz."""
+        """Frequency of the last harmonic, Hz."""
         return self.harmonics / self.duration
 
     @property
     def periodic(self) -> bool:
-        """Always."""
+        """Fourier series always are."""
         return True
 
     def values(self, t: Floats, order: int = 0) -> Floats:
@@ -204,7 +204,7 @@ class Splines(Basis):
 
     @property
     def frequency(self) -> float:
-        """Of a motion that turns in every piece, Hz."""
+        """Frequency of a motion that turns in every segment, Hz."""
         return 0.5 / float(np.min(np.diff(self.breaks)))
 
     @property
@@ -278,7 +278,7 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """S."""
+        """Length of the motion, or of its period, s."""
         return self.basis.duration
 
     def __call__(self, t: npt.ArrayLike, order: int = 0) -> Floats:
@@ -298,7 +298,7 @@ class Trajectory:
         return self.basis.motion(np.atleast_1d(np.asarray(t, dtype=float)), self.coefficients, order)
 
     def bounds(self, order: int) -> Floats:
-        """What the derivatives of an order never exceed, shape (n,)."""
+        """Upper bounds of the absolute derivatives of an order at any time, shape (n,)."""
         return self.basis.bounds(self.coefficients, order)
 
     def times(self, rate: float, repeats: int = 1) -> Floats:

@@ -117,7 +117,7 @@ def _roomier(
 ) -> Floats:
     """The pose, or if it is in a narrow place another: coordinates one by one where fewer poses nearby break limits.
 
-    A motion about a pose beside a limit can hardly be drawn back, nor that limit drawn in.
+    About a pose beside a limit, a motion can hardly be made smaller, nor that limit tighter.
     """
     near = _NEARBY * (high - low)
     around = near * np.random.default_rng(seed).uniform(-1, 1, (_AROUND, len(pose)))
@@ -171,7 +171,7 @@ _FEWEST, _MOST, _FUNCTIONS = 3, 7, 56
 
 @dataclass(frozen=True)
 class Design:
-    """What is to be optimised."""
+    """A task with the pose about which motions start, and the problem that the solver gets."""
 
     task: Task
     centre: Floats  # shape (n,); where motions start

@@ -1,4 +1,4 @@
-"""Making an optimised trajectory safe: what was asked for at samples is made to hold at every time."""
+"""Making an optimised trajectory safe: limits that hold at samples are made to hold at every time."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _smaller(design: Design, x: Floats, shares: Sequence[float]) -> tuple[Floats
 
 
 def _within(problem: Problem, x: Floats, design: Design) -> Floats:
-    """The motion drawn towards its centre by the little that limits of the motion are exceeded between samples."""
+    """The motion made smaller by the little that limits of the motion are exceeded between samples."""
     rest = problem.at_rest.ravel()
     still = motion_margins(design.trajectory(rest), design.task.limits.motion)
     for _ in range(_ROUNDS):  # bounds are wider than what is reached by less than what is added each time

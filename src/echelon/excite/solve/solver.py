@@ -50,7 +50,7 @@ class SolverOptions:
 
 @dataclass(frozen=True, eq=False)
 class Ended:
-    """Where the solver ended."""
+    """The end of one run of the solver."""
 
     x: Floats  # shape (problem.size,); the last iterate, which keeps the limits that the solver knew of if it converged
     status: str  # ``"converged"``, ``"iterations"``, ``"infeasible"`` or the solver's own word
@@ -186,7 +186,7 @@ def _callback(casadi: Any, name: str, unknowns: int, size: int, evaluate: Callab
 
 
 def _watch(casadi: Any, unknowns: int, ends: tuple[Floats, Floats], best: Best) -> Any:
-    """What follows the iterations and remembers the best."""
+    """A callback that follows the iterations and remembers the best."""
     rows = len(ends[0])
     sizes = {"x": unknowns, "f": 1, "g": rows, "lam_x": unknowns, "lam_g": rows, "lam_p": 0}
 
@@ -223,7 +223,7 @@ _SHARES = (0.99, 0.97, 0.94, 0.9, 0.8, 0.65, 0.5)
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where a start ended."""
+    """The result of one start."""
 
     x: Floats | None  # the best coefficients that kept all limits at the samples; None if none did
     value: float  # their criterion
@@ -257,7 +257,7 @@ def constraint_generation(
 
 
 def _offer_smaller(problem: Problem, x: Floats, best: Best) -> None:
-    """Offer the motion drawn towards its centre, if it breaks limits: little may be missing."""
+    """Offer a smaller motion about the centre, if the motion breaks limits: little may be missing."""
     if problem.violation(x) <= BROKEN:
         return
     for share in _SHARES:

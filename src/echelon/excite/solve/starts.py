@@ -28,7 +28,7 @@ from echelon.formats.schema.schema_excite import ExcitationEntry
 def solutions(
     problem: Problem, entry: ExcitationEntry, jobs: int, step: Callable[[str], None] = lambda _: None
 ) -> list[Solution]:
-    """Where random starts end: the same for the same seed, whatever the number of processes at a time."""
+    """Solutions from random starts: the same for the same seed, whatever the number of processes."""
     count, seed, iterations = entry.starts, entry.seed, entry.iterations
 
     def tell(k: int, solution: Solution) -> Solution:
@@ -66,7 +66,7 @@ class _Processes:
         self._ended = False
 
     def solution(self, document: bytes, k: int) -> Solution:
-        """Where start ``k`` ended."""
+        """Solution from start ``k``."""
         # the packages that this process found, wherever it found them
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
         command = [sys.executable, "-m", "echelon.excite.solve.starts", str(k)]

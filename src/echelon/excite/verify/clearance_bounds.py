@@ -79,7 +79,7 @@ class MotionBounds:
         return abs(self._number(step.pitch)) * self._most[step.name]
 
     def _weighted(self, name: str, positions: Floats) -> Floats:
-        """What |dq/dq_k| of a coordinate by the independent ones does not exceed."""
+        """Upper bounds of |dq/dq_k| of a coordinate by the independent ones."""
         weights = np.zeros(len(self._column))
         coupling = next((c for c in self.mechanism.couplings if c.coordinate == name), None)
         if coupling is None:
@@ -116,13 +116,13 @@ class Travel(Protocol):
 
     @property
     def duration(self) -> float:
-        """S."""
+        """Length of the motion, s."""
 
     def __call__(self, t: npt.ArrayLike, order: int = 0) -> Floats:
         """Positions at times, or velocities (order 1)."""
 
     def bounds(self, order: int) -> Floats:
-        """What no position of a single coordinate (order 0), no velocity, no acceleration exceeds, (velocities,)."""
+        """Upper bounds of |q| of single coordinates (order 0), |q̇| or |q̈|, shape (velocities,)."""
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ class _Search:
         return np.asarray(~good)
 
     def _speeds(self, times: Floats, half: float) -> Floats:
-        """What no |q̇| exceeds in intervals about some times, shape (times, n)."""
+        """Upper bounds of |q̇| in intervals about some times, shape (times, n)."""
         near = np.abs(self.trajectory(times, 1)) + half * self.most[2]
         return np.minimum(near, self.most[1])
 

@@ -248,7 +248,7 @@ class WholeMotion:
         return closed.qd if order else closed.q
 
     def bounds(self, order: int) -> Floats:
-        """What no position of a single coordinate, no velocity, no acceleration exceeds, shape (velocities,)."""
+        """Upper bounds of |q| of single coordinates (order 0), |q̇| or |q̈|, shape (velocities,)."""
         return self._bounds[order]
 
 
@@ -259,7 +259,7 @@ class _Rates(Bounded):
     motion: LoopMotion
 
     def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
-        """Their bounds while independent states stay in intervals."""
+        """Bounds of the rates while independent states stay in intervals."""
         enclosures = LoopEnclosures(self.motion)
         located = enclosures.located(ranges)
         states = enclosures.states(located, ranges)

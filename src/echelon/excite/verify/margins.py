@@ -64,7 +64,7 @@ class Margin:
 SHARP = 1e-3
 """Share of a limit's range by which bounds may be wider than what is reached."""
 _SHARE = 0.25
-"""The same as a share of the distance to the limit, where that is more."""
+"""Share of the distance to a limit by which bounds may be wider than what is reached, where that is more."""
 PER_PERIOD = 10
 """Cells per period of the highest frequency, at first."""
 _HALVINGS = 12
