@@ -10,7 +10,7 @@ import pytest
 import echelon as ec
 from clearances import planar
 from echelon.excite.problem.clearance import Clearance, clearance_of
-from echelon.excite.problem.motion_limits import ResolvedLimits
+from echelon.excite.problem.resolved_limits import ResolvedLimits
 from echelon.excite.problem.stated_shapes import entry_shapes
 from echelon.excite.solve.design import start_pose
 from robots import robot_file

@@ -11,7 +11,8 @@ import pytest
 
 import echelon as ec
 from echelon.errors import InputError
-from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, check_determined, effort_limits
+from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_limits
+from echelon.excite.problem.prior_model import check_determined
 from echelon.excite.problem.state_limits import Enclosed
 from echelon.excite.verify.margins import reach
 from exciting import Floats, families, random_motion, slopes_by_state, torques, tx40_standard

@@ -15,12 +15,12 @@ from echelon.errors import InputError
 from echelon.excite.problem.information import (
     ADJOINT,
     Information,
-    Optimality,
     OptimalityCriterion,
     StateRegressor,
     pullback,
 )
 from echelon.excite.problem.trajectory import Basis, Fourier, resting_ends, uniform_splines
+from echelon.formats.schema.schema_excite import Optimality
 from exciting import Floats, slope_along, slopes_by_state
 
 EXAMPLES = Path(__file__).parent.parent / "examples"

@@ -12,8 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from echelon.errors import InputError
-from echelon.excite.problem.motion_limits import MotionLimit
-from echelon.excite.problem.state_limits import StateLimits
+from echelon.excite.problem.state_limits import MotionLimit, StateLimits
 from echelon.excite.problem.trajectory import Basis, Fourier, Splines, Trajectory
 from echelon.excite.verify import margins as cells
 from echelon.excite.verify.margins import ACTIVE, Margin, motion_margins, reach, state_margins

@@ -10,8 +10,8 @@ import pytest
 from arms import body, place, tree
 from echelon.errors import InputError
 from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_limits
-from echelon.excite.problem.motion_limits import MotionLimit, ResolvedLimits
-from echelon.excite.problem.state_limits import PointLimit, StateConstraint, point_limits
+from echelon.excite.problem.resolved_limits import ResolvedLimits
+from echelon.excite.problem.state_limits import MotionLimit, PointLimit, StateConstraint, point_limits
 from echelon.excite.solve.design import broken, start_pose
 from echelon.mechanism.joint import rotation, translation
 from echelon.mechanism.mechanism import Mechanism

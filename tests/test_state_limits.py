@@ -12,9 +12,8 @@ from echelon.base.model import BaseModel
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import InputError
 from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_limits
-from echelon.excite.problem.motion_limits import MotionLimit
 from echelon.excite.problem.optimisation import Problem, beyond
-from echelon.excite.problem.state_limits import PointLimit, StateConstraint, StateLimits, point_limits
+from echelon.excite.problem.state_limits import MotionLimit, PointLimit, StateConstraint, StateLimits, point_limits
 from echelon.excite.problem.trajectory import Fourier
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.function import Argument, Function

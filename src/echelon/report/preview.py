@@ -15,7 +15,7 @@ import numpy as np
 
 from echelon.errors import InputError, one_line
 from echelon.excite.exciting_trajectory import ExcitingTrajectory
-from echelon.excite.problem.motion_limits import ORDERS
+from echelon.excite.problem.state_limits import ORDERS
 from echelon.excite.verify.margins import ACTIVE, Margin
 from echelon.report.closed_forms import ClosedForms
 from echelon.report.digits import significant

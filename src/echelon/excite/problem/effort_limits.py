@@ -9,27 +9,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
-from echelon.base.derive import base_parameters
 from echelon.dynamics.arguments import STATE, geometry_values
 from echelon.dynamics.functions import robot_function
 from echelon.errors import InputError
 from echelon.excite.problem.information import StateRegressor
 from echelon.excite.problem.state_limits import Enclosed, Slopes, StateLimits, enclosures_of
-from echelon.formats.schema.schema_excite import ExcitationEntry
-from echelon.identification.physics.prior_information import prior_from
-from echelon.identification.settings import Setup
-from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, JointForce, Output, plain
 from echelon.program.function import Argument, Function
 from echelon.program.intervals import Interval
-from echelon.results.identified import load_identified
 
 SIGNS = ("plus", "minus")
 """Signs of the deviations, in the order of :meth:`EffortModel.extremes`."""
@@ -188,70 +181,3 @@ class UncertainEfforts(Enclosed):
     def _rows(self) -> list[tuple[slice, EffortModel]]:
         """For each effort, its entries and the model of their parameters."""
         return [(row.entries, self.model.part(row.columns)) for row in self.regressor.rows]
-
-
-def effort_model(
-    setup: Setup,
-    entry: ExcitationEntry,
-    mechanism: Mechanism,
-    limits: Sequence[EffortLimit],
-    findings: list[Finding],
-) -> EffortModel | None:
-    """The model that predicts efforts, None where nothing does; what does not move is held in the mechanism."""
-    if entry.model is not None:
-        return _identified(setup, entry, mechanism, limits)
-    return _standard(setup, entry, mechanism, findings)
-
-
-def _identified(
-    setup: Setup, entry: ExcitationEntry, mechanism: Mechanism, limits: Sequence[EffortLimit]
-) -> EffortModel:
-    """Base parameters in the place of the pivots, with their covariance."""
-    assert entry.model is not None
-    found = load_identified(Path(setup.source).parent / entry.model)
-    whole = base_parameters(setup.mechanism, seed=setup.settings.seed)
-    ours, theirs = (tuple(map(str, base.expressions)) for base in (whole, found.base))
-    if ours != theirs:
-        problem = f"the model {entry.model} has other base parameters than this robot with its sensors"
-        raise InputError(problem, element="excitation.model")
-    check_determined(setup.mechanism, limits, whole.rank, setup.settings.seed)
-    parameters = list(mechanism.parameters)
-    columns = [parameters.index(setup.mechanism.parameters[pivot]) for pivot in whole.matrix.pivots]
-    covariance = np.array(found.document["estimate"]["covariance"], dtype=float)
-    return EffortModel(found.values, columns, covariance, entry.deviations)
-
-
-def check_determined(mechanism: Mechanism, limits: Sequence[EffortLimit], rank: int, seed: int) -> None:
-    """Refuse efforts that depend on more than the outputs see: their rows would add to the rank."""
-    efforts = (effort_output(mechanism, limit) for limit in limits)
-    named = tuple(replace(output, name=f"effort of {output.name}") for output in efforts)
-    both = replace(mechanism, measured=(*mechanism.outputs, *named))
-    if base_parameters(both, seed=seed).rank > rank:
-        problem = "the identified model does not determine all torques and forces that are limited"
-        raise InputError(problem, element="excitation.model")
-
-
-def _standard(
-    setup: Setup, entry: ExcitationEntry, mechanism: Mechanism, findings: list[Finding]
-) -> EffortModel | None:
-    """Standard parameters of the prior; friction without a value counts as none."""
-    names = setup.mechanism.parameters
-    if setup.prior is not None:
-        whole = base_parameters(setup.mechanism, seed=setup.settings.seed)
-        given = dict(zip(names, prior_from(whole, setup.prior).values.tolist(), strict=True))
-    else:
-        stated = zip(names, setup.mechanism.standard_values(), strict=True)
-        given = {name: np.nan if value is None else value for name, value in stated}
-    values = np.array([given[name] for name in mechanism.parameters])
-    inertial = np.array([column.body is not None for column in mechanism.columns])
-    if np.isnan(values[inertial]).any():
-        if entry.limits.effort:
-            problem = "limits of torques need inertial values: state them, an identified model under excitation: model,"
-            raise InputError(f"{problem} or a file under identification: prior", element="effort limits")
-        text = "torques are not limited, because the robot file states no inertial values to predict them with"
-        findings.append(Finding(Severity.WARNING, "effort", setup.source, text))
-        return None
-    if np.isnan(values).any():
-        text = "the prior model states no friction: the margin of the torque limits has to cover it"
-        findings.append(Finding(Severity.NOTE, "effort", setup.source, text))
-    return EffortModel(np.nan_to_num(values))

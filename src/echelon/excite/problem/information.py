@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -20,13 +21,15 @@ from echelon.dynamics.arguments import STATE, geometry_values
 from echelon.dynamics.functions import robot_function
 from echelon.errors import InputError
 from echelon.excite.problem.trajectory import Basis
-from echelon.formats.schema.schema_excite import Optimality
 from echelon.machine.kernel import Kernel
 from echelon.mechanism.mechanism import Mechanism
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Argument, Function
 from echelon.program.rewriting import smooth_function
 from echelon.program.tape import Scalar
+
+if TYPE_CHECKING:  # processes of the solver need no schemas
+    from echelon.formats.schema.schema_excite import Optimality
 
 ADJOINT = "adjoint"
 
@@ -45,10 +48,8 @@ class StateRegressor:
     def __init__(self, mechanism: Mechanism, pivots: Sequence[int], smooth: float | None = None) -> None:
         function = _ordered(robot_function("regressor", mechanism, pivots))
         if any(argument.name == "inputs" for argument in function.arguments):
-            labels = next(a.labels for a in function.arguments if a.name == "inputs")
-            raise InputError(
-                f"effects need the measured inputs of {', '.join(labels)}, which a trajectory does not determine"
-            )
+            names = ", ".join(next(a.labels for a in function.arguments if a.name == "inputs"))
+            raise InputError(f"effects need the measured inputs of {names}, which a trajectory does not determine")
         self.recorded = function  # without smoothing
         self.function = function if smooth is None else smooth_function(function, smooth)
         self._geometry = geometry_values(mechanism, self.function.arguments)

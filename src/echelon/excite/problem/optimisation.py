@@ -16,8 +16,7 @@ from scipy import sparse
 
 from echelon.arrays import Flags, Floats
 from echelon.excite.problem.information import Information, OptimalityCriterion
-from echelon.excite.problem.motion_limits import MotionLimit
-from echelon.excite.problem.state_limits import StateConstraint
+from echelon.excite.problem.state_limits import MotionLimit, StateConstraint
 from echelon.excite.problem.trajectory import Basis
 from echelon.program.intervals import Interval
 

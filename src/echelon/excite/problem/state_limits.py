@@ -1,4 +1,8 @@
-"""Limits of functions of the state (q, q̇, q̈): their values, exact derivatives, and bounds by interval arithmetic."""
+"""Limits that a motion keeps: of positions and their derivatives, and of functions of the state (q, q̇, q̈).
+
+The first are linear in the coefficients of every family.  The others have values, exact derivatives, and bounds by
+interval arithmetic.
+"""
 
 from __future__ import annotations
 
@@ -25,6 +29,32 @@ from echelon.program.rewriting import smooth_function
 from echelon.program.tape import Program
 from echelon.regressor.spatial import add, apply
 from echelon.regressor.steps import Recorder
+
+ORDERS = ("position", "velocity", "acceleration", "jerk")
+"""Kinds of limits, by the order of the derivative."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimit:
+    """low ≤ weights · d^order q/dt^order ≤ high, for a coordinate or, through a transmission, for an actuator."""
+
+    name: str  # coordinate or actuator
+    unit: str
+    order: int  # of the derivative; see :data:`ORDERS`
+    weights: Floats  # shape (n,); over the coordinates that move
+    low: float  # SI units; infinite where there is no limit
+    high: float
+
+    @property
+    def kind(self) -> str:
+        """The kind of limit, by the order of the derivative."""
+        return ORDERS[self.order]
+
+    @property
+    def label(self) -> str:
+        """For messages, ``"velocity of j3"``."""
+        return f"{self.kind} of {self.name}"
+
 
 Slopes = tuple[Floats | None, Floats | None, Floats | None]
 """Derivatives by q, q̇ and q̈, each of shape (N, m, n); None where there are none."""

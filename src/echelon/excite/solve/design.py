@@ -14,8 +14,8 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.problem.closed_loops import state_regressor
 from echelon.excite.problem.information import Information, OptimalityCriterion, sample_times
-from echelon.excite.problem.motion_limits import ResolvedLimits
 from echelon.excite.problem.optimisation import LoopProblem, Problem
+from echelon.excite.problem.resolved_limits import ResolvedLimits
 from echelon.excite.problem.state_limits import StateConstraint
 from echelon.excite.problem.task import Task, names_of
 from echelon.excite.problem.trajectory import Basis, Combined, Fourier, Trajectory, resting_ends, uniform_splines

@@ -16,13 +16,16 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from tempfile import TemporaryFile
 from threading import Lock, Thread
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from echelon.errors import EchelonError
 from echelon.excite.problem.optimisation import Problem
 from echelon.excite.solve.solver import Solution, SolverOptions, constraint_generation
-from echelon.formats.schema.schema_excite import ExcitationEntry
+
+if TYPE_CHECKING:  # processes of the solver need no schemas
+    from echelon.formats.schema.schema_excite import ExcitationEntry
 
 
 def solutions(

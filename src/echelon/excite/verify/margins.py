@@ -15,8 +15,7 @@ from math import inf, isnan
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.excite.problem.motion_limits import MotionLimit
-from echelon.excite.problem.state_limits import Bounded
+from echelon.excite.problem.state_limits import Bounded, MotionLimit
 from echelon.excite.problem.trajectory import Trajectory
 from echelon.program.intervals import Interval
 

@@ -17,38 +17,13 @@ from echelon.dynamics.arguments import coordinate_units
 from echelon.errors import InputError
 from echelon.exact.polynomial import float_generators
 from echelon.excite.problem.effort_limits import EffortLimit
+from echelon.excite.problem.state_limits import MotionLimit
 from echelon.formats.schema.schema_excite import EVERY, LimitsEntry
 from echelon.formats.stated_limits import StatedLimits
 from echelon.hints import nearest_of
 from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.symbol_values import known_values
-
-ORDERS = ("position", "velocity", "acceleration", "jerk")
-"""Kinds of limits, by the order of the derivative."""
-
-
-@dataclass(frozen=True, eq=False)
-class MotionLimit:
-    """low ≤ weights · d^order q/dt^order ≤ high, for a coordinate or, through a transmission, for an actuator."""
-
-    name: str  # coordinate or actuator
-    unit: str
-    order: int  # of the derivative; see :data:`ORDERS`
-    weights: Floats  # shape (n,); over the coordinates that move
-    low: float  # SI units; infinite where there is no limit
-    high: float
-
-    @property
-    def kind(self) -> str:
-        """The kind of limit, by the order of the derivative."""
-        return ORDERS[self.order]
-
-    @property
-    def label(self) -> str:
-        """For messages, ``"velocity of j3"``."""
-        return f"{self.kind} of {self.name}"
-
 
 _SPEEDS = {"rad": 1.0, "m": 0.25}
 """Speeds that are taken where none is stated: those of a careful first run."""

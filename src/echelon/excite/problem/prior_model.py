@@ -1,0 +1,142 @@
+"""What is known before a trajectory is run: information of logs at hand, and the model that predicts efforts."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+
+import numpy as np
+
+from echelon.arrays import Floats
+from echelon.base.derive import base_parameters
+from echelon.errors import InputError
+from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_output
+from echelon.formats.schema.schema_excite import EVERY, ExcitationEntry
+from echelon.identification.physics.prior_information import prior_from
+from echelon.identification.rows.plan import Plan
+from echelon.identification.settings import Setup
+from echelon.identification.survey import survey
+from echelon.logs.files.open_log import log_paths
+from echelon.logs.finding import Finding, Severity
+from echelon.mechanism.mechanism import Mechanism
+from echelon.observe.observation import Observation
+from echelon.results.identified import load_identified
+
+
+def information_of_logs(setup: Setup, logs: Sequence[str | os.PathLike[str]]) -> Floats:
+    """The information matrix Σ Wᵀ diag(1/σ²) W of logs, prepared as for an identification.
+
+    Parameters
+    ----------
+    setup : Setup
+        With the outputs' noise σ in its section ``excitation``.
+    logs : sequence of path
+        Logs, or directories of logs.
+
+    Returns
+    -------
+    array of shape (r, r)
+        In the order of the base parameters.
+
+    Raises
+    ------
+    InputError
+        If a log cannot be read, or coordinates are held, so that other parameters are seen.
+    """
+    entry = setup.excitation
+    if entry.move is not None or entry.hold:
+        problem = "logs determine other parameters than a trajectory that holds coordinates; let all of them move"
+        raise InputError(problem, source=setup.source, element="excitation")
+    if any(body.joint.kind == "floating" for body in setup.mechanism.bodies):
+        raise InputError("a floating base is held by trajectories, and not in logs", source=setup.source)
+    base = base_parameters(setup.mechanism, seed=setup.settings.seed)
+    paths = [path for log in logs for path in log_paths(log)]
+    found = survey(setup, base, paths)
+    # a row for every sample: filters average what decimation leaves out, so that counting rows would count too few
+    whole = replace(found.preparation, output_cutoff=inf, decimation=())
+    rows = Plan(base, setup.columns, whole).rows(paths)
+    return information_of(rows.observation(), entry.noise)
+
+
+def information_of(observation: Observation, noise: Mapping[str, float]) -> Floats:
+    """The information matrix of R-factors, shape (r, r)."""
+    layout = observation.layout
+    F = np.zeros((len(layout.parameters), len(layout.parameters)))
+    for output, columns, R in zip(layout.outputs, layout.columns, observation.factors, strict=True):
+        part = R[:, :-1]
+        where = np.asarray(columns, dtype=np.intp)
+        F[np.ix_(where, where)] += part.T @ part / noise.get(output, noise.get(EVERY, 1.0)) ** 2
+    return F
+
+
+# -- the model that predicts efforts ---------------------------------------------------------------------------------
+
+
+def effort_model(
+    setup: Setup,
+    entry: ExcitationEntry,
+    mechanism: Mechanism,
+    limits: Sequence[EffortLimit],
+    findings: list[Finding],
+) -> EffortModel | None:
+    """The model that predicts efforts, None where nothing does; what does not move is held in the mechanism."""
+    if entry.model is not None:
+        return _identified(setup, entry, mechanism, limits)
+    return _standard(setup, entry, mechanism, findings)
+
+
+def _identified(
+    setup: Setup, entry: ExcitationEntry, mechanism: Mechanism, limits: Sequence[EffortLimit]
+) -> EffortModel:
+    """Base parameters in the place of the pivots, with their covariance."""
+    assert entry.model is not None
+    found = load_identified(Path(setup.source).parent / entry.model)
+    whole = base_parameters(setup.mechanism, seed=setup.settings.seed)
+    ours, theirs = (tuple(map(str, base.expressions)) for base in (whole, found.base))
+    if ours != theirs:
+        problem = f"the model {entry.model} has other base parameters than this robot with its sensors"
+        raise InputError(problem, element="excitation.model")
+    check_determined(setup.mechanism, limits, whole.rank, setup.settings.seed)
+    parameters = list(mechanism.parameters)
+    columns = [parameters.index(setup.mechanism.parameters[pivot]) for pivot in whole.matrix.pivots]
+    covariance = np.array(found.document["estimate"]["covariance"], dtype=float)
+    return EffortModel(found.values, columns, covariance, entry.deviations)
+
+
+def check_determined(mechanism: Mechanism, limits: Sequence[EffortLimit], rank: int, seed: int) -> None:
+    """Refuse efforts that depend on more than the outputs see: their rows would add to the rank."""
+    efforts = (effort_output(mechanism, limit) for limit in limits)
+    named = tuple(replace(output, name=f"effort of {output.name}") for output in efforts)
+    both = replace(mechanism, measured=(*mechanism.outputs, *named))
+    if base_parameters(both, seed=seed).rank > rank:
+        problem = "the identified model does not determine all torques and forces that are limited"
+        raise InputError(problem, element="excitation.model")
+
+
+def _standard(
+    setup: Setup, entry: ExcitationEntry, mechanism: Mechanism, findings: list[Finding]
+) -> EffortModel | None:
+    """Standard parameters of the prior; friction without a value counts as none."""
+    names = setup.mechanism.parameters
+    if setup.prior is not None:
+        whole = base_parameters(setup.mechanism, seed=setup.settings.seed)
+        given = dict(zip(names, prior_from(whole, setup.prior).values.tolist(), strict=True))
+    else:
+        stated = zip(names, setup.mechanism.standard_values(), strict=True)
+        given = {name: np.nan if value is None else value for name, value in stated}
+    values = np.array([given[name] for name in mechanism.parameters])
+    inertial = np.array([column.body is not None for column in mechanism.columns])
+    if np.isnan(values[inertial]).any():
+        if entry.limits.effort:
+            problem = "limits of torques need inertial values: state them, an identified model under excitation: model,"
+            raise InputError(f"{problem} or a file under identification: prior", element="effort limits")
+        text = "torques are not limited, because the robot file states no inertial values to predict them with"
+        findings.append(Finding(Severity.WARNING, "effort", setup.source, text))
+        return None
+    if np.isnan(values).any():
+        text = "the prior model states no friction: the margin of the torque limits has to cover it"
+        findings.append(Finding(Severity.NOTE, "effort", setup.source, text))
+    return EffortModel(np.nan_to_num(values))
