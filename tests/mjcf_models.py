@@ -8,6 +8,7 @@ import numpy as np
 
 from echelon.formats.builder import build_mechanism
 from echelon.formats.literal import LiteralTree
+from echelon.formats.mjcf.mjcf_model import checked_mjcf
 from echelon.formats.mjcf.mjcf_reader import read_mjcf
 from echelon.formats.reading_options import ReadingOptions
 from echelon.mechanism.mechanism import Mechanism
@@ -20,7 +21,7 @@ INERTIA = (
 
 
 def read(text: str, directory: Path | None = None, mimics: bool = True) -> LiteralTree:
-    return read_mjcf(text, "robot.xml", directory, mimics=mimics)
+    return read_mjcf(checked_mjcf(text, "robot.xml", directory), mimics=mimics)
 
 
 def model(worldbody: str, head: str = "", tail: str = "") -> str:

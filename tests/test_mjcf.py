@@ -14,6 +14,7 @@ from echelon.errors import InputError, MissingExtraError
 from echelon.formats.builder import build_mechanism
 from echelon.formats.link_inertia import rotation_matrix
 from echelon.formats.literal import LiteralMotion, LiteralPlacement
+from echelon.formats.mjcf.mjcf_model import checked_mjcf
 from echelon.formats.mjcf.mjcf_numbers import placements, quaternion_matrix
 from echelon.formats.mjcf.mjcf_reader import read_mjcf
 from echelon.formats.reading_options import ReadingOptions
@@ -194,8 +195,8 @@ def test_inertia_of_missing_meshes_is_unknown(tmp_path: Path, present: bool) -> 
     )
     tree = read(text, tmp_path)
     assert [link.inertial is not None for link in tree.links[1:]] == [present, False, True]
-    assert ("body 'a'" in tree.notes[0]) is not present
-    assert "body 'b'" in tree.notes[0]
+    assert ("'a'" in tree.notes[0]) is not present
+    assert "'b'" in tree.notes[0]
     assert read(text).links[1].inertial is None  # without a directory no mesh is looked for
     if present:
         assert tree.links[1].inertial is not None
@@ -249,7 +250,7 @@ def test_inertias_from_geometry_are_noted() -> None:
     (note,) = read(model(text.format(INERTIA))).notes
     assert note == "inertias of body 'b' are computed from their geoms: the file does not state them"
     (note,) = read(model(text.format(INERTIA), '<compiler inertiafromgeom="true"/>')).notes
-    assert "body 'a', body 'b' are computed" in note
+    assert "bodies 'a', 'b' are computed" in note
 
 
 def test_attached_models(tmp_path: Path) -> None:
@@ -260,7 +261,7 @@ def test_attached_models(tmp_path: Path) -> None:
 
 
 def test_example_file() -> None:
-    tree = read_mjcf((EXAMPLES / "two_link.xml").read_bytes(), "two_link.xml", EXAMPLES)
+    tree = read_mjcf(checked_mjcf((EXAMPLES / "two_link.xml").read_bytes(), "two_link.xml", EXAMPLES))
     assert tree.name == "two_link"
     built = build_mechanism(tree, ReadingOptions())
     assert built.mechanism.velocities == ("shoulder", "elbow")
@@ -356,7 +357,7 @@ def test_couplings_of_coupled_joints() -> None:
 def test_other_encodings_are_refused() -> None:
     text = '<?xml version="1.0" encoding="latin-1"?><mujoco model="é"/>'.encode("latin-1")
     with pytest.raises(InputError, match="not UTF-8"):
-        read_mjcf(text, "robot.xml", None)
+        read_mjcf(checked_mjcf(text, "robot.xml", None))
 
 
 def test_missing_package_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,9 +1,9 @@
-"""Hints for messages: which of the valid words was probably meant."""
+"""Words for messages: hints at what was probably meant, lists of names, names that are free."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 _SHOWN = 12
 
@@ -24,3 +24,20 @@ def nearest_of(word: str, valid: Iterable[str]) -> str:
     words = list(dict.fromkeys(valid))
     listed = ", ".join(words[:_SHOWN]) + (", …" if len(words) > _SHOWN else "")
     return f"{nearest(word, words)} (valid: {listed or 'none'})"
+
+
+def listed(names: Iterable[str], most: int = _SHOWN) -> str:
+    """Names in quotes, and how many more there are.
+
+    >>> listed(["a", "b", "c"], 2)
+    "'a', 'b' and 1 more"
+    """
+    every = [f"'{name}'" for name in names]
+    return ", ".join(every[:most]) + (f" and {len(every) - most} more" if len(every) > most else "")
+
+
+def unused(name: str, taken: Collection[str]) -> str:
+    """A name like this one that is not taken."""
+    while name in taken:
+        name += "_"
+    return name

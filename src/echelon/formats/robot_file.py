@@ -31,6 +31,7 @@ from echelon.models.linear_model import LinearModel
 
 if TYPE_CHECKING:
     from echelon.formats.description.document import Document
+    from echelon.formats.mjcf.mjcf_model import MjcfDocument
     from echelon.formats.schema.robot_schema import RobotDescription
 
 
@@ -129,6 +130,13 @@ class RobotFile:
             raise InputError(problem, source=self.source)
         return root
 
+    @cached_property
+    def mjcf(self) -> MjcfDocument:
+        """The text of an MJCF file with the files that it includes."""
+        from echelon.formats.mjcf.mjcf_model import checked_mjcf
+
+        return checked_mjcf(self.data, self.source, self.directory)
+
     def tree(self, *, mimics: bool = True) -> LiteralTree:
         """The links and joints of an XML file as they stand there."""
         if mimics not in self._trees:
@@ -143,7 +151,7 @@ class RobotFile:
         if self.root.tag == "mujoco":
             from echelon.formats.mjcf.mjcf_reader import read_mjcf
 
-            return read_mjcf(self.data, self.source, self.directory, mimics=mimics)
+            return read_mjcf(self.mjcf, mimics=mimics)
         if self.root.tag == "sdf":
             from echelon.formats.urdf.sdf_reader import read_sdf
 

@@ -145,10 +145,10 @@ def _of_mjcf(robot: RobotFile) -> dict[str, StatedLimits]:
 
     kinds = import_mujoco().mjtJoint
     single = (int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE))
-    spec = parse_spec(robot.data, robot.source, robot.directory)
+    spec = parse_spec(robot.mjcf)
     take_equalities(spec, robot.source)
     forces = _actuator_forces(spec)  # before compiling, which removes them
-    model = compile_spec(spec, robot.source, robot.directory).model
+    model = compile_spec(spec, robot.mjcf).model
     found = {}
     for index in range(model.njnt):
         if int(model.jnt_type[index]) not in single:

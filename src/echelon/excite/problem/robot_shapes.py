@@ -21,7 +21,7 @@ from echelon.errors import InputError
 from echelon.excite.problem.shapes import Kind, Shape, placed
 from echelon.formats.link_inertia import numeric_placement, rotation_matrix
 from echelon.formats.literal import LiteralPlacement, LiteralTree
-from echelon.formats.mjcf.mjcf_model import NO_MASS, import_mujoco, parse_spec
+from echelon.formats.mjcf.mjcf_model import import_mujoco, keep_bodies, parse_spec
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
 from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.mechanism import GROUND, Mechanism
@@ -209,7 +209,7 @@ _SIZES = {Kind.SPHERE: 1, Kind.CAPSULE: 2, Kind.CYLINDER: 2, Kind.BOX: 3, Kind.E
 def mjcf_geometry(mechanism: Mechanism, file: RobotFile, tolerant: bool = False) -> Geometry:
     """Shapes of all geoms that collide with something; see :func:`read_geometry`."""
     source, tree = file.source, file.tree(mimics=False)
-    spec = parse_spec(file.data, source, file.directory)
+    spec = parse_spec(file.mjcf)
     excluded = tuple((str(pair.bodyname1), str(pair.bodyname2)) for pair in spec.excludes)
     doomed = list(_unreadable(spec, file.directory or Path()))
     if doomed and not tolerant:
@@ -260,11 +260,8 @@ def _unreadable(spec: Any, directory: Path) -> Iterator[tuple[str, str]]:
 
 def _compiled(spec: Any, source: str) -> Any:
     mujoco = import_mujoco()
-    compiler = spec.compiler
-    compiler.fusestatic = compiler.discardvisual = False
-    # masses do not matter here, but the compiler asks for some
-    compiler.boundmass, compiler.boundinertia = max(compiler.boundmass, NO_MASS), max(compiler.boundinertia, NO_MASS)
-    compiler.balanceinertia = True
+    keep_bodies(spec)
+    spec.compiler.balanceinertia = True
     try:
         return spec.compile()
     except (ValueError, mujoco.FatalError) as error:

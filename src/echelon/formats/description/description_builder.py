@@ -30,7 +30,7 @@ from echelon.formats.link_inertia import Inertial, move_inertial
 from echelon.formats.literal import StatedCoupling
 from echelon.formats.reading_options import ReadingOptions, StatedJoint, gravity_vector
 from echelon.formats.snapping import numeric_value, symbol_stem
-from echelon.hints import nearest_of
+from echelon.hints import nearest_of, unused
 from echelon.inputs.yaml_text import step_into
 from echelon.mechanism.joint import Joint, Motion, Step, floating_motions, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
@@ -192,9 +192,7 @@ class _Tree:
 
     def _float_base(self) -> None:
         """The base becomes a body, because the first part moves against it."""
-        names, name = {part.name for part in self.parts}, BASE
-        while name in names:
-            name += "_"
+        name = unused(BASE, {part.name for part in self.parts})
         joint = Joint(BASE, "floating", floating_motions(BASE))
         self._append(Body(name, "0", GROUND, joint, () if BASE in self.options.massless else ALL), "floating_base")
         self.host[None] = 0

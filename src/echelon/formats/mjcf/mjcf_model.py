@@ -12,7 +12,7 @@ first, absent meshes are removed if need be, and bodies without mass get one tha
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite, isnan, prod
 from pathlib import Path, PurePath
@@ -23,6 +23,7 @@ import numpy as np
 
 from echelon.errors import InputError, MissingExtraError
 from echelon.exact.syntax import is_whole
+from echelon.hints import listed, unused
 from echelon.inputs.content import INCLUDES, read_content
 from echelon.inputs.xml_text import parse_xml
 
@@ -32,15 +33,22 @@ _NUMERIC = {
 }
 _MULTIPLYING = ("replicate", "composite", "flexcomp")
 _MOST_COPIES = 10_000
+_MOST_NAMED = 6  # bodies in messages
 
 
-def check_document(
-    text: str | bytes, source: str, directory: Path | None
-) -> tuple[str, dict[str, bytes], tuple[str, ...]]:
-    """The text of a model, and the contents of the files that it includes or attaches, by the names it uses.
+@dataclass(frozen=True)
+class MjcfDocument:
+    """A checked document, with the contents of the files that it includes or attaches by the names it uses."""
 
-    Includes of missing files are left out, unless they would define parts of bodies.
-    """
+    text: str
+    source: str
+    directory: Path | None
+    included: Mapping[str, bytes]
+    missing: tuple[str, ...]  # files that are not there; the text does not include them any more
+
+
+def checked_mjcf(text: str | bytes, source: str, directory: Path | None) -> MjcfDocument:
+    """A document that is harmless; includes of missing files are left out, unless they would define parts of bodies."""
     root = parse_xml(text, source)
     if root.tag == "mujocoinclude":
         raise InputError("this is a fragment, not a model: read the file that includes it", source=source)
@@ -58,7 +66,7 @@ def check_document(
         decoded = _without(root, missing).decode()
         present = {name: parse_xml(content, name) for name, content in included.items() if name not in missing}
         included = {name: _without(child, missing) for name, child in present.items()}
-    return decoded, included, missing
+    return MjcfDocument(decoded, source, directory, included, missing)
 
 
 def _without(root: Any, missing: Collection[str]) -> bytes:
@@ -159,28 +167,31 @@ def import_mujoco() -> Any:
     return mujoco
 
 
-def parse_spec(text: str | bytes, source: str, directory: Path | None) -> Any:
+def parse_spec(document: MjcfDocument) -> Any:
     """The ``MjSpec`` of an MJCF document, with the files that it includes."""
     mujoco = import_mujoco()
-    checked, included, _ = check_document(text, source, directory)
     try:
-        spec = mujoco.MjSpec.from_string(checked, include=included)
+        spec = mujoco.MjSpec.from_string(document.text, include=dict(document.included))
     except (ValueError, mujoco.FatalError) as error:
-        raise _wrapped(error, source) from None
-    if directory is not None:
-        spec.modelfiledir = str(directory)
+        raise _wrapped(error, document.source) from None
+    if document.directory is not None:
+        spec.modelfiledir = str(document.directory)
     return spec
 
 
-def compile_spec(spec: Any, source: str, directory: Path | None, *, lenient: bool = False) -> CompiledModel:
-    """Compile a spec for its geometry and inertias; the spec is changed."""
-    mujoco = import_mujoco()
+def compile_spec(spec: Any, document: MjcfDocument) -> CompiledModel:
+    """Compile the spec of a document for its geometry and inertias; the spec is changed."""
+    mujoco, directory = import_mujoco(), document.directory
     notes = _effect_notes(spec)
+    keep_bodies(spec)
     if _keep_frames(spec, mujoco):
         notes.append("free bodies keep the frames of the file: the alignment that it asks for is ignored")
-    _name_all(spec)
+    name_all("body", spec.bodies)
+    name_all("joint", spec.joints)
     _remove_irrelevant(spec)
-    undefined = {g.meshname for g in spec.geoms if g.meshname and lenient} - {_mesh_name(m) for m in spec.meshes}
+    undefined = {g.meshname for g in spec.geoms if g.meshname and document.missing} - {
+        _mesh_name(m) for m in spec.meshes
+    }
     absent = _absent_meshes(spec, directory) | undefined
     stages = [absent] if directory is None or undefined else [set(), absent]
     unknown: set[str] = set()
@@ -192,15 +203,15 @@ def compile_spec(spec: Any, source: str, directory: Path | None, *, lenient: boo
         except (ValueError, mujoco.FatalError) as error:
             failure = error
     else:
-        raise _wrapped(failure, source)
+        raise _wrapped(failure, document.source)
     if unknown and spec.compiler.settotalmass > 0:  # then the share of every other body is unknown as well
         unknown = {body.name for body in spec.bodies}
     if unknown:
-        notes.append(f"inertias of {_listed(unknown)} are unknown: they come from meshes that cannot be read")
-    _check_compiled(model, source)
+        notes.append(f"inertias of {_bodies(unknown)} are unknown: they come from meshes that cannot be read")
+    _check_compiled(model, document.source)
     inferred = _inferred(spec, model) - unknown
     if inferred:
-        notes.append(f"inertias of {_listed(inferred)} are computed from their geoms: the file does not state them")
+        notes.append(f"inertias of {_bodies(inferred)} are computed from their geoms: the file does not state them")
     return CompiledModel(model, spec, frozenset(unknown), tuple(notes))
 
 
@@ -211,6 +222,10 @@ def _check_compiled(model: Any, source: str) -> None:
     for name in _COMPILED:
         if not np.all(np.isfinite(getattr(model, name))):
             raise InputError(f"the compiled model has infinite values in {name}", source=source)
+
+
+def _bodies(names: Collection[str]) -> str:
+    return f"{'body' if len(names) == 1 else 'bodies'} {listed(sorted(names), _MOST_NAMED)}"
 
 
 def _wrapped(error: Exception, source: str) -> InputError:
@@ -236,13 +251,16 @@ def _effect_notes(spec: Any) -> list[str]:
     return [f"ignored, since rigid-body parameters do not cover them: {', '.join(found)}"] if found else []
 
 
-def _keep_frames(spec: Any, mujoco: Any) -> bool:
-    """Make bodies and their frames stay as the file has them; whether free joints were to change them."""
+def keep_bodies(spec: Any) -> None:
+    """Have the compiler keep every body; moving ones without mass get :data:`NO_MASS`, which it asks for."""
     compiler = spec.compiler
     compiler.fusestatic = compiler.discardvisual = False
-    compiler.boundmass = max(compiler.boundmass, NO_MASS)
-    compiler.boundinertia = max(compiler.boundinertia, NO_MASS)
-    aligned = mujoco.mjtAlignFree
+    compiler.boundmass, compiler.boundinertia = max(compiler.boundmass, NO_MASS), max(compiler.boundinertia, NO_MASS)
+
+
+def _keep_frames(spec: Any, mujoco: Any) -> bool:
+    """Have free bodies keep the frames of the file; whether their joints were to change them."""
+    compiler, aligned = spec.compiler, mujoco.mjtAlignFree
     free = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
     asked = (aligned.mjALIGNFREE_TRUE, aligned.mjALIGNFREE_AUTO) if compiler.alignfree else (aligned.mjALIGNFREE_TRUE,)
     changed = any(joint.align in asked for joint in free)
@@ -251,15 +269,12 @@ def _keep_frames(spec: Any, mujoco: Any) -> bool:
     return changed
 
 
-def _name_all(spec: Any) -> None:
-    for stem, elements in (("body", spec.bodies), ("joint", spec.joints)):
-        taken = {element.name for element in elements}
-        for index, element in enumerate(elements):
-            if not element.name:
-                name = f"{stem}_{index}"
-                while name in taken:
-                    name += "_"
-                element.name = name
+def name_all(stem: str, elements: Sequence[Any]) -> None:
+    """Give names to the elements that have none."""
+    taken = {str(element.name) for element in elements}
+    for index, element in enumerate(elements):
+        if not element.name:
+            element.name = unused(f"{stem}_{index}", taken)
 
 
 def _remove_irrelevant(spec: Any) -> None:
@@ -322,13 +337,3 @@ def _remove_meshes(spec: Any, doomed: Collection[str]) -> set[str]:
     for mesh in [m for m in spec.meshes if _mesh_name(m) in doomed]:
         spec.delete(mesh)
     return losers
-
-
-def _listed(names: Collection[str]) -> str:
-    return ", ".join(_quoted(names))
-
-
-def _quoted(names: Collection[str], most: int = 6) -> Iterator[str]:
-    yield from (f"body '{name}'" for name in sorted(names)[:most])
-    if len(names) > most:
-        yield f"{len(names) - most} more"

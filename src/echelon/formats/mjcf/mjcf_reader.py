@@ -12,11 +12,10 @@ relative pose.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from math import isfinite
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -49,7 +48,7 @@ from echelon.formats.mjcf.mjcf_equality import (
 from echelon.formats.mjcf.mjcf_model import (
     NO_MASS,
     CompiledModel,
-    check_document,
+    MjcfDocument,
     compile_spec,
     import_mujoco,
     parse_spec,
@@ -63,6 +62,7 @@ from echelon.formats.mjcf.mjcf_numbers import (
     placements,
     quaternion_matrix,
 )
+from echelon.hints import unused
 from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.joint import MotionKind
 
@@ -72,36 +72,35 @@ _UNNAMED = "MuJoCo Model"
 _SOME_MASS = 2 * NO_MASS
 
 
-def read_mjcf(text: str | bytes, source: str, directory: Path | None, *, mimics: bool = True) -> LiteralTree:
-    """Parse an MJCF document.
+def read_mjcf(document: MjcfDocument, *, mimics: bool = True) -> LiteralTree:
+    """The tree of an MJCF document.
 
     The coordinates are MuJoCo's: q counts from the joint's ``ref``, a ball joint has a unit quaternion w, x, y, z and
     its angular velocity in the moved frame, a free joint the position and velocity of the body's origin in the world's
     axes and then the same as a ball joint.
     """
-    *_, missing = check_document(text, source, directory)
-    if not missing:
-        return _read(text, source, directory, mimics, lenient=False)
-    names = ", ".join(f"'{name}'" for name in missing)
+    if not document.missing:
+        return _read(document, mimics)
+    names = ", ".join(f"'{name}'" for name in document.missing)
     try:
-        tree = _read(text, source, directory, mimics, lenient=True)
+        tree = _read(document, mimics)
         if not any(isinstance(step, LiteralMotion) for link in tree.links for step in link.steps):
-            raise InputError("nothing moves", source=source)
+            raise InputError("nothing moves", source=document.source)
     except InputError as error:
         problem = f"{error.problem}; included files are missing: {names}"
         raise InputError(problem, source=error.source, element=error.element) from None
     return replace(tree, notes=(f"included files are missing, read without what they define: {names}", *tree.notes))
 
 
-def _read(text: str | bytes, source: str, directory: Path | None, mimics: bool, *, lenient: bool) -> LiteralTree:
-    spec = parse_spec(text, source, directory)
+def _read(document: MjcfDocument, mimics: bool) -> LiteralTree:
+    spec, source = parse_spec(document), document.source
     equalities, notes = take_equalities(spec, source)
     couples = [equality for equality in equalities if equality_kind(equality) in (JOINT, TENDON)]
     relations = [read_relation(e, spec, source) for e in couples if mimics or (e.name1 and not e.name2)]
     relations = [relation for relation in relations if mimics or len(relation.terms) == 1]
     driven, keyframes = driven_joints(spec), read_keyframes(spec)
     sensors = Sensors(spec)
-    reader = _Reader(compile_spec(spec, source, directory, lenient=lenient), source)
+    reader = _Reader(compile_spec(spec, document), source)
     held, couplings, found = resolve(relations, reader.reference, driven, source)
     notes += found
     notes += [f"joint '{name}' is held by an equality and cannot move" for name in held]
@@ -236,7 +235,7 @@ class Sensors:
         self.notes: list[str] = []
         self._sites = {site.name: site for site in spec.sites}
         self._drives = {actuator.name: actuator for actuator in spec.actuators}
-        self._driven = Counter(str(actuator.target) for actuator in spec.actuators if _direct(actuator))
+        self._driven = Counter(str(actuator.target) for actuator in spec.actuators if drives_joint(actuator))
         self._wrenches: list[tuple[str, str, Any, bool]] = []
         self._efforts: list[LiteralEffort] = []
         self._taken: set[str] = {sensor.name for sensor in spec.sensors if sensor.name}
@@ -271,15 +270,12 @@ class Sensors:
         """The sensor's name, or one after what it is on."""
         if stated:
             return str(stated)
-        name = target
-        while name in self._taken:
-            name += "_"
-        self._taken.add(name)
+        self._taken.add(name := unused(target, self._taken))
         return name
 
     def _of_actuator(self, label: str, name: str, actuator: Any) -> Iterator[LiteralEffort]:
         joint, gear = str(actuator.target), parse_decimal(repr(float(actuator.gear[0])))
-        if not _direct(actuator):
+        if not drives_joint(actuator):
             self.notes.append(f"{label} is left out: it does not drive a joint directly")
         elif self._driven[joint] > 1:
             self.notes.append(f"{label} is left out: joint '{joint}' has other actuators, too")
@@ -289,7 +285,8 @@ class Sensors:
             yield LiteralEffort(label, name, joint, 1 / Fraction(gear))
 
 
-def _direct(actuator: Any) -> bool:
+def drives_joint(actuator: Any) -> bool:
+    """Whether an actuator acts on a joint, rather than through a tendon or the like."""
     kinds = import_mujoco().mjtTrn
     return actuator.trntype in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT)
 
@@ -300,9 +297,7 @@ _BALL = ("w", "x", "y", "z")
 
 def driven_joints(spec: Any) -> tuple[str, ...]:
     """Names of the joints that actuators drive directly."""
-    transmissions = import_mujoco().mjtTrn
-    direct = (transmissions.mjTRN_JOINT, transmissions.mjTRN_JOINTINPARENT)
-    return tuple(dict.fromkeys(str(a.target) for a in spec.actuators if a.trntype in direct))
+    return tuple(dict.fromkeys(str(actuator.target) for actuator in spec.actuators if drives_joint(actuator)))
 
 
 def read_poses(model: Any, keyframes: Mapping[str, Sequence[float]]) -> dict[str, dict[str, float]]:
@@ -333,7 +328,7 @@ def read_closures(equalities: Sequence[Any], model: Any, spec: Any) -> Iterator[
     taken = {equality.name for equality in equalities}
     for number, equality in enumerate(equalities, 1):
         kind, label = _kind(equality), equality_label(equality)
-        name = str(equality.name) or _unused(f"loop{number}", taken)
+        name = str(equality.name) or unused(f"loop{number}", taken)
         if equality.objtype == import_mujoco().mjtObj.mjOBJ_SITE:
             (first, at), (second, on_second) = (
                 site_frame(model, sites[str(site)], label) for site in (equality.name1, equality.name2)
@@ -341,12 +336,6 @@ def read_closures(equalities: Sequence[Any], model: Any, spec: Any) -> Iterator[
             yield LiteralClosure(label, name, kind, first, second, at, on_second)
         else:
             yield _between_bodies(equality, model, label, name, kind)
-
-
-def _unused(name: str, taken: Collection[str]) -> str:
-    while name in taken:
-        name += "_"
-    return name
 
 
 def _kind(equality: Any) -> ClosureKind:

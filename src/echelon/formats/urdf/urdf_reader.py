@@ -26,6 +26,7 @@ from echelon.formats.literal import (
     Triple,
 )
 from echelon.formats.reading_options import checked_size
+from echelon.hints import listed
 from echelon.mechanism.coupling import linear
 from echelon.mechanism.joint import MotionKind
 
@@ -39,6 +40,7 @@ _MOTIONS: dict[str, MotionKind | str] = {
 JOINT_TYPES = (*_MOTIONS, "fixed")
 _SINGLE_AXIS = ("revolute", "continuous", "prismatic")
 _DEFAULT_AXIS: Triple = (1, 0, 0)
+_MOST_NAMED = 6  # links in messages
 
 
 def read_urdf(root: Any, source: str, *, mimics: bool = True) -> LiteralTree:
@@ -60,7 +62,7 @@ class _Reader:
         order = list(self._depth_first(self._root_link(parents)))
         if len(order) < len(self.links):
             lost = sorted(set(self.links) - set(order))
-            raise self._error(f"links {_listed(lost)} form a cycle and are not connected to the root")
+            raise self._error(f"links {listed(lost, _MOST_NAMED)} form a cycle and are not connected to the root")
         position = {name: i for i, name in enumerate(order)}
         links = tuple(self._link(name, parents.get(name), position) for name in order)
         couplings = tuple(self._couplings()) if mimics else ()
@@ -125,7 +127,7 @@ class _Reader:
         if not roots:
             raise self._error("every link has a parent: the links form a cycle and there is no root")
         if len(roots) > 1:
-            raise self._error(f"there are {len(roots)} root links, {_listed(roots)}; a tree has one")
+            raise self._error(f"there are {len(roots)} root links, {listed(roots, _MOST_NAMED)}; a tree has one")
         return roots[0]
 
     def _depth_first(self, root: str) -> Iterator[str]:
@@ -243,8 +245,3 @@ class _Reader:
 
 def _written(numbers: Triple) -> str:
     return ", ".join(decimal_text(number) for number in numbers)
-
-
-def _listed(names: list[str], most: int = 6) -> str:
-    shown = ", ".join(f"'{n}'" for n in names[:most])
-    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"

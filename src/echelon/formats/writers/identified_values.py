@@ -9,7 +9,7 @@ large, dry friction |N| times.  Whatever is no such number (offsets, friction of
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
@@ -22,6 +22,7 @@ from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import InputError
 from echelon.exact.polynomial import float_generators
 from echelon.formats.writers.xml_editor import comment
+from echelon.hints import listed
 from echelon.inertia.convert import convert
 from echelon.inertia.spatial import pseudo_inertia
 from echelon.mechanism.effect import Action, Side
@@ -122,12 +123,6 @@ _NOTICEABLE = 1e-9
 def head_comment(notes: Sequence[str]) -> list[str]:
     """Lines of the comment at the head of a written file."""
     return comment(["Inertial parameters identified with Echelon.", *(f"Note: {note}." for note in notes)])
-
-
-def listed(names: Iterable[str], most: int = 12) -> str:
-    """Names in quotes, and how many more there are."""
-    every = [f"'{name}'" for name in names]
-    return ", ".join(every[:most]) + (f" and {len(every) - most} more" if len(every) > most else "")
 
 
 def rotor_notes(mechanism: Mechanism, values: IdentifiedValues, file_format: str) -> Iterator[str]:

@@ -10,13 +10,22 @@ body gets an empty one.  Settings that would change these values afterwards are 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from echelon.errors import InputError
-from echelon.formats.mjcf.mjcf_model import NO_MASS, check_document, compile_spec, import_mujoco, parse_spec
+from echelon.formats.mjcf.mjcf_model import (
+    NO_MASS,
+    MjcfDocument,
+    checked_mjcf,
+    compile_spec,
+    import_mujoco,
+    keep_bodies,
+    name_all,
+    parse_spec,
+)
 from echelon.formats.writers.identified_values import (
     COULOMB,
     ROTOR,
@@ -27,12 +36,12 @@ from echelon.formats.writers.identified_values import (
     head_comment,
     joint_effects,
     kept_notes,
-    listed,
     load_of,
     number_text,
     reading_notes,
 )
 from echelon.formats.writers.xml_editor import XmlEditor, decoded
+from echelon.hints import listed
 from echelon.mechanism.mechanism import Mechanism
 
 _PRINTED = (
@@ -45,22 +54,22 @@ JOINTS = ("joint", "freejoint")
 class NamedModel:
     """A document with the names under which Echelon knows its bodies and joints."""
 
-    def __init__(self, text: str, source: str, directory: Path | None) -> None:
-        text = text.removeprefix("\ufeff")  # MuJoCo would stumble over the mark of byte order
-        _, included, missing = check_document(text, source, directory)
-        self._lenient = bool(missing)
-        parse_spec(text, source, directory)  # which refuses files that include themselves
+    def __init__(self, text: str, document: MjcfDocument) -> None:
+        parse_spec(document)  # which refuses files that include themselves
         self.notes: tuple[str, ...] = ()
-        self._read(_with_includes(text, source, included), source, directory)
+        text = text.removeprefix("\ufeff")  # MuJoCo would stumble over the mark of byte order
+        self._read(_with_includes(text, document.source, document.included), document)
         if not self._is_complete:
             self.notes = (_PRINTED,)
-            self._read(_printed(text, source, directory), source, directory)
+            self._read(_printed(document), document)
         if not self._is_complete:
-            raise InputError("its bodies cannot be told apart; give every body and joint a name", source=source)
+            problem = "its bodies cannot be told apart; give every body and joint a name"
+            raise InputError(problem, source=document.source)
 
-    def _read(self, text: str, source: str, directory: Path | None) -> None:
-        self.editor = XmlEditor(text, source)
-        self.spec = compile_spec(parse_spec(text, source, directory), source, directory, lenient=self._lenient).spec
+    def _read(self, text: str, document: MjcfDocument) -> None:
+        self.editor = XmlEditor(text, document.source)
+        checked = checked_mjcf(text, document.source, document.directory)
+        self.spec = compile_spec(parse_spec(checked), replace(checked, missing=document.missing)).spec
         self._spec_bodies = [str(body.name) for body in self.spec.bodies][1:]
         self._spec_joints = [str(joint.name) for joint in self.spec.joints]
         world = [e for part in self.editor.root.findall("worldbody") for e in part.iter()]
@@ -87,15 +96,13 @@ def _with_includes(text: str, source: str, included: Mapping[str, bytes]) -> str
     return editor.result()
 
 
-def _printed(text: str, source: str, directory: Path | None) -> str:
+def _printed(document: MjcfDocument) -> str:
     """The model that MuJoCo makes of a document, with all digits where bodies, frames and joints are."""
-    mujoco = import_mujoco()
-    spec = parse_spec(text, source, directory)
-    spec.compiler.fusestatic = spec.compiler.discardvisual = False
-    spec.compiler.boundmass = max(spec.compiler.boundmass, NO_MASS)
-    spec.compiler.boundinertia = max(spec.compiler.boundinertia, NO_MASS)
+    mujoco, source = import_mujoco(), document.source
+    spec = parse_spec(document)
+    keep_bodies(spec)
     for stem, elements in (("body", spec.bodies), ("joint", spec.joints), ("frame", spec.frames)):
-        _name(stem, elements)
+        name_all(stem, elements)
     try:
         model = spec.compile()
         spec.compiler.boundmass = spec.compiler.boundinertia = 0.0
@@ -109,16 +116,6 @@ def _printed(text: str, source: str, directory: Path | None) -> str:
         tag = "joint" if element.tag in JOINTS else element.tag
         editor.set_attributes(element, precise.get((tag, element.get("name", "")), {}))
     return editor.result()
-
-
-def _name(stem: str, elements: list[Any]) -> None:
-    taken = {str(element.name) for element in elements}
-    for index, element in enumerate(elements):
-        name = f"{stem}_{index}"
-        while name in taken:
-            name += "_"
-        if not element.name:
-            element.name = name
 
 
 def _precise(spec: Any, model: Any) -> Iterator[tuple[tuple[str, str], dict[str, str]]]:
@@ -151,10 +148,10 @@ _HARMLESS = ("auto", "false")
 
 
 def edited_mjcf(
-    mechanism: Mechanism, values: IdentifiedValues, text: str, source: str, directory: Path | None
+    mechanism: Mechanism, values: IdentifiedValues, text: str, document: MjcfDocument
 ) -> tuple[str, tuple[str, ...]]:
-    """An MJCF document with identified values in the place of its own."""
-    return _Writer(mechanism, values, NamedModel(text, source, directory), source).written()
+    """The text of an MJCF document with identified values in the place of its own."""
+    return _Writer(mechanism, values, NamedModel(text, document), document.source).written()
 
 
 class _Writer:

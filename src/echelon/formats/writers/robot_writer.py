@@ -48,7 +48,7 @@ def identified_robot(
     if file.root.tag == "mujoco":
         from echelon.formats.writers.mjcf_writer import edited_mjcf
 
-        return (WrittenRobot("identified.xml", *edited_mjcf(mechanism, values, text, file.source, file.directory)),)
+        return (WrittenRobot("identified.xml", *edited_mjcf(mechanism, values, text, file.mjcf)),)
     from echelon.formats.writers.urdf_writer import edited_urdf
 
     return (WrittenRobot("identified.urdf", *edited_urdf(mechanism, values, text, file.source)),)

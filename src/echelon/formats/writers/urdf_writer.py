@@ -32,7 +32,6 @@ from echelon.formats.writers.identified_values import (
     head_comment,
     joint_effects,
     kept_notes,
-    listed,
     load_of,
     number_text,
     reading_notes,
@@ -40,6 +39,7 @@ from echelon.formats.writers.identified_values import (
 )
 from echelon.formats.writers.loops_writer import expression_text
 from echelon.formats.writers.xml_editor import XmlEditor, quoted
+from echelon.hints import listed, unused
 from echelon.inertia.spatial import move
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import GROUND, Body, Mechanism
@@ -221,7 +221,7 @@ class _Generator:
         lines: list[str] = []
         seats: dict[int, _Seat] = {}
         if not any(_floats(self.mechanism, index) for index in range(len(self.mechanism.bodies))):
-            seats[GROUND] = _Seat(_unused("base", self.links), np.eye(4))
+            seats[GROUND] = _Seat(_new("base", self.links), np.eye(4))
             lines.append(f"<link name={quoted(seats[GROUND].link)}/>")
         for index, body in enumerate(self.mechanism.bodies):
             if body.joint.kind == ROTOR:
@@ -248,7 +248,7 @@ class _Generator:
         lines: list[str] = []
         link, frame, left = parent.link, parent.frame, len(body.joint.motions)
         if not left:
-            name = _unused(body.joint.name or body.name, self.joints)
+            name = _new(body.joint.name or body.name, self.joints)
             lines += _joint(name, "fixed", link, body.name, frame @ self._placed(body.joint.steps), [])
             return lines, _Seat(body.name, np.eye(4))
         for step in body.joint.steps:
@@ -256,7 +256,7 @@ class _Generator:
                 frame = frame @ self._placed((step,))
                 continue
             left -= 1
-            child = _unused(f"{body.name}.{step.name}", self.links) if left else body.name
+            child = _new(f"{body.name}.{step.name}", self.links) if left else body.name
             lines += _joint(step.name, _TYPES[step.kind], link, child, frame, self._moving(step))
             lines += [f"<link name={quoted(child)}/>"] if left else []
             link, frame = child, np.eye(4)
@@ -331,9 +331,7 @@ def _rpy(r: Floats) -> tuple[float, float, float]:
     return atan2(s * r[0, 2] - c * r[1, 2], c * r[1, 1] - s * r[0, 1]), atan2(-r[2, 0], hypot(r[0, 0], r[1, 0])), yaw
 
 
-def _unused(name: str, taken: set[str]) -> str:
+def _new(name: str, taken: set[str]) -> str:
     """A name like this one that is not taken; it is, from then on."""
-    while name in taken:
-        name += "_"
-    taken.add(name)
-    return name
+    taken.add(free := unused(name, taken))
+    return free
