@@ -214,6 +214,7 @@ def test_parquet_without_rows_or_numbers(tmp_path: Path) -> None:
 
 def test_parquet_needs_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write(tmp_path / "run.parquet")
+    monkeypatch.delitem(sys.modules, "echelon.logs.files.parquet_file")
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     with pytest.raises(MissingExtraError, match=r"pyarrow.*echelon\[identify\]"):
         open_log(path)

@@ -13,13 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from echelon.errors import InputError
+from echelon.errors import InputError, MissingExtraError
 from echelon.logs.files.bag_file import BagFile
 from echelon.logs.files.csv_file import CsvFile
 from echelon.logs.files.log_file import LogFile, Table, existing_file
 from echelon.logs.files.mat_file import MatFile
 from echelon.logs.files.numpy_file import NpzFile
-from echelon.logs.files.parquet_file import ParquetFile
 
 _METADATA = "metadata.yaml"
 
@@ -40,9 +39,17 @@ class Kind(StrEnum):
     BAG = "ROS 2 bag or MCAP"
 
 
+def _parquet_file(path: str | os.PathLike[str]) -> LogFile:
+    try:
+        from echelon.logs.files.parquet_file import ParquetFile
+    except ImportError:
+        raise MissingExtraError("pyarrow", "identify") from None
+    return ParquetFile(path)
+
+
 _READERS: dict[Kind, Callable[[str | os.PathLike[str]], LogFile]] = {
     Kind.TEXT: CsvFile,
-    Kind.PARQUET: ParquetFile,
+    Kind.PARQUET: _parquet_file,
     Kind.NUMPY: NpzFile,
     Kind.MATLAB: MatFile,
     Kind.BAG: BagFile,

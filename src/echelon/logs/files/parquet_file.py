@@ -11,13 +11,16 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from echelon.arrays import Floats
-from echelon.errors import InputError, MissingExtraError
+from echelon.errors import InputError
 from echelon.inputs.content import COLUMNS, check_unpacked
 from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file, selected
 
@@ -31,51 +34,30 @@ _KIND = "a Parquet file"
 
 
 @dataclass(frozen=True)
-class Step:
-    """One step into a nested column: a field of a struct, or an entry of a list of so many."""
-
-    key: str | int
-    length: int = 0
-
-    def __str__(self) -> str:
-        return f"[{self.key}]" if isinstance(self.key, int) else f".{self.key}"
-
-
-@dataclass(frozen=True)
 class Leaf:
     """A number per row."""
 
     column: str  # column of the file that holds it
-    steps: tuple[Step, ...] = ()  # the way from there
+    steps: tuple[str | tuple[int, int], ...] = ()  # fields of structs; entries of lists of so many
 
     @property
     def name(self) -> str:
         """Such as ``column``, ``column.field`` or ``column[0]``."""
-        return self.column + "".join(map(str, self.steps))
+        return self.column + "".join(f".{step}" if isinstance(step, str) else f"[{step[0]}]" for step in self.steps)
 
     def values(self, column: Any, origin: int) -> Floats:
         """The numbers of a piece of the column (N,), NaN where there are none; times count from ``origin``, s."""
-        import pyarrow.compute as pc
-
         for step in self.steps:
-            if isinstance(step.key, str):
-                column = pc.struct_field(column, step.key)
+            if isinstance(step, str):
+                column = pc.struct_field(column, step)
             else:
-                _check_lengths(column, step.length)
-                column = pc.list_element(column, step.key)
+                _check_lengths(column, step[1])
+                column = pc.list_element(column, step[0])
         return numbers(column, origin)
-
-
-def leaves(column: str, sample: Any) -> Iterator[tuple[Leaf, str]]:
-    """Numbers inside a column, by its first rows, each with the reason why it cannot be read, empty if it can."""
-    yield from _inside(Leaf(column), sample)
 
 
 def numbers(array: Any, origin: int) -> Floats:
     """A piece of a column without nesting as numbers (N,), times in seconds; dates count from ``origin``, s."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     if pa.types.is_dictionary(array.type):
         array = array.dictionary_decode()
     if ticks := ticks_per_second(array.type):
@@ -90,8 +72,6 @@ def numbers(array: Any, origin: int) -> Floats:
 
 def ticks_per_second(kind: Any) -> int:
     """Resolution of a type of times; 0 for other types."""
-    import pyarrow as pa
-
     if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_time(kind):
         return _UNITS[kind.unit]
     return 1000 if pa.types.is_date64(kind) else 1 if pa.types.is_date32(kind) else 0
@@ -99,16 +79,11 @@ def ticks_per_second(kind: Any) -> int:
 
 def is_point_in_time(kind: Any) -> bool:
     """Whether a type of times counts from 1970."""
-    import pyarrow as pa
-
     return bool(pa.types.is_timestamp(kind) or pa.types.is_date(kind))
 
 
 def _integers(times: Any) -> Any:
     """Ticks since the type's zero."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     if pa.types.is_date32(times.type):
         return pc.multiply(pc.cast(times.cast(pa.int32()), pa.int64()), _DAY)
     if times.type.bit_width == 32:  # times of the day in seconds or milliseconds
@@ -116,46 +91,35 @@ def _integers(times: Any) -> Any:
     return times.cast(pa.int64())
 
 
-def _inside(leaf: Leaf, sample: Any) -> Iterator[tuple[Leaf, str]]:
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
+def leaves(leaf: Leaf, sample: Any) -> Iterator[tuple[Leaf, str]]:
+    """Numbers inside a column, or a part of it, by its first rows, each with the reason why it cannot be read."""
     kind = sample.type
     if pa.types.is_struct(kind):
         for field in kind:
-            yield from _inside(_below(leaf, Step(field.name)), pc.struct_field(sample, field.name))
+            yield from leaves(replace(leaf, steps=(*leaf.steps, field.name)), pc.struct_field(sample, field.name))
     elif _is_list(kind):
         length, reason = _length(sample)
         if reason:
             yield leaf, reason
+        complete = sample.filter(pc.equal(pc.list_value_length(sample), length)) if length else sample
         for index in range(length):
-            yield from _inside(_below(leaf, Step(index, length)), _element(sample, index, length))
+            yield from leaves(replace(leaf, steps=(*leaf.steps, (index, length))), pc.list_element(complete, index))
     else:
         valued = kind.value_type if pa.types.is_dictionary(kind) else kind
         yield leaf, "" if _is_number(valued) else f"holds {kind}, not numbers"
 
 
-def _below(leaf: Leaf, step: Step) -> Leaf:
-    return Leaf(leaf.column, (*leaf.steps, step))
-
-
 def _is_list(kind: Any) -> bool:
-    import pyarrow as pa
-
     return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
 
 
 def _is_number(kind: Any) -> bool:
-    import pyarrow as pa
-
     plain = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_decimal, pa.types.is_null)
     return any(test(kind) for test in plain) or ticks_per_second(kind) > 0
 
 
 def _length(sample: Any) -> tuple[int, str]:
     """Entries of each list, or why the lists cannot be columns."""
-    import pyarrow.compute as pc
-
     lengths = pc.unique(pc.drop_null(pc.list_value_length(sample))).to_pylist()
     if not lengths:
         return 0, "its first lists are missing, so that the number of their entries is not known"
@@ -166,16 +130,7 @@ def _length(sample: Any) -> tuple[int, str]:
     return lengths[0], "" if lengths[0] else "holds empty lists"
 
 
-def _element(lists: Any, index: int, length: int) -> Any:
-    import pyarrow.compute as pc
-
-    complete = lists.filter(pc.equal(pc.list_value_length(lists), length))
-    return pc.list_element(complete, index)
-
-
 def _check_lengths(lists: Any, length: int) -> None:
-    import pyarrow.compute as pc
-
     lengths = pc.fill_null(pc.list_value_length(lists), length).to_numpy(zero_copy_only=False)
     wrong = np.flatnonzero(lengths != length)
     if wrong.size:
@@ -223,10 +178,6 @@ class ParquetFile:
                 first += batch.num_rows
 
     def _opened(self) -> Any:
-        try:
-            import pyarrow.parquet as pq
-        except ImportError:
-            raise MissingExtraError("pyarrow", "identify") from None
         # without a buffer, the whole of a column's row group would be read at once
         return pq.ParquetFile(self.source, page_checksum_verification=True, pre_buffer=False, buffer_size=_BUFFER)
 
@@ -253,7 +204,7 @@ class ParquetFile:
             if counts[column] > 1:
                 left_out[column] = "more than one column has this name"
                 continue
-            for leaf, reason in leaves(column, head.column(position)):
+            for leaf, reason in leaves(Leaf(column), head.column(position)):
                 if reason:
                     left_out[leaf.name] = reason
                 elif leaf.name in found:
@@ -266,8 +217,6 @@ class ParquetFile:
 
 def _origin(head: Any) -> int:
     """Second of the first point in time of the file."""
-    import pyarrow as pa
-
     for column in head.columns:
         valid = column.drop_null()
         if is_point_in_time(column.type) and len(valid):
