@@ -9,9 +9,8 @@ from __future__ import annotations
 import flint
 import numpy as np
 
-from echelon.arrays import Flags
+from echelon.arrays import Flags, Integers
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.straight_line import Indices, inverses
 
 
 def commute(matrices: Residues, field: PrimeField) -> Flags:
@@ -27,7 +26,7 @@ def commute(matrices: Residues, field: PrimeField) -> Flags:
     return np.asarray(~difference.any(axis=(0, 1)))
 
 
-def quotient_points(matrices: Residues, field: PrimeField) -> tuple[Indices, Residues]:
+def quotient_points(matrices: Residues, field: PrimeField) -> tuple[Integers, Residues]:
     """Points with coordinates in GF(p).
 
     Let m be the characteristic polynomial of a combination M of the multiplications that tells the points apart, and q
@@ -52,7 +51,7 @@ def quotient_points(matrices: Residues, field: PrimeField) -> tuple[Indices, Res
     for power, coefficient in zip(powers, cofactors, strict=False):
         moments = (matrices[..., owners] * power.swapaxes(0, 1)[..., owners] % field.p).sum(axis=(1, 2)) % field.p
         sums = (sums + coefficient * moments) % field.p
-    return owners, (sums * inverses(below, field) % field.p).T
+    return owners, (sums * field.invert_array(below) % field.p).T
 
 
 def _product(left: Residues, right: Residues, field: PrimeField) -> Residues:
@@ -80,7 +79,7 @@ def _characteristic(traces: Residues, field: PrimeField) -> Residues:
     return result
 
 
-def _roots(polynomials: Residues, field: PrimeField) -> tuple[Indices, Residues]:
+def _roots(polynomials: Residues, field: PrimeField) -> tuple[Integers, Residues]:
     """Distinct roots in GF(p) of monic polynomials of shape (degree + 1, samples), and whose they are."""
     if len(polynomials) <= 3:
         return _quadratic_roots(polynomials, np.arange(polynomials.shape[1]), field)
@@ -106,7 +105,7 @@ def _roots(polynomials: Residues, field: PrimeField) -> tuple[Indices, Residues]
     return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
 
-def _quadratic_roots(polynomials: Residues, owners: Indices, field: PrimeField) -> tuple[Indices, Residues]:
+def _quadratic_roots(polynomials: Residues, owners: Integers, field: PrimeField) -> tuple[Integers, Residues]:
     """Distinct roots of monic polynomials of degree one, or of degree two."""
     p = field.p
     if len(polynomials) == 2:
