@@ -19,19 +19,19 @@ from echelon.exact.field import PrimeField, Residues
 
 Exponents = tuple[int, ...]
 
-_DIGIT = 11  # bits: a digit times a residue, summed over 2^11 terms, is exact in a double
-_SMALL = 2000  # products in a matrix multiplication, below which integers are faster than three products of doubles
+_PRIME, _EXACT = 31, 53  # bits of residues, and of whole numbers that are exact in doubles
+_SMALL = 2000  # products in a matrix multiplication, below which integers are faster than products of doubles
 
 
 def multiply(left: Residues, right: Residues, field: PrimeField) -> Residues:
     """Product of (stacks of) matrices over GF(p), p below 2^31, with at most 2048 terms in a sum."""
     if left.shape[-2] * left.shape[-1] * right.shape[-1] < _SMALL:
         return np.asarray((left[..., None] * right[..., None, :, :] % field.p).sum(axis=-2) % field.p)
-    factor = right.astype(np.float64)
-    total = np.zeros(1, dtype=np.int64)
-    for shift in (2 * _DIGIT, _DIGIT, 0):
-        digit = (left >> shift & (1 << _DIGIT) - 1).astype(np.float64)
-        total = ((total << _DIGIT) + (digit @ factor).astype(np.int64)) % field.p
+    digits = -(-_PRIME // (_EXACT - _PRIME - (left.shape[-1] - 1).bit_length()))  # so that sums are exact
+    bits, factor, total = -(-_PRIME // digits), right.astype(np.float64), np.zeros(1, dtype=np.int64)
+    for shift in range((digits - 1) * bits, -1, -bits):
+        digit = (left >> shift & (1 << bits) - 1).astype(np.float64)
+        total = ((total << bits) + (digit @ factor).astype(np.int64)) % field.p
     return total
 
 
