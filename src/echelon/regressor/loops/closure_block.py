@@ -11,13 +11,13 @@ quaternion, of one dimension more than there are velocities to solve for; the un
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cache, reduce
 from itertools import combinations_with_replacement, product
 from math import prod
 
 import numpy as np
-import numpy.typing as npt
 
+from echelon.arrays import Integers
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.zero_dimensional import Solutions, Solver
 from echelon.regressor.loops.moving import Pose
@@ -25,9 +25,9 @@ from echelon.regressor.loops.positions import Positions, Recorded
 
 _SEED, _LARGEST = 2016, 1 << 15  # of the directions of planes
 _QUATERNION = 4
+_TURNS, _SLIDES, _BALLS = range(3)  # arrays of a pose
 
 Polynomial = dict[tuple[int, ...], Residues]
-Integers = npt.NDArray[np.int64]
 
 
 class ClosureBlock:
@@ -39,7 +39,7 @@ class ClosureBlock:
         widths = [part.width for part in self._parts]
         self._offsets = [sum(widths[:k]) for k in range(len(widths))]
         self._variables = sum(widths)
-        self.points = prod(len(part.points) for part in self._parts)
+        self.points = prod(len(_points(part.width, part.degree)) for part in self._parts)
         self._solver = Solver(self._variables)
         self._equations = recorded.some_equations(rows)
 
@@ -58,125 +58,101 @@ class ClosureBlock:
 
     def _polynomials(self, positions: Positions, pose: Pose) -> list[Polynomial]:
         """The equations by the coefficients of their monomials; circles and spheres are among them."""
-        coefficients = self._coefficients(positions, pose)
-        monomials = [sum(m, ()) for m in product(*(part.monomials for part in self._parts))]
+        coefficients, field = self._coefficients(positions, pose), positions.field
+        monomials = [sum(m, ()) for m in product(*(_monomials(part.width, part.degree) for part in self._parts))]
         equations: list[Polynomial] = []
         for values in coefficients.reshape(len(coefficients), len(monomials), -1).transpose(2, 1, 0):
             present = np.flatnonzero(values.any(axis=1))
             if present.size:
                 equations.append({monomials[k]: values[k] for k in present})
         for part, offset in zip(self._parts, self._offsets, strict=True):
-            after = (0,) * (self._variables - offset - part.width)
-            condition = part.condition(pose, positions.field)
-            if condition:
-                equations.append({(0,) * offset + m + after: value for m, value in condition.items()})
+            if part.kind == _SLIDES:
+                continue
+            before, after = (0,) * offset, (0,) * (self._variables - offset - part.width)
+            sizes = np.stack([part.size(pose, point, field) - 1 for point in _points(part.width, 2)])
+            values = _interpolated(sizes, part.width, 2, field)
+            equations.append({before + m + after: v for m, v in zip(_monomials(part.width, 2), values, strict=True)})
         return equations
 
     def _coefficients(self, positions: Positions, pose: Pose) -> Residues:
         """Coefficients, (samples, monomials of every unknown …, equations)."""
         field, samples = positions.field, len(pose.turns)
-        sizes = [len(part.points) for part in self._parts]
-        corners = list(product(*(range(size) for size in sizes)))
+        points = [_points(part.width, part.degree) for part in self._parts]
+        corners = list(product(*points))
         probes = pose.repeated(len(corners))
         for number, corner in enumerate(corners):
             places = np.arange(number, samples * len(corners), len(corners))
-            for part, k in zip(self._parts, corner, strict=True):
-                part.put(probes, places, part.points[k], field)
+            for part, point in zip(self._parts, corner, strict=True):
+                part.put(probes, places, point, field)
         repeated = positions.at(np.repeat(np.arange(samples), len(corners)))
-        values = repeated.equations(probes, self._equations).reshape(samples, *sizes, len(self.rows))
+        values = repeated.equations(probes, self._equations).reshape(samples, *map(len, points), len(self.rows))
         for axis, part in enumerate(self._parts, 1):
-            values = np.moveaxis(part.interpolated(np.moveaxis(values, axis, 0), field), 0, axis)
+            moved = _interpolated(np.moveaxis(values, axis, 0), part.width, part.degree, field)
+            values = np.moveaxis(moved, 0, axis)
         return values
 
 
 @dataclass(frozen=True)
 class _Part:
-    """An unknown coordinate, or those of a ball."""
+    """An unknown coordinate, or those of a ball: a combination of directions, from zero or from what is drawn."""
 
+    kind: int  # of the arrays of a pose
     place: int  # among the coordinates of its kind
-    width: int = 1  # number of variables
-    degree: int = 1  # of the equations in these
+    directions: Integers  # (variables, components)
+    degree: int = 1  # of the equations in the variables
+    drawn: bool = False
 
-    @cached_property
-    def points(self) -> Integers:
-        """Values of the variables that determine a polynomial, (points, variables)."""
-        unit = np.eye(self.width, dtype=np.int64)
-        sums = [unit[i] + unit[j] for i in range(self.width) for j in range(i)]
-        more = [*-unit, *sums] if self.degree > 1 else []
-        return np.array([np.zeros_like(unit[0]), *unit, *more])
+    @property
+    def width(self) -> int:
+        """Number of variables."""
+        return len(self.directions)
 
-    @cached_property
-    def monomials(self) -> list[tuple[int, ...]]:
-        """Exponents, as many as there are points."""
-        variables = range(self.width)
-        chosen = [c for d in range(self.degree + 1) for c in combinations_with_replacement(variables, d)]
-        return [tuple(c.count(k) for k in variables) for c in chosen]
-
-    def interpolated(self, values: Residues, field: PrimeField) -> Residues:
-        """Coefficients of the monomials, along the first axis, from values at the points."""
-        combined = np.tensordot(self._twice, values % field.p, axes=1) % field.p
-        return np.asarray(combined * field.invert(2) % field.p)
-
-    @cached_property
-    def _twice(self) -> Integers:
-        """Twice the matrix from values to coefficients, which is then integral."""
-        powers = np.prod(self.points[:, None, :] ** np.array(self.monomials), axis=2)
-        return np.asarray(np.rint(2 * np.linalg.inv(powers)), dtype=np.int64)
-
-    def put(self, pose: Pose, samples: npt.NDArray[np.intp], point: Residues, field: PrimeField) -> None:
+    def put(self, pose: Pose, samples: Integers, point: Residues, field: PrimeField) -> None:
         """Write values of the variables into some samples of a pose."""
-        raise NotImplementedError
+        self._values(pose)[samples] = self._at(self._values(pose)[samples], point, field)
 
-    def condition(self, pose: Pose, field: PrimeField) -> Polynomial:
-        """Equation between the variables; without terms if there is none."""
-        raise NotImplementedError
+    def size(self, pose: Pose, point: Residues, field: PrimeField) -> Residues:
+        """Square of the point's size at every sample: 1 on circles and spheres."""
+        values = self._at(self._values(pose), point, field)
+        return np.asarray((values * values % field.p).sum(axis=1))
 
+    def _values(self, pose: Pose) -> Residues:
+        values = pose.parts[self.kind]
+        return values.reshape(*values.shape[:2], -1)[:, self.place]
 
-class _Slide(_Part):
-    def put(self, pose: Pose, samples: npt.NDArray[np.intp], point: Residues, field: PrimeField) -> None:
-        pose.slides[samples, self.place] = point[0] % field.p
-
-    def condition(self, pose: Pose, field: PrimeField) -> Polynomial:  # noqa: ARG002
-        return {}
-
-
-class _Turn(_Part):
-    def put(self, pose: Pose, samples: npt.NDArray[np.intp], point: Residues, field: PrimeField) -> None:
-        pose.turns[samples, self.place] = point % field.p
-
-    def condition(self, pose: Pose, field: PrimeField) -> Polynomial:
-        one = np.ones(len(pose.turns), dtype=np.int64)
-        return {(2, 0): one, (0, 2): one, (0, 0): -one % field.p}
-
-
-class _Ball(_Part):
-    """A quaternion in a plane of as many dimensions as there are variables."""
-
-    @cached_property
-    def _directions(self) -> Integers:
-        """Of the plane, (variables, 4); it goes through the drawn quaternion unless it is everything."""
-        if self.width == _QUATERNION:
-            return np.eye(_QUATERNION, dtype=np.int64)
-        rng = np.random.default_rng([_SEED, self.place])
-        return rng.integers(1, _LARGEST, size=(self.width, _QUATERNION))
-
-    def put(self, pose: Pose, samples: npt.NDArray[np.intp], point: Residues, field: PrimeField) -> None:
-        pose.balls[samples, self.place] = self._at(pose.balls[samples, self.place], point, field)
-
-    def condition(self, pose: Pose, field: PrimeField) -> Polynomial:
-        drawn = pose.balls[:, self.place]
-        sizes = np.array([_square(self._at(drawn, point, field), field) for point in self.points])
-        return dict(zip(self.monomials, self.interpolated(sizes - 1, field), strict=True))
-
-    def _at(self, drawn: Residues, point: Residues, field: PrimeField) -> Residues:
-        """Points of the planes through drawn quaternions, (samples, 4)."""
-        start = np.zeros_like(drawn) if self.width == _QUATERNION else drawn
-        terms = [x * direction % field.p for x, direction in zip(point, self._directions, strict=True)]
+    def _at(self, values: Residues, point: Residues, field: PrimeField) -> Residues:
+        start = values if self.drawn else np.zeros_like(values)
+        terms = [x * direction % field.p for x, direction in zip(point, self.directions, strict=True)]
         return np.asarray(reduce(np.add, terms, start) % field.p)
 
 
-def _square(quaternions: Residues, field: PrimeField) -> Residues:
-    return np.asarray((quaternions * quaternions % field.p).sum(axis=-1))
+@cache
+def _points(variables: int, degree: int) -> Integers:
+    """Values of variables that determine a polynomial of degree one or two, (points, variables)."""
+    unit = np.eye(variables, dtype=np.int64)
+    sums = [unit[i] + unit[j] for i in range(variables) for j in range(i)]
+    more = [*-unit, *sums] if degree > 1 else []
+    return np.array([np.zeros_like(unit[0]), *unit, *more])
+
+
+@cache
+def _monomials(variables: int, degree: int) -> list[tuple[int, ...]]:
+    """Exponents, as many as there are points."""
+    chosen = [c for d in range(degree + 1) for c in combinations_with_replacement(range(variables), d)]
+    return [tuple(c.count(k) for k in range(variables)) for c in chosen]
+
+
+@cache
+def _twice(variables: int, degree: int) -> Integers:
+    """Twice the matrix from values at the points to coefficients, which is integral."""
+    powers = np.prod(_points(variables, degree)[:, None, :] ** np.array(_monomials(variables, degree)), axis=2)
+    return np.asarray(np.rint(2 * np.linalg.inv(powers)), dtype=np.int64)
+
+
+def _interpolated(values: Residues, variables: int, degree: int, field: PrimeField) -> Residues:
+    """Coefficients of the monomials, along the first axis, from values at the points."""
+    combined = np.tensordot(_twice(variables, degree), values % field.p, axes=1) % field.p
+    return np.asarray(combined * field.invert(2) % field.p)
 
 
 def _parts(recorded: Recorded, unknown: tuple[int, ...]) -> list[_Part]:
@@ -184,6 +160,16 @@ def _parts(recorded: Recorded, unknown: tuple[int, ...]) -> list[_Part]:
     turn = {int(column): place for place, column in enumerate(layout.turn_places)}
     slide = {int(column): place for place, column in enumerate(layout.slide_places)}
     ball = {int(column): place for place, columns in enumerate(layout.ball_places) for column in columns}
-    parts: list[_Part] = [_Turn(turn[c], 2) if c in turn else _Slide(slide[c]) for c in unknown if c not in ball]
-    balls = [ball[c] for c in unknown if c in ball]
-    return parts + [_Ball(place, balls.count(place) + 1, 2) for place in dict.fromkeys(balls)]
+    circle, line = np.eye(2, dtype=np.int64), np.eye(1, dtype=np.int64)
+    single = [c for c in unknown if c not in ball]
+    parts = [_Part(_TURNS, turn[c], circle) if c in turn else _Part(_SLIDES, slide[c], line) for c in single]
+    several = [ball[c] for c in unknown if c in ball]
+    return parts + [_ball(place, several.count(place) + 1) for place in dict.fromkeys(several)]
+
+
+def _ball(place: int, width: int) -> _Part:
+    """A quaternion in a plane of as many dimensions as there are variables."""
+    if width == _QUATERNION:
+        return _Part(_BALLS, place, np.eye(_QUATERNION, dtype=np.int64), 2)
+    rng = np.random.default_rng([_SEED, place])
+    return _Part(_BALLS, place, rng.integers(1, _LARGEST, size=(width, _QUATERNION)), 2, drawn=True)
