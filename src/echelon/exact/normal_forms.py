@@ -147,8 +147,8 @@ class NormalForms:
         return multiply(equation.coefficients[:, None], self.table[:, terms], self.field)
 
     def multiplications(self) -> Residues:
-        """Matrices of the multiplications by the variables, (variables, free, free, samples)."""
-        return np.moveaxis(self.table[:, self.monomials.times[:, self.free]], 0, -1)
+        """Matrices of the multiplications by the variables, (samples, variables, free, free)."""
+        return self.table[:, self.monomials.times[:, self.free]]
 
     def eliminate(self, polynomials: Residues, pivots: Sequence[int]) -> None:
         """Solve polynomials of the ideal, (samples, pivots, free), for as many monomials, which cease to be free."""

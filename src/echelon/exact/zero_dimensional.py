@@ -7,6 +7,9 @@ commute (Mourrain's criterion), which makes these a basis of the quotient ring.
 
 What to eliminate is found out on one sample and then repeated on all; those to which it does not apply are treated by
 themselves.  Nothing is left out that vanishes at that sample only, so no solution is lost.  Every point is checked.
+
+Points are read from traces of multiplications (Rouillier's rational univariate representation), which works for
+multiple points, too.
 """
 
 from __future__ import annotations
@@ -14,14 +17,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import flint
 import numpy as np
 
-from echelon.arrays import Integers
+from echelon.arrays import Flags, Integers
 from echelon.errors import DegenerateSampleError, EchelonError
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.normal_forms import Equation, Exponents, Monomials, NormalForms, Product
-from echelon.exact.quotient_points import commute, quotient_points
+from echelon.exact.normal_forms import Equation, Exponents, Monomials, NormalForms, Product, multiply
 
 _MONOMIALS = 1500  # default bound on the number of monomials, up to the degree that is needed; below 2048
 _TOGETHER = 256  # samples
@@ -126,9 +129,9 @@ class Solver:
             halves = np.array_split(samples, 2) if samples.size > 1 else []
             return np.concatenate([self._repeat(steps, system, half, field, solutions) for half in halves] or [samples])
         matrices = forms.multiplications()
-        follows = commute(matrices, field)
+        follows = _commute(matrices, field)
         places = np.flatnonzero(follows)
-        owners, found = quotient_points(matrices[..., places], field)
+        owners, found = _points(matrices[places], field)
         owners = samples[places[owners]]
         valid = ~np.any([equation.at(owners).value(found, field) != 0 for equation in system], axis=0)
         owners, found = owners[valid], found[valid]
@@ -168,7 +171,7 @@ def _is_finite(forms: NormalForms, degree: int) -> bool:
     """Whether the free monomials are a basis of the quotient ring."""
     if forms.free[-1] >= forms.monomials.start[degree]:
         return False
-    return bool(commute(forms.multiplications(), forms.field).all())
+    return bool(_commute(forms.multiplications(), forms.field).all())
 
 
 def _extension(forms: NormalForms, degree: int, limit: int) -> _Extension:
@@ -224,3 +227,66 @@ def _chosen(forms: NormalForms, system: list[Equation], fresh: list[int], pendin
     products = [Product(i, monomials) for i, monomials in factors.items() if monomials]
     equations = [labels[row][1] for row in chosen if labels[row][0] < 0]
     return _Elimination(products, equations, forms.free[::-1][leading][::-1].tolist())
+
+
+def _commute(matrices: Residues, field: PrimeField) -> Flags:
+    """At which samples matrices commute pairwise, (samples, variables, size, size).
+
+    It is enough, but for a chance of a few in p, that two random combinations of them do on a random vector.
+    """
+    rng = np.random.default_rng(1)
+    first, second = (_combination(matrices, field, rng) for _ in range(2))
+    vector = field.draw(rng, (first.shape[1], 1))
+    one = multiply(first, multiply(second, vector, field), field)
+    return np.asarray((one == multiply(second, multiply(first, vector, field), field)).all(axis=(1, 2)))
+
+
+def _combination(matrices: Residues, field: PrimeField, rng: np.random.Generator) -> Residues:
+    """Random linear combination of the matrices of every sample."""
+    weights = field.draw(rng, (matrices.shape[1], 1, 1))
+    return np.asarray((weights * matrices % field.p).sum(axis=1) % field.p)
+
+
+def _points(matrices: Residues, field: PrimeField) -> tuple[Integers, Residues]:
+    """The sample of each point with coordinates in GF(p), ascending, and these, (points, variables).
+
+    Let m be the characteristic polynomial of a combination M of the multiplications that tells the points apart, and q
+    what is left of m without one of its roots.  Then q(M) acts on the subspace of that root only, and if the point has
+    the coordinate x there, then the multiplication X has the trace tr(X q(M)) = x tr(q(M)).
+    """
+    _, variables, size, _ = matrices.shape
+    combination = _combination(matrices, field, np.random.default_rng(0))
+    powers = [np.broadcast_to(np.eye(size, dtype=np.int64), combination.shape)]
+    for _ in range(size):
+        powers.append(multiply(powers[-1], combination, field))
+    traces = np.stack([np.trace(power, axis1=1, axis2=2) % field.p for power in powers])
+    owners, cofactors = _cofactors(_characteristic(traces, field), field)
+    points, below = np.zeros((len(owners), variables), dtype=np.int64), np.zeros(len(owners), dtype=np.int64)
+    for power, trace, coefficient in zip(powers, traces, cofactors, strict=False):
+        moments = (matrices * power.swapaxes(1, 2)[:, None] % field.p).sum(axis=(2, 3)) % field.p
+        points = (points + coefficient[:, None] * moments[owners]) % field.p
+        below = (below + coefficient * trace[owners]) % field.p
+    return owners, points * field.invert_array(below)[:, None] % field.p
+
+
+def _characteristic(traces: Residues, field: PrimeField) -> Residues:
+    """Coefficients, the constant one first, of characteristic polynomials from traces of powers (Newton)."""
+    size = len(traces) - 1
+    result = np.zeros_like(traces)
+    result[size] = 1
+    for k in range(1, size + 1):
+        total = (result[size - k + 1 :] * traces[1 : k + 1] % field.p).sum(axis=0) % field.p
+        result[size - k] = total * (-field.invert(k) % field.p) % field.p
+    return result
+
+
+def _cofactors(polynomials: Residues, field: PrimeField) -> tuple[Integers, Residues]:
+    """For every root in GF(p), its polynomial and the coefficients of that without all powers of the root."""
+    size, owners, found = len(polynomials) - 1, list[int](), list[list[int]]()
+    for sample, coefficients in enumerate(polynomials.T.tolist()):
+        polynomial = flint.nmod_poly(coefficients, field.p)
+        for root, multiplicity in polynomial.roots():
+            rest = polynomial // flint.nmod_poly([-int(root), 1], field.p) ** multiplicity
+            owners.append(sample)
+            found.append([int(rest[k]) for k in range(size)])
+    return np.array(owners, dtype=np.intp), np.array(found, dtype=np.int64).reshape(len(owners), size).T

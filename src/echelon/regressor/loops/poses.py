@@ -131,7 +131,7 @@ class PoseFinder:
     def _solved(self, positions: Positions, rng: np.random.Generator, samples: int, blocks: list[ClosureBlock]) -> Pose:
         found = positions.recorded.layout.zero_pose(samples)
         # a loop closes at about half of the random points, one with more unknowns more rarely
-        pending, tries = np.arange(samples), 2 ** (1 + len(blocks))
+        pending, tries = np.arange(samples), 2 * prod(max(1, len(b.unknown) - 1) * 2 for b in blocks)
         ever, tried, enough = np.zeros(samples, dtype=bool), 0, _FAILURES * prod(2 ** len(b.unknown) for b in blocks)
         for _ in range(_ROUNDS):
             tries = max(2, min(tries, _MOST_TRIES // len(pending)))
