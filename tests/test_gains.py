@@ -272,7 +272,7 @@ def test_a_mass_that_no_output_tells_from_the_unknown_is_refused() -> None:
     samples = Samples("run", 0.0, 1.0, *np.random.default_rng(0).normal(size=(3, 20, 1)), None, {"q1": np.ones(20)})
     free = ModelRows.of(base, [with_zeros(base, samples)])
     payload = Payload("link1", {"M": 5.0})
-    with pytest.raises(ec.InputError, match="cannot be told"):
+    with pytest.raises(ec.InputError, match="cannot be separated"):
         drive_gains(base, free, loaded_rows(base, payload, [samples]), payload)
 
 

@@ -79,7 +79,7 @@ def test_layouts_of_text(content: str, expected: dict[str, list[float]], tmp_pat
         ("# nothing\n\n", "holds no numbers: all lines are blank or comments"),
         ("t,q\n0,1\n".encode("utf-16"), "is UTF-16 text; save it as UTF-8"),
         ("t,Gelenk °\n0,1\n".encode("latin-1"), r"line 1: byte 0xb0 is no UTF-8 text"),
-        (b"t,q\n0,1\n\0\0", "is no text"),
+        (b"t,q\n0,1\n\0\0", "is not text"),
         ("t,q\r0,1\r", "carriage returns inside lines"),
         ("1" * (2 << 20), "has more than 1,048,576 bytes in a line"),
     ],

@@ -83,7 +83,7 @@ WRONG = [
     ("N·", "N", "'N·' is not a unit"),
     ("rad/", "rad", "'rad/' is not a unit"),
     ("(rad)", "rad", "not a unit"),
-    ("counts", "rad", "has no size of its own.*scale"),
+    ("counts", "rad", "is not a unit of fixed size.*scale"),
 ]
 
 

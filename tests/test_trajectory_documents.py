@@ -54,7 +54,7 @@ UNLIKE = {"family": "sum", "parts": [FOURIER["motion"], trajectory_to_json(smoot
         (changed(FOURIER, "coordinates", value=["j1"]), "units: has 2 entries for 1 coordinates"),
         (
             changed(FOURIER, "motion", "coefficients", "j2", value=SERIES),
-            r"motion.coefficients: 'j2' is none of the document's coordinates \['j1', 'slider'\]",
+            r"motion.coefficients: 'j2' is not among the document's coordinates \['j1', 'slider'\]",
         ),
         (changed(FOURIER, "coordinates", value=["j1", "j2"]), "motion.coefficients: the coordinate 'j2' is missing"),
         (changed(FOURIER, "motion", "family", value="forier"), "motion: the family 'forier' is not known; did you"),

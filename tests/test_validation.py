@@ -151,7 +151,7 @@ def test_a_perfect_model_and_a_constant_output() -> None:
     found = validate(ArrayRows.of(W, y), [1.0, 2.0], role="identification")
     assert found.scores[0].r2 == pytest.approx(1)
     assert np.isnan(found.scores[1].r2)
-    assert "joint2 nothing can be said" in found.verdict
+    assert "Nothing can be said of joint2" in found.verdict
 
 
 @pytest.mark.parametrize(

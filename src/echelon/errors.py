@@ -89,8 +89,8 @@ class OtherModeError(EchelonError):
             )
             return
         super().__init__(
-            f"the loops can be assembled in several ways, of rank {shown} as far as random poses show, and none of "
-            f"them is that of the assembly pose: {there}.  State another assembly pose, farther from where ways meet"
+            f"the loops have several assembly modes, of rank {shown} at random poses, and the mode of the assembly "
+            f"pose is another one: {there}.  State an assembly pose farther from where modes meet"
         )
 
 

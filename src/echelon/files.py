@@ -63,7 +63,7 @@ def target_of(path: str | os.PathLike[str]) -> Target:
 
 
 def write_atomically(path: str | os.PathLike[str], content: str | bytes, *, private: bool = False) -> None:
-    """Write one file as :func:`write_all` does; nobody but the owner can read or write a private one."""
+    """Write one file as :func:`write_all` does; only its owner can read or write a private one."""
     write_all({Path(path): content}, private=private)
 
 

@@ -263,7 +263,7 @@ def _compare_entries(
 
 
 def _identity_size(forms: Size, matrix: BaseMatrix, sampler: FieldSampler) -> Size:
-    """Of X − X̄ B over a common denominator, as a polynomial with whole coefficients in the random numbers.
+    """Size of X − X̄ B over a common denominator, as a polynomial with whole coefficients in the random numbers.
 
     ``forms`` is the size of the entries of X in the sampler's leaves.
     """

@@ -261,7 +261,7 @@ def _irrational(forms: LinearForms) -> tuple[bool, bool]:
 
 
 def _integral(polynomial: Polynomial) -> Polynomial:
-    """The same with whole numbers as integers."""
+    """A polynomial whose whole coefficients are integers."""
     terms = polynomial.terms.items()
     return Polynomial({m: int(c) if isinstance(c, Fraction) and c.denominator == 1 else c for m, c in terms})
 

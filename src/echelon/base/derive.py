@@ -23,7 +23,7 @@ from echelon.seeds import DEFAULT_SEED, random_generator
 
 
 def _silent(_: str) -> None:
-    """Progress for nobody."""
+    """Report no progress."""
 
 
 @overload
@@ -83,7 +83,7 @@ def base_parameters(
         How much work closed forms may take, counted in operations: 1 for a few seconds, 0 for numbers only.  Columns
         of B that are not done have numbers at the stated values instead (see ``matrix.numbers``).
     progress : callable
-        Called with what is done next, for people who wait.
+        Called with the step that starts, as text.
 
     Returns
     -------

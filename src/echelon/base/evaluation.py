@@ -102,7 +102,7 @@ class Evaluation(Recorded):
     out : array, optional
         Where to write; C-contiguous float64 of the result's shape.  Worth reusing for large results.
     threads : int, optional
-        At most so many; all processors if omitted.  The result does not depend on it.
+        Largest number of threads; all processors if omitted.  The result does not depend on it.
 
     They raise InputError if shapes do not fit, values are missing, or ``out`` cannot be written to.  With loops, also
     if states are not closed or cannot be closed, or an output is not determined by the motion.

@@ -248,7 +248,7 @@ def _degree(circular: Polynomial) -> int:
 
 
 def _without_squares_of_cosines(circular: Polynomial) -> Polynomial:
-    """The same with cos² = 1 − sin², which Polynomial itself would turn back."""
+    """A polynomial with 1 − sin² in place of cos²; Polynomial itself would turn it back."""
     terms: dict[Monomial, Number] = {}
     pending = list(circular.terms.items())
     while pending:

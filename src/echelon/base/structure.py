@@ -264,7 +264,7 @@ def _agreed(rows: Rows, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
 def _dependent_columns(
     rows: Rows, sampler: FieldSampler, count: int, field: PrimeField, rng: np.random.Generator
 ) -> Dependence:
-    """What depends on what at so many random states, in all regions of signs, of one random geometry."""
+    """Dependence of columns at ``count`` random states, in all regions of signs, of one random geometry."""
     states = max(-(-count // max(1, rows.forms.shape[0])), sampler.regions)
     geometry = {s: field.draw(rng, (1,)) for s in sampler.symbols}
     matrix = rows.forms.stacked(sampler.evaluate(field, rng, states, geometry))[0]

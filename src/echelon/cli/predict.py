@@ -42,7 +42,7 @@ def _fit(score: Mapping[str, Any]) -> str:
     """How well an output fits, where it was measured; R² where it varies."""
     if score["rms"] is None:
         return ""
-    explained = "no R², for it does not vary" if score["r2"] is None else f"R² {score['r2']:.4f}"
+    explained = "no R², because it does not vary" if score["r2"] is None else f"R² {score['r2']:.4f}"
     return f" rms {score['rms']:.4g} {score['unit']}, {explained}"
 
 

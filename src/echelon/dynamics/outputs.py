@@ -131,7 +131,7 @@ class RecordedOutputs:
         return found
 
     def effect_slopes(self) -> dict[Index, Scalar]:
-        """The same of the effects."""
+        """Derivatives of the forces of effects by the state."""
         forces = self.effects()
         return self._slopes_in_loops(forces) if self.mechanism.closures else self._slopes(forces)
 

@@ -108,7 +108,7 @@ class RobotFile:
         if self.description.robot is None:
             return None
         if self.directory is None:
-            problem = "a description without a place of its own cannot refer to another file"
+            problem = "a description given as text cannot refer to another file"
             raise self.checked_document.error("robot", problem)
         file = open_robot(self.directory / self.description.robot.file)
         if file.is_description:

@@ -106,7 +106,7 @@ def check_versions(wanted: Mapping[str, str], found: Mapping[str, str | None], w
 
 
 def _check_versions(client: Client, where: str) -> None:
-    """Ask the scheduler and all workers; who cannot even import this has no Echelon."""
+    """Compare the versions of the scheduler and all workers; one that cannot import this module has no Echelon."""
     found: dict[str, Any] = client.run(versions, on_error="return")
     try:
         found[f"scheduler {where}"] = client.run_on_scheduler(versions)
@@ -171,7 +171,7 @@ def summed(
     items: Sequence[Item],
     groups: int,
 ) -> list[Result]:
-    """Results of a function for all items, merged into so many groups of neighbours."""
+    """Results of a function for all items, merged into ``groups`` groups of neighbours."""
     bounds = [round(k * len(items) / groups) for k in range(groups + 1)]
     parts = [items[low:high] for low, high in pairwise(bounds) if high > low]
     if client is None:

@@ -367,8 +367,8 @@ def _load_values(payload: Payload, load: BaseModel, symbols: Mapping[str, float]
     found = payload.known_values(load, symbols)
     if not any(found.values()):
         raise InputError(
-            f"what is known of it ({', '.join(payload.known)}) cannot be told from what is not, or is not seen by any "
-            "output: measure more of its parameters, or put it on a body further out",
+            f"its known parameters ({', '.join(payload.known)}) cannot be separated from the unknown ones, or no "
+            "output depends on them: measure more of its parameters, or put it on a body further out",
             element=f"payload on '{payload.body}'",
         )
     return found
@@ -405,7 +405,7 @@ def _check_scale(observation: Observation, gains: Sequence[str]) -> None:
         lost = [layout.parameters[c] for c in sorted(parameters) if layout.parameters[c] in gains]
         if lost and not any(np.abs(observation.factors[k][:, -1]).max(initial=0.0) for k in outputs):
             raise InputError(
-                f"0 = X ζ − i K holds for every multiple of a solution, so data tell only ratios of "
+                f"0 = X ζ − i K holds for every multiple of a solution, so the data determine only ratios of "
                 f"{', '.join(lost)} and the masses: add runs with a payload of known mass, or give a known parameter, "
                 "such as one gain from a data sheet"
             )

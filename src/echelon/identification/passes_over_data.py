@@ -71,7 +71,7 @@ class PassesOverData:
         return total(self.batches)
 
     def pieces(self, count: int) -> list[Observation]:
-        """The same in so many stretches of time, or in fewer."""
+        """Observations of at most ``count`` stretches of time."""
         return [batch.observation for batch in grouped(self.batches, count)]
 
     def rows(self) -> Rows:

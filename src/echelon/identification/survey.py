@@ -162,7 +162,7 @@ def survey(setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequenc
     for path in unseen[:_LOGS]:
         findings += _first_piece(setup, path).findings
     if max(len(paths), len(unseen)) > _LOGS:
-        text = f"of {len(paths)} logs that are fitted and {len(unseen)} others the first {_LOGS} each were looked at"
+        text = f"only the first {_LOGS} of {len(paths)} fitted logs and of {len(unseen)} others were examined"
         findings.append(Finding(Severity.NOTE, "survey", "", text))
     preparation = replace(chosen(setup.preparation, segments, setup.mechanism), delays=setup.preparation.delays)
     preparation = with_delays(preparation, segments, base)

@@ -232,7 +232,7 @@ class _Tally:
         self.count = total
 
     def score(self, model: int, output: str, unit: str) -> Score:
-        """Of the model (0) or the prior (1)."""
+        """Score of the model (0) or the prior (1)."""
         nan = float("nan")
         if not self.count:
             return Score(output, unit, 0, nan, nan, nan, nan, nan, nan)

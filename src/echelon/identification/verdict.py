@@ -120,7 +120,7 @@ def _fit(scores: Sequence[Score], role: str) -> str:
         parts.append(f"{_outputs(useless)} worse than a constant would")
     text = f"On {data} the model predicts {'; '.join(parts)}." if parts else f"On {data} no output varies."
     silent = [s.output for s, found in graded if found is None]
-    return text + (f" Of {_listed(silent)} nothing can be said: it did not vary." if silent and parts else "")
+    return text + (f" Nothing can be said of {_listed(silent)}: it did not vary." if silent and parts else "")
 
 
 def _carries_over(scores: Sequence[Score], fitted: Sequence[Score]) -> list[str]:

@@ -41,7 +41,7 @@ class Batch:
         return Batch(end - first, tuple(column[first:end] for column in self.columns), self.uniform)
 
     def copy(self) -> Batch:
-        """The same samples in arrays that nobody else can change."""
+        """A copy of the samples, which no other code can change."""
         return Batch(self.samples, tuple(column.copy() for column in self.columns), self.uniform)
 
     @staticmethod

@@ -28,7 +28,7 @@ class Placement:
         return self.rotation == IDENTITY and self.translation == ORIGIN
 
     def __matmul__(self, other: Placement) -> Placement:
-        """The other placement, given in this frame, seen from this frame's reference."""
+        """Composition: a placement that is given in this frame, in the frame that this placement is given in."""
         if self.is_identity or other.is_identity:
             return other if self.is_identity else self
         moved = rotate(self.rotation, other.translation)

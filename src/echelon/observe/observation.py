@@ -191,7 +191,7 @@ class Observation:
 
     @staticmethod
     def of(layout: Layout, factors: Sequence[Floats], samples: int) -> Observation:
-        """The observation of so many samples with given triangles, whose diagonals may have any signs."""
+        """The observation of ``samples`` samples with given triangles, whose diagonals may have any signs."""
         return Observation(layout, tuple(positive(R) for R in factors), (samples,) * len(layout.outputs))
 
     def __repr__(self) -> str:

@@ -26,7 +26,7 @@ _ROOTS = (1.0, sqrt(2), sqrt(3), sqrt(6))
 
 @dataclass(frozen=True)
 class Size:
-    """Of quotients of polynomials with whole coefficients, but for one number that divides them all."""
+    """Size of quotients of polynomials with whole coefficients, apart from one number that divides them all."""
 
     degree: int  # the larger total degree of numerator and denominator
     bits: float  # the larger binary logarithm of their 1-norms
@@ -88,7 +88,7 @@ def polynomial_size(polynomials: Iterable[Polynomial]) -> Size:
 
 
 def common_denominator(numbers: Iterable[Number]) -> int:
-    """Of all parts of exact numbers."""
+    """Common denominator of all parts of exact numbers."""
     return lcm(*(Fraction(part).denominator for number in numbers for part in parts_of(number)))
 
 

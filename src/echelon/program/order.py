@@ -45,7 +45,7 @@ def depth_first(
 
 
 def cut(items: Sequence[T], longest: int) -> tuple[tuple[T, ...], ...]:
-    """Parts of at most so many items."""
+    """Parts of at most ``longest`` items."""
     return tuple(tuple(items[start : start + longest]) for start in range(0, len(items), longest))
 
 

@@ -63,7 +63,7 @@ class FieldSampler:
 
     @property
     def regions(self) -> int:
-        """Number of regions that signs and domains make of the real points; so many states visit them all."""
+        """Number of regions into which signs and domains cut the real points; this many states visit them all."""
         return self._region.count if self._region is not None else 1
 
     @property

@@ -159,7 +159,7 @@ class _RecordedPowers:
         effects: Sequence[int],
         wanted: Collection[int] | None = None,
     ) -> dict[int, Scalar]:
-        """The same of some bodies and effects; the motion is to leave at rest what these bodies hang on."""
+        """Virtual power of some bodies and effects; the motion must leave at rest what these bodies hang on."""
         twists = _twists(self.mechanism, self.recorder, self._steps, self.probes, motion, bodies)
         found = column_sums(
             self.mechanism, bodies, lambda body, kind: _power(twists[body], self._wrenches[body][kind]), wanted

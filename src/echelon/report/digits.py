@@ -15,7 +15,7 @@ _MISSING = "–"
 
 
 def significant(value: float, digits: int = 4) -> str:
-    """A number with so many significant digits.
+    """A number with the given number of significant digits.
 
     >>> significant(0.123456), significant(-12345.6), significant(3.2e-9, 2), significant(float("inf"))
     ('0.1235', '−12346', '3.2×10⁻⁹', '∞')
@@ -84,7 +84,7 @@ def _special(value: float) -> str | None:
 
 
 def _exponent(value: float, digits: int) -> int:
-    """Decimal exponent after rounding to so many digits."""
+    """Decimal exponent after rounding to the given number of digits."""
     return int(f"{value:.{digits - 1}e}".partition("e")[2])
 
 

@@ -1,7 +1,7 @@
 """One page that needs nothing but itself: sections with templates, numbers packed for scripts, and no network.
 
 Everything that comes from a file is escaped, and a name without value is an error.  A page forbids its own requests to
-the network, so that it shows the same everywhere and tells nobody that it was opened.  Arrays are 32-bit floats in
+the network, so that it shows the same everywhere and opening it leaves no trace.  Arrays are 32-bit floats in
 base 64: seven digits are more than a screen shows, and a third of the size of decimal text.  jinja2 is imported here
 only, and only when a page is made.
 """

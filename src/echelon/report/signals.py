@@ -220,7 +220,7 @@ def _histogram(y: Floats, std: float) -> tuple[Floats, Floats, Floats]:
 
 
 def _autocorrelation(t: Floats, y: Floats, step: float, lags: int) -> Floats:
-    """Of samples on a grid with holes, shape (lags + 1,)."""
+    """Autocorrelation of samples on a grid with holes, shape (lags + 1,)."""
     # gaps longer than the longest lag need not be longer: no pair spans them
     jumps = np.clip(np.rint(np.diff(t) / step), 1, lags + 1).astype(np.intp)
     place = np.concatenate([[0], np.cumsum(jumps)])

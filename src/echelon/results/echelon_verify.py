@@ -31,7 +31,7 @@ def unique(pairs):
     return dict(pairs)
 
 def random_prime():
-    """Of 81 bits and 25 modulo 48; the strong test is a proof below 3.3e24 (Sorenson and Webster, 2015)."""
+    """A prime of 81 bits that is 25 modulo 48; the strong test is a proof below 3.3e24 (Sorenson and Webster, 2015)."""
     while True:
         p = 2**80 + 9 + 48 * RANDOM.randrange(2**80 // 48)  # 2^80 is 16 modulo 48, and (p − 1)/8 is odd
         powers = ([pow(a, p // k, p) for k in (8, 4, 2)] for a in (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41))
@@ -125,7 +125,7 @@ class Robot:
     def frame(self, data):
         R = [[self.read(x) for x in row] for row in only(data, "xyz rotation").get("rotation", ("100", "010", "001"))]
         x, y, z = zip(*R, strict=True)
-        need(self.products([x, y, z, cross(x, y)], R) == [row[:3] for row in [*ONE[:3], ONE[2]]], "a rotation that is none")
+        need(self.products([x, y, z, cross(x, y)], R) == [row[:3] for row in [*ONE[:3], ONE[2]]], "a matrix that is not a rotation")
         return [[*row, self.read(t)] for row, t in zip(R, data.get("xyz", "000"), strict=True)] + [ONE[3]]
     def output(self, entry):  # the name of an output, and weights of the displacements along which it measures
         only(entry, "name unit sum joint actuator wrench frame fixed_to components")

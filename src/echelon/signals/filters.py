@@ -194,7 +194,7 @@ class Reduction(ABC):
         """The filtered values at the samples that remain; shape (N, …) to (kept, …)."""
 
     def kept(self, count: int) -> Integers:
-        """Which of so many samples remain: every one whose number is a multiple of ``factor``."""
+        """Indices of the samples, of ``count``, that remain: the multiples of ``factor``."""
         return np.arange(0, count, self.factor, dtype=np.intp)
 
 

@@ -155,4 +155,4 @@ def _check_names(found: Iterable[str], names: tuple[str, ...], path: str) -> Non
         if name not in there:
             raise InputError(f"the coordinate '{one_line(name)}' is missing", element=path)
     for name in sorted(there - set(names)):
-        raise InputError(f"'{one_line(name)}' is none of the document's coordinates {list(names)}", element=path)
+        raise InputError(f"'{one_line(name)}' is not among the document's coordinates {list(names)}", element=path)

@@ -207,7 +207,7 @@ def _inertial(stated: Inertial | None, path: str, expressions: Expressions) -> t
 
 
 def _sorted(parts: list[Part], expressions: Expressions) -> list[Part]:
-    """Parents before children; who already stands behind their parents stays in place."""
+    """Parts with parents before children; parts that already stand behind their parents keep their order."""
     by_name: dict[str, Part] = {}
     for part in parts:
         if part.name in by_name:

@@ -135,7 +135,7 @@ def resolve(
         elif left.constant:
             raise error(relation.element, f"it contradicts the other equalities by {float(_number(left.constant)):.3g}")
         else:
-            notes.append(f"{relation.element} says nothing that the other equalities do not say")
+            notes.append(f"{relation.element} follows from the other equalities")
     held = {c.coordinate: _number(c.offset) for c in known.values() if not c.terms}
     return held, tuple(_counted(c, reference) for c in known.values() if c.terms), notes
 

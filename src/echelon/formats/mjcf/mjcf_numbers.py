@@ -42,7 +42,7 @@ def placements(element: str, xyz: Triple, quaternion: npt.ArrayLike) -> tuple[Li
 
 
 def placements_of(element: str, xyz: Triple, matrix: npt.NDArray[np.float64]) -> tuple[LiteralPlacement, ...]:
-    """The same of a rotation matrix.
+    """Placements of a translation and a rotation matrix.
 
     With a pitch of nearly ±90° a rounded quaternion has arbitrary roll and yaw, and only their sum or difference means
     anything.  Then the first placement has roll 0 and pitch ±90° exactly, and a second one, of three small angles, the

@@ -258,7 +258,7 @@ class RobotDescription(Model):
         IdentificationEntry.model_construct(), description="What is fitted to logs, and how."
     )
     excitation: ExcitationEntry = Field(
-        ExcitationEntry.model_construct(), description="What the motion that is recorded for it looks like."
+        ExcitationEntry.model_construct(), description="Exciting trajectory that is recorded for the identification."
     )
     robot: RobotFile | None = Field(
         None, description="Instead of a geometry: a robot file that this adds to.", examples=[{"file": "arm.urdf"}]

@@ -279,7 +279,7 @@ class ExcitationEntry(Model):
     )
     limits: LimitsEntry = Field(LimitsEntry.model_construct(), description="What the robot can do.")
     effort_margin: Annotated[Number, Field(ge=0, lt=1)] = Field(
-        0.1, description="Share of the effort limits kept free for what the prior model does not know.", examples=[0.2]
+        0.1, description="Share of the effort limits kept free for errors of the prior model.", examples=[0.2]
     )
     model: Name | None = Field(
         None,

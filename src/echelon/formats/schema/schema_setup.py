@@ -39,7 +39,7 @@ class RobotFile(Model):
     file: Name = Field(description="URDF, SDF or MJCF file, relative to this one.", examples=["arm.urdf"])
     joints: dict[str, FileJoint] = Field(
         {},
-        description="Joints that are of other types than the file says: URDF has no balls.",
+        description="Joints whose type is not the one that the file states: URDF has no spherical joints.",
         examples=[{"ankle_rod": {"type": "spherical"}}],
     )
     driven: Annotated[tuple[Name, ...], AS_LIST] = Field(

@@ -49,7 +49,7 @@ def clustered_by(
 ) -> Estimate:
     """The same from the R-factors of batches, without another pass over the rows."""
     if estimate.method not in _BY_FACTORS:
-        raise InputError(f"R-factors do not tell the covariance of '{estimate.method}'; expected ols, wls or irls")
+        raise InputError(f"R-factors do not determine the covariance of '{estimate.method}'; expected ols, wls or irls")
     if len(batches) < 2:
         raise InputError("all rows lie within one batch: use shorter batches")
     scores = _Scores.of(total(batches), units, estimate)
@@ -194,7 +194,7 @@ def _from_factors(batches: Sequence[Batch], scores: _Scores) -> Iterator[_Batch]
 
 
 def _length(rows: Rows, clusters: int) -> float:
-    """Seconds of a batch if there are to be about so many."""
+    """Length of a batch, s, that gives about ``clusters`` batches."""
     if clusters < 2:
         raise InputError(f"{clusters} clusters; expected at least two")
     spans: dict[str, tuple[float, float]] = {}
@@ -210,7 +210,7 @@ def _length(rows: Rows, clusters: int) -> float:
 
 
 def _batches(rows: Rows, scores: _Scores, seconds: float) -> Iterator[_Batch]:
-    """Batches of so many seconds, log by log; gaps do not begin a new one, since residuals resemble across them too."""
+    """Batches of the given length, s, log by log; gaps begin no new one, since residuals correlate across them."""
     source, start = None, 0.0
     open_: dict[int, _Batch] = {}
     for block in rows.blocks():

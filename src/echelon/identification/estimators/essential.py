@@ -94,7 +94,7 @@ class Submodel:
 
     @property
     def variance(self) -> float:
-        """Of the weighted residual; tiny where the data are fitted to rounding."""
+        """Variance of the weighted residual; tiny where the data are fitted to rounding."""
         return max(self.squares, float(np.finfo(float).tiny)) / self.degrees
 
     @property

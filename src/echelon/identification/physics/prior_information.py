@@ -273,7 +273,7 @@ class _Posed:
         return _Posed(mechanism, tuple(frames), tuple(axes))
 
     def shifted(self, offset: Floats) -> _Posed:
-        """The same with the base moved."""
+        """The pose with its base moved."""
         shift = np.eye(4)
         shift[:3, 3] = offset
         axes = tuple(tuple(replace(axis, frame=shift @ axis.frame) for axis in some) for some in self.axes)

@@ -42,7 +42,7 @@ def svec(matrix: Floats) -> Floats:
 
 
 def order(length: int) -> int:
-    """Rows of the matrix whose triangle has so many entries."""
+    """Rows of the matrix whose triangle has ``length`` entries."""
     return round((float(np.sqrt(8 * length + 1)) - 1) / 2)
 
 

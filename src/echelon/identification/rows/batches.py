@@ -114,7 +114,7 @@ def _cut(block: RowBlock, cuts: Sequence[slice]) -> RowBlock:
 
 
 def grouped(batches: Sequence[Batch], count: int) -> list[Batch]:
-    """Neighbouring batches merged until so many are left."""
+    """Neighbouring batches merged into ``count`` or fewer."""
     bounds = [round(k * len(batches) / count) for k in range(count + 1)]
     return [reduce(Batch.__add__, batches[low:high]) for low, high in pairwise(bounds) if high > low]
 

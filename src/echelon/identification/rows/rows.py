@@ -79,7 +79,7 @@ def _read(items: Iterable[Any], waiting: Queue[Any], stopped: Event) -> None:
 
 
 def _put(entry: Any, waiting: Queue[Any], stopped: Event) -> bool:
-    """Hand an item over, unless nobody wants it any more."""
+    """Hand an item over, unless the reader has stopped."""
     while not stopped.is_set():
         with suppress(Full):
             waiting.put(entry, timeout=_PATIENCE)

@@ -93,7 +93,7 @@ def series(recording: Recording, mechanism: Mechanism, *signals: str) -> Iterato
 
 
 def quaternion_columns(mechanism: Mechanism, signal: str, columns: int) -> tuple[int, ...]:
-    """First columns of the quaternions in a signal of so many columns; only positions hold any."""
+    """First columns of the quaternions in a signal with ``columns`` columns; only positions hold any."""
     if signal not in _POSITIONS:
         return ()
     balls = {motion.positions[0] for motion in mechanism.motions if motion.kind is MotionKind.BALL}
@@ -102,7 +102,7 @@ def quaternion_columns(mechanism: Mechanism, signal: str, columns: int) -> tuple
 
 
 def angle_columns(mechanism: Mechanism, signal: str, columns: int) -> tuple[int, ...]:
-    """Columns of the angles of turning joints in a signal of so many columns; only positions hold any."""
+    """Columns of the angles of turning joints in a signal with ``columns`` columns; only positions hold any."""
     if signal not in _POSITIONS:
         return ()
     motions = [motion_of(mechanism, name) for name in signal_names(mechanism, signal, columns)]

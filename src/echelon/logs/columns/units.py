@@ -187,7 +187,7 @@ def _single(name: str) -> _Unit | None:
 def _unknown(text: str, wanted: Sequence[str]) -> InputError:
     if text.strip().lower() in _COUNTS:
         return InputError(
-            f"'{text}' has no size of its own: leave the unit out and give as scale how much a count is, "
+            f"'{text}' is not a unit of fixed size: leave the unit out and state the size of a count as scale, "
             "such as 2*pi/4096 for 4096 counts per turn"
         )
     return InputError(f"'{text}' is not a unit{nearest_of(text, _valid(wanted))}")

@@ -1,6 +1,6 @@
 """Faults of a log: what sensors, drives and loggers do wrong, found channel by channel and named.
 
-Only what is certainly no measurement is taken out: values that are not finite, quaternions that are none, sensors that
+Only what is certainly no measurement is taken out: values that are not finite, quaternions of length zero, sensors that
 stand still while the robot moves.  Everything else is reported, because only the user knows whether it is a fault.
 """
 

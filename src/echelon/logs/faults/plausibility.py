@@ -283,7 +283,7 @@ def _wraps(values: Floats) -> bool:
 
 
 def _whole_windows(time: Floats, usable: Flags, width: int) -> Flags:
-    """Which windows of so many intervals have only usable samples and no jump of the clock."""
+    """Windows of ``width`` intervals that have only usable samples and no jump of the clock."""
     count = (len(time) - 1) // width
     steps = np.diff(time)[: count * width].reshape(count, width)
     period = nominal_period(time[usable])

@@ -242,7 +242,7 @@ class CsvFile:
         self.names: tuple[str, ...] = self._dialect.names
 
     def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
-        """Pieces of the file with so many lines, or fewer where they are long."""
+        """Pieces of the file with ``rows`` lines, or fewer where lines are long."""
         chosen = selected(self.source, names, self.names)
         place = {name: index for index, name in enumerate(self.names)}
         parser = BlockParser(self.source, self._dialect, tuple(place[name] for name in chosen))
@@ -257,7 +257,7 @@ class CsvFile:
             raise InputError("holds the names of columns but no numbers", source=self.source)
 
     def _pieces(self, rows: int, skipped: int) -> Iterator[list[bytes]]:
-        """Lines behind the first ones: so many at once, or as many as fit into the memory set aside."""
+        """Lines behind the first ones: ``rows`` at once, or as many as fit into the memory set aside."""
         waiting: list[bytes] = []
         size = 0
         for lines in self._blocks():
@@ -303,7 +303,7 @@ class CsvFile:
         if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
             raise InputError("is UTF-16 text; save it as UTF-8", source=self.source)
         if b"\0" in start:
-            raise InputError("is no text, though its name says so", source=self.source)
+            raise InputError("is not text, although its name says so", source=self.source)
         if b"\r" in start.replace(b"\r\n", b""):
             raise InputError("has carriage returns inside lines; end lines with a line feed", source=self.source)
 

@@ -46,7 +46,7 @@ class LogFile(Protocol):
     names: tuple[str, ...]  # its columns, without reading their values
 
     def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
-        """The content in pieces of at most so many rows, in order; files that cannot be cut come as one piece."""
+        """The content in pieces of at most ``rows`` rows, in order; files that cannot be cut come as one piece."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""Settings of the preparation that nobody has to choose: they follow from the data, with reasons in words.
+"""Settings of the preparation that follow from the data, with reasons in words.
 
 Positions are filtered where acceleration is lost in noise.  Regressor and torques are filtered far below that, because
 noise of torques begins where the motion ends.  That is after a dozen times the mean frequency of the velocities, which
@@ -83,11 +83,11 @@ class _Data:
 
     @cached_property
     def spectra(self) -> list[Spectrum]:
-        """Of every position."""
+        """Spectra of every position."""
         return self.spectra_of("q")
 
     def spectra_of(self, signal: str) -> list[Spectrum]:
-        """Of every column of a signal."""
+        """Spectra of every column of a signal."""
         columns = self.segments[0].signals[signal].shape[1]
         with locating(self.source):
             return [spectrum([s.signals[signal][:, k] for s in self.segments], self.rate) for k in range(columns)]

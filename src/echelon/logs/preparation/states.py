@@ -64,7 +64,7 @@ def _scalar(mechanism: Mechanism) -> bool:
 
 
 def velocity_names(mechanism: Mechanism, columns: int) -> tuple[str, ...]:
-    """Names of the velocities that belong to so many positions of a usable segment."""
+    """Names of the velocities that belong to ``columns`` positions of a usable segment."""
     names = signal_names(mechanism, "q", columns)
     return mechanism.velocities if names == mechanism.positions else mechanism.independent_velocities
 
@@ -85,7 +85,7 @@ def states(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> 
 
 
 def _without_rounding(x: Floats, xd: Floats, xdd: Floats, rate: float, preparation: Preparation) -> States:
-    """The same with derivatives that rounded positions alone would have as zeros, so that a joint at rest is at rest.
+    """States in which derivatives no larger than rounding of positions are zero, so that a joint at rest is at rest.
 
     What is computed from speeds of 1e-17 rad/s has columns that differ, and so would seem to be identified.
     """
@@ -106,7 +106,7 @@ def _measured(segment: Segment, name: str) -> Floats:
 
 
 def _by_kind(x: Floats, xd: Floats, xdd: Floats, balls: tuple[int, ...]) -> States:
-    """The same with the rates of quaternions as angular velocities and accelerations."""
+    """States in which the rates of quaternions are angular velocities and accelerations."""
     if not balls:
         return x, xd, xdd
     parts: list[States] = []

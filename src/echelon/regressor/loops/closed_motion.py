@@ -215,8 +215,8 @@ class ClosedMotion:
         output = self.mechanism.outputs[int(off.argmax())]
         if any(isinstance(channel, Cut) for channel, _ in output.terms):
             raise InputError(
-                f"output '{output.name}' is not determined by the motion: the loops have redundant constraints, which "
-                "share the load in a way that rigid bodies do not tell"
+                f"output '{output.name}' is not determined by the motion: the loops have redundant constraints, "
+                "between which rigid-body dynamics does not divide the load"
             )
         names = ", ".join(self.mechanism.independent_velocities)
         raise InputError(f"the coordinates {names} are not independent: the loops do not let them move one by one")

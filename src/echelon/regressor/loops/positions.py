@@ -85,7 +85,7 @@ class Positions:
     samples: int
 
     def at(self, samples: npt.NDArray[np.intp]) -> Positions:
-        """The same for some of the samples, or for samples repeated."""
+        """Positions of the samples with the given indices, which may repeat."""
         return replace(self, constants=self.constants.at(samples), samples=len(samples))
 
     def moving(self, pose: Pose, local: Residues) -> MovingCoordinates:
