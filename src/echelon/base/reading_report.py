@@ -183,7 +183,9 @@ def mimic_ranks(mechanism: Mechanism, rank: int, rng: np.random.Generator) -> Mi
     return MimicRanks(rank, found) if len(mechanism.couplings) > len(other.couplings) else MimicRanks(found, rank)
 
 
-def _decisive(reading: Reading, elements: Sequence[str], rank: int, bodies: int, rng: np.random.Generator) -> list[str]:
+def _decisive(
+    reading: Reading[Mechanism], elements: Sequence[str], rank: int, bodies: int, rng: np.random.Generator
+) -> list[str]:
     """Elements that change the rank when taken literally, by bisection; whole groups once enough has been tried."""
     trials = iter(range(max(_FEWEST_TRIALS, _MOST_TRIALS // bodies)))
 

@@ -53,8 +53,8 @@ class LiteralLink:
 
     name: str
     parent: int  # index of the parent link, −1 for the root
-    joint: str  # name and type of the joint in the file
-    kind: str  # name and type of the joint in the file
+    joint: str  # name of the joint in the file
+    kind: str  # its type there
     # from the parent's frame to this link's; no motion in it means that the link is fixed
     steps: tuple[LiteralStep, ...]
     inertial: tuple[float, ...] | None = None  # standard parameters about this link's frame
@@ -69,8 +69,8 @@ class LiteralClosure:
     element: str
     name: str
     kind: ClosureKind
-    first: int  # the two links
-    second: int  # the two links
+    first: int  # index of a link
+    second: int
     first_frame: tuple[LiteralPlacement, ...]  # the frame that it holds, in the first link's frame
     # the same in the second link's frame; None for where the first one is at the reference pose
     second_frame: tuple[LiteralPlacement, ...] | None
@@ -113,8 +113,8 @@ LiteralSensor = LiteralEffort | LiteralWrench
 class LiteralTree:
     """A whole file."""
 
-    name: str  # name of the robot, and the file
-    source: str  # name of the robot, and the file
+    name: str  # of the robot
+    source: str  # of the file
     links: tuple[LiteralLink, ...]  # parents before children; the first is the root
     couplings: tuple[StatedCoupling, ...] = ()  # of mimic elements or equality constraints, with numbers
     gravity: Triple = (0, 0, Fraction(-981, 100))  # in the root's frame, m/s²

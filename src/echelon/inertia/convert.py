@@ -32,8 +32,8 @@ class Convention:
     """One way of writing the inertia of a body."""
 
     shape: tuple[int, ...]  # of one body's numbers
-    read: Callable[[Floats], Floats]  # to and from standard parameters, arrays of shape (..., *shape) and (..., 10)
-    write: Callable[[Floats], Floats]  # to and from standard parameters, arrays of shape (..., *shape) and (..., 10)
+    read: Callable[[Floats], Floats]  # to standard parameters: shape (..., *shape) to (..., 10)
+    write: Callable[[Floats], Floats]  # back
     order: tuple[int, ...] | None = None  # for a linear convention: which standard parameter stands at each place
     needs_mass: bool = False  # whether it divides by the mass when written
 

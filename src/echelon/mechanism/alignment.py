@@ -37,10 +37,10 @@ _ATTEMPTS = 256
 class BodyAlignment:
     """One body in both descriptions."""
 
-    first: int  # its index in either mechanism
-    second: int  # its index in either mechanism
+    first: int  # its index in the first mechanism
+    second: int  # and in the second
     placement: Placement  # its frame of the first description in that of the second, with constant entries
-    sign: int  # the second's coordinate is sign · the first's + offset, rad or m
+    sign: int
     offset: float  # the second's coordinate is sign · the first's + offset, rad or m
 
 

@@ -86,10 +86,10 @@ class Closure:
 
     name: str
     kind: ClosureKind
-    first: int  # the two bodies; GROUND for the base
-    second: int  # the two bodies; GROUND for the base
-    first_frame: Placement  # the frames that it holds together, each in the frame of its body
-    second_frame: Placement  # the frames that it holds together, each in the frame of its body
+    first: int  # index of a body; GROUND for the base
+    second: int
+    first_frame: Placement  # what it holds, in the frame of the first body
+    second_frame: Placement  # the same in the frame of the second
     # placements between the frame of the second body and the second frame, one in another, where this was derived from
     # a pose; their product may be too long to write down
     second_mount: tuple[Placement, ...] = ()

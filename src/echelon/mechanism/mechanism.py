@@ -133,7 +133,7 @@ class Mechanism:
     assembly: Mapping[str, float] = field(default_factory=dict)
     closed_at: ClosedAt = field(default_factory=dict)
     stated_closures: tuple[Closure, ...] = ()
-    reading: Reading | None = field(init=False, default=None, compare=False, repr=False)
+    reading: Reading[Mechanism] | None = field(init=False, default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         _check_tree(self)
@@ -142,7 +142,7 @@ class Mechanism:
         _check_effects(self)
         _check_outputs(self)
 
-    def as_read(self, reading: Reading) -> Mechanism:
+    def as_read(self, reading: Reading[Mechanism]) -> Mechanism:
         """The same mechanism with how it was read; what :func:`dataclasses.replace` changes has no reading."""
         found = copy(self)
         object.__setattr__(found, "reading", reading)

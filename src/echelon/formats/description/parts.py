@@ -30,13 +30,13 @@ BASE = "base"
 class Part:
     """A row of a table or a body, before it is known whether it becomes a body of the mechanism."""
 
-    path: str  # element of the document, and name of the body
-    name: str  # element of the document, and name of the body
+    path: str  # element of the document
+    name: str  # of the body
     parent: str | None  # name of the parent part; None for the base
-    label: str | None  # label that is stated, and label by position in a table
-    default_label: str | None  # label that is stated, and label by position in a table
-    joint: str  # name and type of the joint
-    kind: str  # name and type of the joint
+    label: str | None  # as stated
+    default_label: str | None  # by the position in a table
+    joint: str  # name of the joint
+    kind: str  # its type
     moves: bool
     separate: bool
     carried: tuple[int, ...]  # which of XX … M it carries

@@ -34,8 +34,8 @@ _MOST_GENERAL = 2
 class SdfFrame:
     """A frame of a model."""
 
-    name: str  # its name, and the element that states it
-    kind: str  # its name, and the element that states it
+    name: str
+    kind: str  # tag of the element that states it
     carrier: str  # the frame with which it moves; empty for a link, which moves by itself
     base: str  # the frame in which its pose is stated
     pose: tuple[LiteralPlacement, ...]
