@@ -24,9 +24,8 @@ import echelon as ec
 from echelon.identification.cluster import connect
 from echelon.identification.identify import identify
 from echelon.identification.rows.batches import stacked
-from echelon.identification.settings import Setup
-from echelon.identification.setup import load_setup
 from echelon.logs.preparation.settings import Preparation
+from echelon.setup.setup import Setup, load_setup
 
 ROOT = Path(__file__).parent.parent
 RATE, JOINTS = 1000.0, 7
@@ -36,8 +35,7 @@ ROBOTS, SECONDS_A_YEAR = 10_000, 365.25 * 86400
 def panda() -> Setup:
     """The arm with every choice of the preparation left to the data, and without a physical fit."""
     setup = load_setup(ROOT / "examples" / "logs" / "panda.yaml")
-    settings = replace(setup.settings, physical=False)
-    return replace(setup, preparation=Preparation(), settings=settings)
+    return replace(setup, preparation=Preparation()).with_settings(physical=False)
 
 
 def write_log(path: Path, samples: int, seed: int) -> None:

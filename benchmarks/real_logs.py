@@ -64,7 +64,7 @@ def log(name: str) -> Path:
 
 def changed(setup: ec.Setup, **settings: Any) -> ec.Setup:
     """A set-up with other settings."""
-    return replace(setup, settings=replace(setup.settings, **settings))
+    return setup.with_settings(**settings)
 
 
 # -- robots ------------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import pkgutil
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -49,6 +49,7 @@ gravity: [0, 0, -9.81]
 symbols: {a2: 0, a3: 0.3}
 modified_dh: [{joint: revolute}, {joint: revolute, a: a2}, {joint: revolute, alpha: pi/2, a: a3}]
 excitation: {frames: [{body: link3, above: {normal: [0, 1, 0], offset: -9}}]}
+identification: {bodies: {link3: {mass: [0, 5]}}}
 """,
     "snake.yaml": "echelon: 1\nname: snake\nmodified_dh:\n" + "  - {joint: revolute, alpha: pi/2, d: 0.1}\n" * 13,
     "wrong.txt": "ZZ1 + l1^2*M2 + M1\nMX1 + l1*M2\nMY1\nZZ2\nMX2\n",
@@ -95,7 +96,7 @@ def base() -> ec.BaseModel:
 @cache
 def setup() -> ec.Setup:
     found = pendulum()
-    return replace(found, settings=replace(found.settings, physical=True, essential="bic"))
+    return found.with_settings(physical=True, essential="bic")
 
 
 @cache

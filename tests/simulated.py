@@ -14,10 +14,9 @@ import numpy.typing as npt
 
 import echelon as ec
 from echelon.base.model import BaseModel
-from echelon.identification.settings import Setup
-from echelon.identification.setup import load_setup
 from echelon.logs.recording import Samples
 from echelon.mechanism.mechanism import Mechanism
+from echelon.setup.setup import Setup, load_setup
 from simulated_logs import write_log
 from simulated_models import FREE, Drive, Floats, Part, described, mjcf, solids, urdf
 from simulated_motions import LOGGED, RATE, SIMULATED, closed, floating, fourier

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 import echelon as ec
-from echelon.identification.settings import Settings, Setup
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.preparation.settings import Preparation
+from echelon.setup.setup import Setup
 
 ROOT = Path(__file__).parent.parent
 RATE = 200.0
@@ -25,8 +25,8 @@ def pendulum(**changed: object) -> Setup:
     positions = {name: Channel(f"q{k}") for k, name in enumerate(mechanism.positions)}
     outputs = {output.name: Channel(f"tau{k}") for k, output in enumerate(mechanism.outputs)}
     columns = ColumnMap(time=Channel("t"), positions=positions, outputs=outputs)
-    settings = Settings(physical=False, essential="none")
-    return Setup("pendulum", mechanism, (columns,), PREPARATION, settings, **changed)  # type: ignore[arg-type]
+    found = Setup("pendulum", mechanism, (columns,), PREPARATION, **changed)  # type: ignore[arg-type]
+    return found.with_settings(physical=False, essential="none")
 
 
 def write_log(path: Path, samples: int, seed: int) -> npt.NDArray[np.float64]:

@@ -8,7 +8,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -84,7 +83,7 @@ def test_some_logs_are_kept_and_some_are_not(client: Client, folder: Path, memor
 @pytest.mark.parametrize("estimator", ["huber", "tls"])
 def test_other_estimators_say_the_same(client: Client, folder: Path, estimator: str) -> None:
     setup = pendulum()
-    setup = replace(setup, settings=replace(setup.settings, estimator=estimator))
+    setup = setup.with_settings(estimator=estimator)
     same(identify(setup, [folder], client=client), identify(setup, [folder]))
 
 

@@ -30,7 +30,7 @@ from echelon.excite.problem.task import task_of
 from echelon.excite.problem.trajectory import Fourier, Trajectory
 from echelon.excite.solve.design import Design, designed
 from echelon.identification.result import Identification
-from echelon.identification.settings import Setup
+from echelon.setup.setup import Setup
 from simulated import GUESSED, TRUE, Motion, System
 from simulated_models import Drive, Part
 from simulated_systems import joint_forces
@@ -235,7 +235,7 @@ def identified(
     folder: Path, motion: Motion, fresh: Motion | None = None, seed: int = 0, **settings: Any
 ) -> Identification:
     """What comes of a noisy log, of which nothing is held out; ``fresh`` is predicted, without noise."""
-    setup = replace(known().setup, settings=replace(known().setup.settings, holdout=0.0, **settings))
+    setup = known().setup.with_settings(holdout=0.0, **settings)
     log = ARM.log(motion, folder / f"run{seed}", setup.mechanism, seed, ENCODER)
     unseen = [] if fresh is None else [ARM.log(fresh, folder / "fresh", setup.mechanism, None)]
     return ec.identify(setup, [log], validate_on=unseen)

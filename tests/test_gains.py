@@ -17,11 +17,11 @@ from echelon.formats.robot_file import read_description
 from echelon.identification.gains import drive_gains, gain_names
 from echelon.identification.payload import JoinedRows, Payload, loaded_rows, with_zeros
 from echelon.identification.rows.rows import ModelRows
-from echelon.identification.settings import Setup
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.recording import Samples
 from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.joint import translation
+from echelon.setup.setup import Setup
 from rows import ArrayRows
 
 LOAD = (0.021, 0.004, -0.01, 0.032, 0.006, 0.025, 0.15, -0.06, 0.34, 4.9)

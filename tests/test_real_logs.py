@@ -18,10 +18,9 @@ import echelon as ec
 from echelon.identification.identify import identify
 from echelon.identification.result import Identification
 from echelon.identification.rows.plan import Plan
-from echelon.identification.settings import Setup
-from echelon.identification.setup import load_setup
 from echelon.identification.validation import Validation, validate
 from echelon.logs.preparation.settings import Preparation
+from echelon.setup.setup import Setup, load_setup
 from measured_logs import measured
 
 ROOT = Path(__file__).parent.parent
@@ -29,7 +28,7 @@ EXAMPLES = ROOT / "examples"
 
 
 def changed(setup: Setup, **settings: object) -> Setup:
-    return replace(setup, settings=replace(setup.settings, **settings))  # type: ignore[arg-type]
+    return setup.with_settings(**settings)  # type: ignore[arg-type]
 
 
 def values(result: Identification) -> dict[str, float]:

@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 import echelon as ec
-from echelon.identification.settings import Setup
-from echelon.identification.setup import load_setup
 from echelon.logs.columns.column_map import Channel
+from echelon.setup.setup import Setup, load_setup
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted([*(ROOT / "examples" / "logs").glob("*.yaml"), ROOT / "examples" / "tx40.yaml"])
@@ -89,9 +88,9 @@ identification:
     assert setup.preparation.still == {"j1": 0.01}
     assert setup.preparation.delays == {}
     settings = setup.settings
-    assert (settings.estimator, settings.predict, settings.prior_weight) == ("huber", "physical", 3)
+    assert (settings.estimator, settings.predict, settings.prior.weight) == ("huber", "physical", 3)
     assert settings.known == {"Ia1": 0.25}
-    assert settings.bodies == {"j2": {"mass": (1, 2), "symmetry": ("xz",)}}
+    assert settings.bodies["j2"].model_dump(exclude_unset=True) == {"mass": (1, 2), "symmetry": ("xz",)}
     assert settings.parameters == {"M2": (0, math.inf)}
 
 

@@ -288,7 +288,7 @@ def test_the_whole_way_from_a_log_covers(name: str, tmp_path: Path) -> None:
     """With every choice left to the pipeline: filters, decimation, batches; the last part of the log is held out."""
     system, (_, truth) = SYSTEMS[name], model_of(name)
     setup = system.load(tmp_path)
-    setup = replace(setup, settings=replace(setup.settings, physical=False, essential="none"))
+    setup = setup.with_settings(physical=False, essential="none")
     motion, mechanism = motion_of(system), setup.mechanism
     logs = (system.log(motion, tmp_path / f"run{seed}", mechanism, seed) for seed in range(25))
     rates = hits((identify(setup, [log]).estimate for log in logs), truth).mean(axis=1)

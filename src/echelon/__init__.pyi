@@ -49,8 +49,6 @@ from echelon.identification.identify import identify as identify
 from echelon.identification.payload import Payload as Payload
 from echelon.identification.predict import predict_log as predict_log
 from echelon.identification.result import Identification as Identification
-from echelon.identification.settings import Setup as Setup
-from echelon.identification.setup import load_setup as load_setup
 from echelon.inertia.convert import convert as convert
 from echelon.inertia.convert import convert_columns as convert_columns
 from echelon.mechanism.mechanism import Mechanism as Mechanism
@@ -65,4 +63,6 @@ from echelon.results.identified import save_identification as save_identificatio
 from echelon.results.saved import load_base as load_base
 from echelon.results.saved import save_base as save_base
 from echelon.results.verify import verify as verify
+from echelon.setup.setup import Setup as Setup
+from echelon.setup.setup import load_setup as load_setup
 from echelon.version import __version__ as __version__

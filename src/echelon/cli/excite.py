@@ -25,9 +25,9 @@ from echelon.excite.files.write_trajectory import design_to_json, trajectory_con
 from echelon.excite.problem.prior_model import information_of_logs
 from echelon.excite.problem.task import changed as changed_entry
 from echelon.excite.problem.task import task_of
-from echelon.identification.setup import load_setup
 from echelon.logs.finding import Severity
 from echelon.report.preview import preview_html
+from echelon.setup.setup import load_setup
 
 TRAJECTORY, PREVIEW = "trajectory.json", "preview.html"
 BROKEN = 1

@@ -13,11 +13,11 @@ from echelon.cli.destination import Destination
 from echelon.cli.screen import json_text, say_time, show, steps
 from echelon.errors import InputError
 from echelon.identification.identify import identify
-from echelon.identification.setup import load_setup
+from echelon.setup.setup import load_setup
 
 if TYPE_CHECKING:
     from echelon.identification.result import Identification
-    from echelon.identification.settings import Setup
+    from echelon.setup.setup import Setup
 
 NO_CODE = "none"
 MODEL, REPORT = "model.json", "report.html"
@@ -29,7 +29,7 @@ def run_identify(
     validate: Sequence[Path],
     output: Destination | None,
     prior: Path | None,
-    changed: Mapping[str, Any],
+    changed: dict[str, Any],
     read: Mapping[str, Any],
     target: str,
     dask: str | None,
@@ -42,7 +42,7 @@ def run_identify(
     if output is not None:
         output.check((MODEL, REPORT))
     setup = load_setup(setup_file, prior=prior, **read)
-    setup = replace(setup, settings=replace(setup.settings, **changed))
+    setup = replace(setup, seed=changed.pop("seed", setup.seed)).with_settings(**changed)
     with steps() as step, _cluster(dask) as client:
         result = identify(setup, tuple(logs), tuple(validate), client=client, on_step=step)
         step("writing")

@@ -20,9 +20,9 @@ from echelon.excite.solve.starts import solutions
 from echelon.excite.verify import margins_of
 from echelon.excite.verify.conditioning import Conditioning, conditioning_of
 from echelon.excite.verify.margins import Margin
-from echelon.identification.settings import Setup
 from echelon.logs.finding import Finding, Severity
 from echelon.machine.kernel import processors
+from echelon.setup.setup import Setup
 from echelon.version import __version__
 
 

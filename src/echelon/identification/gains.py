@@ -42,7 +42,6 @@ from echelon.identification.estimators.least_squares import wls
 from echelon.identification.payload import Payload, loaded_rows, with_zeros
 from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.rows import ModelRows, Rows
-from echelon.identification.settings import Setup
 from echelon.logs.files.open_log import log_paths
 from echelon.logs.preparation.choices import chosen
 from echelon.logs.read_log import read_log
@@ -50,6 +49,7 @@ from echelon.logs.recording import Samples, Segment
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import upper_triangle
+from echelon.setup.setup import Setup
 
 _STEPS = 200
 _SETTLED = 1e-6  # step in standard deviations that changes nothing
@@ -451,7 +451,7 @@ def gains_from_logs(
     """
     if bool(loaded) != (payload is not None):
         raise InputError("runs with a payload and the payload itself go together: give both or neither")
-    base = base_parameters(setup.mechanism, seed=setup.settings.seed)
+    base = base_parameters(setup.mechanism, seed=setup.seed)
     plan = _plan(setup, base, unloaded)
     rows = ModelRows.of(base, _samples(plan, unloaded))
     if payload is None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from echelon.arrays import Floats
+from echelon.base.base_set import Identifiability
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
@@ -20,14 +21,13 @@ from echelon.identification.estimators.estimate import Estimate, solved
 from echelon.identification.estimators.fit import fitted, usable_noise
 from echelon.identification.estimators.least_squares import minimum_norm, noise_estimate
 from echelon.identification.passes_over_data import PassesOverData, Task
+from echelon.identification.physics.bounds import Bounds
 from echelon.identification.physics.feasibility import Feasibility, feasibility
 from echelon.identification.physics.fit import PhysicalFit, physical_fit
 from echelon.identification.physics.prior_information import Prior, prior_from
 from echelon.identification.result import Identification, fit_findings, limited
 from echelon.identification.rows.ingest import MEMORY
 from echelon.identification.rows.plan import Plan
-from echelon.identification.settings import Settings, Setup
-from echelon.identification.setup import stated_bounds
 from echelon.identification.survey import Survey, survey
 from echelon.identification.validation import Validation
 from echelon.identification.verdict import overall_verdict
@@ -35,9 +35,12 @@ from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import Finding, Severity
 from echelon.machine.threads import one_thread
 from echelon.observe.observation import Observation
+from echelon.setup.setup import Setup
 
 if TYPE_CHECKING:
     from distributed import Client
+
+    from echelon.formats.schema.schema_log import IdentificationEntry
 
 Paths = Sequence[str | os.PathLike[str]]
 OnStep = Callable[[str], None]
@@ -92,7 +95,7 @@ def identify(
     step, settings = on_step or (lambda _: None), setup.settings
     with one_thread():
         step("deriving the base parameters")
-        base = base_parameters(setup.mechanism, seed=settings.seed)
+        base = base_parameters(setup.mechanism, seed=setup.seed)
         fitted_logs, unseen_logs = _split_logs(logs, validate_on, settings.holdout)
         seen = survey(setup, base, fitted_logs, unseen_logs)
         plan = Plan(base, setup.columns, seen.preparation, 0.0 if unseen_logs else settings.holdout)
@@ -171,7 +174,11 @@ def _check_rows(observation: Observation, logs: Sequence[Path]) -> None:
 
 
 def _estimate(
-    settings: Settings, data: PassesOverData, observation: Observation, shown: Conditioning, prior: Floats | None
+    settings: IdentificationEntry,
+    data: PassesOverData,
+    observation: Observation,
+    shown: Conditioning,
+    prior: Floats | None,
 ) -> Estimate:
     if not shown.is_complete and settings.estimator != "ridge" and not settings.known:
         return minimum_norm(observation, data.plan.base.units)
@@ -187,7 +194,7 @@ def _estimate(
 
 
 def _essential(
-    settings: Settings, observation: Observation, estimate: Estimate, shown: Conditioning, noise: Floats
+    settings: IdentificationEntry, observation: Observation, estimate: Estimate, shown: Conditioning, noise: Floats
 ) -> Estimate | None:
     if settings.essential == "none" or not shown.is_complete:
         return None
@@ -205,13 +212,24 @@ def _physical(
     return physical_fit(
         base,
         observation.combined(weights),
-        bounds=stated_bounds(setup, base),
+        bounds=_bounds(setup, base),
         prior=None if prior is None else prior.values,
-        prior_weight="auto" if settings.prior_weight is None else settings.prior_weight,
+        prior_weight=settings.prior.weight or "auto",
         prior_name="" if prior is None else prior.name,
         pieces=pieces if len(pieces) > 1 else (),
         weights=weights,
     )
+
+
+def _bounds(setup: Setup, base: BaseModel) -> Bounds:
+    """Bounds of the physical fit that a set-up states; known parameters that are seen alone are fixed."""
+    settings = setup.settings
+    alone = {name for name, seen in base.classification.items() if seen is Identifiability.ALONE}
+    fixed = {name: (value, value) for name, value in settings.known.items() if name in alone}
+    limits = {**fixed, **settings.parameters}
+    bodies = {name: body.model_dump(exclude_unset=True) for name, body in settings.bodies.items()}
+    given = {"bodies": bodies, "parameters": limits, "total_mass": settings.total_mass}
+    return Bounds.of(base.mechanism, {key: value for key, value in given.items() if value}, setup.source)
 
 
 def _feasibility(base: BaseModel, observation: Observation, estimate: Estimate, noise: Floats) -> Feasibility:
@@ -224,7 +242,7 @@ def _weights(noise: Floats) -> Floats:
 
 
 def _predicting(
-    settings: Settings, estimate: Estimate, reduced: Estimate | None, physical: PhysicalFit | None
+    settings: IdentificationEntry, estimate: Estimate, reduced: Estimate | None, physical: PhysicalFit | None
 ) -> Floats:
     """Base parameters that predictions use, shape (r,)."""
     values = {
@@ -253,7 +271,9 @@ def _validations(
 def _record(setup: Setup, plan: Plan, seen: Survey) -> dict[str, Any]:
     """Everything needed to repeat the run, JSON-able."""
     return {
-        **asdict(setup.settings),
+        **setup.settings.model_dump(),
+        "seed": setup.seed,
+        "prior_weight": setup.settings.prior.weight,
         "setup": setup.source,
         "prior": None if setup.prior is None else setup.prior.name,
         "columns": [asdict(columns) for columns in setup.columns or seen.columns],

@@ -23,7 +23,6 @@ from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.rows.rows import ModelRows, rows_taken
-from echelon.identification.settings import Setup
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.preparation.choices import chosen
@@ -32,6 +31,7 @@ from echelon.logs.preparation.settings import Preparation
 from echelon.logs.read_log import LogPiece, read_log
 from echelon.logs.recording import Samples, Segment
 from echelon.observe.triangle import column_norms, upper_triangle
+from echelon.setup.setup import Setup
 from echelon.signals.clock import shift_reach, shifted
 
 _LONGEST = 0.02

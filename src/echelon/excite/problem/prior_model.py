@@ -17,13 +17,13 @@ from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effor
 from echelon.formats.schema.schema_excite import EVERY, ExcitationEntry
 from echelon.identification.physics.prior_information import prior_from
 from echelon.identification.rows.plan import Plan
-from echelon.identification.settings import Setup
 from echelon.identification.survey import survey
 from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.mechanism import Mechanism
 from echelon.observe.observation import Observation
 from echelon.results.identified import load_identified
+from echelon.setup.setup import Setup
 
 
 def information_of_logs(setup: Setup, logs: Sequence[str | os.PathLike[str]]) -> Floats:
@@ -52,7 +52,7 @@ def information_of_logs(setup: Setup, logs: Sequence[str | os.PathLike[str]]) ->
         raise InputError(problem, source=setup.source, element="excitation")
     if any(body.joint.kind == "floating" for body in setup.mechanism.bodies):
         raise InputError("a floating base is held by trajectories, and not in logs", source=setup.source)
-    base = base_parameters(setup.mechanism, seed=setup.settings.seed)
+    base = base_parameters(setup.mechanism, seed=setup.seed)
     paths = [path for log in logs for path in log_paths(log)]
     found = survey(setup, base, paths)
     # a row for every sample: filters average what decimation leaves out, so that counting rows would count too few
@@ -94,12 +94,12 @@ def _identified(
     """Base parameters in the place of the pivots, with their covariance."""
     assert entry.model is not None
     found = load_identified(Path(setup.source).parent / entry.model)
-    whole = base_parameters(setup.mechanism, seed=setup.settings.seed)
+    whole = base_parameters(setup.mechanism, seed=setup.seed)
     ours, theirs = (tuple(map(str, base.expressions)) for base in (whole, found.base))
     if ours != theirs:
         problem = f"the model {entry.model} has other base parameters than this robot with its sensors"
         raise InputError(problem, element="excitation.model")
-    check_determined(setup.mechanism, limits, whole.rank, setup.settings.seed)
+    check_determined(setup.mechanism, limits, whole.rank, setup.seed)
     parameters = list(mechanism.parameters)
     columns = [parameters.index(setup.mechanism.parameters[pivot]) for pivot in whole.matrix.pivots]
     covariance = np.array(found.document["estimate"]["covariance"], dtype=float)
@@ -122,7 +122,7 @@ def _standard(
     """Standard parameters of the prior; friction without a value counts as none."""
     names = setup.mechanism.parameters
     if setup.prior is not None:
-        whole = base_parameters(setup.mechanism, seed=setup.settings.seed)
+        whole = base_parameters(setup.mechanism, seed=setup.seed)
         given = dict(zip(names, prior_from(whole, setup.prior).values.tolist(), strict=True))
     else:
         stated = zip(names, setup.mechanism.standard_values(), strict=True)

@@ -27,11 +27,11 @@ from echelon.excite.problem.stated_shapes import entry_shapes
 from echelon.formats.schema.schema_excite import EVERY, ExcitationEntry, FrameEntry
 from echelon.formats.stated_limits import stated_limits
 from echelon.hints import nearest_of
-from echelon.identification.settings import Setup
 from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
+from echelon.setup.setup import Setup
 
 _SMOOTH = 0.02  # share of the smallest speed limit within which dry friction changes sign gradually
 
@@ -69,7 +69,7 @@ def task_of(setup: Setup, entry: ExcitationEntry) -> Task:
         mechanism = lock_joints(setup.mechanism, positions)
         if not mechanism.velocities:
             raise InputError("nothing moves: every coordinate is held", element="excitation")
-        base = base_parameters(mechanism, seed=setup.settings.seed)
+        base = base_parameters(mechanism, seed=setup.seed)
         if not base.rank:
             raise InputError("no output depends on a parameter, however the robot moves: the base set is empty")
         stated = stated_limits(setup.robot_file, mechanism) if setup.robot_file else {}

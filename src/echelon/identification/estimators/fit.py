@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,15 +19,17 @@ from echelon.identification.estimators.least_squares import irls, noise_estimate
 from echelon.identification.estimators.ridge import ridge
 from echelon.identification.rows.batches import Batch
 from echelon.identification.rows.rows import Rows
-from echelon.identification.settings import Settings
 from echelon.observe.observation import Observation
+
+if TYPE_CHECKING:
+    from echelon.formats.schema.schema_log import IdentificationEntry
 
 _CLUSTERED = ("ols", "wls", "irls", "huber")
 """Estimators whose covariance can come from batches of time."""
 
 
 def fitted(
-    settings: Settings,
+    settings: IdentificationEntry,
     rows: Rows,
     observation: Observation,
     *,
@@ -56,7 +59,7 @@ def usable_noise(observation: Observation, estimate: Estimate) -> Floats:
 
 
 def _estimated(
-    settings: Settings, rows: Rows, observation: Observation, prior: Floats | None, instruments: Rows | None
+    settings: IdentificationEntry, rows: Rows, observation: Observation, prior: Floats | None, instruments: Rows | None
 ) -> Estimate:
     units = rows.units
     match settings.estimator:
@@ -75,7 +78,7 @@ def _estimated(
                 raise InputError(
                     "ridge draws towards prior values, and there are none: give a prior, such as a URDF file"
                 )
-            return ridge(observation, units, prior, weight=settings.prior_weight or "evidence")
+            return ridge(observation, units, prior, weight=settings.prior.weight or "evidence")
         case "iv":
             if instruments is None:
                 problem = "instruments are made from reference positions, which the logs lack: give 'reference' columns"

@@ -1,29 +1,99 @@
-"""Set-up files: a robot description with what its logs mean, how they are prepared and what is fitted."""
+"""Set-ups: a robot description with what its logs mean, how they are prepared, and what is fitted or designed.
+
+The sections of a file are declared once, as data models (:mod:`echelon.formats.schema`), and used as they are; the
+preparation becomes that of the logs.
+"""
 
 from __future__ import annotations
 
 import os
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from echelon.base.base_set import Identifiability
-from echelon.base.model import BaseModel
 from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile, open_robot
-from echelon.identification.physics.bounds import Bounds
-from echelon.identification.settings import Settings, Setup
-from echelon.identification.setup_columns import stated_columns
+from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.preparation.settings import Preparation
+from echelon.mechanism.mechanism import Mechanism
+from echelon.seeds import DEFAULT_SEED
+from echelon.setup.columns import stated_columns
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # the library of schemas takes long to import
     from echelon.formats.schema.robot_schema import RobotDescription
+    from echelon.formats.schema.schema_excite import ExcitationEntry
     from echelon.formats.schema.schema_log import IdentificationEntry
 
 _ASSUMED = (
     "the robot file states no friction, so every joint got viscous and Coulomb friction and an offset; a set-up file "
     "with 'robot' and 'effects' can say otherwise"
 )
+
+
+def _default_settings() -> IdentificationEntry:
+    from echelon.formats.schema.schema_log import IdentificationEntry
+
+    return IdentificationEntry.model_validate({})
+
+
+def _default_excitation() -> ExcitationEntry:
+    from echelon.formats.schema.schema_excite import ExcitationEntry
+
+    return ExcitationEntry.model_validate({})
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A robot, what its logs mean, and what is to be done with them.
+
+    Attributes
+    ----------
+    source : str
+        The file that states it.
+    mechanism : Mechanism
+    columns : tuple of ColumnMap
+        What columns mean, for one or several kinds of logs; none where the file does not say, then the columns' names
+        must speak for themselves.
+    preparation : Preparation
+    settings : IdentificationEntry
+        What is fitted, and how: the section ``identification``.
+    prior : Mechanism, optional
+        Another description of the robot, with inertial values, for a prior.
+    robot_file : RobotFile, optional
+        The URDF, SDF or MJCF file that holds the robot, if one does.
+    assumed : tuple of str
+        What was taken for granted where the file is silent, in sentences.
+    excitation : ExcitationEntry
+        What a trajectory has to keep that excites the parameters; see :func:`echelon.exciting_trajectory`.
+    seed : int
+    """
+
+    source: str
+    mechanism: Mechanism
+    columns: tuple[ColumnMap, ...] = ()
+    preparation: Preparation = field(default_factory=Preparation)
+    settings: IdentificationEntry = field(default_factory=_default_settings)
+    prior: Mechanism | None = None
+    robot_file: RobotFile | None = None
+    assumed: tuple[str, ...] = ()
+    excitation: ExcitationEntry = field(default_factory=_default_excitation)
+    seed: int = DEFAULT_SEED
+
+    def with_settings(self, **changes: Any) -> Setup:
+        """The same with other settings of the section ``identification``.
+
+        Parameters
+        ----------
+        **changes
+            New values by name, such as ``estimator="huber"``.
+
+        Examples
+        --------
+        >>> import echelon as ec
+        >>> ec.load_setup("examples/logs/emps.yaml").with_settings(estimator="huber").settings.estimator
+        'huber'
+        """
+        return replace(self, settings=self.settings.model_copy(update=changes))
 
 
 def load_setup(path: str | os.PathLike[str], *, prior: str | os.PathLike[str] | None = None, **reading: Any) -> Setup:
@@ -76,7 +146,7 @@ def _described(file: RobotFile, options: ReadingOptions) -> Setup:
         mechanism,
         tuple(stated_columns(log, mechanism, document, f"log[{k}]" if listed else "log") for k, log in enumerate(logs)),
         _preparation(robot),
-        _settings(entry),
+        entry,
         stated,
         file.robot,
         excitation=robot.excitation,
@@ -86,30 +156,3 @@ def _described(file: RobotFile, options: ReadingOptions) -> Setup:
 def _preparation(robot: RobotDescription) -> Preparation:
     stated = robot.preparation
     return Preparation(**{name: getattr(stated, name) for name in type(stated).model_fields})
-
-
-def _settings(entry: IdentificationEntry) -> Settings:
-    return Settings(
-        estimator=entry.estimator,
-        known=dict(entry.known),
-        holdout=entry.holdout,
-        physical=entry.physical,
-        predict=entry.predict,
-        essential=entry.essential,
-        prior_weight=entry.prior.weight,
-        bodies={name: bounds.model_dump(exclude_unset=True) for name, bounds in entry.bodies.items()},
-        parameters=dict(entry.parameters),
-        total_mass=entry.total_mass,
-        intervals=entry.intervals,
-        level=entry.level,
-    )
-
-
-def stated_bounds(setup: Setup, base: BaseModel) -> Bounds:
-    """Bounds of the physical fit that a set-up states; known parameters that are seen alone are fixed."""
-    settings = setup.settings
-    alone = {name for name, seen in base.classification.items() if seen is Identifiability.ALONE}
-    fixed = {name: (value, value) for name, value in settings.known.items() if name in alone}
-    limits = {**fixed, **settings.parameters}
-    given = {"bodies": settings.bodies, "parameters": limits, "total_mass": settings.total_mass}
-    return Bounds.of(base.mechanism, {key: value for key, value in given.items() if value}, setup.source)
