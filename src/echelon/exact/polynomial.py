@@ -169,6 +169,10 @@ class Polynomial:
             total = total + term
         return total  # type: ignore[no-any-return]
 
+    def at(self, symbols: Mapping[str, float]) -> float:
+        """The value in doubles at given values of the symbols (radians for angles)."""
+        return self.evaluate(float_generators(self.generators(), symbols), float)
+
     def __repr__(self) -> str:
         return format_polynomial(self)
 

@@ -18,7 +18,7 @@ from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.expressions import PI
 from echelon.exact.numbers import Rational, decimal_text
-from echelon.exact.polynomial import Polynomial, as_polynomial, float_generators, format_polynomial
+from echelon.exact.polynomial import Polynomial, as_polynomial, format_polynomial
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree, Triple
 from echelon.formats.reading_options import LARGEST_ANGLE, LENGTH_TOLERANCE, PRECISION, ReadingOptions
 from echelon.mechanism.joint import (
@@ -267,7 +267,7 @@ def _in_names(character: str) -> bool:
 
 def numeric_value(value: Polynomial, symbols: dict[str, float]) -> float:
     """A polynomial in floats, for given values of its symbols (rad for angles)."""
-    return value.evaluate(float_generators(value.generators(), symbols), float)
+    return value.at(symbols)
 
 
 def _decimal(value: Rational | float) -> str:

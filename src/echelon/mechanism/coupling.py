@@ -13,7 +13,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.exact.numbers import Rational
-from echelon.exact.polynomial import Polynomial, float_generators
+from echelon.exact.polynomial import Polynomial
 
 T = TypeVar("T")
 _ZERO = Polynomial({})
@@ -166,7 +166,7 @@ def _bends(steps: Sequence[Fraction], chords: Sequence[Fraction]) -> list[Fracti
 
 
 def _float(value: Polynomial, symbols: Mapping[str, float]) -> float:
-    return value.evaluate(float_generators(value.generators(), symbols), float)
+    return value.at(symbols)
 
 
 def _horner(coefficients: Sequence[Polynomial], x: T, number: Callable[[Polynomial], T]) -> T:

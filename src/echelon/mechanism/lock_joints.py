@@ -9,7 +9,7 @@ from fractions import Fraction
 from math import tan
 
 from echelon.errors import InputError
-from echelon.exact.polynomial import Polynomial, float_generators
+from echelon.exact.polynomial import Polynomial
 from echelon.hints import nearest_of
 from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.effect import Effect
@@ -161,7 +161,7 @@ def _still(mechanism: Mechanism, gone: set[str], positions: Mapping[str, float])
     found = dict(positions)
     for actuator in mechanism.actuators:
         if actuator.name in gone:
-            ratios = [(name, r.evaluate(float_generators(r.generators(), known), float)) for name, r in actuator.terms]
+            ratios = [(name, r.at(known)) for name, r in actuator.terms]
             found[actuator.name] = sum(ratio * positions.get(name, 0.0) for name, ratio in ratios)
     return found
 

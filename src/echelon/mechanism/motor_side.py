@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
-from echelon.exact.polynomial import float_generators
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.symbol_values import symbol_values
 
@@ -74,7 +73,7 @@ def transmission_matrix(
     matrix = np.zeros((len(mechanism.actuators), len(driven)))
     for row, actuator in enumerate(mechanism.actuators):
         for name, ratio in actuator.terms:
-            matrix[row, driven.index(name)] = ratio.evaluate(float_generators(ratio.generators(), known), float)
+            matrix[row, driven.index(name)] = ratio.at(known)
     return driven, matrix
 
 

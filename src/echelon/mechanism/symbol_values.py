@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.errors import InputError
-from echelon.exact.polynomial import Polynomial, float_generators, is_trigonometric, symbol_of
+from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism, setup_expressions, setup_placements, setup_ratios
 from echelon.mechanism.placement import Placement
@@ -68,7 +68,7 @@ def placement_matrix(placement: Placement, symbols: Mapping[str, float]) -> npt.
     """A placement as a homogeneous matrix, shape (4, 4)."""
 
     def number(entry: Polynomial) -> float:
-        return entry.evaluate(float_generators(entry.generators(), symbols), float)
+        return entry.at(symbols)
 
     matrix = np.eye(4)
     matrix[:3, :3] = [[number(entry) for entry in row] for row in placement.rotation]
@@ -82,9 +82,7 @@ def characteristic_length(mechanism: Mechanism) -> float:
     placements = [step for body in mechanism.bodies for step in body.joint.steps if isinstance(step, Placement)]
     placements += [frame for closure in mechanism.closures for frame in (closure.first_frame, closure.second_frame)]
     entries = [entry for placement in placements for entry in placement.translation]
-    values = [
-        e.evaluate(float_generators(e.generators(), known), float) for e in entries if known.keys() >= set(e.symbols())
-    ]
+    values = [e.at(known) for e in entries if known.keys() >= set(e.symbols())]
     largest = max(map(abs, values), default=0.0)
     return largest if largest > 1e-300 else 1.0
 

@@ -10,7 +10,6 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import EchelonError
-from echelon.exact.polynomial import float_generators
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.placement import Placement
@@ -77,7 +76,7 @@ def upward(mechanism: Mechanism) -> Floats:
     """Unit vector against gravity; z without gravity."""
     entries = mechanism.gravity or ()
     symbols = symbol_values(mechanism, sorted({s for entry in entries for s in entry.symbols()}))
-    gravity = np.array([e.evaluate(float_generators(e.generators(), symbols), float) for e in entries])
+    gravity = np.array([e.at(symbols) for e in entries])
     size = float(np.linalg.norm(gravity))
     return -gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from echelon.exact.expressions import PI, parse
-from echelon.exact.polynomial import float_generators, symbol_of
+from echelon.exact.polynomial import symbol_of
 from echelon.formats.description.document import Document
 from echelon.hints import nearest, nearest_of
 from echelon.logs.columns.column_map import Channel, ColumnMap
@@ -100,7 +100,7 @@ class _Columns:
             if symbol_of(generator) not in self.known:
                 hint = nearest(symbol_of(generator), self.known)
                 raise self.document.error(place, f"'{symbol_of(generator)}' in '{text}' has no value{hint}")
-        number = value.evaluate(float_generators(value.generators(), self.known), float)
+        number = value.at(self.known)
         if not math.isfinite(number) or (part == "scale" and number == 0):
             raise self.document.error(
                 place, f"'{text}' is {number}; a {part} must be finite" + " and not zero" * (not number)

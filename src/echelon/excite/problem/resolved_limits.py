@@ -15,7 +15,6 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.dynamics.arguments import coordinate_units
 from echelon.errors import InputError
-from echelon.exact.polynomial import float_generators
 from echelon.excite.problem.effort_limits import EffortLimit
 from echelon.excite.problem.state_limits import MotionLimit
 from echelon.formats.schema.schema_excite import EVERY, LimitsEntry
@@ -201,6 +200,6 @@ def _drives(mechanism: Mechanism, names: Sequence[str]) -> dict[str, Floats]:
     for actuator in mechanism.transmission.actuators:
         row = np.zeros(len(names))
         for name, ratio in actuator.terms:
-            row[names.index(name)] = ratio.evaluate(float_generators(ratio.generators(), known), float)
+            row[names.index(name)] = ratio.at(known)
         found[actuator.name] = row
     return found

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
-from echelon.exact.polynomial import Polynomial, float_generators
+from echelon.exact.polynomial import Polynomial
 from echelon.excite.problem.clearance import Clearance
 from echelon.excite.problem.shapes import Shape, extent, plane_gaps
 from echelon.excite.verify.margins import Margin
@@ -92,7 +92,7 @@ class MotionBounds:
         return weights
 
     def _number(self, value: Polynomial) -> float:
-        return value.evaluate(float_generators(value.generators(), self._symbols), float) if value else 0.0
+        return value.at(self._symbols) if value else 0.0
 
     def _up(self, body: int) -> Iterator[int]:
         while body != GROUND:

@@ -13,7 +13,6 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema, model_validator
 
 from echelon.exact.expressions import PI, parse
-from echelon.exact.polynomial import float_generators
 from echelon.exact.syntax import is_whole
 from echelon.formats.reading_options import NOT_FINITE
 from echelon.formats.schema.schema_geometry import Model
@@ -40,7 +39,7 @@ def _number(value: object) -> float:
         expression = parse(text)
         if expression.symbols() not in ([], [PI]):
             raise refusal(f"needs a number or an expression of numbers and pi, found '{text}'")
-        number = expression.evaluate(float_generators(expression.generators(), {PI: math.pi}), float)
+        number = expression.at({PI: math.pi})
     except ValueError as error:
         raise refusal(str(error)) from None
     return number

@@ -20,7 +20,6 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import InputError
-from echelon.exact.polynomial import float_generators
 from echelon.formats.writers.xml_editor import comment
 from echelon.hints import listed
 from echelon.inertia.convert import convert
@@ -227,7 +226,7 @@ def _simple(mechanism: Mechanism, action: Action, value: float) -> _Simple | Non
     if len(terms) != 1 or not known.keys() >= set(terms[0][1].symbols()):
         return None
     coordinate, ratio = terms[0]
-    gear = abs(ratio.evaluate(float_generators(ratio.generators(), known), float))
+    gear = abs(ratio.at(known))
     return _Simple(kind, coordinate, value * (gear if kind == COULOMB else gear * gear))
 
 

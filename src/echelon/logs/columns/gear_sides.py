@@ -13,7 +13,6 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.exact.polynomial import float_generators
 from echelon.hints import nearest_of
 from echelon.logs.columns.quantities import actuators, coordinates
 from echelon.logs.finding import listed
@@ -129,7 +128,7 @@ def _from_motors(mechanism: Mechanism, output: Output, motors: Given, symbols: S
     total = np.zeros(len(next(iter(motors.values()))))
     for channel, weight in output.terms:
         known = symbol_values(mechanism, weight.symbols(), symbols)
-        scale = weight.evaluate(float_generators(weight.generators(), known), float)
+        scale = weight.at(known)
         for name, ratio in _shares(mechanism, output, channel, symbols).items():
             if name not in motors:
                 problem = f"a column is missing for it, or for the actuator '{name}'"

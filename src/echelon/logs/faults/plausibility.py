@@ -21,7 +21,6 @@ import numpy as np
 
 from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
-from echelon.exact.polynomial import float_generators
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.columns.quantities import WRAP, Series, motion_of, series
 from echelon.logs.columns.units import factor
@@ -231,7 +230,7 @@ def _largest_static_torque(mechanism: Mechanism) -> float | None:
             if isinstance(step, Placement):
                 if not all(s in known for entry in step.translation for s in entry.symbols()):
                     return None
-                parts = [e.evaluate(float_generators(e.generators(), known), float) for e in step.translation]
+                parts = [e.at(known) for e in step.translation]
                 reach += math.hypot(*parts)
     return sum(masses) * _G * reach or None
 

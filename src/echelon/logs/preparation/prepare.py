@@ -16,7 +16,6 @@ import numpy as np
 
 from echelon.arrays import Flags, Floats
 from echelon.errors import InputError, locating
-from echelon.exact.polynomial import float_generators
 from echelon.logs.preparation.settings import Preparation, at_rate
 from echelon.logs.preparation.states import needed, states, states_reach, usable, velocity_names
 from echelon.logs.recording import Samples, Segment
@@ -44,7 +43,7 @@ def speed_rows(mechanism: Mechanism, output: Output, names: Sequence[str]) -> Fl
             actuator = next(a for a in mechanism.transmission.actuators if a.name == channel.actuator)
             for name, ratio in actuator.terms:
                 known = symbol_values(mechanism, sorted(ratio.symbols()))
-                row[names.index(name)] = ratio.evaluate(float_generators(ratio.generators(), known), float)
+                row[names.index(name)] = ratio.at(known)
     return rows
 
 
