@@ -10,7 +10,7 @@ from echelon.dynamics.kinematics import Kinematics
 from echelon.excite.problem.loop_motion import LoopMotion
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.solve.design import designed
-from echelon.excite.verify.conditioning import conditioning_of
+from echelon.excite.verify.trajectory_conditioning import conditioning_of
 from exciting_loops import LOOPS, base
 
 FOUR_BAR = {"limits": {"velocity": 5, "acceleration": 50, "jerk": "none"}, "duration": 6, "starts": 1}

@@ -22,8 +22,8 @@ from echelon.excite.problem.task import changed, task_of
 from echelon.excite.problem.trajectory import Fourier, Trajectory
 from echelon.excite.solve.design import designed
 from echelon.excite.verify import margins_of
-from echelon.excite.verify.conditioning import conditioning_of
 from echelon.excite.verify.margins import Margin
+from echelon.excite.verify.trajectory_conditioning import conditioning_of
 from echelon.logs.finding import Finding, Severity
 from echelon.report.digits import significant
 from echelon.report.page import plotly_source

@@ -18,8 +18,8 @@ from echelon.excite.solve.design import designed
 from echelon.excite.solve.safety import safe
 from echelon.excite.solve.starts import solutions
 from echelon.excite.verify import margins_of
-from echelon.excite.verify.conditioning import Conditioning, conditioning_of
 from echelon.excite.verify.margins import Margin
+from echelon.excite.verify.trajectory_conditioning import Conditioning, conditioning_of
 from echelon.logs.finding import Finding, Severity
 from echelon.machine.kernel import processors
 from echelon.setup.setup import Setup

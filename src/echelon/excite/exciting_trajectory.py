@@ -8,8 +8,8 @@ from typing import Any
 
 from echelon.base.model import BaseModel
 from echelon.excite.problem.trajectory import Trajectory
-from echelon.excite.verify.conditioning import Conditioning
 from echelon.excite.verify.margins import Margin
+from echelon.excite.verify.trajectory_conditioning import Conditioning
 from echelon.logs.finding import Finding
 
 
