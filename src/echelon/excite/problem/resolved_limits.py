@@ -16,7 +16,7 @@ from echelon.arrays import Floats
 from echelon.dynamics.arguments import coordinate_units
 from echelon.errors import InputError
 from echelon.excite.problem.effort_limits import EffortLimit
-from echelon.excite.problem.state_limits import MotionLimit
+from echelon.excite.problem.state_limits import ORDERS, MotionLimit
 from echelon.formats.schema.schema_excite import EVERY, LimitsEntry
 from echelon.formats.stated_limits import StatedLimits
 from echelon.hints import nearest_of
@@ -24,6 +24,7 @@ from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.symbol_values import known_values
 
+_PER = ("", "/s", "/s²", "/s³")
 _SPEEDS = {"rad": 1.0, "m": 0.25}
 """Speeds that are taken where none is stated: those of a careful first run."""
 _SPEED_UP, _ONSET = 0.1, 0.05
@@ -81,10 +82,10 @@ class _Resolver:
         self._check_names()
         positions = {name: self._position(name) for name in self.names}
         limits = [self._limit(name, 0, *positions[name]) for name in self.names]
-        speeds = {name: self._speed(name) for name in self.names}
-        rates = {name: self._higher("acceleration", name, speeds[name] / _SPEED_UP) for name in self.names}
-        jerks = {name: self._higher("jerk", name, rates[name] / _ONSET) for name in self.names}
-        for order, values in enumerate((speeds, rates, jerks), start=1):
+        # velocities, accelerations and jerks
+        values = {name: _SPEEDS[unit] for name, unit in self.units.items()}
+        for order, onset in ((1, 1.0), (2, _SPEED_UP), (3, _ONSET)):
+            values = {name: self._rate(order, name, value / onset) for name, value in values.items()}
             limits += [self._limit(name, order, -value, value) for name, value in values.items()]
         limits += self._of_drives()
         low, high = (np.array([positions[name][k] for name in self.names]) for k in (0, 1))
@@ -97,7 +98,7 @@ class _Resolver:
 
     def _check_names(self) -> None:
         valid = [EVERY, *self.names, *self.drives]
-        for kind in ("position", "velocity", "acceleration", "jerk", "effort"):
+        for kind in (*ORDERS, "effort"):
             for name in getattr(self.entry, kind):
                 if name not in valid and name not in self.idle:
                     problem = f"there is no moving coordinate or actuator '{name}'{nearest_of(name, valid)}"
@@ -130,32 +131,22 @@ class _Resolver:
             raise InputError(problem, source=self.source, element="position limits")
         return found
 
-    def _speed(self, name: str) -> float:
-        found = self._stated("velocity", name)
-        if found is None and (speed := self.stated[name].velocity) is not None:
-            found = speed * self.entry.scale
-        if found is None:
-            found = _SPEEDS[self.units[name]]
-            self._default("velocity", name, f"{found:g} {self.units[name]}/s")
-        assert isinstance(found, float)
-        return found
-
-    def _higher(self, kind: str, name: str, default: float) -> float:
+    def _rate(self, order: int, name: str, default: float) -> float:
+        """The limit of a velocity, an acceleration or a jerk."""
+        kind = ORDERS[order]
         found = self._stated(kind, name)
         if found is None and (value := getattr(self.stated[name], kind)) is not None:
             found = value * self.entry.scale
         if found is None:
             found = default
             if isfinite(default):
-                unit = {"acceleration": "s²", "jerk": "s³"}[kind]
-                self._default(kind, name, f"{found:g} {self.units[name]}/{unit}")
+                self._default(kind, name, f"{found:g} {self.units[name]}{_PER[order]}")
         assert isinstance(found, float)
         return found
 
     def _limit(self, name: str, order: int, low: float, high: float) -> MotionLimit:
         weights = np.eye(len(self.names))[self.names.index(name)]
-        unit = self.units[name] + ("", "/s", "/s²", "/s³")[order]
-        return MotionLimit(name, unit, order, weights, low, high)
+        return MotionLimit(name, self.units[name] + _PER[order], order, weights, low, high)
 
     def _default(self, kind: str, name: str, value: str) -> None:
         self.defaults.setdefault(kind, {}).setdefault(value, []).append(name)
@@ -174,11 +165,11 @@ class _Resolver:
         found = []
         for name, weights in self.drives.items():
             unit = self.units[self.names[int(np.flatnonzero(weights)[0])]]
-            for order, kind in enumerate(("position", "velocity", "acceleration", "jerk")):
+            for order, kind in enumerate(ORDERS):
                 value = getattr(self.entry, kind).get(name)
                 if value is not None and name not in self.names:
                     low, high = value if order == 0 else (-value, value)
-                    found.append(MotionLimit(name, unit + ("", "/s", "/s²", "/s³")[order], order, weights, low, high))
+                    found.append(MotionLimit(name, unit + _PER[order], order, weights, low, high))
         return found
 
     def _efforts(self) -> Sequence[EffortLimit]:

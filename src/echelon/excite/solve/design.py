@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from echelon.arrays import Floats
+from echelon.arrays import Flags, Floats, Integers
 from echelon.errors import InputError
 from echelon.excite.problem.closed_loops import state_regressor
 from echelon.excite.problem.information import Information, OptimalityCriterion, sample_times
@@ -44,9 +43,8 @@ def start_pose(wanted: Floats, limits: ResolvedLimits, constraints: Sequence[Sta
         names = _names(constraints, over)
         raise InputError(f"the pose at which motions start breaks the limits of {names}", element="centre")
     low, high = np.where(np.isfinite(low), low, pose - np.pi), np.where(np.isfinite(high), high, pose + np.pi)
-    if over.any():
-        pose = _searched(pose, free, low, high, constraints, seed)
-    return _roomier(pose, free, low, high, constraints, seed)
+    search = _PoseSearch(free, low, high, constraints, seed)
+    return search.roomier(search.feasible(pose) if over.any() else pose)
 
 
 def broken(poses: Floats, constraints: Sequence[StateConstraint]) -> Floats:
@@ -61,87 +59,75 @@ def broken(poses: Floats, constraints: Sequence[StateConstraint]) -> Floats:
     return np.hstack(parts)
 
 
-def _searched(
-    pose: Floats,
-    free: npt.NDArray[np.bool_],
-    low: Floats,
-    high: Floats,
-    constraints: Sequence[StateConstraint],
-    seed: int,
-) -> Floats:
-    unit = np.random.default_rng(seed).random((_TRIED, len(pose)))
-    poses = np.where(free, low + (high - low) * unit, pose)
-    over = broken(poses, constraints)
-    # of the poses that keep everything the one nearest to the middle
-    good = np.flatnonzero(~over.any(axis=1))
-    if len(good):
-        away = np.linalg.norm((poses[good] - pose) / np.maximum(high - low, 1e-300), axis=1)
-        return np.asarray(poses[good[int(np.argmin(away))]])
-    scale = np.maximum(over.max(axis=0), 1e-300)
-    for k in np.argsort(np.sum(over / scale, axis=1))[:_REFINED]:
-        found = _refined(poses[k], free, low, high, constraints, scale)
-        if not broken(found[None], constraints)[0].any():
+@dataclass(frozen=True)
+class _PoseSearch:
+    """Poses within position limits, some coordinates of which are free."""
+
+    free: Flags  # shape (n,)
+    low: Floats
+    high: Floats
+    constraints: Sequence[StateConstraint]
+    seed: int
+
+    def feasible(self, pose: Floats) -> Floats:
+        """A pose that keeps all limits: of random ones the nearest, or one of the best ones moved."""
+        unit = np.random.default_rng(self.seed).random((_TRIED, len(pose)))
+        poses = np.where(self.free, self.low + (self.high - self.low) * unit, pose)
+        over = broken(poses, self.constraints)
+        good = np.flatnonzero(~over.any(axis=1))
+        if len(good):
+            away = np.linalg.norm((poses[good] - pose) / np.maximum(self.high - self.low, 1e-300), axis=1)
+            return np.asarray(poses[good[int(np.argmin(away))]])
+        scale = np.maximum(over.max(axis=0), 1e-300)
+        for k in np.argsort(np.sum(over / scale, axis=1))[:_REFINED]:
+            found = self._refined(poses[k], scale)
+            if not broken(found[None], self.constraints)[0].any():
+                return found
+        raise InputError(_conflict(over > 0, self.constraints), element="limits")
+
+    def _refined(self, pose: Floats, scale: Floats) -> Floats:
+        """The pose moved to where less is broken."""
+        free, low, high = self.free, self.low[self.free], self.high[self.free]
+
+        def residuals(x: Floats) -> Floats:
+            full = pose.copy()
+            full[free] = x
+            found: Floats = broken(full[None], self.constraints)[0] / scale
             return found
-    raise InputError(_conflict(over > 0, constraints), element="limits")
 
+        found = least_squares(residuals, np.clip(pose[free], low, high), bounds=(low, high))
+        result = pose.copy()
+        result[free] = found.x
+        return result
 
-def _refined(
-    pose: Floats,
-    free: npt.NDArray[np.bool_],
-    low: Floats,
-    high: Floats,
-    constraints: Sequence[StateConstraint],
-    scale: Floats,
-) -> Floats:
-    """The pose moved to where less is broken."""
+    def roomier(self, pose: Floats) -> Floats:
+        """The pose, or if it is in a narrow place another, each coordinate where fewer poses nearby break limits.
 
-    def residuals(x: Floats) -> Floats:
-        full = pose.copy()
-        full[free] = x
-        found: Floats = broken(full[None], constraints)[0] / scale
-        return found
+        About a pose beside a limit, a motion can hardly be made smaller, nor that limit tighter.
+        """
+        low, high, near = self.low, self.high, _NEARBY * (self.high - self.low)
+        around = near * np.random.default_rng(self.seed).uniform(-1, 1, (_AROUND, len(pose)))
 
-    found = least_squares(residuals, np.clip(pose[free], low[free], high[free]), bounds=(low[free], high[free]))
-    result = pose.copy()
-    result[free] = found.x
-    return result
+        def crowded(poses: Floats) -> Integers:
+            """How many poses nearby break each limit, shape (poses, functions)."""
+            found = broken((poses[:, None] + around).reshape(-1, len(pose)), self.constraints) > 0
+            return np.asarray(found.reshape(len(poses), _AROUND, -1).sum(axis=1))
 
-
-def _roomier(
-    pose: Floats,
-    free: npt.NDArray[np.bool_],
-    low: Floats,
-    high: Floats,
-    constraints: Sequence[StateConstraint],
-    seed: int,
-) -> Floats:
-    """The pose, or if it is in a narrow place another: coordinates one by one where fewer poses nearby break limits.
-
-    About a pose beside a limit, a motion can hardly be made smaller, nor that limit tighter.
-    """
-    near = _NEARBY * (high - low)
-    around = near * np.random.default_rng(seed).uniform(-1, 1, (_AROUND, len(pose)))
-
-    def crowded(poses: Floats) -> npt.NDArray[np.intp]:
-        """How many poses nearby break each limit, shape (poses, functions)."""
-        found = broken((poses[:, None] + around).reshape(-1, len(pose)), constraints) > 0
-        return np.asarray(found.reshape(len(poses), _AROUND, -1).sum(axis=1))
-
-    if crowded(pose[None]).max(initial=0) <= _NARROW * _AROUND:
+        if crowded(pose[None]).max(initial=0) <= _NARROW * _AROUND:
+            return pose
+        for _ in range(_SWEEPS):
+            before = pose
+            for j in np.flatnonzero(self.free):
+                tried = np.tile(pose, (_STEPS + 1, 1))
+                tried[1:, j] = np.linspace(low[j] + near[j], high[j] - near[j], _STEPS)
+                good = tried[~broken(tried, self.constraints).any(axis=1)]
+                pose = good[np.lexsort((np.abs(good - pose)[:, j], crowded(good).sum(axis=1)))[0]]
+            if np.array_equal(pose, before):
+                break
         return pose
-    for _ in range(_SWEEPS):
-        before = pose
-        for j in np.flatnonzero(free):
-            tried = np.tile(pose, (_STEPS + 1, 1))
-            tried[1:, j] = np.linspace(low[j] + near[j], high[j] - near[j], _STEPS)
-            good = tried[~broken(tried, constraints).any(axis=1)]
-            pose = good[np.lexsort((np.abs(good - pose)[:, j], crowded(good).sum(axis=1)))[0]]
-        if np.array_equal(pose, before):
-            break
-    return pose
 
 
-def _conflict(over: npt.NDArray[np.bool_], constraints: Sequence[StateConstraint]) -> str:
+def _conflict(over: Flags, constraints: Sequence[StateConstraint]) -> str:
     """Which limits no pose keeps, alone or in pairs."""
     labels = _labels(constraints)
     start = f"none of {len(over)} poses within the position limits keeps"
