@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 import echelon as ec
 from echelon.errors import InputError
 from echelon.logs.preparation.choices import chosen
-from echelon.logs.preparation.prepare import PreparationPlan, prepare, rubs, speed_rows
-from echelon.logs.preparation.settings import Preparation, at_rate
+from echelon.logs.preparation.prepare import PreparationPlan, at_rate, prepare, rubs, speed_rows
+from echelon.logs.preparation.settings import Preparation
 from echelon.logs.recording import Segment
 from measured_logs import measured
 

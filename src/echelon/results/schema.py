@@ -11,6 +11,7 @@ from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationE
 from pydantic import BaseModel as Schema
 
 from echelon.errors import InputError
+from echelon.logs.preparation.settings import Derivative, FilterKind
 
 SCHEMA_NAME: Literal["echelon.base-model/1"] = "echelon.base-model/1"
 
@@ -219,12 +220,12 @@ class PreparationRecord(_Finite):
 
     cutoff: CutOff = Field(description="Of the low-pass over positions, Hz; 'inf' for none.")
     order: int = Field(ge=1, le=100, description="Of that Butterworth filter.")
-    derivative: Literal["central", "savitzky_golay", "fourier"]
+    derivative: Derivative
     measured: list[Literal["qd", "qdd"]]
     period: Positive | None
     average: bool
     output_cutoff: CutOff = Field(description="Of the filter over both sides of the equation, Hz; 'inf' for none.")
-    output_filter: Literal["butterworth", "chebyshev", "fir"]
+    output_filter: FilterKind
     decimation: Stages
     still: NotNegative | dict[str, NotNegative] | None
     delays: dict[str, float] | None

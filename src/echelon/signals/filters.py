@@ -20,7 +20,6 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, isfinite, prod
@@ -134,6 +133,8 @@ def by_channel(function: Callable[[Floats], Floats], values: Floats, every: int 
         for start in starts:
             work(start)
     else:
+        from concurrent.futures import ThreadPoolExecutor
+
         with ThreadPoolExecutor(processors) as pool:
             list(pool.map(work, starts))
     return result.reshape(len(result), *values.shape[1:])

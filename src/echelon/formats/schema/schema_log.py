@@ -16,6 +16,7 @@ from echelon.formats.schema.schema_types import (
     mapping_or_expression,
     refusal,
 )
+from echelon.logs.preparation.settings import Derivative, FilterKind
 
 
 def _real(value: object) -> float:
@@ -121,9 +122,7 @@ class PreparationEntry(Model):
         None, description="Zero-phase low-pass over positions, Hz; inf for none.", examples=[20]
     )
     order: Whole = Field(4, description="Order of that Butterworth filter.", examples=[4])
-    derivative: Literal["central", "savitzky_golay", "fourier"] = Field(
-        "central", description="How positions are differentiated.", examples=["central"]
-    )
+    derivative: Derivative = Field("central", description="How positions are differentiated.", examples=["central"])
     measured: Annotated[tuple[Literal["qd", "qdd"], ...], AS_LIST] = Field(
         (), description="Derivatives to take from the log.", examples=[["qd"]]
     )
@@ -132,9 +131,7 @@ class PreparationEntry(Model):
     output_cutoff: Annotated[Positive | None, Automatic] = Field(
         None, description="Low-pass over both sides of the equation, Hz; inf for none.", examples=[10]
     )
-    output_filter: Literal["fir", "butterworth", "chebyshev"] = Field(
-        "fir", description="Its kind.", examples=["chebyshev"]
-    )
+    output_filter: FilterKind = Field("fir", description="Its kind.", examples=["chebyshev"])
     decimation: Annotated[Annotated[tuple[Whole, ...], BeforeValidator(_stages)] | None, Automatic, _STAGES] = Field(
         None, description="Decimation of both sides, stage by stage.", examples=[20, [10, 10]]
     )

@@ -18,8 +18,8 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError, locating
 from echelon.logs.columns.quantities import motion_of, quaternion_columns, signal_names
-from echelon.logs.preparation.prepare import rubs, speed_rows
-from echelon.logs.preparation.settings import RATES_ALIKE, WORTH, Preparation, decimation_stages
+from echelon.logs.preparation.prepare import RATES_ALIKE, WORTH, decimation_stages, rubs, speed_rows
+from echelon.logs.preparation.settings import Preparation
 from echelon.logs.preparation.states import usable, velocity_names
 from echelon.logs.recording import Segment
 from echelon.mechanism.joint import MotionKind

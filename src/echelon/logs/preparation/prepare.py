@@ -8,15 +8,15 @@ friction, rows near rest are left out, because the direction of friction is unkn
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil
+from math import ceil, inf, isfinite, log, prod
 
 import numpy as np
 
 from echelon.arrays import Flags, Floats
 from echelon.errors import InputError, locating
-from echelon.logs.preparation.settings import Preparation, at_rate
+from echelon.logs.preparation.settings import Preparation
 from echelon.logs.preparation.states import needed, states, states_reach, usable, velocity_names
 from echelon.logs.recording import Samples, Segment
 from echelon.mechanism.effect import Side
@@ -24,8 +24,17 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output
 from echelon.mechanism.symbol_values import symbol_values
 from echelon.signals.clock import shift_reach, shifted
-from echelon.signals.filters import FAR, NEAR, Reduction, reduction
+from echelon.signals.filters import FAR, NEAR, PASSED, Reduction, reduction
 from echelon.signals.periods import average
+
+RATES_ALIKE = 1e-3
+"""Rates that differ by less, relatively, count as one."""
+
+WORTH = 0.4
+"""Highest cut-off over both sides that is worth a filter, as a share of the rate."""
+
+_STAGE = 12
+"""Largest factor of one Chebyshev stage, as its authors advise."""
 
 MEMORY = 2.0
 """Times the filters' reach that windows overlap: what is forgotten to 1e-18 survives two differentiations."""
@@ -188,6 +197,34 @@ class PreparationPlan:
         if strange is not None:
             raise InputError(f"there is no output '{strange}' (valid: {', '.join(names)})", element="still")
         return given
+
+
+def at_rate(preparation: Preparation, rate: float) -> Preparation:
+    """The settings for a log of another rate than that which they were chosen at.
+
+    Decimation leaves rows as dense as before, as nearly as whole factors allow; a filter whose cut-off the log's own
+    band does not reach is left out.
+    """
+    before = preparation.chosen_at
+    if before is None or abs(rate - before) <= RATES_ALIKE * before:
+        return preparation
+    factor = max(1, round(prod(preparation.decimation or ()) * rate / before))
+    stages = decimation_stages(factor, preparation.output_filter) if factor > 1 else ()
+    cutoff, output_cutoff = (
+        inf if value is not None and value > WORTH * rate else value
+        for value in (preparation.cutoff, preparation.output_cutoff)
+    )
+    if factor > 1 and output_cutoff is not None and isfinite(output_cutoff):
+        output_cutoff = min(output_cutoff, PASSED * rate / factor / 2)
+    return replace(preparation, cutoff=cutoff, output_cutoff=output_cutoff, decimation=stages)
+
+
+def decimation_stages(factor: int, kind: str) -> tuple[int, ...]:
+    """A factor, or for Chebyshev filters several small ones whose product is not larger."""
+    if kind != "chebyshev" or factor <= _STAGE:
+        return (factor,)
+    count = ceil(log(factor) / log(_STAGE))
+    return (int(factor ** (1 / count) + 1e-9),) * count
 
 
 def prepare(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> Samples:

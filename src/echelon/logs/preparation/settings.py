@@ -3,23 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from math import ceil, inf, isfinite, log, prod
+from dataclasses import dataclass, field
 from typing import Literal
 
-from echelon.signals.filters import PASSED
-
 Derivative = Literal["central", "savitzky_golay", "fourier"]
-FilterKind = Literal["butterworth", "chebyshev", "fir"]
-
-RATES_ALIKE = 1e-3
-"""Rates that differ by less, relatively, count as one."""
-
-WORTH = 0.4
-"""Highest cut-off over both sides that is worth a filter, as a share of the rate."""
-
-_STAGE = 12
-"""Largest factor of one Chebyshev stage, as its authors advise."""
+FilterKind = Literal["fir", "butterworth", "chebyshev"]
 
 
 @dataclass(frozen=True)
@@ -78,31 +66,3 @@ class Preparation:
     rate: float | None = None
     chosen_at: float | None = None
     reasons: Mapping[str, str] = field(default_factory=dict)
-
-
-def at_rate(preparation: Preparation, rate: float) -> Preparation:
-    """The settings for a log of another rate than that which they were chosen at.
-
-    Decimation leaves rows as dense as before, as nearly as whole factors allow; a filter whose cut-off the log's own
-    band does not reach is left out.
-    """
-    before = preparation.chosen_at
-    if before is None or abs(rate - before) <= RATES_ALIKE * before:
-        return preparation
-    factor = max(1, round(prod(preparation.decimation or ()) * rate / before))
-    stages = decimation_stages(factor, preparation.output_filter) if factor > 1 else ()
-    cutoff, output_cutoff = (
-        inf if value is not None and value > WORTH * rate else value
-        for value in (preparation.cutoff, preparation.output_cutoff)
-    )
-    if factor > 1 and output_cutoff is not None and isfinite(output_cutoff):
-        output_cutoff = min(output_cutoff, PASSED * rate / factor / 2)
-    return replace(preparation, cutoff=cutoff, output_cutoff=output_cutoff, decimation=stages)
-
-
-def decimation_stages(factor: int, kind: str) -> tuple[int, ...]:
-    """A factor, or for Chebyshev filters several small ones whose product is not larger."""
-    if kind != "chebyshev" or factor <= _STAGE:
-        return (factor,)
-    count = ceil(log(factor) / log(_STAGE))
-    return (int(factor ** (1 / count) + 1e-9),) * count
