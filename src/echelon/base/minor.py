@@ -20,8 +20,8 @@ _MOST_STATES = 4096
 class Minor:
     """The largest non-zero minor of some columns that was found."""
 
-    rank: int  # its size, and the prime modulo which it is not zero
-    prime: int  # its size, and the prime modulo which it is not zero
+    rank: int  # its size
+    prime: int  # modulo which it is not zero
     states: int  # number of random states whose rows contain it
 
 

@@ -49,12 +49,10 @@ def _random_below(rng: np.random.Generator, bound: int) -> int:
 class PrimeField:
     """GF(p) with chosen square roots of 2 and 3."""
 
-    p: int  # A prime that is 23 modulo 24
+    p: int  # a prime that is 23 modulo 24
     # the residues that stand for √2 and √3.  The four sign choices are the Galois conjugates, from which the irrational
     # parts of a coefficient are separated
     root2: int
-    # the residues that stand for √2 and √3.  The four sign choices are the Galois conjugates, from which the irrational
-    # parts of a coefficient are separated
     root3: int
 
     @staticmethod

@@ -44,7 +44,7 @@ class Section:
     """A function along one symbol."""
 
     top: int  # degrees of numerator and denominator, for an angle in its cosine and sine together
-    bottom: int  # degrees of numerator and denominator, for an angle in its cosine and sine together
+    bottom: int  # that of the denominator
     # coefficients of the monic denominator, the constant one first; for an angle in the tangent t of its half, to be
     # divided by (1 + t²) to the power ``bottom``
     denominator: tuple[int, ...]

@@ -58,8 +58,6 @@ class AtomBasis:
     # least common multiples of the denominators' factors that hold constants only, and of the others; monomials become
     # Laurent monomials instead, as long as no other factor occurs
     constant_divisor: Polynomial = _ONE
-    # least common multiples of the denominators' factors that hold constants only, and of the others; monomials become
-    # Laurent monomials instead, as long as no other factor occurs
     divisor: Polynomial = _ONE
     changed: bool = field(default=False)  # set when a denominator grew: then earlier combinations are to be formed anew
 
