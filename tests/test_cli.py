@@ -2,24 +2,42 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import subprocess
 import sys
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import jsonschema
 import pytest
 
+from echelon.cli import main
 from echelon.results.schema import BaseModelRecord, json_schema
 
 ROOT = Path(__file__).parents[1]
 PANDA, PENDULUM = str(ROOT / "examples/panda.yaml"), str(ROOT / "examples/double_pendulum.yaml")
 
 
-def run(
+def run(*arguments: str, cwd: Path | None = None, **variables: str) -> subprocess.CompletedProcess[str]:
+    """A command in this process."""
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    with chdir(cwd or Path.cwd()), redirect_stdout(out), redirect_stderr(err), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["echelon", *arguments])
+        patch.setattr(os, "environ", {**os.environ, **variables})
+        patch.delenv("ECHELON_TRACEBACK", raising=False)
+        try:
+            main()
+        except SystemExit as ended:
+            code = int(ended.code or 0)
+    return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
+
+
+def run_alone(
     *arguments: str, cwd: Path | None = None, code: str = "from echelon.cli import main; main()", **variables: str
 ) -> subprocess.CompletedProcess[str]:
+    """A command in a process of its own."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), **variables}
     environment.pop("ECHELON_TRACEBACK", None)
     return subprocess.run(
@@ -140,14 +158,14 @@ def test_traceback_on_request() -> None:
 def test_our_own_mistakes_are_no_verdict() -> None:
     """A bug shows its traceback, and its exit code is not that of a refuted claim."""
     bug = "import echelon.cli.checks as v; v.run_verify = lambda *_: 1 // 0; from echelon.cli import main; main()"
-    done = run("verify", "set.json", code=bug)
+    done = run_alone("verify", "set.json", code=bug)
     assert "ZeroDivisionError" in done.stderr
     assert done.returncode == 70
 
 
 def test_interruption() -> None:
     stop = "import echelon.cli.checks as v\ndef stop(*_): raise KeyboardInterrupt\nv.run_verify = stop"
-    done = run("verify", "set.json", code=f"{stop}\nfrom echelon.cli import main\nmain()")
+    done = run_alone("verify", "set.json", code=f"{stop}\nfrom echelon.cli import main\nmain()")
     assert (done.returncode, done.stdout, "Traceback" in done.stderr) == (130, "", False)
 
 
@@ -156,19 +174,19 @@ def test_a_full_disk_is_one_line() -> None:
     if not full.is_char_device():
         pytest.skip("no /dev/full on this system")
     code = "import os; os.dup2(os.open('/dev/full', os.O_WRONLY), 1); from echelon.cli import main; main()"
-    done = run("derive", PENDULUM, code=code)
+    done = run_alone("derive", PENDULUM, code=code)
     assert done.stderr.startswith("echelon: ")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
 
 
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-8"])
 def test_pipes_get_utf8_on_every_system(encoding: str) -> None:
-    assert "1  ZZ1 + l1²·M2" in run("derive", PENDULUM, PYTHONIOENCODING=encoding).stdout
+    assert "1  ZZ1 + l1²·M2" in run_alone("derive", PENDULUM, PYTHONIOENCODING=encoding).stdout
 
 
 def test_a_reader_may_leave_early() -> None:
     code = "import os; r, w = os.pipe(); os.close(r); os.dup2(w, 1); from echelon.cli import main; main()"
-    done = run("derive", PENDULUM, code=code)
+    done = run_alone("derive", PENDULUM, code=code)
     assert (done.returncode, done.stderr) == (0, "")
 
 

@@ -90,7 +90,7 @@ def test_states_are_closed(name: str) -> None:
     assert np.abs(qdd).max() > 0.1
 
 
-@pytest.mark.parametrize("name", ["four_bar", "delta", "bennett"])
+@pytest.mark.parametrize("name", ["four_bar", pytest.param("delta", marks=pytest.mark.slow), "bennett"])
 def test_rows_have_the_null_space_of_the_closed_forms(name: str) -> None:
     base = ec.base_parameters(ec.load(LOOPS / f"{name}.yaml"))
     forms = virtual_power_form(base.mechanism)

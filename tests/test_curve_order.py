@@ -68,9 +68,7 @@ def test_seven_revolutes() -> None:
     assert sensor_report(mechanism).ranks[("b1",)] == 27
 
 
-@pytest.mark.parametrize(
-    "count", [1, 2, 4, pytest.param(6, marks=pytest.mark.slow), pytest.param(8, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("count", [1, 2, *(pytest.param(n, marks=pytest.mark.slow) for n in (4, 6, 8))])
 def test_four_bars_in_series(count: int) -> None:
     mechanism = four_bars_in_series(count)
     assert ec.base_parameters(mechanism).rank == 3 + 5 * count

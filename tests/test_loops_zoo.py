@@ -25,8 +25,11 @@ SUBSETS = {
 }
 
 
-def cases(forms: bool = False) -> list[object]:
-    return [pytest.param(c, id=n, marks=[pytest.mark.slow] * (c.slow or forms)) for n, c in ZOO.items()]
+LONG = ("biped on a stand mjcf", "delta mjcf", "stewart mjcf", "excavator", "planar with a ball, the ball first")
+
+
+def cases() -> list[object]:
+    return [pytest.param(c, id=n, marks=[pytest.mark.slow] * (c.slow or n in LONG)) for n, c in ZOO.items()]
 
 
 @pytest.mark.parametrize("case", cases())

@@ -45,6 +45,7 @@ def test_all_ranks_are_those_of_the_oracle(model: Published) -> None:
     check(model)
 
 
+@pytest.mark.slow
 def test_a_set_with_frames_that_follow_is_saved_and_verified(tmp_path: Path) -> None:
     model = next(m for m in PUBLISHED if m.name == "planar_delta")
     mechanism = load(model)
