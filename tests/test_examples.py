@@ -1,0 +1,41 @@
+"""Every script in `examples` runs, says what its first lines promise, and takes seconds."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PRINTED = {
+    "01_derive.py": "BaseModel(panda: 43 base parameters of 70)",
+    "02_geometry_and_gravity.py": "gravity none: 4 base parameters",
+    "03_regressor.py": "X = X̄ B: True",
+    "04_values_and_lift.py": "same base parameters: True",
+    "05_save_and_verify.py": "altered: unit, expression or values of ZZ1 contradict its terms",
+    "06_audit.py": "M2 has the coefficient l1 instead of l1^2",
+    "07_sensors.py": "sufficient: base",
+    "08_generate_code.py": "generated code agrees: True",
+    "09_linear_model.py": "c + d",
+    "10_identify.py": "The model predicts every output well",
+}
+"""A line that each script prints."""
+
+
+def test_all_scripts_are_listed() -> None:
+    assert {path.name for path in (ROOT / "examples").glob("*.py")} == set(PRINTED)
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_script(name: str, tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "PYTHONIOENCODING": "utf-8"}
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "examples" / name)],
+        capture_output=True, text=True, encoding="utf-8", cwd=tmp_path, env=environment, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert PRINTED[name] in done.stdout
+    assert not list(tmp_path.iterdir())
