@@ -81,3 +81,11 @@ def test_numbers_come_from_the_benchmark_of_trajectories(page: str) -> None:
 def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
         assert (page.parent / target).exists(), target
+
+
+def test_the_map_of_contributing_leads_to_files() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    table = text[text.index("| where is") : text.index("## Layers")]
+    named = re.findall(r"`([a-z_]+/[a-z_/]*(?:\.py)?|[a-z_]+\.py)`", table)
+    assert len(named) > 25
+    assert [path for path in named if not (ROOT / "src" / "echelon" / path).exists()] == []
