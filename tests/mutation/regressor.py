@@ -3,7 +3,7 @@
 from mutation.fault import Fault
 
 SPATIAL, ACCELERATIONS, ENERGY = "regressor/spatial.py", "regressor/accelerations.py", "regressor/energy.py"
-POWER, PROBES, LIFTING = "regressor/virtual_power.py", "regressor/probes.py", "regressor/loops/lifting.py"
+POWER, PROBES, LIFTING = "regressor/virtual_power.py", "regressor/probes.py", "regressor/loops/closed_curve.py"
 JOINTS = "test_joints.py"
 TRUTHS = "test_loops_truths.py::test_four_bar test_loops_truths.py::test_parallelogram"
 

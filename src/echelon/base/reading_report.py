@@ -22,9 +22,8 @@ from echelon.mechanism.reading import Reading, Snap
 from echelon.mechanism.stated import StatedValues, stated_values
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.assembly import Assembled
-from echelon.regressor.loops.closing import assembled
+from echelon.regressor.loops.closing import assembled, closing_notes
 from echelon.regressor.loops.coordinates import split_balls
-from echelon.regressor.loops.followed import closing_notes
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 ROUNDING = 1e-9

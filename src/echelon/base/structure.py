@@ -31,7 +31,7 @@ from echelon.program.sampling import FieldSampler
 from echelon.regressor.blocks import FEW_COLUMNS
 from echelon.regressor.energy import energy_changes, energy_form
 from echelon.regressor.linear import LinearForms
-from echelon.regressor.loops.followed import closable_as_stated
+from echelon.regressor.loops.closing import closable_as_stated
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2

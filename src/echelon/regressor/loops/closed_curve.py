@@ -1,20 +1,89 @@
-"""Random motions of a mechanism with loops modulo a prime: for every sample a closed curve, and a motion along it."""
+"""Random motions of a mechanism with loops modulo a prime: for every sample a closed curve, and a motion along it.
+
+From a closed pose, random series of some coordinates are continued to closed series of all by Newton's iteration.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from echelon.errors import InputError, SingularPoseError
 from echelon.exact import series
+from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 from echelon.program.schedule import Schedule, SeriesArithmetic
 from echelon.regressor.loops.exponentials import Exponentials
-from echelon.regressor.loops.lifting import Choice, choose, lift, tangent
-from echelon.regressor.loops.moving import MovingCoordinates, Pose
-from echelon.regressor.loops.positions import Positions
+from echelon.regressor.loops.positions import MovingCoordinates, Pose, Positions
+
+OfSeries = Callable[[Residues], Residues]
+"""From local coordinates (samples, coordinates, order) to the equations (samples, equations, order), or to their
+derivatives by local coordinates (samples, equations, coordinates, order)."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A square non-singular part of a Jacobian."""
+
+    rows: tuple[int, ...]  # equations that the others follow from, to first order
+    dependent: tuple[int, ...]  # columns that the equations are solved for
+    independent: tuple[int, ...]  # the others
+
+
+def choose(jacobian: Residues, field: PrimeField, preferred: Sequence[int] = ()) -> Choice:
+    """Choose equations, and the columns to solve them for; preferred ones, the most wanted first, rather not."""
+    columns = jacobian.shape[1]
+    # pivots are the leftmost columns possible, so what should be independent comes last
+    wanted = list(dict.fromkeys(preferred))
+    order = [c for c in range(columns) if c not in wanted][::-1] + wanted[::-1]
+    _, pivots = reduced_echelon(jacobian[:, order], field)
+    dependent = tuple(sorted(order[k] for k in pivots))
+    _, rows = reduced_echelon(jacobian[:, dependent].T, field)
+    independent = tuple(c for c in range(columns) if c not in dependent)
+    return Choice(tuple(rows), dependent, independent)
+
+
+def lift(equations: OfSeries, slopes: OfSeries, choice: Choice, free: Residues, field: PrimeField) -> Residues:
+    """Continue series of independent local coordinates, zero at t = 0, to closed ones of all, by Newton's iteration.
+
+    DegenerateSampleError if the Jacobian of a sample is singular where that of the choice is not; SingularPoseError if
+    an equation that was left out does not hold along the curves: the pose is singular, or it is isolated.
+    """
+    samples, _, order = free.shape
+    dependent, independent = list(choice.dependent), list(choice.independent)
+    square = np.ix_(range(samples), choice.rows, dependent)
+    local = np.zeros((samples, len(dependent) + len(independent), order), dtype=np.int64)
+    known, inverse = 1, None
+    while known < order:
+        target = min(2 * known, order)
+        local[:, independent, :target] = free[..., :target]
+        values = equations(local[..., :target])
+        if values[..., :known].any():
+            raise SingularPoseError("the loops do not stay closed")
+        # half the coefficients of the derivatives do, for what is added begins with the power t^known
+        inverse = series.matrix_inverse(slopes(local[..., :known])[square], field, inverse)
+        residual = values[:, list(choice.rows), known:target]
+        change = series.matrix_product(inverse[..., : target - known], residual[:, :, None], field)[:, :, 0]
+        local[:, dependent, known:target] = -change % field.p
+        known = target
+    return local
+
+
+def tangent(jacobian: Residues, choice: Choice, free: Residues, field: PrimeField) -> Residues:
+    """All velocities that keep the loops closed, from those of the independent columns."""
+    dependent, independent = list(choice.dependent), list(choice.independent)
+    samples, order = free.shape[0], free.shape[-1]
+    result = np.zeros((samples, jacobian.shape[2], order), dtype=np.int64)
+    result[:, independent] = free
+    if dependent:
+        rows = range(samples)
+        driven = series.matrix_product(jacobian[np.ix_(rows, choice.rows, independent)], free[:, :, None], field)
+        inverse = series.matrix_inverse(jacobian[np.ix_(rows, choice.rows, dependent)], field)
+        result[:, dependent] = -series.matrix_product(inverse, driven, field)[:, :, 0] % field.p
+    return result
 
 
 class ClosedCurve:

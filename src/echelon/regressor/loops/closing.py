@@ -14,12 +14,14 @@ from echelon.errors import DegenerateSampleError, InputError, ShakyPoseError, Si
 from echelon.exact.elimination import null_vectors, rank
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.zero_dimensional import UnsolvedSystemError
+from echelon.mechanism.closed_pose import as_stated
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import in_numbers
 from echelon.mechanism.substitute import with_numeric_ratios
 from echelon.mechanism.symbol_values import has_values
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import Assembled, Assembly, OpenLoopsError
+from echelon.regressor.loops.closed_motion import RANK_TOLERANCE
 from echelon.regressor.loops.coordinates import independent_coordinates
 from echelon.regressor.loops.curves import CurveSampler
 from echelon.regressor.loops.exact_pose import closed_exactly
@@ -36,31 +38,14 @@ _EXACTLY = (
 _STATES, _NEAR = 8, 0.5  # random configurations at which the mobility is counted numerically, and how far they stray
 _NEARLY = 1e-2  # what may be open where frames are made to follow, rad or characteristic lengths
 _LITTLE_WORK = 1e5  # operations for a pose that take no longer than to let frames follow
+_NEARLY_FREE = 1e-2  # singular values below this part of the largest one belong to motions that are nearly possible
 _INDEPENDENT = (1e-3, 1e-5, 1e-6)  # singular values of independent motions, the wanted one first
 
 
 def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: Sequence[str] = ()) -> Mechanism:
-    """A mechanism with loops, its independent coordinates chosen.
+    """A mechanism with loops, its independent coordinates chosen: the wanted ones, or preferably some, such as drives.
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With closures.
-    wanted : sequence of str, optional
-        The coordinates that are to be independent, as many as there are degrees of freedom.
-    prefer : sequence of str
-        Otherwise, coordinates that should be, such as those with drives; the others are chosen as
-        :func:`~echelon.regressor.loops.coordinates.independent_coordinates` says.
-
-    Returns
-    -------
-    Mechanism
-
-    Raises
-    ------
-    InputError
-        If the loops cannot close or cannot move, or the wanted coordinates are too many, too few, or depend on one
-        another.
+    InputError if the loops cannot close or cannot move, or the wanted coordinates are too many, too few, or tied.
     """
     if not mechanism.closures:
         if wanted:
@@ -87,24 +72,29 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
 
 
 def assembled(mechanism: Mechanism) -> Assembled | None:
-    """What had to be moved to close the loops of a mechanism; None without loops, or if symbols have no values.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    """
+    """What had to be moved to close the loops of a mechanism; None without loops, or if symbols have no values."""
     return Assembly(mechanism).assembled if mechanism.closures and has_values(mechanism) else None
 
 
-class _Real:
-    """The mechanism in double precision, near its own pose.
+def closable_as_stated(mechanism: Mechanism) -> Mechanism:
+    """The mechanism with the frames that were stated, if the loops close with them in doubles; otherwise as it is."""
+    if not mechanism.closed_at:
+        return mechanism
+    stated = as_stated(mechanism)
+    return stated if Assembly(stated).closes else mechanism
 
-    Attributes
-    ----------
-    assembly : Assembly
-    mobility : int
-        Degrees of freedom to six digits.
-    """
+
+def closing_notes(mechanism: Mechanism) -> list[str]:
+    """What a user should know of how the loops of a mechanism close."""
+    if not mechanism.closures or not has_values(mechanism):
+        return []
+    assembly = Assembly(mechanism)
+    notes = [_moved(mechanism, assembly)] if mechanism.closed_at else []
+    return notes + _nearly_free(mechanism, assembly)
+
+
+class _Real:
+    """The mechanism in double precision, near its own pose."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism, self.assembly = mechanism, Assembly(mechanism)
@@ -147,13 +137,7 @@ def _real(mechanism: Mechanism) -> tuple[Mechanism, _Real | None]:
 
 
 def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
-    """The mechanism as it is if its loops close exactly and move as they do in doubles, else with frames that follow.
-
-    Raises
-    ------
-    InputError
-        If the loops move to six digits, but neither with the numbers as they are nor when frames follow.
-    """
+    """The mechanism as it is if its loops close exactly and move as in doubles, else with frames that follow."""
     reasons, locked = [], ""
     attempts = [(_as_it_is, _LITTLE_WORK), (_followed, inf), (_as_it_is, inf), (_in_numbers, inf)]
     for attempt, work in attempts[:1] if mechanism.closed_at else attempts:
@@ -254,3 +238,38 @@ def _locked(mechanism: Mechanism, freedom: int, mobility: int) -> str:
 
 def _closures(mechanism: Mechanism) -> str:
     return ", ".join(f"'{closure.name}'" for closure in mechanism.closures)
+
+
+def _moved(mechanism: Mechanism, assembly: Assembly) -> str:
+    """By how much frames were moved."""
+    stated = Assembly(as_stated(mechanism))
+    values, kinds = np.abs(stated.closures.at(assembly.pose[None])[0][0]), stated.closures.is_length
+    lengths, angles = (float(values[kinds == kind].max(initial=0.0)) for kind in (True, False))
+    return (
+        f"the second frames of {_closures(mechanism)} were moved by up to {lengths * stated.closures.length:.1g} m and "
+        f"{angles:.1g} rad, so that the loops close exactly"
+    )
+
+
+def _nearly_free(mechanism: Mechanism, assembly: Assembly) -> list[str]:
+    """Motions that the loops nearly allow."""
+    states, _, _ = assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
+    sizes = _singular(assembly, np.vstack([assembly.pose[None], states]))
+    near = sizes[(sizes > RANK_TOLERANCE) & (sizes < _NEARLY_FREE)]
+    if not near.size:
+        return []
+    freedoms = len(mechanism.independent_velocities)
+    more = "a motion" if len(near) == 1 else f"{len(near)} motions"
+    return [
+        f"the loops closed by {_closures(mechanism)} nearly allow {more} (singular value {near.max():.1g} of their "
+        f"equations): if rounding has locked them, the mechanism is meant to have {freedoms + len(near)} degrees of "
+        f"freedom instead of {freedoms}; write directions and angles as expressions such as pi/3, lengths exactly"
+    ]
+
+
+def _singular(assembly: Assembly, q: Floats) -> Floats:
+    """The largest of each singular value over some states, about the largest one."""
+    jacobian = assembly.closures.at(q)[1][:, :, : len(assembly.mechanism.velocities)]
+    found = np.linalg.svd(jacobian, compute_uv=False)
+    largest: Floats = (found / found[:, :1]).max(axis=0)
+    return largest

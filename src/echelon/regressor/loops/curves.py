@@ -27,9 +27,8 @@ from echelon.regressor.loops.closed_curve import ClosedCurve
 from echelon.regressor.loops.closed_regions import REAL_STATES, closed_regions
 from echelon.regressor.loops.closures import Loops
 from echelon.regressor.loops.exponentials import Exponentials
-from echelon.regressor.loops.moving import Layout, Pose
 from echelon.regressor.loops.poses import PoseFinder
-from echelon.regressor.loops.positions import Constants, Positions, Recorded
+from echelon.regressor.loops.positions import Constants, Layout, Pose, Positions, Recorded
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 _LOST = 2  # coefficients that are not known of accelerations
@@ -39,22 +38,7 @@ _SURPLUS = 3  # halves: that many more coefficients are taken than states, becau
 
 
 class CurveSampler(FieldSampler):
-    """Evaluates outputs of a program along random curves of closed configurations.
-
-    Parameters
-    ----------
-    program : Program
-    outputs : sequence of int
-        Output nodes.
-    loops : Loops
-    order : int
-        Number of coefficients taken of every curve.
-
-    Raises
-    ------
-    UnknownRelationsError
-        If functions of the motion other than sines and cosines of its angles occur.
-    """
+    """Evaluates outputs of a program along random curves of closed configurations."""
 
     def __init__(self, program: Program, outputs: Sequence[int], loops: Loops, order: int) -> None:
         entries = loops.equations.jacobian
@@ -118,13 +102,7 @@ class CurveSampler(FieldSampler):
                 self._regular = False
 
     def closed_pose(self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues]) -> Pose:
-        """A closed pose for every geometry.
-
-        Raises
-        ------
-        SingularPoseError
-            If none can be found.
-        """
+        """A closed pose for every geometry."""
         while True:
             positions = self._positions(field, rng, geometry)
             pose = self._poses.find(positions, rng)
@@ -154,14 +132,7 @@ class CurveSampler(FieldSampler):
         return _mixed(values.reshape(len(values), geometries, curves * self.order), states, field, rng)
 
     def cost(self, program: int, states: int) -> float:
-        """Operations on residues that the states of one geometry take.
-
-        Parameters
-        ----------
-        program : int
-            Number of operations of the outputs.
-        states : int
-        """
+        """Operations on residues that the states of one geometry take."""
         closing = len(self.program.needed(self._recorded.nodes)) + len(self._recorded.entries)
         return _PRODUCT * self._curves(states) * self.order**2 * (program + _LIFTS * closing)
 
@@ -169,12 +140,7 @@ class CurveSampler(FieldSampler):
         return max(1 + -(-_SURPLUS * states // (2 * self.order)), len(self._regions))
 
     def jacobian(self, field: PrimeField, rng: np.random.Generator) -> Residues:
-        """Jacobian of the closures by all coordinates at a closed pose of a random geometry.
-
-        Returns
-        -------
-        array of shape (equations, velocities)
-        """
+        """Jacobian of the closures by all coordinates at a closed pose of a random geometry."""
         geometry = {s: field.draw(rng, (1,)) for s in self.symbols}
         pose = self.closed_pose(field, rng, geometry)
         jacobian: Residues = self._positions(field, rng, geometry).jacobian(pose)[0]
