@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 from echelon.program.tape import Scalar
 
 Vec = tuple[Scalar, Scalar, Scalar]
@@ -37,3 +40,9 @@ def transposed(matrix: Mat) -> Mat:
     """Transpose."""
     (a, b, c), (d, e, f), (g, h, i) = matrix
     return ((a, d, g), (b, e, h), (c, f, i))
+
+
+def quaternion_times(quaternion: Iterable[Any], vector: Iterable[Any]) -> tuple[Any, Any, Any, Any]:
+    """The product of a quaternion (w, x, y, z) and a vector, of any numbers; half of it with a velocity is its rate."""
+    (w, x, y, z), (a, b, c) = quaternion, vector
+    return (-x * a - y * b - z * c, w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a)

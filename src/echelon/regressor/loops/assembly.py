@@ -17,7 +17,14 @@ import numpy as np
 from echelon.arrays import Flags, Floats
 from echelon.errors import AssemblyWarning, InputError
 from echelon.mechanism.joint import MotionKind
-from echelon.regressor.loops.closed_motion import RANK_TOLERANCE, ClosedMotion, largest, normalised, position_rates
+from echelon.regressor.loops.closed_motion import (
+    RANK_TOLERANCE,
+    ClosedMotion,
+    largest,
+    normalised,
+    places,
+    position_rates,
+)
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 _RESIDUAL = 1e-12  # of the characteristic length
@@ -134,9 +141,9 @@ class Assembly(ClosedMotion):
     def assembled(self) -> Assembled | None:
         """What was moved from the stated assembly pose to :attr:`pose`; None if nothing but rounding."""
         mechanism = self.mechanism
-        motions = [m for m in mechanism.motions if m.name not in mechanism.dependent]
         moved = []
-        for motion, relative in zip(motions, self._distances(self.pose[None])[0].tolist(), strict=True):
+        distances = self._distances(self.pose[None])[0].tolist()
+        for (motion, _, _), relative in zip(places(mechanism), distances, strict=True):
             slides = motion.kind is MotionKind.TRANSLATION
             size, unit = (relative * self.closures.length, "m") if slides else (relative, "rad")
             moved.append(
@@ -159,17 +166,13 @@ class Assembly(ClosedMotion):
 
     def _distances(self, q: Floats) -> Floats:
         """How far each motion is from the stated pose, rad or characteristic lengths, shape (N, motions)."""
-        found, mechanism = [], self.mechanism
-        for motion in mechanism.motions:
-            if motion.name in mechanism.dependent:
-                continue
-            first = mechanism.positions.index(motion.positions[0])
-            place = slice(first, first + len(motion.positions))
+        found = []
+        for motion, place, _ in places(self.mechanism):
             if motion.kind is MotionKind.BALL:
                 chord = np.abs(q[:, place] @ self._stated[place])
                 found.append(2 * np.arccos(np.minimum(chord, 1.0)))
             else:
-                found.append(np.abs(q[:, first] - self._stated[first]) / self.position_units[first])
+                found.append(np.abs((q - self._stated) / self.position_units)[:, place.start])
         return np.stack(found, axis=1)
 
     def closed(self, q: Floats, held: Sequence[str] = (), iterations: int = _ITERATIONS) -> tuple[Floats, Flags]:

@@ -6,7 +6,7 @@ four-bar has in space, so there may be more equations than unknowns; but their r
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import Mechanism, Symbol
 from echelon.mechanism.output import Cut
 from echelon.mechanism.symbol_values import characteristic_length, symbol_values
@@ -23,6 +23,7 @@ from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
 from echelon.regressor.loops.closures import record_closures
 from echelon.regressor.probes import Probes, virtual_motion
+from echelon.regressor.spatial import quaternion_times
 from echelon.regressor.steps import Recorder
 
 RANK_TOLERANCE = 1e-6
@@ -252,28 +253,31 @@ def largest(values: Floats) -> Floats:
 def position_rates(mechanism: Mechanism, q: Floats, qd: Floats) -> Floats:
     """Rates of the position coordinates; a quaternion's is half its product with the velocity."""
     result = np.zeros_like(q)
-    for motion in mechanism.motions:
-        if motion.name in mechanism.dependent:
-            continue
-        place = mechanism.positions.index(motion.positions[0])
-        speed = mechanism.velocities.index(motion.velocities[0])
-        if motion.kind is not MotionKind.BALL:
-            result[:, place] = qd[:, speed]
-            continue
-        w, vector, turning = q[:, place, None], q[:, place + 1 : place + 4], qd[:, speed : speed + 3]
-        result[:, place] = -(vector * turning).sum(axis=1) / 2
-        result[:, place + 1 : place + 4] = (w * turning + np.cross(vector, turning)) / 2
+    for motion, place, speeds in places(mechanism):
+        rate = qd[:, speeds]
+        if motion.kind is MotionKind.BALL:
+            rate = np.stack(quaternion_times(q[:, place].T, rate.T), axis=1) / 2
+        result[:, place] = rate
     return result
 
 
 def normalised(mechanism: Mechanism, q: Floats) -> Floats:
     """Positions with unit quaternions."""
     result = q.copy()
-    for motion in mechanism.motions:
+    for motion, place, _ in places(mechanism):
         if motion.kind is MotionKind.BALL:
-            place = mechanism.positions.index(motion.positions[0])
-            result[:, place : place + 4] /= np.linalg.norm(q[:, place : place + 4], axis=1, keepdims=True)
+            result[:, place] /= np.linalg.norm(q[:, place], axis=1, keepdims=True)
     return result
+
+
+def places(mechanism: Mechanism) -> Iterator[tuple[Motion, slice, slice]]:
+    """Motions that no coupling makes dependent, with the places of their positions and of their velocities."""
+    position = velocity = 0
+    for motion in mechanism.motions:
+        if motion.name not in mechanism.dependent:
+            ends = position + len(motion.positions), velocity + len(motion.velocities)
+            yield motion, slice(position, ends[0]), slice(velocity, ends[1])
+            position, velocity = ends
 
 
 def _length(mechanism: Mechanism, symbols: Mapping[str, float]) -> float:

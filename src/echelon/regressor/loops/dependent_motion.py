@@ -25,6 +25,7 @@ from echelon.program.least_squares import LeastSquares
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.loops.closures import record_closures
 from echelon.regressor.probes import Probes
+from echelon.regressor.spatial import quaternion_times
 from echelon.regressor.steps import Recorder
 
 
@@ -189,8 +190,7 @@ class DependentMotion:
             if motion.kind is not MotionKind.BALL:
                 yield rate
                 continue
-            (w, x, y, z), (a, b, c) = self._recorder.coordinates[motion.name].position, rate
-            twice = (-x * a - y * b - z * c, w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a)
+            twice = quaternion_times(self._recorder.coordinates[motion.name].position, rate)
             yield [value / 2 for value in twice]
 
 
