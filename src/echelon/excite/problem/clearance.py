@@ -18,7 +18,7 @@ import numpy.typing as npt
 from echelon.arrays import Floats, Integers
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import InputError
-from echelon.excite.problem.distances import Engine, checked_pairs, owner_name
+from echelon.excite.problem.distances import Engine, Measured, checked_pairs, owner_name
 from echelon.excite.problem.shapes import BoundingSpheres, Owner, Shape
 from echelon.excite.problem.state_limits import Slopes, StateConstraint
 from echelon.mechanism.joint import MotionKind
@@ -28,16 +28,6 @@ REACH = 0.2
 """How far beyond the clearance distances are measured, m: enough to be warned before a limit is near."""
 
 _TOUCHING = 1e-12  # m, below which points do not tell a normal
-
-
-@dataclass(frozen=True)
-class Nearest:
-    """For every state and pair of owners, its nearest pair of shapes."""
-
-    distances: Floats  # shape (N, m); m, at most the reach
-    pairs: Integers  # shape (N, m); which pair of shapes it is
-    points: Floats  # shape (N, m, 2, 3); on the first and the second, in the base frame, m; zero beyond the reach
-    places: Floats  # shape (N, shapes, 3, 4); frames of the shapes
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +50,7 @@ class Clearance(StateConstraint):
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:  # noqa: ARG002
-        """Smallest distances of the pairs of owners, shape (N, m)."""
+        """Smallest distances of the pairs of owners, (N, m), m: negative where shapes overlap, at most the reach."""
         return self.nearest(q).distances
 
     def slopes(self, q: Floats, qd: Floats, qdd: Floats) -> Slopes:  # noqa: ARG002
@@ -82,7 +72,7 @@ class Clearance(StateConstraint):
                 slopes[at, columns[some]] += np.einsum("ki,kicj,kc->kj", n, moved[at, on], arm)
         return slopes, None, None
 
-    def nearest(self, q: Floats) -> Nearest:
+    def nearest(self, q: Floats) -> Measured:
         """The nearest shapes of all pairs of owners."""
         last = next((found for at, found in tuple(self._last) if np.array_equal(at, q)), None)
         if last is None:
@@ -90,7 +80,7 @@ class Clearance(StateConstraint):
             self._last.append((np.array(q), last))
         return last
 
-    def _nearest(self, q: Floats) -> Nearest:
+    def _nearest(self, q: Floats) -> Measured:
         places = self.places(q)
         asked = np.argwhere(self.spheres.gaps(places, self.pairs) < self.reach)
         measured = self.engine.measure(places, np.column_stack([asked[:, 0], self.pairs[asked[:, 1]]]), self.reach)
@@ -99,13 +89,13 @@ class Clearance(StateConstraint):
         points = np.zeros((*distances.shape, 2, 3))
         points[asked[:, 0], asked[:, 1]] = measured.points
         if not self.owners:
-            return Nearest(distances, np.zeros(distances.shape, dtype=np.intp), points, places)
+            return Measured(distances, points)
         ends = [*self.starts[1:].tolist(), len(self.pairs)]
         least = np.column_stack(
             [a + distances[:, a:b].argmin(axis=1) for a, b in zip(self.starts.tolist(), ends, strict=True)]
         )
         rows = np.arange(len(places))[:, None]
-        return Nearest(distances[rows, least], least, points[rows, least], places)
+        return Measured(distances[rows, least], points[rows, least])
 
     def places(self, q: Floats) -> Floats:
         """Frames of all shapes in the base frame, shape (N, shapes, 3, 4)."""
@@ -114,7 +104,7 @@ class Clearance(StateConstraint):
     # -- parts -----------------------------------------------------------------------------------------------------
 
     @cached_property
-    def _last(self) -> deque[tuple[Floats, Nearest]]:
+    def _last(self) -> deque[tuple[Floats, Measured]]:
         """Positions with what is nearest there: at the samples that a solver knows of, and at all."""
         return deque(maxlen=2)
 

@@ -53,14 +53,14 @@ class Engine:
         self._model = self._compiled()
 
     def places(self, frames: Floats) -> Floats:
-        """Frames of all shapes in the base frame."""
+        """Frames of all shapes in the base frame, (N, shapes, 3, 4), from those of the bodies, (N, bodies, 3, 4)."""
         world = np.broadcast_to(np.eye(3, 4), (len(frames), 1, 3, 4))
         # the world is body −1, the last one
         bodies = np.concatenate([frames, world], axis=1)[:, [shape.body for shape in self.shapes]]
         return _behind(bodies, np.array([shape.placement for shape in self.shapes]).reshape(-1, 4, 4))
 
     def measure(self, places: Floats, asked: Integers, reach: float) -> Measured:
-        """Signed distances."""
+        """Signed distances, for rows (state, first, second shape), (K, 3), equal states one after another."""
         geoms = _behind(places, self._offsets)
         rotations, origins = geoms[..., :3].reshape(len(geoms), -1, 9), geoms[..., 3]
         # a buffer of its own for every call, so that threads do not meet
@@ -122,11 +122,12 @@ def _behind(frames: Floats, placements: Floats) -> Floats:
     return moved
 
 
-def checked_pairs(
-    mechanism: Mechanism, shapes: Sequence[Shape], exclude: Sequence[tuple[str, str]] = (), source: str | None = None
-) -> Integers:
-    """Pairs of shapes on bodies that are neither rigidly connected nor neighbours."""
-    excluded = [_excluded(mechanism, shapes, pair, source) for pair in exclude]
+def checked_pairs(mechanism: Mechanism, shapes: Sequence[Shape], exclude: Sequence[tuple[str, str]] = ()) -> Integers:
+    """Pairs of shapes, shape (P, 2), on bodies that are neither rigidly connected nor neighbours.
+
+    Planes come first, and pairs of the same owners are next to each other.  Exclusions name bodies, links or shapes.
+    """
+    excluded = [_excluded(mechanism, shapes, pair) for pair in exclude]
     found = []
     for pair in combinations(range(len(shapes)), 2):
         # planes belong to the world, whose index is the least
@@ -163,16 +164,16 @@ def _neighbours(mechanism: Mechanism, first: Shape, second: Shape) -> bool:
 
 
 def _excluded(
-    mechanism: Mechanism, shapes: Sequence[Shape], pair: tuple[str, str], source: str | None
+    mechanism: Mechanism, shapes: Sequence[Shape], pair: tuple[str, str]
 ) -> tuple[frozenset[int], frozenset[int]]:
     names: Sequence[object] = pair  # that of a set-up may be anything
     if len(names) != 2 or not all(isinstance(name, str) for name in names):
-        raise InputError(f"an exclusion needs two names, got {pair!r}", source=source)
-    first, second = (_meant(mechanism, shapes, name, source) for name in pair)
+        raise InputError(f"an exclusion needs two names, got {pair!r}")
+    first, second = (_meant(mechanism, shapes, name) for name in pair)
     return first, second
 
 
-def _meant(mechanism: Mechanism, shapes: Sequence[Shape], name: str, source: str | None) -> frozenset[int]:
+def _meant(mechanism: Mechanism, shapes: Sequence[Shape], name: str) -> frozenset[int]:
     """The shapes that a name stands for."""
     bodies = [body.name for body in mechanism.bodies]
     known = {name for shape in shapes for name in (shape.name, shape.link) if name}
@@ -180,7 +181,7 @@ def _meant(mechanism: Mechanism, shapes: Sequence[Shape], name: str, source: str
     body = bodies.index(name) if name in bodies else GROUND if name == WORLD[0] or name in fixed else None
     if body is None and name not in known:
         valid = ", ".join(dict.fromkeys((*bodies, WORLD[0], *sorted(known))))
-        raise InputError(f"there is no body, link or shape '{name}' to exclude (valid: {valid})", source=source)
+        raise InputError(f"there is no body, link or shape '{name}' to exclude (valid: {valid})")
     return frozenset(
         k
         for k, shape in enumerate(shapes)

@@ -43,7 +43,11 @@ class Rows:
 
 
 class StateRegressor:
-    """The entries of a reduced regressor at states, and their pullback, in machine code."""
+    """The entries of a reduced regressor at states, and their pullback, in machine code.
+
+    With ``smooth``, a velocity in rad/s or m/s within which dry friction changes sign gradually, the entries have
+    derivatives everywhere.  With loops, states are all positions, independent velocities and accelerations.
+    """
 
     def __init__(self, mechanism: Mechanism, pivots: Sequence[int], smooth: float | None = None) -> None:
         function = _ordered(robot_function("regressor", mechanism, pivots))

@@ -132,7 +132,7 @@ _TOUCHING = 1e-9  # m, of witness points that are too near each other to tell a 
 
 
 def support(shape: Shape, directions: Floats) -> Floats:
-    """The largest n · x over a solid, from the origin of its own frame, shape (K,)."""
+    """The largest n · x over a solid that is no plane, in its own frame, shape (K,), m, for unit vectors n of (K, 3)."""
     n = directions
     if shape.vertices is not None:
         return np.asarray((n @ shape.vertices.T).max(axis=1))
@@ -195,7 +195,7 @@ class BoundingSpheres:
         ).reshape(-1, 3)
 
     def gaps(self, places: Floats, pairs: Integers) -> Floats:
-        """Lower bounds of distances; exact between spheres, and between a sphere and a plane, shape (N, P)."""
+        """Lower bounds of distances, (N, P), m, exact for spheres and planes; only the first of a pair may be a plane."""
         first, second = pairs.T
         centres = np.einsum("nsij,sj->nsi", places[..., :3], self.centres) + places[..., 3]
         apart = centres[:, second] - centres[:, first]
@@ -206,7 +206,10 @@ class BoundingSpheres:
 
 
 def plane_gaps(first: Shape, second: Shape, places: tuple[Floats, Floats], points: Floats) -> Floats:
-    """Lower bounds of signed distances by a pair of parallel planes between two shapes."""
+    """Lower bounds of signed distances, shape (N,), m, by pairs of parallel planes between two shapes.
+
+    The second shape is no plane.  Points of shape (N, 2, 3) that are said to be nearest, or deepest, give the normals.
+    """
     if first.kind is Kind.PLANE:
         return _between(first, second, places, places[0][:, :, 2])
     apart = points[:, 1] - points[:, 0]

@@ -156,7 +156,10 @@ def enclosures_of(
     ranges: Mapping[str, Interval],
     bounded: Sequence[Argument] = (),
 ) -> Interval:
-    """Bounds of a function's entries while states stay in intervals, shape (cells, entries)."""
+    """Bounds of a function's entries while states stay in intervals, shape (cells, entries).
+
+    Further nodes of the program are ``bounded`` better than the states tell; their ranges go by the arguments' names.
+    """
     cells, together = len(ranges["q"][0]), max(_NUMBERS // max(len(function.program), 1), 16)
     blocks = [slice(k, k + together) for k in range(0, cells, together)]
     parts = [_enclosed(function, uniform, ranges, block, bounded) for block in blocks]

@@ -235,7 +235,11 @@ class Solution:
 def constraint_generation(
     problem: Problem, start: Floats, options: SolverOptions, near: Floats | None = None
 ) -> Solution:
-    """Minimise from one starting point."""
+    """Minimise from one starting point; limits that a motion ``near`` the goal comes near to are enforced at once.
+
+    Linear algebra runs in one thread: matrices are small, threads that wait for each other cost more than they bring,
+    and the order of additions is the same wherever it runs.
+    """
     with one_thread():
         best = Best(problem)
         start = problem.inside(start)  # the centre keeps all limits, so that there is something to fall back on

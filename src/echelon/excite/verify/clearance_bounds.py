@@ -49,7 +49,7 @@ class MotionBounds:
         self._most = {name: float(weights @ positions) for name, weights in self._weights.items()}
 
     def between(self, first: Shape, second: Shape) -> Floats:
-        """Bounds of the speed of points of one shape against those of another, per speed of a coordinate."""
+        """Bounds of the speed of points of one shape against those of another per |q̇_k|, shape (n,), m per rad or m."""
         carried = set(self._up(first.body)) & set(self._up(second.body))
         return self._along(first, carried) + self._along(second, carried)
 

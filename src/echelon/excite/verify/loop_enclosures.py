@@ -86,7 +86,10 @@ class LoopEnclosures:
         return {"q": located.q, "qd": speeds, "qdd": _ends(self._completed(located, ranges["qdd"], opening))}
 
     def virtual(self, located: Located, given: Floats) -> Interval:
-        """Virtual velocities of all coordinates, shape (cells, velocities, outputs), rad/s or m/s."""
+        """Virtual velocities of all coordinates, shape (cells, velocities, outputs), rad/s or m/s.
+
+        Given are those that outputs determine, (velocities, outputs), in units of speeds; zero for the others.
+        """
         units, (_, dependent) = self.motion.speed_units, self.motion.columns
         opened = located.product[0] @ given, located.product[1] @ np.abs(given)
         (middle, radius), _ = _solved(located.product, dependent, opened)
