@@ -132,7 +132,7 @@ _TOUCHING = 1e-9  # m, of witness points that are too near each other to tell a 
 
 
 def support(shape: Shape, directions: Floats) -> Floats:
-    """The largest n · x over a solid that is no plane, in its own frame, shape (K,), m, for unit vectors n of (K, 3)."""
+    """The largest n · x over a solid that is no plane, in its own frame, (K,), m, for unit vectors n of (K, 3)."""
     n = directions
     if shape.vertices is not None:
         return np.asarray((n @ shape.vertices.T).max(axis=1))
@@ -195,7 +195,7 @@ class BoundingSpheres:
         ).reshape(-1, 3)
 
     def gaps(self, places: Floats, pairs: Integers) -> Floats:
-        """Lower bounds of distances, (N, P), m, exact for spheres and planes; only the first of a pair may be a plane."""
+        """Lower bounds of distances, (N, P), exact for spheres and planes; only the first of a pair may be a plane."""
         first, second = pairs.T
         centres = np.einsum("nsij,sj->nsi", places[..., :3], self.centres) + places[..., 3]
         apart = centres[:, second] - centres[:, first]
