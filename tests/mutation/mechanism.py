@@ -70,7 +70,7 @@ FAULTS = (
         "in (c, -s, s, c))",
         "in (c, s, -s, c))",
         "sense of held angles",
-        "test_hold.py::test_remaining_joints_are_those_of_the_reduced_model",
+        "test_lock_joints.py::test_remaining_joints_are_those_of_the_reduced_model",
     ),
     Fault(
         "mechanism/stated.py",

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import reduce
+from functools import partial, reduce
 from operator import matmul
 
 import numpy as np
@@ -18,6 +18,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.axis_relations import with_relations
+from echelon.formats.bodies import Bodies, Part
 from echelon.formats.closure_frames import second_frame, with_parallelogram
 from echelon.formats.link_inertia import Inertial, move_inertial, numeric_placement
 from echelon.formats.literal import (
@@ -35,8 +36,8 @@ from echelon.formats.literal import (
 from echelon.formats.reading_options import ReadingOptions, gravity_vector
 from echelon.formats.snapping import Snapping, symbol_stem
 from echelon.mechanism.closure import Closure
-from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
-from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, Symbol, setup_placements
+from echelon.mechanism.joint import Motion, MotionKind, Step, merge
+from echelon.mechanism.mechanism import ALL, GROUND, Mechanism, Symbol, setup_placements
 from echelon.mechanism.output import Cut, JointForce, Output, plain
 from echelon.mechanism.placement import Placement, shift, turn
 from echelon.mechanism.reading import Snap
@@ -66,25 +67,20 @@ class _Builder:
         self.notes = list(tree.notes)
         self.couplings = self._resolved_couplings()
         self.floating_link = self._floating_link() if options.floating else None
-        self.bodies: list[Body] = []
+        self.lumped = Bodies(0 if options.floating or options.every_link else 1)
+        self.bodies = self.lumped.made
         self.sensors = tree.sensors if options.measured == "file" else ()
         wrenches = {s.link for s in self.sensors if isinstance(s, LiteralWrench)}
         self.separate = {tree.links[k].name for k in wrenches}.union(options.separate)
-        self.host: dict[int, int] = {}  # link -> body that carries it
-        self.offset: dict[int, tuple[LiteralPlacement, ...]] = {}  # link -> placements from its body's frame
-        self.sources: dict[str, list[str]] = {}  # label of a body -> elements that its joint's frames come from
 
     def build(self) -> Built:
         self._check_massless()
         for index, link in enumerate(self.tree.links):
-            if self._makes_body(index, link):
-                self._add_body(index, link)
-            else:
-                self._attach(index, link)
+            self._add(index, link)
         self._attach_inertials()
         gravity = gravity_vector(self.options.gravity, self.snapping.gravity())
         if not self.tree.closures:  # loops close at the numbers of the file, not at any others
-            self.bodies, gravity = with_relations(self.bodies, gravity, self.snapping, self.sources)
+            self.bodies, gravity = with_relations(self.bodies, gravity, self.snapping, self.lumped.sources)
         couplings = tuple(c.coupling for c in self.couplings.values())
         closures = tuple(self._closure(closure) for closure in self._moving_closures())
         mechanism = Mechanism(
@@ -149,7 +145,12 @@ class _Builder:
 
     def _ride(self, link: int) -> Ride:
         """The body that carries a link, and the placements from its frame to the link's."""
-        return self.host.get(link, GROUND), self.offset.get(link, ())
+        links, found = self.tree.links, tuple[LiteralPlacement, ...]()
+        body = self.lumped.host[links[link].name] if link != GROUND else GROUND
+        while link != GROUND and not self._makes_body(link, links[link]):
+            found = (*(step for step in links[link].steps if isinstance(step, LiteralPlacement)), *found)
+            link = links[link].parent
+        return body, found
 
     # -- bodies ----------------------------------------------------------------------------------------------------
 
@@ -172,28 +173,26 @@ class _Builder:
             source=self.tree.source,
         )
 
-    def _add_body(self, index: int, link: LiteralLink) -> None:
-        label = str(len(self.bodies) if self.options.floating or self.options.every_link else len(self.bodies) + 1)
-        parent = self.host.get(link.parent, GROUND)
-        steps: tuple[LiteralStep, ...] = (*self.offset.get(link.parent, ()), *link.steps)
-        self.sources[label] = [step.element for step in steps]
-        read = self._read(steps, label)
-        kind, name = link.kind, link.joint
-        if index == self.floating_link:
-            kind, name, read = "floating", "base", (*floating_motions("base"), *read)
-        read = merge(read)
+    def _add(self, index: int, link: LiteralLink) -> None:
+        parent = None if link.parent == GROUND else self.tree.links[link.parent].name
+        part = Part(
+            tuple(step.element for step in link.steps),
+            link.name,
+            parent,
+            link.joint,
+            link.kind,
+            moves=any(not isinstance(step, LiteralPlacement) for step in link.steps),
+            steps=partial(self._read, link.steps),
+            carried=() if link.name in self.options.massless else ALL,
+        )
+        if not self._makes_body(index, link):
+            self.lumped.attach(part, part.steps)
+            return
+        label = self.lumped.add(part, floats=index == self.floating_link)
         if not self.tree.closures:  # loops close at the lengths of the file, not at any others
-            read = merge(self.snapping.name_lengths(read, label, f"joint '{link.joint or link.name}'"))
-        massless = link.name in self.options.massless
-        self.bodies.append(Body(link.name, label, parent, Joint(name, kind, read), () if massless else ALL))
-        self.host[index] = len(self.bodies) - 1
-        self.offset[index] = ()
-
-    def _attach(self, index: int, link: LiteralLink) -> None:
-        """A fixed link rides on its parent's body."""
-        placements = tuple(step for step in link.steps if isinstance(step, LiteralPlacement))
-        self.host[index] = self.host.get(link.parent, GROUND)
-        self.offset[index] = (*self.offset.get(link.parent, ()), *placements)
+            body, element = self.bodies[-1], f"joint '{link.joint or link.name}'"
+            steps = merge(self.snapping.name_lengths(body.joint.steps, label, element))
+            self.bodies[-1] = replace(body, joint=replace(body.joint, steps=steps))
 
     def _read(self, steps: tuple[LiteralStep, ...], label: str) -> tuple[Step, ...]:
         read: list[Step] = []
@@ -236,11 +235,11 @@ class _Builder:
     def _attach_inertials(self) -> None:
         totals: dict[int, Inertial] = {}
         for index, link in enumerate(self.tree.links):
-            body = self.host[index]
+            body, placements = self._ride(index)
             if body == GROUND or link.inertial is None:
                 continue
             rotation, translation = np.eye(3), np.zeros(3)
-            for placement in self.offset[index]:
+            for placement in placements:
                 step_rotation, step_translation = numeric_placement(placement)
                 translation = translation + rotation @ step_translation
                 rotation = rotation @ step_rotation

@@ -12,9 +12,10 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.axis_relations import with_relations
+from echelon.formats.bodies import BASE, Bodies, Part
 from echelon.formats.builder import Built, Rider
 from echelon.formats.description.document import Document
-from echelon.formats.description.parts import BASE, Part, read_parts
+from echelon.formats.description.parts import read_parts
 from echelon.formats.description.stated_couplings import offset_placement, read_couplings
 from echelon.formats.description.stated_expressions import (
     Expressions,
@@ -65,7 +66,7 @@ def build_description(
     chosen = chosen if chosen is not None and any(chosen) else None
     bodies = tree.bodies
     if not robot.loops:
-        bodies, chosen = with_relations(bodies, chosen, expressions.snapping, tree.sources, expressions.declared)
+        bodies, chosen = with_relations(bodies, chosen, expressions.snapping, tree.lumped.sources, expressions.declared)
     mechanism = Mechanism(
         robot.name,
         tuple(bodies),
@@ -172,21 +173,24 @@ class _Tree:
         self.parts, self.options, self.expressions = parts, options, expressions
         self.floating, self.cut = floating, cut
         self.massless = self._massless()
-        self.bodies: list[Body] = []
         self.notes: list[str] = []
-        # of every part, and of the base: the body that carries it, and where it sits on that body
-        self.host: dict[str | None, int] = {None: GROUND}
-        self.offset: dict[str | None, Placement] = {None: Placement()}
-        self.sources: dict[str, list[str]] = {}  # of every body, by label: elements that its joint's frames come from
-        self._paths: dict[str | None, list[str]] = {None: []}
+        first = parts[0] if parts else None
+        # a base that is a body of its own is number 0, so that the numbers of the others stay what they are
+        kept = first is not None and not first.moves and (first.separate or options.every_link)
+        self.lumped = Bodies(0 if floating or kept else 1)
         self._riders: dict[int, list[Part]] = {}
         self._coordinates: dict[str, str] = {}
-        if floating and (not parts or (parts[0].moves and parts[0].kind != "floating")):
+        if floating and (first is None or (first.moves and first.kind != "floating")):
             self._float_base()
         for part in parts:
-            self._add(part)
+            self._add(replace(part, carried=()) if part.name in self.massless else part)
         for index, riders in self._riders.items():
             self.bodies[index] = self._loaded(self.bodies[index], riders)
+
+    @property
+    def bodies(self) -> list[Body]:
+        """The bodies so far."""
+        return self.lumped.made
 
     # -- bodies ----------------------------------------------------------------------------------------------------
 
@@ -194,74 +198,39 @@ class _Tree:
         """The base becomes a body, because the first part moves against it."""
         name = unused(BASE, {part.name for part in self.parts})
         joint = Joint(BASE, "floating", floating_motions(BASE))
-        self._append(Body(name, "0", GROUND, joint, () if BASE in self.options.massless else ALL), "floating_base")
-        self.host[None] = 0
+        self.lumped.add_base(Body(name, "0", GROUND, joint, () if BASE in self.options.massless else ALL))
+        self._check_coordinates("floating_base")
 
     def _add(self, part: Part) -> None:
         floats = self.floating and not self.bodies and not part.moves
-        if not (part.moves or part.separate or part.name in self.cut or self.options.every_link or floats):
-            self._attach(part)
+        if part.moves or part.separate or part.name in self.cut or self.options.every_link or floats:
+            self.lumped.add(part, floats=floats)
+            self._check_coordinates(part.elements[0])
             return
-        label = self._label(part, floats)
-        self.sources[label], self._paths[part.name] = [*self._paths[part.parent], part.path], []
-        before = self.offset[part.parent]
-        steps = part.steps(label)
-        joint = Joint(part.joint, part.kind, steps if before.is_identity else merge((before, *steps)))
-        if floats:
-            self._hang_base_on(steps)
-            joint = Joint(BASE, "floating", merge((*floating_motions(BASE), *steps)))
-        body = Body(part.name, label, self.host[part.parent] if not floats else GROUND, joint)
-        body = replace(body, carried=() if part.name in self.massless else part.carried, inertial=part.inertial)
-        self.host[part.name], self.offset[part.name] = len(self.bodies), Placement()
-        self._append(body, part.path)
+        steps = part.steps(symbol_stem(part.name))
+        self.lumped.attach(part, lambda _: steps)
+        if self.lumped.host[part.name] != GROUND:
+            self._riders.setdefault(self.lumped.host[part.name], []).append(part)
 
-    def _hang_base_on(self, steps: tuple[Step, ...]) -> None:
-        """The first part carries the base, so all else that hangs on the base hangs on it."""
-        self.host[None] = 0
-        for step in steps:
-            assert isinstance(step, Placement)
-            self.offset[None] = step.inverse() @ self.offset[None]
-
-    def _append(self, body: Body, path: str) -> None:
-        for motion in body.joint.motions:
+    def _check_coordinates(self, path: str) -> None:
+        """Names of the last body's coordinates, which no other body may have."""
+        for motion in self.bodies[-1].joint.motions:
             if not motion.name:
                 raise self.expressions.error(f"{path}.joint.name", "a joint that moves needs a name")
             if motion.name in self._coordinates:
                 problem = f"the coordinate '{motion.name}' occurs already in {self._coordinates[motion.name]}"
                 raise self.expressions.error(path, problem)
             self._coordinates[motion.name] = path
-        self.bodies.append(body)
-
-    def _label(self, part: Part, floats: bool) -> str:
-        if part.label is not None:
-            return part.label
-        if part.default_label is not None and not floats:
-            return part.default_label
-        # a base that is a body of its own is number 0, so that the numbers of the others stay what they are
-        first = self.parts[0]
-        has_base = self.floating or (not first.moves and (first.separate or self.options.every_link))
-        return str(len(self.bodies) + (0 if has_base else 1))
-
-    def _attach(self, part: Part) -> None:
-        """A fixed part rides on its parent's body."""
-        self._paths[part.name] = [*self._paths[part.parent], part.path]
-        placed = self.offset[part.parent]
-        for step in part.steps(symbol_stem(part.name)):
-            assert isinstance(step, Placement)
-            placed = placed @ step
-        self.host[part.name], self.offset[part.name] = self.host[part.parent], placed
-        if self.host[part.name] != GROUND:
-            self._riders.setdefault(self.host[part.name], []).append(part)
 
     def find(self, name: str | None, path: str) -> tuple[int, Placement]:
         """The body that carries a part, and where the part sits on it; None is the fixed world."""
         if name is None:
             return GROUND, Placement()
-        known = name if name in self.host else None
+        known = name if name in self.lumped.host else None
         if known is None and name != BASE:
             names = [BASE, *(part.name for part in self.parts)]
             raise self.expressions.error(path, f"there is no body '{name}'{nearest_of(name, names)}")
-        return self.host[known], self.offset[known]
+        return self.lumped.place(known)
 
     # -- inertial values -------------------------------------------------------------------------------------------
 
@@ -296,7 +265,7 @@ class _Tree:
 
     def _moved(self, part: Part) -> Inertial | None:
         """A rider's parameters about the frame of its body, if all symbols on the way have values."""
-        place = self.offset[part.name]
+        _, place = self.lumped.place(part.name)
         known = {n: s.value for n, s in self.expressions.snapping.symbols.items() if s.value is not None}
         if not known.keys() >= set(place.symbols()):
             return None

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -11,101 +10,55 @@ import numpy as np
 
 from echelon.conventions import PARAMETERS
 from echelon.exact.syntax import is_whole
+from echelon.formats.bodies import BASE, Part
 from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.description.stated_joints import Joints, joint_name
 from echelon.formats.link_inertia import central_inertial
 from echelon.hints import nearest, nearest_of
-from echelon.mechanism.joint import Step
 from echelon.mechanism.mechanism import ALL
 
 if TYPE_CHECKING:
     from echelon.formats.schema.robot_schema import BodyEntry, Inertial, ModifiedRow, RobotDescription, StandardRow
 
 
-BASE = "base"
-"""What a parent is called that is the base, unless a body has that name."""
-
-
-@dataclass(frozen=True)
-class Part:
-    """A row of a table or a body, before it is known whether it becomes a body of the mechanism."""
-
-    path: str  # element of the document
-    name: str  # of the body
-    parent: str | None  # name of the parent part; None for the base
-    label: str | None  # as stated
-    default_label: str | None  # by the position in a table
-    joint: str  # name of the joint
-    kind: str  # its type
-    moves: bool
-    separate: bool
-    carried: tuple[int, ...]  # which of XX … M it carries
-    inertial: tuple[float, ...] | None
-    steps: Callable[[str], tuple[Step, ...]]  # steps of the joint, for a given stem of symbol names
-
-
 def read_parts(robot: RobotDescription, expressions: Expressions) -> list[Part]:
     """All parts, parents before children and otherwise in the order of the document."""
     joints = Joints(expressions)
     if robot.modified_dh is not None:
-        return _sorted(_modified(robot.modified_dh, joints), expressions)
+        return _sorted(_rows("modified_dh", robot.modified_dh, joints), expressions)
     if robot.standard_dh is not None:
-        return _sorted(_standard(robot.standard_dh, joints), expressions)
+        return _sorted(_rows("standard_dh", robot.standard_dh, joints), expressions)
     assert robot.bodies is not None
     parts = _sorted(_bodies(robot.bodies, joints), expressions)
     for part in parts[1:]:
         if part.kind == "root":
-            raise expressions.error(part.path, "needs a joint; only the first body may go without one")
+            raise expressions.error(part.elements[0], "needs a joint; only the first body may go without one")
     return parts
 
 
 # -- tables ---------------------------------------------------------------------------------------------------------
 
 
-def _modified(rows: Sequence[ModifiedRow], joints: Joints) -> list[Part]:
-    names = _row_names(rows, "modified_dh", joints.expressions)
-    parts = []
-    for index, row in enumerate(rows):
-        path = f"modified_dh[{index}]"
-        parent = _antecedent(row.parent, index, names, f"{path}.parent", joints.expressions)
-        steps = partial(joints.modified_row, row, names[index], path)
-        parts.append(_row_part(row, index, path, names[index], parent, joints.expressions, steps))
-    return parts
+def _rows(form: str, rows: Sequence[ModifiedRow | StandardRow], joints: Joints) -> list[Part]:
+    names = _row_names(rows, form, joints.expressions)
+    return [_row_part(row, index, f"{form}[{index}]", names, joints) for index, row in enumerate(rows)]
 
 
-def _standard(rows: Sequence[StandardRow], joints: Joints) -> list[Part]:
-    names = _row_names(rows, "standard_dh", joints.expressions)
-    parts = []
-    for index, row in enumerate(rows):
-        path = f"standard_dh[{index}]"
-        parent = names[index - 1] if index else None
-        steps = partial(joints.standard_row, row, names[index], path)
-        parts.append(_row_part(row, index, path, names[index], parent, joints.expressions, steps))
-    return parts
-
-
-def _row_part(
-    row: ModifiedRow | StandardRow,
-    index: int,
-    path: str,
-    name: str,
-    parent: str | None,
-    expressions: Expressions,
-    steps: Callable[[str], tuple[Step, ...]],
-) -> Part:
+def _row_part(row: ModifiedRow | StandardRow, index: int, path: str, names: Sequence[str], joints: Joints) -> Part:
+    stated = getattr(row, "parent", None)  # rows of the standard convention form a chain
     return Part(
-        path=path,
-        name=name,
-        parent=parent,
-        label=row.label,
-        default_label=str(index + 1),
-        joint=name,
+        (path,),
+        names[index],
+        _antecedent(stated, index, names, f"{path}.parent", joints.expressions),
+        joint=names[index],
         kind=row.joint,
         moves=row.joint != "fixed",
+        steps=partial(joints.row, row, names[index], path),
+        label=row.label,
+        default_label=str(index + 1),
         separate=row.separate,
         carried=_carried(row),
-        inertial=_inertial(row.inertial, f"{path}.inertial", expressions),
-        steps=steps,
+        inertial=_inertial(row.inertial, f"{path}.inertial", joints.expressions),
     )
 
 
@@ -150,18 +103,17 @@ def _body_part(body: BodyEntry, path: str, names: Sequence[str], joints: Joints)
         parent = None
     kind, moves = _kind(body)
     return Part(
-        path=path,
-        name=body.name,
-        parent=parent,
-        label=body.label,
-        default_label=None,
+        (path,),
+        body.name,
+        parent,
         joint=joint_name(body) if body.joint is not None else "",
         kind=kind,
         moves=moves,
+        steps=partial(joints.body, body, path),
+        label=body.label,
         separate=body.separate,
         carried=_carried(body),
         inertial=_inertial(body.inertial, f"{path}.inertial", joints.expressions),
-        steps=partial(joints.body, body, path),
     )
 
 
@@ -211,8 +163,8 @@ def _sorted(parts: list[Part], expressions: Expressions) -> list[Part]:
     by_name: dict[str, Part] = {}
     for part in parts:
         if part.name in by_name:
-            taken = by_name[part.name].path
-            raise expressions.error(f"{part.path}.name", f"the name '{part.name}' is taken by {taken}")
+            taken = by_name[part.name].elements[0]
+            raise expressions.error(f"{part.elements[0]}.name", f"the name '{part.name}' is taken by {taken}")
         by_name[part.name] = part
     ordered: dict[str, Part] = {}
     for part in parts:
@@ -221,7 +173,7 @@ def _sorted(parts: list[Part], expressions: Expressions) -> list[Part]:
         while above is not None and above.name not in ordered:
             if above.name in chain:
                 circle = " -> ".join([*list(chain)[list(chain).index(above.name) :], above.name])
-                raise expressions.error(f"{part.path}.parent", f"the parents form a circle: {circle}")
+                raise expressions.error(f"{part.elements[0]}.parent", f"the parents form a circle: {circle}")
             chain[above.name] = above
             above = by_name[above.parent] if above.parent is not None else None
         ordered.update(reversed(chain.items()))

@@ -49,7 +49,15 @@ class Joints:
 
     # -- tables ----------------------------------------------------------------------------------------------------
 
-    def modified_row(self, row: ModifiedRow, name: str, path: str, stem: str) -> tuple[Step, ...]:
+    def row(self, row: ModifiedRow | StandardRow, name: str, path: str, stem: str) -> tuple[Step, ...]:
+        """A row of a table."""
+        from echelon.formats.schema.robot_schema import ModifiedRow
+
+        if isinstance(row, ModifiedRow):
+            return self._modified(row, name, path, stem)
+        return self._standard(row, name, path, stem)
+
+    def _modified(self, row: ModifiedRow, name: str, path: str, stem: str) -> tuple[Step, ...]:
         """Rot z(γ) Trans z(b) Rot x(α) Trans x(a) Rot z(θ) Trans z(d), then the motion, which commutes with both."""
         placed = (
             self._turn(Z, row.gamma, f"{path}.gamma", f"gamma{stem}")
@@ -60,7 +68,7 @@ class Joints:
         )
         return merge((placed, *_row_motion(row, name)))
 
-    def standard_row(self, row: StandardRow, name: str, path: str, stem: str) -> tuple[Step, ...]:
+    def _standard(self, row: StandardRow, name: str, path: str, stem: str) -> tuple[Step, ...]:
         """The motion, then Rot z(θ) Trans z(d) Trans x(a) Rot x(α)."""
         placed = (
             self._along_z(row, path, stem)

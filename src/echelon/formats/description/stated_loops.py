@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 from echelon.exact.angle import Angle
 from echelon.exact.expressions import PI
+from echelon.formats.bodies import BASE
 from echelon.formats.closure_frames import second_frame
-from echelon.formats.description.parts import BASE
 from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.description.stated_joints import Joints
 from echelon.formats.snapping import symbol_stem

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from echelon.conventions import PARAMETERS
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.description.parts import BASE
+from echelon.formats.bodies import BASE
 from echelon.formats.description.stated_couplings import CouplingReader
 from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.description.stated_joints import Joints

@@ -9,7 +9,7 @@ from typing import Any
 
 from echelon.exact.numbers import decimal_text
 from echelon.exact.polynomial import Polynomial, format_polynomial
-from echelon.formats.description.parts import BASE
+from echelon.formats.bodies import BASE
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.placement import IDENTITY, ORIGIN, Placement

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from echelon.exact.polynomial import Polynomial
-from echelon.formats.description.parts import BASE
+from echelon.formats.bodies import BASE
 from echelon.formats.schema.schema_setup import COMPONENTS
 from echelon.formats.writers.loops_writer import expression_text, frame_data
 from echelon.mechanism.effect import Effect
