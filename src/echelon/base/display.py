@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 
 from echelon.base.base_set import Identifiability
 from echelon.base.expression import LatexStyle, latex_polynomial, latex_symbol, render
-from echelon.base.linear_base import LinearBase
 from echelon.base.reading_report import ROUNDING
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import one_line
 
 if TYPE_CHECKING:
+    from typing_extensions import TypeIs
+
+    from echelon.base.linear_base import LinearBase
     from echelon.base.matrix import StatedNumbers
     from echelon.base.model import BaseModel
     from echelon.mechanism.mechanism import Symbol
@@ -29,11 +31,16 @@ class _PlainLatex(LatexStyle):
         return latex_symbol(name)
 
 
+def _is_linear(model: BaseModel | LinearBase) -> TypeIs[LinearBase]:
+    """Whether a set is that of a linear model, told without importing its class, which imports this file."""
+    return hasattr(model, "model")
+
+
 def headline(model: BaseModel | LinearBase) -> str:
     """The count in one line."""
-    source = model.model if isinstance(model, LinearBase) else model.mechanism
+    source = model.model if _is_linear(model) else model.mechanism
     rank, outputs = model.rank, len(source.outputs)
-    kind = "parameters" if isinstance(model, LinearBase) else "standard parameters"
+    kind = "parameters" if _is_linear(model) else "standard parameters"
     count = f"{rank} base parameter{'s' * (rank != 1)} of {len(model.parameters)} {kind}"
     return f"{one_line(source.name)}: {count}, {outputs} output{'s' * (outputs != 1)}"
 
@@ -78,7 +85,7 @@ def classification_rows(model: BaseModel) -> list[tuple[str, list[tuple[str, Ide
 
 def classification_lines(model: BaseModel | LinearBase) -> list[str]:
     """The classification as a plain text table; for a linear model each class with its parameters."""
-    if isinstance(model, LinearBase):
+    if _is_linear(model):
         return [f"{kind}: {names}" for kind, names in _classes(model)]
     rows = classification_rows(model)
     if not rows:
@@ -100,7 +107,7 @@ def _classes(base: LinearBase) -> list[tuple[str, str]]:
 
 def facts(model: BaseModel | LinearBase) -> list[tuple[str, str]]:
     """What else a reader should know: symbols, snapping, notes, certificate."""
-    found = _linear_facts(model) if isinstance(model, LinearBase) else _robot_facts(model)
+    found = _linear_facts(model) if _is_linear(model) else _robot_facts(model)
     return [(label, one_line(text)) for label, text in found]
 
 
@@ -172,12 +179,12 @@ def snap_summary(model: BaseModel) -> str:
 
 def to_markdown(model: BaseModel | LinearBase) -> str:
     """A Markdown table with closed forms and classification."""
-    name = one_line(model.model.name if isinstance(model, LinearBase) else model.mechanism.name)
+    name = one_line(model.model.name if _is_linear(model) else model.mechanism.name)
     lines = [f"# Base parameters of {_cell(name)}", "", _cell(headline(model)) + ".", ""]
     lines += ["| # | base parameter | unit |", "|--:|---|---|"]
     lines += [f"| {i + 1} | {_cell(str(e))} | {_cell(e.unit)} |" for i, e in enumerate(model.expressions)]
     noted = facts(model)
-    if isinstance(model, LinearBase):
+    if _is_linear(model):
         noted = [*_classes(model), *noted]
     else:
         lines += ["", f"| body | {' | '.join(PARAMETERS)} |", "|---|" + ":-:|" * PER_BODY]
@@ -198,7 +205,7 @@ def to_latex(model: BaseModel | LinearBase) -> str:
     rows = _latex_rows(model)
     pages = [rows[k : k + _LATEX_ROWS_PER_PAGE] for k in range(0, len(rows), _LATEX_ROWS_PER_PAGE)]
     blocks = ["\\begin{align*}\n" + " \\\\\n".join(page) + "\n\\end{align*}" for page in pages]
-    symbols = {} if isinstance(model, LinearBase) else model.mechanism.symbols
+    symbols = {} if _is_linear(model) else model.mechanism.symbols
     values = [f"${latex_symbol(s)} = {_latex_value(symbols[s])}$" for s in model.matrix.symbols if s in symbols]
     where = ["Values: " + ", ".join(values) + "."] if values else []
     return "\n".join([*comments, *blocks, *where]) + "\n"
@@ -218,7 +225,7 @@ def aligned_latex(model: BaseModel | LinearBase) -> str:
 
 
 def _latex_rows(model: BaseModel | LinearBase) -> list[str]:
-    style = _PlainLatex() if isinstance(model, LinearBase) else LatexStyle()
+    style = _PlainLatex() if _is_linear(model) else LatexStyle()
     return [f"\\bar\\zeta_{{{i + 1}}} &= {render(e, style)}" for i, e in enumerate(model.expressions)]
 
 
