@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import echelon as ec
-from echelon.identification.estimators.essential import essential, leverages
+from echelon.identification.estimators.essential import essential
 from rows import ArrayRows
 
 TRUTH = np.array([3.0, 0.0, -2.0, 0.0, 0.5, 0.0])
@@ -163,16 +163,6 @@ def test_parameters_that_the_data_leave_open_go_first() -> None:
     assert held.values[0] == pytest.approx(3, rel=0.01)
     with pytest.raises(ec.InputError, match="do not determine 'p4'"):
         essential(seen, UNITS[:4], keep=["p4"])
-
-
-def test_leverages_add_up_to_the_parameters_that_were_fitted() -> None:
-    W, _, seen = problem(10)
-    weights = np.array([2.0, 0.5])
-    A = (W * weights[:, None]).transpose(1, 0, 2)
-    cofactor = np.linalg.inv(sum(a.T @ a for a in A))
-    shares = leverages(seen, weights, cofactor)
-    np.testing.assert_allclose(shares, [np.trace(a @ cofactor @ a.T) for a in A])
-    assert shares.sum() == pytest.approx(6)
 
 
 def test_friction_without_effect_is_dropped_from_an_arm() -> None:

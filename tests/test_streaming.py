@@ -23,9 +23,9 @@ from echelon.identification.passes_over_data import PassesOverData
 from echelon.identification.result import Identification
 from echelon.identification.rows import rows as model_rows
 from echelon.identification.rows.batches import BATCHES, Batcher, grouped, total
-from echelon.identification.rows.ingest import take
+from echelon.identification.rows.ingest import ingest
 from echelon.identification.rows.plan import Plan
-from echelon.identification.rows.rows import ahead
+from echelon.identification.rows.rows import prefetched
 from echelon.logs.preparation.settings import Preparation
 from echelon.observe.triangle import upper_triangle
 from swinging import PREPARATION, pendulum, write_log, write_logs
@@ -96,10 +96,10 @@ def test_memory_does_not_grow_with_logs(tmp_path: Path) -> None:
 
 def test_rows_are_kept_within_bounds(plan: Plan, folder: Path) -> None:
     log = next(iter(sorted(folder.iterdir())))
-    kept = take(plan, log, 4, memory=1 << 24)
+    kept = ingest(plan, log, 4, memory=1 << 24)
     assert 0 < kept.bytes < 1 << 24
-    assert take(plan, log, 4, memory=kept.bytes).bytes == kept.bytes
-    assert take(plan, log, 4, memory=kept.bytes - 1).bytes == 0
+    assert ingest(plan, log, 4, memory=kept.bytes).bytes == kept.bytes
+    assert ingest(plan, log, 4, memory=kept.bytes - 1).bytes == 0
 
 
 def test_rows_that_are_read_again_give_the_same(folder: Path) -> None:
@@ -130,7 +130,7 @@ def test_windows_do_not_change_the_result(
     whole = plan.rows([log], "first").observation()
     monkeypatch.setattr(model_rows, "_WINDOW", window)
     monkeypatch.setattr(model_rows, "_REACHES", 0)
-    cut = total(take(plan, log, 7).batches)
+    cut = total(ingest(plan, log, 7).batches)
     assert cut.counts == whole.counts
     for R, expected in zip(cut.factors, whole.factors, strict=True):
         np.testing.assert_allclose(R, expected, atol=1e-11 * np.abs(expected).max())
@@ -143,7 +143,7 @@ def test_windows_do_not_change_the_result(
 def test_batches_add_up_to_the_whole(count: int, preparation: Preparation, plan: Plan, folder: Path) -> None:
     """Whether rows are formed or, without a filter, factored as they are."""
     plan, log = replace(plan, preparation=preparation), folder / "run2.parquet"
-    batches = take(plan, log, count).batches
+    batches = ingest(plan, log, count).batches
     assert count <= len(batches) <= 2 * count
     whole = plan.rows([log], "first").observation()
     assert total(batches).counts == whole.counts
@@ -194,7 +194,7 @@ def test_items_come_in_order_and_errors_after_them() -> None:
 
     found: list[int] = []
     with pytest.raises(InputError, match="ends here"):
-        found.extend(ahead(items()))
+        found.extend(prefetched(items()))
     assert found == list(range(5))
 
 
@@ -207,7 +207,7 @@ def test_a_reader_stops_when_nobody_listens() -> None:
             yield item
 
     before = threading.active_count()
-    reader = ahead(items())
+    reader = prefetched(items())
     assert next(reader) == 0
     reader.close()  # type: ignore[attr-defined]
     assert threading.active_count() == before

@@ -1,12 +1,8 @@
 """A Dask cluster to work on, and logs spread over its processes.
 
-A Dask cluster to work on: one that is there, or processes of this machine that only their user can reach.
-
-Whoever can connect to a scheduler can run code as the user who started it, and loopback is open to all users of a
-machine.  So a cluster of our own speaks TLS with keys that are made for it, never leave its processes, and are asked
-for on both sides.
-
-Logs spread over the processes of a Dask cluster: a tree of R-factors.
+The cluster is one that is there, or processes of this machine that only their user can reach.  Whoever can connect to a
+scheduler can run code as the user who started it, and loopback is open to all users of a machine.  So a cluster of our
+own speaks TLS with keys that are made for it, never leave its processes, and are asked for on both sides.
 
 What travels is a plan, which is small, and R-factors, which are small; never samples.  Merging R-factors is
 associative, so every log can be taken in anywhere and the factors be merged pairwise in a tree of logarithmic depth; a

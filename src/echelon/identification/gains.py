@@ -1,24 +1,16 @@
 """Unknown drive gains: motor constants from runs without and with a load that is known.
 
-Nonlinear least squares in currents, from R-factors alone.
-
-A drive's row of 0 = x̄ᵀ ζ̄ + known − i K, over K, is the current that the model expects less the one that was measured.
-So the sum of squares over all rows of an output is ‖R (ζ̄, K, −1)‖²/K²: a Gauss–Newton step costs as much as least
-squares on the triangles, however many rows there were.  Each drive's noise is estimated from its own residual.
-
-Unknown drive gains: motor constants from runs without and with a load that is known.
-
 Currents i instead of torques make the equation homogeneous, 0 = X̄ ζ̄ − i K: every multiple of a solution is one, and
 data tell ratios only.  Something known, a payload that was weighed or one gain, moves to the other side and fixes the
 scale (Gautier and Briot, "Global identification of joint drive gains and dynamic parameters of robots", ASME J. Dynamic
 Systems, Measurement and Control 136, 2014).
 
 Noise sits in the currents, which are columns here, so that plain least squares shrinks the gains.  Solved for the
-currents, i_j = (x̄_jᵀ ζ̄ + known_j)/K_j, the same equation has its noise on the left again; that nonlinear least squares,
-with each drive's own noise, is the maximum likelihood.  It needs nothing but the R-factors, because row by row its
-residual is that of the homogeneous equation over K_j.  Least squares and total least squares are there to compare.
-
-Drive gains from files: logs without and with a payload, prepared alike.
+currents, i_j = (x̄_jᵀ ζ̄ + known_j)/K_j, the same equation has its noise on the left again; that nonlinear least
+squares, with each drive's own noise, is the maximum likelihood.  It needs nothing but the R-factors, because row by row
+its residual is that of the homogeneous equation over K_j: the sum of squares over all rows of an output is ‖R (ζ̄, K,
+−1)‖²/K², and a Gauss–Newton step costs as much as least squares on the triangles.  Least squares and total least
+squares are there to compare.
 """
 
 from __future__ import annotations

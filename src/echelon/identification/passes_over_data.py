@@ -18,7 +18,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.cluster import each, summed
 from echelon.identification.rows.batches import BATCHES, Batch, grouped, joined, total
-from echelon.identification.rows.ingest import MEMORY, KeptRows, PredictedRows, Taken, chained, take
+from echelon.identification.rows.ingest import MEMORY, Ingested, KeptRows, PredictedRows, chained, ingest
 from echelon.identification.rows.plan import Part, Plan
 from echelon.identification.rows.rows import Rows
 from echelon.identification.validation import LIMIT, Validation, validate
@@ -93,10 +93,10 @@ class PassesOverData:
         return each(self.client, partial(_validated, judged, small), self.plan, tasks)
 
     def _taken_here(self, count: int, plan: Plan, path: Path) -> _Part:
-        taken = take(plan, path, count, self.memory)
-        self.memory -= taken.bytes
-        self._kept |= {(path, part): rows for part, rows in taken.kept.items()}
-        return _few(taken, count), ()
+        ingested = ingest(plan, path, count, self.memory)
+        self.memory -= ingested.bytes
+        self._kept |= {(path, part): rows for part, rows in ingested.kept.items()}
+        return _few(ingested, count), ()
 
     def _count(self, sizes: Sequence[tuple[Path, int]]) -> None:
         """Note which logs would have been kept, in the order of logs, had one process taken them in."""
@@ -130,17 +130,17 @@ class _Judged:
 
 def _taken(memory: int, count: int, plan: Plan, path: Path) -> _Part:
     """A log, by a worker; its rows are not kept, but how many there are decides how it is judged."""
-    taken = take(plan, path, count, memory)
-    return _few(taken, count), ((path, taken.bytes),) if taken.kept else ()
+    ingested = ingest(plan, path, count, memory)
+    return _few(ingested, count), ((path, ingested.bytes),) if ingested.kept else ()
 
 
 def _merged(a: _Part, b: _Part) -> _Part:
     return joined(a[0], b[0]), a[1] + b[1]
 
 
-def _few(taken: Taken, count: int) -> tuple[Batch, ...]:
+def _few(ingested: Ingested, count: int) -> tuple[Batch, ...]:
     """The batches of a log; where logs are to be merged, at most one."""
-    return joined(taken.batches, ()) if count == 1 else taken.batches
+    return joined(ingested.batches, ()) if count == 1 else ingested.batches
 
 
 def _validated(judged: _Judged, small: Collection[Path], plan: Plan, task: Task) -> Validation:

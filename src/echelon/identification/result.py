@@ -1,9 +1,4 @@
-"""Identification: all that one run found out, from the logs to the verdict, and what a user must know of it.
-
-Identification: all that one run found out, from the logs to the verdict.
-
-Findings about a fit: what a user must know before trusting it.
-"""
+"""Identification: all that one run found out, from the logs to the verdict, and what a user must know of it."""
 
 from __future__ import annotations
 

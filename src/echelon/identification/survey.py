@@ -1,14 +1,11 @@
 """Survey: a first look at the logs, from which everything is chosen that the set-up leaves open.
 
-Delay of the measured outputs behind positions, found by the model itself.
-
-Torques and positions come from different devices.  A constant delay d between them leaves a residual that no parameters
-explain, so d is where the residuals of the outputs' own least-squares fits are smallest: W stays, y is shifted, and one
-R-factor of W gives the residuals of all fits.  Outputs that come over one bus are late together, and a single one with
-many parameters could explain almost anything by a delay of its own; so one delay is sought for all, by the mean of the
-logarithms of their residuals, and taken only where it removes more than noise would.
-
-Survey: a first look at the logs, from which everything is chosen that the set-up leaves open.
+The delay of measured outputs behind positions is found by the model itself.  Torques and positions come from different
+devices.  A constant delay d between them leaves a residual that no parameters explain, so d is where the residuals of
+the outputs' own least-squares fits are smallest: W stays, y is shifted, and one R-factor of W gives the residuals of
+all fits.  Outputs that come over one bus are late together, and a single one with many parameters could explain almost
+anything by a delay of its own; so one delay is sought for all, by the mean of the logarithms of their residuals, and
+taken only where it removes more than noise would.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
 """Validation: measured against predicted outputs, on data the fit did not see.
 
-Measured and predicted outputs to look at, honestly fewer than were recorded.
-
-Neighbouring rows form buckets, of which the rows with the extremes of what is measured, of what is predicted and of
-their difference stay: every peak survives, at its time, and no value is invented.
-
-Validation: measured against predicted outputs, on data the fit did not see.
+To be looked at, measured and predicted outputs are thinned.  Neighbouring rows form buckets, of which the rows with the
+extremes of what is measured, of what is predicted and of their difference stay: every peak survives, at its time, and
+no value is invented.
 
 What counts is how well a model predicts, never how near its parameters are to others: data say nothing of what they
 cannot see.  One pass over the rows is enough, in memory that does not grow with the log: scores come from sums, and of

@@ -36,7 +36,14 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.identification.estimators.estimate import Estimate, Solution, estimate_of, inverse_triangle, solved
+from echelon.identification.estimators.estimate import (
+    Estimate,
+    Solution,
+    augmented,
+    estimate_of,
+    inverse_triangle,
+    solved,
+)
 from echelon.identification.estimators.least_squares import checked_noise, irls, noise_floor, used_up
 from echelon.identification.rows.rows import RowBlock, Rows
 from echelon.observe.layout import Layout
@@ -104,9 +111,7 @@ def _core(plain: Solution, scale: Floats) -> _Core:
     """Eliminate the exact columns, decompose the others with y, and go back."""
     triangle, n = plain.triangle, len(scale)
     exact, noisy = np.flatnonzero(scale == 0), np.flatnonzero(scale)
-    whole = np.zeros((n + 1, n + 1))
-    whole[:n, :n], whole[:n, n], whole[n, n] = triangle.R, triangle.qty, triangle.residual
-    T = upper_triangle(whole[:, [*exact, *noisy, n]])
+    T = upper_triangle(augmented(triangle)[:, [*exact, *noisy, n]])
     e = len(exact)
     tail = T[e:, e:] / np.append(scale[noisy], 1.0)
     singular, vectors = np.linalg.svd(tail)[1:]

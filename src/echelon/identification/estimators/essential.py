@@ -1,20 +1,9 @@
 """Essential parameters: the smaller model that is left when parameters which the data do not need are taken out.
 
-How the residual's degrees of freedom divide among outputs.
-
-A fit with k parameters takes k degrees of freedom from all rows together.  An output's share is the trace of its
-rows of the hat matrix, its leverage, so that an output with few rows or many parameters of its own gets its due.
-
-A least-squares model with some of the parameters, from the R-factor alone.
-
-Taking a parameter out deletes a column of the triangle and makes it triangular again, which costs k³ at most and loses
-no digits, unlike updating (WᵀW)⁻¹.
-
-Essential parameters: the smaller model that is left when parameters which the data do not need are taken out.
-
-Backward elimination, one parameter at a time, on the R-factor: taking a column out is a small QR, and by how much the
-residual grows is known before, Δ_j = ζ̂_j² / [(WᵀW)⁻¹]_jj.  Weights stay those of the full model all the way, so that
-criteria of different models compare.  Three criteria decide when to stop:
+Backward elimination, one parameter at a time, on the R-factor: taking a column out is a small QR, which loses no
+digits, unlike updating (WᵀW)⁻¹; and by how much the residual grows is known before, Δ_j = ζ̂_j² / [(WᵀW)⁻¹]_jj.
+Weights stay those of the full model all the way, so that criteria of different models compare.  Three criteria decide
+when to stop:
 
 ``"bic"``
     Bayesian information N ln(ρ²/N) + k ln N falls with every elimination (Schwarz 1978).  The default: it finds the
@@ -30,7 +19,7 @@ criteria of different models compare.  Three criteria decide when to stop:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, get_args
 
@@ -39,27 +28,10 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.hints import nearest_of
-from echelon.identification.estimators.estimate import Estimate
-from echelon.observe.observation import Observation, checked_weights
+from echelon.identification.estimators.estimate import Estimate, Solution, augmented, estimate_of, inverse_triangle
+from echelon.identification.estimators.least_squares import checked_noise, noise_estimate
+from echelon.observe.observation import Observation
 from echelon.observe.triangle import Triangle, upper_triangle
-
-
-def leverages(observation: Observation, weights: Floats, cofactor: Floats) -> Floats:
-    """Degrees of freedom that a weighted fit takes from each output; shape (m,)."""
-    found = []
-    for output, (R, weight) in enumerate(zip(observation.factors, weights, strict=True)):
-        columns = list(observation.layout.columns[output])
-        own = weight * R[:-1, :-1]
-        found.append(float(np.sum((own @ cofactor[np.ix_(columns, columns)]) * own)))
-    return np.array(found)
-
-
-def residual_deviations(observation: Observation, values: Floats, weights: Floats, cofactor: Floats) -> Floats:
-    """Standard deviation of each output's residual, corrected for the degrees of freedom; shape (m,)."""
-    counts = np.array(observation.counts, dtype=float)
-    degrees = np.maximum(counts - leverages(observation, weights, cofactor), 1.0)
-    deviations: Floats = observation.misfits(values) / np.sqrt(degrees)
-    return deviations
 
 
 @dataclass(frozen=True)
@@ -73,7 +45,7 @@ class Submodel:
     @property
     def values(self) -> Floats:
         """Least-squares estimates, shape (k,)."""
-        solution: Floats = self._inverse @ self.triangle[:-1, -1]
+        solution: Floats = self.root @ self.triangle[:-1, -1]
         return solution
 
     @property
@@ -84,8 +56,8 @@ class Submodel:
     @property
     def cofactor(self) -> Floats:
         """(WᵀW)⁻¹, shape (k, k)."""
-        inverse = self._inverse
-        return inverse @ inverse.T
+        product: Floats = self.root @ self.root.T
+        return product
 
     @property
     def degrees(self) -> float:
@@ -112,11 +84,9 @@ class Submodel:
         return found
 
     @cached_property
-    def _inverse(self) -> Floats:
-        R = self.triangle[:-1, :-1]
-        scales = np.linalg.norm(R, axis=0)
-        inverse: Floats = np.linalg.inv(R / scales) / scales[:, None]
-        return inverse
+    def root(self) -> Floats:
+        """R⁻¹, shape (k, k)."""
+        return inverse_triangle(self.triangle[:-1, :-1])
 
     def without(self, place: int) -> Submodel:
         """The model without one of its parameters."""
@@ -146,11 +116,11 @@ def essential(
     """Least squares with the essential parameters only, found by backward elimination."""
     names = observation.layout.parameters
     _check(observation, units, criterion, ratio, level, keep, correlation)
-    weights = _weights(observation, noise)
-    triangle = observation.combined(weights)
+    sigma = noise_estimate(observation) if noise is None else checked_noise(observation, noise)
+    triangle = observation.combined(1 / sigma)
     rows = triangle.rows / correlation
     kept, history = _determined(triangle, {names.index(name) for name in keep})
-    model = Submodel(kept, upper_triangle(_augmented(triangle)[:, [*kept, len(names)]]), rows)
+    model = Submodel(kept, upper_triangle(augmented(triangle)[:, [*kept, len(names)]]), rows)
     protected = {names.index(name) for name in keep}
     while model.kept:
         place = _candidate(model, criterion, protected)
@@ -160,7 +130,14 @@ def essential(
         before, after = _value(model, criterion), _value(smaller, criterion)
         history.append(_record(names[model.kept[place]], before, after, smaller))
         model = smaller
-    return _estimate(observation, units, weights, model, history, criterion, correlation)
+    diagnostics = {
+        "criterion": criterion,
+        "history": history,
+        "eliminated": [record["parameter"] for record in history],
+        "kept": [names[k] for k in model.kept],
+        "correlation": correlation,
+    }
+    return _estimate(observation, units, sigma, triangle, model, diagnostics)
 
 
 # -- criteria ---------------------------------------------------------------------------------------------------------
@@ -225,68 +202,24 @@ def _determined(triangle: Triangle, protected: set[int]) -> tuple[tuple[int, ...
     return kept, [{"parameter": name, "before": None, "after": None, "rms": float(rms)} for name in gone]
 
 
-def _augmented(triangle: Triangle) -> Floats:
-    n = len(triangle.parameters)
-    whole = np.zeros((n + 1, n + 1))
-    whole[:n, :n], whole[:n, n], whole[n, n] = triangle.R, triangle.qty, triangle.residual
-    return whole
-
-
 def _record(name: str, before: float, after: float, model: Submodel) -> dict[str, Any]:
     return {"parameter": name, "before": before, "after": after, "rms": float(np.sqrt(model.squares / model.rows))}
-
-
-def _weights(observation: Observation, noise: Sequence[float] | Floats | None) -> Floats:
-    """1/σ of each output; from the residuals of each output's own fit, which no other output's noise can spoil."""
-    if noise is not None:
-        sigma = np.asarray(noise, dtype=float)
-        if (sigma <= 0).any():
-            raise InputError("noise must be positive, one standard deviation for each output")
-        return checked_weights(observation.layout, 1 / sigma)
-    own = [
-        max(count - len(columns), 1)
-        for count, columns in zip(observation.counts, observation.layout.columns, strict=True)
-    ]
-    sigma = observation.residuals / np.sqrt(own)
-    floor = 1e-9 * sigma.max() if sigma.max() > 0 else 1.0
-    return 1 / np.maximum(sigma, floor)
 
 
 def _estimate(
     observation: Observation,
     units: Sequence[str],
-    weights: Floats,
+    noise: Floats,
+    triangle: Triangle,
     model: Submodel,
-    history: list[dict[str, Any]],
-    criterion: Criterion,
-    correlation: float,
+    diagnostics: dict[str, Any],
 ) -> Estimate:
-    names, n = observation.layout.parameters, len(observation.layout.parameters)
-    values, cofactor = np.zeros(n), np.zeros((n, n))
-    kept = list(model.kept)
-    values[kept] = model.values
-    cofactor[np.ix_(kept, kept)] = model.cofactor
-    diagnostics = {
-        "criterion": criterion,
-        "history": history,
-        "eliminated": [record["parameter"] for record in history],
-        "kept": [names[k] for k in kept],
-        "correlation": correlation,
-    }
-    noise = residual_deviations(observation, values, weights, cofactor)
-    outputs, counts = observation.layout.outputs, observation.counts
-    return Estimate(
-        f"essential ({criterion})",
-        names,
-        tuple(units),
-        values,
-        model.variance * cofactor,
-        outputs,
-        noise,
-        counts,
-        model.degrees,
-        diagnostics,
-    )
+    n, kept = len(triangle.parameters), list(model.kept)
+    values, root = np.zeros(n), np.zeros((n, len(kept)))
+    values[kept], root[kept] = model.values, model.root
+    solution = Solution(observation, 1 / noise, triangle, values, root)
+    method, covariance = f"essential ({diagnostics['criterion']})", model.variance * solution.inverse
+    return replace(estimate_of(solution, method, units, covariance, diagnostics), degrees=model.degrees)
 
 
 def _check(

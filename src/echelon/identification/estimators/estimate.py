@@ -1,9 +1,5 @@
 """Weighted least squares on R-factors, and the estimate that every method returns.
 
-An estimate: values, how far they can be trusted, and how they were found.
-
-Weighted least squares on R-factors, with all that the estimators need to know of the solution.
-
 Everything comes from triangles, nothing from normal equations, so that condition numbers are not squared: the inverse
 (WᵀW)⁻¹ = R⁻¹R⁻ᵀ is kept as its root R⁻¹, and the leverage of an output's rows, the trace of their block of the hat
 matrix W(WᵀW)⁻¹Wᵀ, is the squared Frobenius norm of their R-factor times that root.
@@ -168,6 +164,14 @@ def inverse_triangle(R: Floats) -> Floats:
     return root
 
 
+def augmented(triangle: Triangle) -> Floats:
+    """The R-factor of [W y], shape (n + 1, n + 1)."""
+    n = len(triangle.parameters)
+    whole = np.zeros((n + 1, n + 1))
+    whole[:n, :n], whole[:n, n], whole[n, n] = triangle.R, triangle.qty, triangle.residual
+    return whole
+
+
 # -- what the data leave open ----------------------------------------------------------------------------------------
 
 
@@ -218,17 +222,14 @@ def undetermined(triangle: Triangle) -> str:
 # -- results ---------------------------------------------------------------------------------------------------------
 
 
-def conditioning(triangle: Triangle) -> dict[str, float]:
-    """Condition numbers for the diagnostics."""
-    return {"condition": triangle.condition, "scaled_condition": triangle.scaled_condition}
-
-
 def estimate_of(
     solution: Solution, method: str, units: Sequence[str], covariance: Floats, diagnostics: Mapping[str, Any]
 ) -> Estimate:
     """A solution as an estimate, its condition numbers and weights among the diagnostics."""
     layout: Layout = solution.observation.layout
-    shared = {"weights": solution.weights.tolist(), **conditioning(solution.triangle)}
+    triangle = solution.triangle
+    conditions = {"condition": triangle.condition, "scaled_condition": triangle.scaled_condition}
+    shared = {"weights": solution.weights.tolist(), **conditions}
     return Estimate(
         method,
         layout.parameters,

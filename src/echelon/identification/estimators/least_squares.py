@@ -1,13 +1,10 @@
 """Least squares: ordinary, weighted, iteratively reweighted, and of smallest norm.
 
-Ordinary least squares: every row counts alike.
-
-The estimate that tables are published for, and the start of the others.  Its classical covariance σ²(WᵀW)⁻¹ takes all
-outputs to have the same noise; where they do not, the covariance with each output's own noise is the honest one:
+Ordinary least squares is the estimate that tables are published for: every row counts alike.  Its classical covariance
+σ²(WᵀW)⁻¹ takes all outputs to have the same noise; where they do not, the covariance with each output's own noise is
+the honest one:
 
     (WᵀW)⁻¹ (Σ_i σ_i² W_iᵀW_i) (WᵀW)⁻¹
-
-Weighted least squares, with noise that is known or found from the residuals (iteratively reweighted).
 
 Joints of a robot differ in noise by orders of magnitude, and forces and torques do not even share a unit, so each
 output's rows are divided by its σ_i.  When the σ_i are not known, the fixed point of
@@ -18,11 +15,10 @@ solves the equations of restricted maximum likelihood (REML; Harville, J. Am. St
 degrees of freedom that the parameters use up where they are used up; N_i − n/m would not.  R-factors of the outputs
 suffice for all of it: the data are gone through once.
 
-The least-squares solution of smallest norm, for data that leave directions open.
-
-Not an estimate of the parameters but the shortest of all that fit equally well, with columns scaled to norm 1 so that
-units do not matter.  Predictions of the same motions need no more.  Variances of parameters that take part in an open
-direction are infinite: the data say nothing, and a pseudo-inverse would claim certainty.
+For data that leave directions open there is the solution of smallest norm: not an estimate of the parameters but the
+shortest of all that fit equally well, with columns scaled to norm 1 so that units do not matter.  Predictions of the
+same motions need no more.  Variances of parameters that take part in an open direction are infinite: the data say
+nothing, and a pseudo-inverse would claim certainty.
 """
 
 from __future__ import annotations

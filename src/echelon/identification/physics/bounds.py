@@ -1,9 +1,5 @@
 """Bounds on standard parameters: what any robot satisfies, and what a user knows of the bodies beyond that.
 
-Bounds: what a user knows of the bodies beyond that they can exist.
-
-Which standard parameters a robot that can exist may have: a role for every parameter.
-
 - A body that carries all ten has a pseudo-inertia J ≻ 0.
 - A body that carries some of them gave the others to another body (a rotor's mass counts to the link it sits on, a
   payload's shape to its carrier), so only what each single parameter must satisfy is required: M, XX, YY, ZZ ≥ 0.

@@ -1,11 +1,5 @@
 """Physical robots for given base parameters: one that has them, and the nearest one where none does.
 
-x
-
-Physical robots for given base parameters: one that has them, and the nearest one where none does.
-
-Whether any robot that can exist has given base parameters.
-
 If one has them, it is found: the values of the parameters that are no pivots give pivots with which B ζ = ζ̄ holds, and
 plain linear algebra confirms that all pseudo-inertias are positive definite.  If none has them, the nearest robot is
 the solution of a convex problem, and its distance tells how far they are off.

@@ -1,10 +1,6 @@
 """Physically consistent estimation: the standard parameters of a robot that can exist and explains the data.
 
-x
-
-How much a prior should count, chosen from the data of the fit alone.
-
-Two ways, neither of which looks at validation data:
+How much the prior counts is chosen from the data of the fit alone, in one of two ways:
 
 - **by stretches**: each stretch of the log is predicted from the others, for weights over many decades.  Neighbouring
   samples are alike, so whole stretches are left out, not samples.  Among weights whose error is within one standard
@@ -12,8 +8,6 @@ Two ways, neither of which looks at validation data:
   alike, so their errors say little against a weight that a new trajectory would need.
 - **by discrepancy** (Morozov), for data in one piece: the true parameters raise the misfit above its minimum by r σ² on
   average, where r is the number of base parameters; the largest weight that raises it no more is taken.
-
-Physically consistent estimation: the standard parameters of a robot that can exist and explains the data.
 
 Least squares on base parameters may leave the set of those that any robot has; a semidefinite programme does not
 (Sousa & Cortesão 2014; Wensing, Kim & Slotine 2018).  Data determine base parameters only, and poor data not all of

@@ -1,15 +1,12 @@
 """Prior information: reference bodies, and the inertias that another description of the robot states.
 
-Reference bodies: what estimates are measured against, and drawn to where data are silent.
-
-A reference is the prior where one is given.  Priors from files are not always bodies: links without inertia, masses at
-a point, tensors that break the triangle inequality.  They are repaired by raising the eigenvalues of the
-pseudo-inertia, measured in the size of the body, to a least value; that is the nearest body in this measure.
-Placeholders in files, such as 0.05 kg·m² for a flange of 0.3 kg, would need bodies wider than the longest link: mass
-and centre of mass are kept, the extent becomes that of a plain body.  Where there is no prior, a reference is a body of
-a plain shape: all bodies have one size and a common mass, with which they explain the data best.
-
-A prior from another description of the same robot: its inertias in the frames of the set-up.
+Reference bodies are what estimates are measured against, and drawn to where data are silent: the prior where one is
+given.  Priors from files are not always bodies: links without inertia, masses at a point, tensors that break the
+triangle inequality.  They are repaired by raising the eigenvalues of the pseudo-inertia, measured in the size of the
+body, to a least value; that is the nearest body in this measure.  Placeholders in files, such as 0.05 kg·m² for a
+flange of 0.3 kg, would need bodies wider than the longest link: mass and centre of mass are kept, the extent becomes
+that of a plain body.  Where there is no prior, a reference is a body of a plain shape: all bodies have one size and a
+common mass, with which they explain the data best.
 
 A set-up is often a DH table and the prior a URDF file from CAD, with other frames on the same bodies.  At the zero pose
 both stand in the same place, so a body's frame in one description can be placed in the other; the inertias follow by a

@@ -1,14 +1,8 @@
 """The cone programme of a physically consistent fit.
 
-Symmetric matrices as vectors of their triangles, as cone solvers want them: inner products stay the same.
-
-Cone programmes: minimise ½ xᵀP x + qᵀx with b − A x in a product of cones, straight to the solver.
-
-A modelling language would compile one programme per fit, and choosing the weight of a prior takes dozens.  The blocks
-here are few and regular (ten numbers per body), so they are written down as sparse rows at once and
-given to Clarabel, an interior-point method.
-
-The cone programme of a physically consistent fit.
+A modelling language compiles a programme before it is solved: for a humanoid with R as a parameter that takes minutes,
+and without parameters as long as a solution, each time.  The blocks here are few and regular (ten numbers per body), so
+they are written down as sparse rows at once and given to Clarabel, an interior-point method.
 
 Unknown are, for every body, the ten parameters of K = L⁻¹ J L⁻ᵀ where L Lᵀ is the reference body's pseudo-inertia.  In
 these variables the reference is the identity for a gripper of grams and for a torso of tons, so that solvers meet

@@ -17,7 +17,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.identification.rows.batches import Batch, Batcher
 from echelon.identification.rows.plan import Part, Plan
-from echelon.identification.rows.rows import ModelRows, Numbering, RowBlock, ahead, observed, plain, rows_taken
+from echelon.identification.rows.rows import ModelRows, Numbering, RowBlock, observed, plain, prefetched, rows_taken
 from echelon.logs.recording import Samples
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
@@ -27,7 +27,7 @@ MEMORY = 1 << 28
 
 
 @dataclass(frozen=True)
-class Taken:
+class Ingested:
     """A log as it was taken in."""
 
     path: Path
@@ -93,7 +93,7 @@ class PredictedRows:
     def blocks(self) -> Iterator[RowBlock]:
         """All rows, in the order of time."""
         numbering = Numbering()
-        for samples in ahead(self.model.source()):
+        for samples in prefetched(self.model.source()):
             yield self._block(samples, numbering.of(samples))
 
     def observation(self) -> Observation:
@@ -109,15 +109,15 @@ class PredictedRows:
         return RowBlock(samples.source, segment, times, matrices, y)
 
 
-def take(plan: Plan, path: Path, count: int, memory: int = 0) -> Taken:
+def ingest(plan: Plan, path: Path, count: int, memory: int = 0) -> Ingested:
     """Take in a log."""
-    taking = _Taking(plan, count, memory)
-    for block in ahead(taking.blocks(ahead(plan.samples(path)))):
-        taking.factor(block)
-    return Taken(path, taking.batcher.batches(), taking.kept())
+    ingestion = _Ingestion(plan, count, memory)
+    for block in prefetched(ingestion.blocks(prefetched(plan.samples(path)))):
+        ingestion.factor(block)
+    return Ingested(path, ingestion.batcher.batches(), ingestion.kept())
 
 
-class _Taking:
+class _Ingestion:
     def __init__(self, plan: Plan, count: int, memory: int) -> None:
         self._plan, self._memory = plan, memory
         self._model = plan.rows([])

@@ -1,15 +1,12 @@
 """Plan: how logs become rows, and which part of them the fit does not see.
 
-Data that the fit does not see: held out by time or by trajectory, never by random samples.
+Data are held out by time or by trajectory, never by random samples.  Neighbouring samples share their noise, their
+filters and their place on the trajectory, so that a random sample held out is all but known to the fit.  What is held
+out here is contiguous, and each part is filtered on its own: near its ends the filter over both sides treats regressor
+and outputs alike, whatever it lacks, so no measured output enters both parts and none is lost.
 
-Neighbouring samples share their noise, their filters and their place on the trajectory, so that a random sample held
-out is all but known to the fit.  What is held out here is contiguous, and each part is filtered on its own: near its
-ends the filter over both sides treats regressor and outputs alike, whatever it lacks, so no measured output enters both
-parts and none is lost.
-
-Plan: how logs become rows, with everything decided before the first one is made.
-
-A plan is all that another process needs to take in a log, so that logs can be spread over several.
+In a plan everything is decided before the first row is made.  It is all that another process needs to take in a log, so
+that logs can be spread over several.
 """
 
 from __future__ import annotations

@@ -1,13 +1,8 @@
 """Rows: the regressor and the measured outputs of prepared samples, both filtered alike, block by block.
 
-Reading ahead: the next piece of a log is read and prepared on another thread while this one is worked on.
-
-Decoding, filters and compiled functions free the interpreter while they run, so that two threads are nearly twice as
-fast as one; more would only hold more pieces in memory.
-
-Rows: the regressor and the measured outputs of prepared samples, both filtered alike, block by block.
-
-Rows of a base model: the regressor at prepared samples, filtered like the outputs, window by window.
+The next piece of a log is read and prepared on another thread while this one is worked on.  Decoding, filters and
+compiled functions free the interpreter while they run, so that two threads are nearly twice as fast as one; more would
+only hold more pieces in memory.
 
 Only the entries that are not structurally zero are computed, filtered and kept.  Windows overlap by what the filter
 reaches, so that cutting changes nothing but memory.  Samples that need no filter and lose no rows go straight into the
@@ -41,7 +36,7 @@ _END = object()
 _PATIENCE = 0.1  # s after which a reader looks whether anyone still wants its pieces
 
 
-def ahead(items: Iterable[Item], depth: int = 1) -> Iterator[Item]:
+def prefetched(items: Iterable[Item], depth: int = 1) -> Iterator[Item]:
     """The same items in the same order, made on another thread."""
     if isinstance(items, Sequence):
         yield from items
@@ -162,7 +157,7 @@ class ModelRows:
     def blocks(self) -> Iterator[RowBlock]:
         """All rows, in the order of time, log after log."""
         numbering = Numbering()
-        for samples in ahead(self.source()):
+        for samples in prefetched(self.source()):
             yield from self.blocks_of(samples, numbering.of(samples))
 
     def blocks_of(self, samples: Samples, segment: int) -> Iterator[RowBlock]:
@@ -174,7 +169,7 @@ class ModelRows:
     def observation(self) -> Observation:
         """The R-factors of all rows."""
         total = _empty(self.layout)
-        for samples in ahead(self.source()):
+        for samples in prefetched(self.source()):
             _check_outputs(samples, self.layout)
             # in the order in which rows in memory would be added
             parts = [self._fused(samples)] if plain(samples) else self._factors(samples)
