@@ -27,7 +27,7 @@ from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.regressor.probes import Probes, virtual_motion
 from echelon.regressor.steps import Recorder
 
-LOST, SEEN = 0.05, 0.1
+NO_WEIGHT, FULL_WEIGHT = 0.05, 0.1
 """Openness, as a share of :attr:`LoopMotion.reference`, below which samples do not count and above which they do."""
 
 
@@ -71,28 +71,28 @@ class LoopRegressor(StateRegressor):
     def entries(self, state: Mapping[str, Floats]) -> Floats:
         """Values of all entries, shape (N, size); zero for samples whose loops cannot be closed."""
         closed = self.motion.positioned(state["q"])
-        return self._seen(closed, {**state, "q": closed.q}) * self._counted(closed)[0][:, None]
+        return self._whole_entries(closed, {**state, "q": closed.q}) * self._sample_weights(closed)[0][:, None]
 
     def pulled(self, state: Mapping[str, Floats], adjoint: Floats) -> tuple[Floats, Floats, Floats]:
         """Derivatives by q, q̇ and q̈, each of shape (N, k), from those by the entries, of shape (N, size)."""
         closed = self.motion.positioned(state["q"])
-        whole, (counted, slope) = {**state, "q": closed.q}, self._counted(closed)
+        whole, (counted, slope) = {**state, "q": closed.q}, self._sample_weights(closed)
         given = {**whole, **self._geometry, ADJOINT: adjoint * counted[:, None]}
         found = closed.counted(self._pullback(given))
         places, count = closed.q.shape[1], state["qd"].shape[1]
         by_q, by_qd, by_qdd = np.split(found, [places, places + count], axis=1)
         if slope.any():
-            weights = slope * np.sum(adjoint * self._seen(closed, whole), axis=1)
+            weights = slope * np.sum(adjoint * self._whole_entries(closed, whole), axis=1)
             by_q = by_q + self.motion.openness_slopes(closed, weights)
         return self.motion.along(closed, by_q), by_qd, by_qdd
 
-    def _seen(self, closed: Closed, whole: Mapping[str, Floats]) -> Floats:
+    def _whole_entries(self, closed: Closed, whole: Mapping[str, Floats]) -> Floats:
         return closed.counted(super().entries(whole))
 
-    def _counted(self, closed: Closed) -> tuple[Floats, Floats]:
+    def _sample_weights(self, closed: Closed) -> tuple[Floats, Floats]:
         """Weights of the samples, and their derivatives by openness."""
-        scale = 1 / (self.motion.reference * (SEEN - LOST))
-        share = np.clip(closed.openness * scale - LOST / (SEEN - LOST), 0.0, 1.0)
+        scale = 1 / (self.motion.reference * (FULL_WEIGHT - NO_WEIGHT))
+        share = np.clip(closed.openness * scale - NO_WEIGHT / (FULL_WEIGHT - NO_WEIGHT), 0.0, 1.0)
         return share**2 * (3 - 2 * share), 6 * share * (1 - share) * scale
 
 

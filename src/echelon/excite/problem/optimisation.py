@@ -79,9 +79,9 @@ class Problem:
 
     def value_and_gradient(self, x: Floats) -> tuple[float, Callable[[], Floats]]:
         """The criterion, and what gives its derivatives."""
-        seen = self.information(x.reshape(self.shape))
-        value, slope = self.criterion.evaluate(seen.F)
-        return value, lambda: seen.gradient(slope).ravel()
+        found = self.information(x.reshape(self.shape))
+        value, slope = self.criterion.evaluate(found.F)
+        return value, lambda: found.gradient(slope).ravel()
 
     # -- limits of the motion --------------------------------------------------------------------------------------
 
@@ -271,8 +271,8 @@ class LoopProblem(Problem):
 
     def value_and_gradient(self, x: Floats) -> tuple[float, Callable[[], Floats]]:
         """The criterion, and what gives its derivatives; large and zero for a motion that does not see a parameter."""
-        seen = self.information(x.reshape(self.shape))
-        if np.any(np.diag(seen.F) <= 0):
+        found = self.information(x.reshape(self.shape))
+        if np.any(np.diag(found.F) <= 0):
             return _BLIND, lambda: np.zeros(self.size)
-        value, slope = self.criterion.evaluate(seen.F)
-        return value, lambda: seen.gradient(slope).ravel()
+        value, slope = self.criterion.evaluate(found.F)
+        return value, lambda: found.gradient(slope).ravel()

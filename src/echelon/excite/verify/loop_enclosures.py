@@ -20,7 +20,7 @@ import numpy.typing as npt
 from echelon.arrays import Flags, Floats
 from echelon.errors import EchelonError
 from echelon.excite.problem.clearance import Clearance
-from echelon.excite.problem.closed_loops import SEEN, LoopEfforts, LoopLimits, LoopPart, loop_limits
+from echelon.excite.problem.closed_loops import FULL_WEIGHT, LoopEfforts, LoopLimits, LoopPart, loop_limits
 from echelon.excite.problem.loop_motion import Closed, LoopMotion
 from echelon.excite.problem.state_limits import Bounded, Enclosed
 from echelon.excite.problem.trajectory import Trajectory
@@ -320,7 +320,7 @@ class _Whole(Bounded):
 
 
 def _whole(limits: LoopLimits, parts: Sequence[LoopPart | LoopEfforts]) -> _Whole:
-    found = loop_limits(limits.motion, parts, SEEN)
+    found = loop_limits(limits.motion, parts, FULL_WEIGHT)
     return _Whole(found.labels, found.units, found.low, found.high, found)
 
 
