@@ -40,10 +40,25 @@ class Finding:
         return f"{self.where}: {self.text}" if self.where else self.text
 
 
+def note(kind: str, where: str, text: str) -> Finding:
+    """What is worth knowing."""
+    return Finding(Severity.NOTE, kind, where, text)
+
+
+def warning(kind: str, where: str, text: str) -> Finding:
+    """What is wrong."""
+    return Finding(Severity.WARNING, kind, where, text)
+
+
 def listed(names: Iterable[str]) -> str:
     """Some names, cut short where they are many."""
     words = list(dict.fromkeys(names))
     return (", ".join(words[:_SHOWN]) + (f", … ({len(words)} in all)" if len(words) > _SHOWN else "")) or "none"
+
+
+def counted(count: int, one: str, many: str = "") -> str:
+    """A number with its noun: ``1 sample``, ``3 samples``."""
+    return f"{count} {one if count == 1 else many or one + 's'}"
 
 
 def seconds(time: float) -> str:

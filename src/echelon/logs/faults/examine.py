@@ -16,7 +16,7 @@ from echelon.errors import InputError
 from echelon.logs.columns.quantities import Series, quaternion_columns, series
 from echelon.logs.faults.plausibility import contradictions
 from echelon.logs.faults.standstill import held, pinned, resolution, runs, stuck
-from echelon.logs.finding import Finding, Severity, listed, seconds
+from echelon.logs.finding import Finding, Severity, counted, listed, note, seconds, warning
 from echelon.logs.recording import Recording
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import nominal_period, round_rate
@@ -59,7 +59,7 @@ def _not_finite(recording: Recording, channels: Sequence[Series], whole: bool, f
     if not usable.all():
         count = int(np.sum(~usable))
         where = f"{recording.source}, time, row {int(np.argmin(usable))}"
-        findings.append(Finding(Severity.WARNING, "not finite", where, f"{_samples(count)} without a time; left out"))
+        findings.append(warning("not finite", where, f"{counted(count, 'sample')} without a time; left out"))
     for channel in channels:
         good = np.isfinite(channel.values)
         if good.all():
@@ -68,8 +68,8 @@ def _not_finite(recording: Recording, channels: Sequence[Series], whole: bool, f
             raise InputError("it holds no numbers, only NaN", source=recording.source, element=channel.label)
         starts, stops = runs(~good)
         text = (
-            f"{_samples(int(np.sum(~good)))} not finite (NaN or infinite), in {len(starts)} "
-            f"{'run' if len(starts) == 1 else 'runs'} of up to {int((stops - starts).max())}; left out"
+            f"{counted(int(np.sum(~good)), 'sample')} not finite (NaN or infinite), in "
+            f"{counted(len(starts), 'run')} of up to {int((stops - starts).max())}; left out"
         )
         findings.append(_at(recording, channel, "not finite", int(starts[0]), text))
         usable &= good
@@ -100,7 +100,7 @@ def _quaternions(recording: Recording, mechanism: Mechanism, findings: Found) ->
         if wrong.any():
             usable &= ~wrong
             text = (
-                f"{_samples(int(wrong.sum()))} with a quaternion of length {length[wrong].min():.3g} to "
+                f"{counted(int(wrong.sum()), 'sample')} with a quaternion of length {length[wrong].min():.3g} to "
                 f"{length[wrong].max():.3g} instead of 1; left out.  Are these columns w, x, y, z?"
             )
             findings.append(_at(recording, ball, "quaternion", int(np.argmax(wrong)), text))
@@ -132,7 +132,7 @@ def _constant(
                 "y": "is the sensor connected, and is this its column?",
             }.get(channel.signal, "is this its column?")
             text = f"is {values[0]:.6g} in all {len(values)} samples: {what}"
-            findings.append(Finding(Severity.WARNING, "constant", f"{recording.source}, {channel.label}", text))
+            findings.append(warning("constant", f"{recording.source}, {channel.label}", text))
     return moving
 
 
@@ -148,7 +148,7 @@ def _duplicates(recording: Recording, channels: Sequence[Series], usable: Flags,
         if len(group) > 1 and any(channel.signal != "reference" for channel in group):
             others = listed(channel.label for channel in group[1:])
             text = f"has the same values as {others} in every sample: was one column taken twice?"
-            findings.append(Finding(Severity.WARNING, "duplicate", f"{recording.source}, {group[0].label}", text))
+            findings.append(warning("duplicate", f"{recording.source}, {group[0].label}", text))
 
 
 def _saturation(recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found) -> None:
@@ -162,8 +162,8 @@ def _saturation(recording: Recording, channels: Sequence[Series], usable: Flags,
                 continue
             count = int((stops - starts).sum())
             text = (
-                f"is pinned at its extreme {limit:.6g} in {_samples(count)} ({count / len(usable):.2%}), in runs "
-                f"of up to {int((stops - starts).max())}: if the sensor is saturated there, leave these times out"
+                f"is pinned at its extreme {limit:.6g} in {counted(count, 'sample')} ({count / len(usable):.2%}), in "
+                f"runs of up to {int((stops - starts).max())}: if the sensor is saturated there, leave these times out"
             )
             findings.append(_at(recording, channel, "saturation", int(starts[0]), text))
 
@@ -180,7 +180,7 @@ def _stuck(recording: Recording, channels: Sequence[Series], usable: Flags, find
             kept[start:stop] = False
             text = (
                 f"stays at exactly {channel.values[start]:.6g} until {seconds(recording.time[stop - 1])} s "
-                f"({_samples(stop - start)}) while the robot moves: stuck; left out"
+                f"({counted(stop - start, 'sample')}) while the robot moves: stuck; left out"
             )
             findings.append(_at(recording, channel, "stuck", start, text))
     return kept
@@ -195,7 +195,7 @@ def _resolution(recording: Recording, channels: Sequence[Series], usable: Flags,
         if step and step > _COARSE * float(np.sqrt(np.mean(np.diff(values) ** 2))):
             text = f"comes in steps of {step:.4g}, coarse for its motion: derivatives need a low cut-off"
             where = f"{recording.source}, {channel.label}"
-            findings.append(Finding(Severity.NOTE, "resolution", where, text))
+            findings.append(note("resolution", where, text))
 
 
 def _held(recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found) -> None:
@@ -207,7 +207,7 @@ def _held(recording: Recording, channels: Sequence[Series], usable: Flags, findi
             f"change only every {count} samples: they were taken at {rate:g} Hz and held, so derivatives show the "
             f"steps; resample (rate: {rate:g}), or log at that rate"
         )
-        findings.append(Finding(Severity.WARNING, "held", f"{recording.source}, positions", text))
+        findings.append(warning("held", f"{recording.source}, positions", text))
 
 
 def _rows(usable: Flags) -> Flags | slice:
@@ -224,7 +224,3 @@ def _at(
 ) -> Finding:
     where = f"{recording.source}, {channel.label}, from {seconds(float(recording.time[row]))} s"
     return Finding(severity, kind, where, text)
-
-
-def _samples(count: int) -> str:
-    return "1 sample" if count == 1 else f"{count} samples"

@@ -24,7 +24,7 @@ from echelon.errors import InputError
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.columns.quantities import WRAP, Series, motion_of, series
 from echelon.logs.columns.units import factor
-from echelon.logs.finding import Finding, Severity, listed
+from echelon.logs.finding import Finding, listed, warning
 from echelon.logs.recording import Recording
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
@@ -94,7 +94,7 @@ def surplus_columns(columns: ColumnMap, names: Sequence[str]) -> tuple[Finding, 
         return ()
     shown = listed(f"'{name}'" for name in more)
     text = f"the log has {shown} beside the {len(used)} columns that are used: is it a log of another robot?"
-    return (Finding(Severity.WARNING, "robot", "positions", text),)
+    return (warning("robot", "positions", text),)
 
 
 # -- time -------------------------------------------------------------------------------------------------------------
@@ -122,7 +122,7 @@ def _check_time(recording: Recording, columns: ColumnMap) -> list[Finding]:
     if channel.unit == "s":
         return []
     hint = f": is time in {units[0]}?" if units else ", a rate that shows no dynamics"
-    return [Finding(Severity.WARNING, "time", f"{recording.source}, time", text + hint)]
+    return [warning("time", f"{recording.source}, time", text + hint)]
 
 
 # -- positions --------------------------------------------------------------------------------------------------------
@@ -168,12 +168,12 @@ def _check_angles(recording: Recording, turning: Sequence[Series], stated: Mappi
         if len(far) > 1 and 2 * len(far) > len(turning):
             problem = f"{text} If they are right, say unit: rad"
             raise InputError(problem, source=recording.source, element="positions")
-        return [Finding(Severity.WARNING, "units", f"{recording.source}, positions", text)]
+        return [warning("units", f"{recording.source}, positions", text)]
     degrees = [c for c in turning if c.name in stated and factor(stated[c.name].unit, "rad") == math.radians(1)]
     if degrees and len(degrees) == len(turning) and max(map(_range, turning)) < _LITTLE_ANGLE:
         most = math.degrees(max(map(_range, turning)))
         text = f"no joint turns by more than {most:.3g}°: are the columns in rad (leave out unit: deg)?"
-        return [Finding(Severity.WARNING, "units", f"{recording.source}, positions", text)]
+        return [warning("units", f"{recording.source}, positions", text)]
     return []
 
 
@@ -187,7 +187,7 @@ def _check_lengths(recording: Recording, sliding: Sequence[Series], stated: Mapp
         unit = stated[channel.name].unit if channel.name in stated else ""
         if unit and factor(unit, "m") < 0.1 and 0 < _range(channel) < _LITTLE_LENGTH:
             text = f"moves by {_range(channel) * 1e3:.3g} mm only: is the column in m (leave out unit: {unit})?"
-            findings.append(Finding(Severity.WARNING, "units", where, text))
+            findings.append(warning("units", where, text))
     return findings
 
 
@@ -211,11 +211,9 @@ def _check_forces(recording: Recording, mechanism: Mechanism, stated: Mapping[st
     most, where = max(map(_largest, torques)), f"{recording.source}, outputs"
     text = f"torques go to {most:.3g} N·m, where the weight of the described robot makes {static:.3g} N·m at most"
     if most > _WEIGHTS * static:
-        return [Finding(Severity.WARNING, "units", where, f"{text}: are they in mN·m, or is this another robot's log?")]
+        return [warning("units", where, f"{text}: are they in mN·m, or is this another robot's log?")]
     if most < _WEAK * static and not mechanism.actuators:
-        return [
-            Finding(Severity.WARNING, "units", where, f"{text}: are they in kN·m, or those of motors before gears?")
-        ]
+        return [warning("units", where, f"{text}: are they in kN·m, or those of motors before gears?")]
     return []
 
 
@@ -256,7 +254,7 @@ def contradictions(recording: Recording, mechanism: Mechanism, usable: Flags) ->
         text = _compared(pair, time, inside, width)
         if text:
             where = f"{recording.source}, {pair.upper.label}"
-            found.append(Finding(Severity.WARNING, "contradiction", where, text))
+            found.append(warning("contradiction", where, text))
     return found
 
 

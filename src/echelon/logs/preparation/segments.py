@@ -15,7 +15,7 @@ import numpy as np
 from echelon.arrays import Flags, Floats, Integers
 from echelon.errors import InputError, locating
 from echelon.logs.columns.quantities import SIGNALS, WRAP, angle_columns, quaternion_columns, signal_names
-from echelon.logs.finding import Finding, Severity, seconds
+from echelon.logs.finding import Finding, counted, note, seconds, warning
 from echelon.logs.recording import Recording, Segment
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import (
@@ -57,7 +57,7 @@ def unwrapped(
             when = f"from {seconds(recording.time[found[0]])} s"
             where = f"{recording.source}, {SIGNALS[signal]} of '{names[column]}', {when}"
             text = f"jumps by a full turn {len(found)} times; the turns were added up"
-            findings.append(Finding(Severity.NOTE, "wrapped", where, text))
+            findings.append(note("wrapped", where, text))
         signals[signal] = values
     return signals, tuple(findings)
 
@@ -67,27 +67,27 @@ def break_findings(
 ) -> Iterator[Finding]:
     """Findings of duplicates, jumps back, gaps, and stretches that are too short."""
 
-    def warning(kind: str, stamp: float, text: str) -> Finding:
-        return Finding(Severity.WARNING, kind, f"{source}, from {seconds(stamp)} s", text)
+    def since(stamp: float) -> str:
+        return f"{source}, from {seconds(stamp)} s"
 
     if len(found.duplicates):
-        repeated = _times(len(found.duplicates), "time stamp repeats", "time stamps repeat")
-        yield warning("duplicates", time[found.duplicates[0]], f"{repeated} the one before; left out")
+        repeated = counted(len(found.duplicates), "time stamp repeats", "time stamps repeat")
+        yield warning("duplicates", since(time[found.duplicates[0]]), f"{repeated} the one before; left out")
     if len(found.backward):
         jumps = ", ".join(f"{seconds(time[row - 1])} → {seconds(time[row])} s" for row in found.backward[:3])
-        text = f"the clock jumps back {_times(len(found.backward), 'time', 'times')} ({jumps}); segments end there"
-        yield warning("backward", time[found.backward[0] - 1], text)
+        text = f"the clock jumps back {counted(len(found.backward), 'time')} ({jumps}); segments end there"
+        yield warning("backward", since(time[found.backward[0] - 1]), text)
     if len(found.gaps):
         before = _before(time, found)
         longest = (time[found.gaps] - before).max()
-        gaps = f"{_times(len(found.gaps), 'gap', 'gaps')} of more than {gap:g} periods, up to {longest:.4g} s"
-        yield warning("gap", before[0], f"{gaps}; segments end there")
+        gaps = f"{counted(len(found.gaps), 'gap')} of more than {gap:g} periods, up to {longest:.4g} s"
+        yield warning("gap", since(before[0]), f"{gaps}; segments end there")
     if short:
         text = (
-            f"{_times(len(short), 'stretch is', 'stretches are')} too short to use, with up to "
-            f"{_times(max(map(len, short)), 'sample', 'samples')}; left out ({sum(map(len, short))} in all)"
+            f"{counted(len(short), 'stretch is', 'stretches are')} too short to use, with up to "
+            f"{counted(max(map(len, short)), 'sample')}; left out ({sum(map(len, short))} in all)"
         )
-        yield warning("short", time[short[0][0]], text)
+        yield warning("short", since(time[short[0][0]]), text)
 
 
 def rate_findings(
@@ -98,9 +98,9 @@ def rate_findings(
     where = f"{source}, from {seconds(uneven[0][0])} s" if uneven else source
     longest = 1e3 * max((one.longest for _, one in uneven), default=0.0)
     if missing := sum(one.missing for _, one in uneven):
-        lost = _times(missing, "sample is", "samples are")
+        lost = counted(missing, "sample is", "samples are")
         text = f"{lost} missing (intervals up to {longest:.4g} ms); interpolated"
-        yield Finding(Severity.NOTE, "missing", where, text)
+        yield note("missing", where, text)
     if uneven:
         shortest, spread = min(one.shortest for _, one in uneven), max(one.spread for _, one in uneven)
         text = (
@@ -108,20 +108,16 @@ def rate_findings(
             f"{longest:.4g} ms, with a standard deviation of {spread * 1e3:.2g} ms; resampled at "
             f"{uneven[0][1].rate:g} Hz by cubic interpolation"
         )
-        yield Finding(Severity.NOTE, "jitter", where, text)
+        yield note("jitter", where, text)
     if rate is not None and any(rate < SLOWER * one.rate for one in regular):
         text = f"resampled from {regular[0].rate:.6g} Hz to {rate:g} Hz, after a low-pass at {0.4 * rate:.4g} Hz"
-        yield Finding(Severity.NOTE, "rate", source, text)
+        yield note("rate", source, text)
 
 
 def _before(time: Floats, found: Stretches) -> Floats:
     """Stamps before the gaps: those of the last samples that were kept."""
     lasts = np.array([piece[-1] for piece in found.pieces])
     return np.asarray(time[lasts[np.searchsorted(lasts, found.gaps) - 1]])
-
-
-def _times(count: int, one: str, many: str) -> str:
-    return f"{count} {one if count == 1 else many}"
 
 
 def segments(
@@ -177,7 +173,7 @@ def _none(recording: Recording, problem: str, whole: bool) -> tuple[tuple[Segmen
     if whole:
         raise InputError(problem, source=recording.source)
     start = f", from {seconds(float(recording.time[0]))} s" if len(recording.time) else ""
-    return (), (Finding(Severity.WARNING, "short", f"{recording.source}{start}", f"{problem}; left out"),)
+    return (), (warning("short", f"{recording.source}{start}", f"{problem}; left out"),)
 
 
 def finite(recording: Recording) -> Flags:
