@@ -6,11 +6,10 @@ assembled at the reference pose of the file, or at a keyframe that closes them b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import partial, reduce
-from operator import matmul
+from functools import partial
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from echelon.exact.polynomial import Polynomial
 from echelon.formats.axis_relations import with_relations
 from echelon.formats.bodies import Bodies, Part
 from echelon.formats.closure_frames import second_frame, with_parallelogram
-from echelon.formats.link_inertia import Inertial, move_inertial, numeric_placement
+from echelon.formats.link_inertia import Inertial, move_inertial, numeric_placements
 from echelon.formats.literal import (
     LiteralClosure,
     LiteralLink,
@@ -83,13 +82,7 @@ class _Builder:
             self.bodies, gravity = with_relations(self.bodies, gravity, self.snapping, self.lumped.sources)
         couplings = tuple(c.coupling for c in self.couplings.values())
         closures = tuple(self._closure(closure) for closure in self._moving_closures())
-        mechanism = Mechanism(
-            self.tree.name,
-            tuple(self.bodies),
-            gravity,
-            couplings,
-            closures=closures,
-        )
+        mechanism = Mechanism(self.tree.name, tuple(self.bodies), gravity, couplings, closures=closures)
         mechanism = replace(mechanism, measured=self._measured(mechanism))
         used = {s for b in self.bodies for s in b.joint.symbols()}
         used.update(s for placement in setup_placements(mechanism) for s in placement.symbols())
@@ -127,14 +120,48 @@ class _Builder:
                 self.notes.append(f"{unused}; --measured file takes them as outputs")
             return None
         motions = {m.name: m for m in mechanism.motions if m.name not in mechanism.dependent}
-        outputs = tuple(build_outputs(self.sensors, motions, self._ride, self.snapping, self.notes))
+        outputs = tuple(output for sensor in self.sensors for output in self._outputs(sensor, motions))
         if not outputs:
             raise InputError("it has no sensors of forces that could be outputs", source=self.tree.source)
         return outputs
 
+    def _outputs(self, sensor: LiteralSensor, motions: Mapping[str, Motion]) -> Iterator[Output]:
+        if isinstance(sensor, LiteralWrench):
+            body, offset = self._ride(sensor.link)
+            frame = self.snapping.placements((*offset, *sensor.placements), symbol_stem(sensor.name))
+            letter, unit = ("t", "N·m") if sensor.angular else ("f", "N")
+            for axis, word in enumerate("xyz"):
+                cut = Cut(body, frame, on_parent=False, axis=axis, angular=sensor.angular)
+                yield plain(f"{sensor.name}.{letter}{word}", unit, cut)
+        elif sensor.joint in motions:
+            unit = "N" if motions[sensor.joint].kind is MotionKind.TRANSLATION else "N·m"
+            yield Output(sensor.name, unit, ((JointForce(sensor.joint), Polynomial.constant(sensor.weight)),))
+        else:
+            self.notes.append(f"{sensor.element} is left out: joint '{sensor.joint}' does not move freely")
+
     def _closure(self, stated: LiteralClosure) -> Closure:
-        closure = build_closure(stated, self.tree, self.snapping, self._ride)
+        (first, offset), (second, other) = self._ride(stated.first), self._ride(stated.second)
+        read, stem = self.snapping.placements, symbol_stem(stated.name)
+        frame = read(stated.first_frame, stem)
+        met = self._met(stated, frame) if stated.second_frame is None else read(stated.second_frame, stem)
+        frame, met = read(offset, stem) @ frame, read(other, stem) @ met
+        closure = Closure(stated.name, stated.kind, first, second, frame, met)
         return with_parallelogram(closure, stated.element, self.bodies, self.snapping)
+
+    def _met(self, stated: LiteralClosure, frame: Placement) -> Placement:
+        """Where the frame of the first link is on the second one at the reference pose."""
+        links, read = self.tree.links, self.snapping.placements
+        try:
+            return second_frame(
+                stated.kind,
+                stated.first,
+                stated.second,
+                frame,
+                lambda k: links[k].parent,
+                lambda k: read(links[k].rest, symbol_stem(links[k].name)),
+            )
+        except ValueError as error:
+            raise InputError(str(error), source=self.tree.source, element=stated.element) from None
 
     def _moving_closures(self) -> Iterator[LiteralClosure]:
         for closure in self.tree.closures:
@@ -238,12 +265,7 @@ class _Builder:
             body, placements = self._ride(index)
             if body == GROUND or link.inertial is None:
                 continue
-            rotation, translation = np.eye(3), np.zeros(3)
-            for placement in placements:
-                step_rotation, step_translation = numeric_placement(placement)
-                translation = translation + rotation @ step_translation
-                rotation = rotation @ step_rotation
-            moved = move_inertial(np.array(link.inertial), rotation, translation)
+            moved = move_inertial(np.array(link.inertial), *numeric_placements(placements))
             totals[body] = totals[body] + moved if body in totals else moved
         for body, total in totals.items():
             values = tuple(float(v) for v in total)
@@ -264,67 +286,6 @@ class _Builder:
         return InputError(problem, source=self.tree.source, element=element)
 
 
-WhereLinksAre = Callable[[int], tuple[int, tuple[LiteralPlacement, ...]]]
-"""The body that carries a link, and the placements from its frame to the link's."""
-
-
-def build_closure(closure: LiteralClosure, tree: LiteralTree, snapping: Snapping, ride: WhereLinksAre) -> Closure:
-    """A closure between bodies."""
-    (first, offset), (second, other) = ride(closure.first), ride(closure.second)
-    stem = symbol_stem(closure.name)
-    frame = _placed(snapping, closure.first_frame, stem)
-    if closure.second_frame is None:
-        met = _at_reference(tree, snapping, closure, frame)
-    else:
-        met = _placed(snapping, closure.second_frame, stem)
-    frame, met = _placed(snapping, offset, stem) @ frame, _placed(snapping, other, stem) @ met
-    return Closure(closure.name, closure.kind, first, second, frame, met)
-
-
-def _at_reference(tree: LiteralTree, snapping: Snapping, closure: LiteralClosure, frame: Placement) -> Placement:
-    """Where the frame of the first link is on the second one at the reference pose."""
-    links = tree.links
-    try:
-        return second_frame(
-            closure.kind,
-            closure.first,
-            closure.second,
-            frame,
-            lambda k: links[k].parent,
-            lambda k: _placed(snapping, links[k].rest, symbol_stem(links[k].name)),
-        )
-    except ValueError as error:
-        raise InputError(str(error), source=tree.source, element=closure.element) from None
-
-
-def _placed(snapping: Snapping, placements: tuple[LiteralPlacement, ...], stem: str) -> Placement:
-    return reduce(matmul, (snapping.placement(placement, stem) for placement in placements), Placement())
-
-
-def build_outputs(
-    sensors: Collection[LiteralSensor],
-    motions: Mapping[str, Motion],
-    host: Callable[[int], tuple[int, tuple[LiteralPlacement, ...]]],
-    snapping: Snapping,
-    notes: list[str],
-) -> Iterator[Output]:
-    """Outputs of sensors."""
-    for sensor in sensors:
-        if isinstance(sensor, LiteralWrench):
-            body, offset = host(sensor.link)
-            placements = (snapping.placement(p, symbol_stem(sensor.name)) for p in (*offset, *sensor.placements))
-            frame = reduce(matmul, placements, Placement())
-            letter, unit = ("t", "N·m") if sensor.angular else ("f", "N")
-            for axis, word in enumerate("xyz"):
-                cut = Cut(body, frame, on_parent=False, axis=axis, angular=sensor.angular)
-                yield plain(f"{sensor.name}.{letter}{word}", unit, cut)
-        elif sensor.joint in motions:
-            unit = "N" if motions[sensor.joint].kind is MotionKind.TRANSLATION else "N·m"
-            yield Output(sensor.name, unit, ((JointForce(sensor.joint), Polynomial.constant(sensor.weight)),))
-        else:
-            notes.append(f"{sensor.element} is left out: joint '{sensor.joint}' does not move freely")
-
-
 Ride = tuple[int, tuple[LiteralPlacement, ...]]
 """The body that carries something, and the placements from its frame to what it carries."""
 
@@ -343,7 +304,7 @@ class Riders(Mapping[str, Rider]):
     """What is fixed to bodies, by name; its numbers are read as exact ones when they are asked for."""
 
     def __init__(self, snapping: Snapping, rides: Mapping[str, Ride]) -> None:
-        self._intent, self._rides = snapping, rides
+        self._snapping, self._rides = snapping, rides
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._rides)
@@ -352,13 +313,11 @@ class Riders(Mapping[str, Rider]):
         return len(self._rides)
 
     def __getitem__(self, name: str) -> Rider:
-        (body, placements), known = self._rides[name], len(self._intent.snaps)
-        placed = Placement()
-        for placement in placements:
-            placed = placed @ self._intent.placement(placement, symbol_stem(name))
-        placed = self._intent.without_noise(placed, f"frame '{name}'")
-        symbols = tuple(self._intent.symbols[symbol] for symbol in placed.symbols())
-        return Rider(body, placed, symbols, tuple(self._intent.snaps[known:]))
+        (body, placements), known = self._rides[name], len(self._snapping.snaps)
+        placed = self._snapping.placements(placements, symbol_stem(name))
+        placed = self._snapping.without_noise(placed, f"frame '{name}'")
+        symbols = tuple(self._snapping.symbols[symbol] for symbol in placed.symbols())
+        return Rider(body, placed, symbols, tuple(self._snapping.snaps[known:]))
 
 
 _CLOSED = 1e-9  # of the characteristic length, or rad: rounding of doubles, and nobody wants to know

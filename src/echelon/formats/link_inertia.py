@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from echelon.arrays import Floats
 from echelon.formats.literal import LiteralPlacement
 
-Inertial = npt.NDArray[np.float64]
+Inertial = Floats
 """The ten standard parameters XX XY XZ YY YZ ZZ MX MY MZ M."""
 
 _UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
-def rotation_matrix(roll: float, pitch: float, yaw: float) -> npt.NDArray[np.float64]:
+def rotation_matrix(roll: float, pitch: float, yaw: float) -> Floats:
     """Rz(yaw) Ry(pitch) Rx(roll)."""
     cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (np.cos, np.sin))
     return np.array(
@@ -27,11 +29,20 @@ def rotation_matrix(roll: float, pitch: float, yaw: float) -> npt.NDArray[np.flo
     )
 
 
-def numeric_placement(placement: LiteralPlacement) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def numeric_placement(placement: LiteralPlacement) -> tuple[Floats, Floats]:
     """Rotation and translation of a literal placement in floats."""
     roll, pitch, yaw = (float(v) for v in placement.rpy)
     rotation, translation = rotation_matrix(roll, pitch, yaw), np.array([float(v) for v in placement.xyz])
     return (rotation.T, -rotation.T @ translation) if placement.inverse else (rotation, translation)
+
+
+def numeric_placements(placements: Iterable[LiteralPlacement]) -> tuple[Floats, Floats]:
+    """Rotation and translation of several placements, one after the other."""
+    rotation, translation = np.eye(3), np.zeros(3)
+    for placement in placements:
+        turned, shifted = numeric_placement(placement)
+        translation, rotation = translation + rotation @ shifted, rotation @ turned
+    return rotation, translation
 
 
 def central_inertial(mass: float, centre: npt.ArrayLike, tensor: npt.ArrayLike, rotation: npt.ArrayLike) -> Inertial:
@@ -55,7 +66,7 @@ def move_inertial(inertial: Inertial, rotation: npt.ArrayLike, translation: npt.
     return _pack(shifted, h + mass * p, mass)
 
 
-def _pack(tensor: npt.NDArray[np.float64], moment: npt.NDArray[np.float64], mass: float) -> Inertial:
+def _pack(tensor: Floats, moment: Floats, mass: float) -> Inertial:
     return np.array([*(tensor[i, j] for i, j in _UPPER), *moment, mass])
 
 

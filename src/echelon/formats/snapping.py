@@ -9,10 +9,12 @@ numbers become symbols named by joint, with equal magnitudes sharing one symbol,
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import reduce
 from math import atan2, ceil, hypot, log10, pi
+from operator import matmul
 
 from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
@@ -67,6 +69,10 @@ class Snapping:
             if value:
                 placed = placed @ turn(axis, self.angle(value, f"{literal.element} {word}", f"{word}{label}"))
         return placed.inverse() if literal.inverse else placed
+
+    def placements(self, literal: Iterable[LiteralPlacement], label: str) -> Placement:
+        """Several of them, one after the other."""
+        return reduce(matmul, (self.placement(step, label) for step in literal), Placement())
 
     def _without_digits(self, value: Rational, element: str) -> Rational:
         """A length without the last digits of a double, if without them it is a short decimal: 0.175 for 0.1749…933."""

@@ -10,12 +10,10 @@ from dataclasses import dataclass, replace
 from math import pi, radians
 from typing import Any
 
-import numpy as np
-
 from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN
 from echelon.exact.numbers import Rational, parse_decimal
-from echelon.formats.link_inertia import numeric_placement
+from echelon.formats.link_inertia import numeric_placements
 from echelon.formats.literal import LiteralPlacement, Triple
 from echelon.formats.mjcf.mjcf_numbers import exact_angle, exact_number, placements, placements_of
 from echelon.formats.reading_options import ANGLE_TOLERANCE, checked_size
@@ -141,9 +139,6 @@ def _is_general(placement: LiteralPlacement) -> bool:
 
 def _as_one(way: tuple[LiteralPlacement, ...], element: str) -> tuple[LiteralPlacement, ...]:
     """Several placements as one, rounded as doubles are."""
-    rotation, translation = np.eye(3), np.zeros(3)
-    for placement in way:
-        turned, shifted = numeric_placement(placement)
-        translation, rotation = translation + rotation @ shifted, rotation @ turned
+    rotation, translation = numeric_placements(way)
     x, y, z = (exact_number(round(float(v), _DIGITS)) for v in translation)
     return placements_of(element, (x, y, z), rotation)

@@ -17,7 +17,7 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.exact.numbers import Rational
 from echelon.exact.polynomial import as_polynomial
-from echelon.formats.link_inertia import central_inertial, numeric_placement
+from echelon.formats.link_inertia import central_inertial, numeric_placements
 from echelon.formats.literal import (
     LiteralClosure,
     LiteralFrame,
@@ -200,10 +200,7 @@ class _Reader:
         mass = float(number("mass", "1"))
         xx, yy, zz = (float(number(f"inertia/i{k}", "1")) for k in ("xx", "yy", "zz"))
         xy, xz, yz = (float(number(f"inertia/i{k}", "0")) for k in ("xy", "xz", "yz"))
-        rotation, centre = np.eye(3), np.zeros(3)
-        for placement in self.frames.pose(element, where):
-            turned, shifted = numeric_placement(placement)
-            centre, rotation = centre + rotation @ shifted, rotation @ turned
+        rotation, centre = numeric_placements(self.frames.pose(element, where))
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         return tuple(float(v) for v in central_inertial(mass, centre, tensor, rotation))
 
