@@ -306,8 +306,8 @@ def test_coordinates_are_held_with_what_follows_them() -> None:
 
 REFUSED = {
     "circle": ("couplings: [slide: knee^2, knee: slide]", "circle: slide -> knee -> slide"),
-    "product": ("couplings: [slide: hip*knee]", "no sum of polynomials in one coordinate each"),
-    "cosine": ("couplings: [slide: cos(knee)]", "no sum of polynomials"),
+    "product": ("couplings: [slide: hip*knee]", "not a sum of polynomials in one coordinate each"),
+    "cosine": ("couplings: [slide: cos(knee)]", "not a sum of polynomials"),
     "pi": ("couplings: [slide: (knee - pi/2)^2]", "pi can occur in the constant part only"),
     "degree": ("couplings: [slide: knee^40]", "powers 0 to 32"),
     "sum of two squared": ("couplings: [slide: hip + knee, tilt: slide^2]", "'slide' follows hip, knee"),

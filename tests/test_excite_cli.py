@@ -256,7 +256,7 @@ def test_wrong_input_is_one_line_and_nothing_is_written(tmp_path: Path) -> None:
     cases = {
         ("--family", "bspline", "--repeats", "2", "--iterations", "20"): "not periodic cannot be run 2 times",
         ("--move", "j3"): "there is no coordinate 'j3'",
-        ("--rate", "0", "--iterations", "20"): "no sampling rate",
+        ("--rate", "0", "--iterations", "20"): "not a sampling rate",
         ("--duration", "-1"): "excitation.duration",
         ("--prior-log", str(tmp_path / "no.csv")): "no.csv",
     }

@@ -171,7 +171,7 @@ WRONG_LISTS = {
     "no such frame": ("'end_B'", "'end_C'", r"closed_loop\[0\]\[1\]: there is no body or frame 'end_C'.*line 1"),
     "no pair": (", 'end_B'", "", r"closed_loop\[0\]: needs two names .*line 1"),
     "no list": ("['6d']", "6d", r"type: needs a list, found '6d' .*line 2"),
-    "unknown contact": ("6d", "4d", r"type\[0\]: '4d' is no type of contact .*line 2"),
+    "unknown contact": ("6d", "4d", r"type\[0\]: '4d' is not a type of contact .*line 2"),
     "too many types": ("['6d']", "['6d', '3d']", "type: has 2 entries, and closed_loop has 1"),
     "unknown motor": ("'mot1'", "'moto1'", r"name_mot\[1\]: there is no coordinate 'moto1'; did you mean 'mot1'"),
     "no type of a joint": ("joint_name: []", "joint_name: [free1]", "joint_type: has 0 entries, and joint_name has 1"),
@@ -183,7 +183,7 @@ WRONG_LISTS = {
     "unknown type": (
         "joint_name: []\njoint_type: []",
         "joint_name: [free1]\njoint_type: [BALL]",
-        r"joint_type\[0\]: 'BALL' is no type of joint .*line 5",
+        r"joint_type\[0\]: 'BALL' is not a type of joint .*line 5",
     ),
 }
 

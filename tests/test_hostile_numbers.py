@@ -173,7 +173,7 @@ def test_sampled_trajectories_that_no_robot_follows(tmp_path: Path, change: tupl
     t = t * change[0]
     names = ",".join(["t", *(f"q_{name}" for name in NAMES)])
     np.savetxt(tmp_path / "run.csv", np.column_stack([t, q]), delimiter=",", header=names, comments="", fmt="%.17g")
-    with pytest.raises(InputError, match=r"run\.csv: .*(no finite number up to|must rise|beyond what a robot can do)"):
+    with pytest.raises(InputError, match=r"run\.csv: .*(a finite number up to|must rise|beyond what a robot can do)"):
         read_trajectory(tmp_path / "run.csv", NAMES, UNITS)
 
 

@@ -63,14 +63,14 @@ def test_layouts_of_text(content: str, expected: dict[str, list[float]], tmp_pat
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
-        ("t,q\n0,1\n1,AUTO\n", r"line 3, column 'q': 'AUTO' is no number"),
+        ("t,q\n0,1\n1,AUTO\n", r"line 3, column 'q': 'AUTO' is not a number"),
         (
             "t,q\n2026-03-01 12:00:00,1\n",
-            r"column 't': '2026-03-01 12:00:00' is no number; times have to be in seconds",
+            r"column 't': '2026-03-01 12:00:00' is not a number; times have to be in seconds",
         ),
-        ("t,q\n0,1_000\n", r"line 2, column 'q': '1_000' is no number"),
-        ("t,q\n0,0x10\n", r"line 2, column 'q': '0x10' is no number"),
-        ("t;q\n0;1.234,5\n", r"line 2, column 'q': '1.234,5' is no number"),
+        ("t,q\n0,1_000\n", r"line 2, column 'q': '1_000' is not a number"),
+        ("t,q\n0,0x10\n", r"line 2, column 'q': '0x10' is not a number"),
+        ("t;q\n0;1.234,5\n", r"line 2, column 'q': '1.234,5' is not a number"),
         ("# log\nt,q\n0,1\n\n2\n", r"line 5: has 1 cell where the file has 2 columns"),
         ("t,q\n0,1\n0,1,\n", r"line 3: has 3 cells where the file has 2 columns"),
         ("t q\n0 1\n0 1 2\n", r"line 3: has 3 cells where the file has 2 columns"),
@@ -78,7 +78,7 @@ def test_layouts_of_text(content: str, expected: dict[str, list[float]], tmp_pat
         ("t,q\n", "holds the names of columns but no numbers"),
         ("# nothing\n\n", "holds no numbers: all lines are blank or comments"),
         ("t,q\n0,1\n".encode("utf-16"), "is UTF-16 text; save it as UTF-8"),
-        ("t,Gelenk °\n0,1\n".encode("latin-1"), r"line 1: byte 0xb0 is no UTF-8 text"),
+        ("t,Gelenk °\n0,1\n".encode("latin-1"), r"line 1: byte 0xb0 is not UTF-8 text"),
         (b"t,q\n0,1\n\0\0", "is not text"),
         ("t,q\r0,1\r", "carriage returns inside lines"),
         ("1" * (2 << 20), "has more than 1,048,576 bytes in a line"),
@@ -95,14 +95,14 @@ def test_text_that_is_no_log(content: str | bytes, problem: str, tmp_path: Path)
 def test_text_that_nobody_asks_for_may_stand_beside_numbers(tmp_path: Path) -> None:
     path = text(tmp_path, "t,mode,q\n" + "".join(f"{k},AUTO,{k / 8}\n" for k in range(100)))
     same(read_table(path, ["q", "t"]).columns, {"q": np.arange(100) / 8, "t": np.arange(100)})
-    with pytest.raises(InputError, match=r"line 2, column 'mode': 'AUTO' is no number"):
+    with pytest.raises(InputError, match=r"line 2, column 'mode': 'AUTO' is not a number"):
         read_table(path)
 
 
 @pytest.mark.usefixtures("parser")
 def test_lines_are_counted_over_pieces(tmp_path: Path) -> None:
     path = text(tmp_path, "# log\nt,q\n" + "0,1\n" * 50 + "# pause\n" + "0,1\n" * 20 + "0,x\n")
-    with pytest.raises(InputError, match=r"line 74, column 'q': 'x' is no number"):
+    with pytest.raises(InputError, match=r"line 74, column 'q': 'x' is not a number"):
         list(CsvFile(path).tables(rows=7))
 
 

@@ -67,7 +67,7 @@ def test_savitzky_golay_is_exact_on_polynomials() -> None:
 @settings(max_examples=25, deadline=None)
 @given(st.floats(0.7, 2.9), st.integers(3000, 8000), st.integers(1, 9))
 def test_fourier_series_have_exact_derivatives(period: float, samples: int, harmonic: int) -> None:
-    """The period is no whole number of samples, nor the record one of periods."""
+    """The period is not a whole number of samples, nor the record one of periods."""
     w = 2 * np.pi * harmonic / period
     t = TIME[:samples]
     x, xd, xdd = fourier(np.sin(w * t + 0.3)[:, None] + 2, RATE, period, cutoff=10 / period)

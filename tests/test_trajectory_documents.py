@@ -41,8 +41,8 @@ UNLIKE = {"family": "sum", "parts": [FOURIER["motion"], trajectory_to_json(smoot
 @pytest.mark.parametrize(
     ("document", "problem"),
     [
-        ([], 'run.json: is no trajectory: .*begins with "echelon_trajectory": 1'),
-        ({"coordinates": []}, "run.json: is no trajectory"),
+        ([], 'run.json: is not a trajectory: .*begins with "echelon_trajectory": 1'),
+        ({"coordinates": []}, "run.json: is not a trajectory"),
         (changed(FOURIER, "echelon_trajectory", value=2), "echelon_trajectory: version 2 of the format is not known"),
         (changed(FOURIER, "echelon_trajectory", value="1"), "version '1' of the format is not known; valid is 1"),
         (changed(FOURIER, "echelon_trajectory", value=True), "version True of the format"),
@@ -60,7 +60,7 @@ UNLIKE = {"family": "sum", "parts": [FOURIER["motion"], trajectory_to_json(smoot
         (changed(FOURIER, "motion", "family", value="forier"), "motion: the family 'forier' is not known; did you"),
         (changed(FOURIER, "motion", "family", drop=True), "motion: the key 'family' is missing"),
         (changed(FOURIER, "motion", value=3), "motion: should be a valid dictionary"),
-        (changed(FOURIER, "motion", "period", value=3), "motion.period: is no key of the format"),
+        (changed(FOURIER, "motion", "period", value=3), "motion.period: is not a key of the format"),
         (changed(FOURIER, "motion", "duration", value=0), "motion.duration: should be greater than or equal to"),
         (changed(FOURIER, "motion", "duration", value=float("inf")), "motion.duration: should be a finite number"),
         (changed(FOURIER, "motion", "duration", value="2"), "motion.duration: should be a valid number"),

@@ -24,7 +24,7 @@ SAMPLED = [".csv", ".parquet", ".yaml"]
 
 @pytest.mark.parametrize("suffix", SAMPLED)
 def test_samples_read_back_as_the_spline_through_them(tmp_path: Path, suffix: str) -> None:
-    """Also where the end is no multiple of the step, and in another order."""
+    """Also where the end is not a multiple of the step, and in another order."""
     there, path = smooth(2.0037), tmp_path / f"run{suffix}"
     write_trajectory(there, path, 250)
     found = read_trajectory(path, NAMES[::-1], UNITS[::-1])
@@ -91,7 +91,7 @@ def test_one_that_is_not_periodic_cannot(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     with pytest.raises(InputError, match="repeats: a motion that is not periodic cannot be run 2 times"):
         write_trajectory(motion(uniform_splines(2.0, 3)), path, 100, repeats=2)
-    with pytest.raises(InputError, match="repeats: 0 is no number of runs"):
+    with pytest.raises(InputError, match="repeats: 0 is not a number of runs"):
         write_trajectory(smooth(), path, 100, repeats=0)
     assert not list(tmp_path.iterdir())
 
@@ -99,9 +99,9 @@ def test_one_that_is_not_periodic_cannot(tmp_path: Path, suffix: str) -> None:
 @pytest.mark.parametrize(
     ("rate", "problem"),
     [
-        (0, "rate: 0 Hz is no sampling rate"),
-        (-5.0, "no sampling rate"),
-        (float("nan"), "no sampling rate"),
+        (0, "rate: 0 Hz is not a sampling rate"),
+        (-5.0, "not a sampling rate"),
+        (float("nan"), "not a sampling rate"),
         (2, "rate: 2 Hz gives 5 samples in 2 s; at least 6"),
         (1e9, r"rate: 1e\+09 Hz gives 2e\+09 samples; at most"),
     ],

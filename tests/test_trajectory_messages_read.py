@@ -41,8 +41,8 @@ def test_positions_alone_make_a_message(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
-        ([], "is no trajectory: a JointTrajectory has joint_names and points"),
-        ({"points": []}, "is no trajectory"),
+        ([], "is not a trajectory: a JointTrajectory has joint_names and points"),
+        ({"points": []}, "is not a trajectory"),
         (message(points=[]), "points: holds no points with positions"),
         (message(points=message()["points"][:5]), "holds 5 samples"),
         (message(points=[7]), r"points\[0\].time_from_start: needs two integers"),
@@ -53,9 +53,9 @@ def test_positions_alone_make_a_message(tmp_path: Path) -> None:
         (point(3, positions=[1.0]), r"points\[3\].positions: holds 1 numbers; needs 2"),
         (point(3, positions=None), r"points\[3\].positions: holds 0 numbers; needs 2"),
         (point(3, positions=5.0), r"points\[3\].positions: holds no list; needs 2"),
-        (point(3, positions=["x", 0]), r"points\[3\].positions: 'x' is no number"),
+        (point(3, positions=["x", 0]), r"points\[3\].positions: 'x' is not a number"),
         (point(3, positions=[[1], 0]), r"points\[3\].positions: holds list where a number is needed"),
-        (point(3, positions=[float("nan"), 0]), "column 'q_j1', point 3: nan is no finite number"),
+        (point(3, positions=[float("nan"), 0]), "column 'q_j1', point 3: nan is not a finite number"),
         (point(0, velocities=[0.0, 0.0]), r"points\[1\].velocities: holds 0 numbers; needs 2"),
         (point(3, time_from_start={"sec": 3, "nanosec": 0}), "column 't', point 3: 3.0 s follows 3.02 s"),
         (point(3, time_from_start={"sec": 3}), r"points\[3\].time_from_start: needs two integers, sec and nanosec"),

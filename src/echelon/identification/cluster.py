@@ -127,7 +127,7 @@ def result(client: Client, future: Future[Any]) -> Any:
         try:
             return future.result(timeout=_LOOK)  # also one that was made may be lost before it is here
         except KilledWorker as error:
-            problem = f"a task ended {error.allowed_failures + 1} workers one after another, perhaps for want of memory"
+            problem = f"a task ended {error.allowed_failures + 1} workers one after another, perhaps by lack of memory"
             raise InputError(problem, source=address) from None
         except (CancelledError, CommClosedError):
             raise InputError("the connection to the scheduler was lost; run this again", source=address) from None

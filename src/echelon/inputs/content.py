@@ -72,12 +72,12 @@ class Limit:
         return f"{self.most:,} {self.unit}"
 
 
-DOCUMENT = Limit(64 * _MIB, "bytes", "that is no description, result or model")
+DOCUMENT = Limit(64 * _MIB, "bytes", "that is not a description, result or model")
 DEPTH = Limit(64, "levels of brackets inside one another", "nested too deeply to be a document")
-DESCRIPTION_NODES = Limit(250_000, "numbers, texts, lists and mappings", "that is no description")
+DESCRIPTION_NODES = Limit(250_000, "numbers, texts, lists and mappings", "that is not a description")
 DATA_NODES = Limit(4_000_000, "numbers, texts, lists and mappings", "keep samples in a table (CSV, Parquet)")
 SLOW_NODES = Limit(200_000, "numbers, texts, lists and mappings", "install PyYAML with libyaml, or write JSON")
-XML_NODES = Limit(1_000_000, "elements and attributes", "that is no robot")
+XML_NODES = Limit(1_000_000, "elements and attributes", "that is not a robot")
 XML_DEPTH = Limit(512, "elements inside one another", "the nesting is too deep for a robot")
 INCLUDES = Limit(256, "included files", "put them together")
 LINE = Limit(_MIB, "bytes in a line", "no log has lines as long")

@@ -115,7 +115,7 @@ def _carriers(mechanism: Mechanism, body: int) -> Iterator[int]:
 def _rational(ratio: Polynomial | None, name: str) -> Fraction:
     number = None if ratio is None else ratio.number
     if not isinstance(number, (int, Fraction)):
-        raise ValueError(f"the coupling of '{name}' has a ratio that is no rational number")
+        raise ValueError(f"the coupling of '{name}' has a ratio that is not a rational number")
     return Fraction(number)
 
 

@@ -130,7 +130,7 @@ def with_numeric_ratios(mechanism: Mechanism) -> Mechanism:
         mechanism = substituted(mechanism, known)
     for where, ratio in _turning(mechanism):
         if not isinstance(ratio.number, int | Fraction):
-            problem = "is no rational number, and with loops only those have exact sines and cosines"
+            problem = "is not a rational number, and with loops only those have exact sines and cosines"
             what = "give its symbols exact values such as 3/2, or write a number"
             raise InputError(f"the ratio {ratio} {problem}: {what}", element=where)
     return mechanism

@@ -69,7 +69,7 @@ def _samples(message: Any, source: str, coordinates: Sequence[str]) -> Samples:
     found = dict(fields(message))
     names, points = found.get("joint_names"), found.get("points")
     if not isinstance(names, list) or not isinstance(points, list):
-        raise InputError(f"is no trajectory: {_SHAPE}", source=source)
+        raise InputError(f"is not a trajectory: {_SHAPE}", source=source)
     try:
         order = places(_names(names), coordinates, "joint_names")
         rows = [dict(fields(point)) for point in points]
@@ -129,5 +129,5 @@ def _numbers(values: Any, element: str) -> Floats:
         try:
             found.append(float(_DOT.sub("", value) if isinstance(value, str) else value))
         except (ValueError, OverflowError):
-            raise InputError(f"{one_line(str(value))[:40]!r} is no number", element=element) from None
+            raise InputError(f"{one_line(str(value))[:40]!r} is not a number", element=element) from None
     return np.array(found)

@@ -52,7 +52,7 @@ def _check_numbers(samples: Samples, source: str, row: str) -> None:
         sound = np.abs(values) <= LARGEST
         if not np.all(sound):
             k = int(np.argmin(sound))
-            problem = f"is no finite number up to {LARGEST:.0e}, in SI units"
+            problem = f"is not a finite number up to {LARGEST:.0e}, in SI units"
             raise InputError(f"{values[k]} {problem}", source=source, element=f"column '{name}', {row} {k}")
 
 

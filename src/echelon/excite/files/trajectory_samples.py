@@ -73,11 +73,11 @@ def places(names: Sequence[str], coordinates: Sequence[str], element: str) -> li
 def sampled(trajectory: Trajectory, rate: float, repeats: int = 1) -> Samples:
     """A trajectory at equal steps from its beginning to its end, both included.
 
-    Where the end is no multiple of the step, the last step is shorter.
+    Where the end is not a multiple of the step, the last step is shorter.
     """
     check_repeats(trajectory, repeats)
     if not (math.isfinite(rate) and rate > 0):
-        raise InputError(f"{rate!r} Hz is no sampling rate; it is a positive number", element="rate")
+        raise InputError(f"{rate!r} Hz is not a sampling rate; it is a positive number", element="rate")
     end = trajectory.duration * repeats
     steps = end * rate
     if steps > _MOST:
@@ -101,7 +101,7 @@ def _evaluated(trajectory: Trajectory, t: Floats, order: int) -> Floats:
 def check_repeats(trajectory: Trajectory, repeats: int) -> None:
     """Only what ends as it began can follow itself."""
     if repeats < 1:
-        raise InputError(f"{repeats} is no number of runs; it is 1 or more", element="repeats")
+        raise InputError(f"{repeats} is not a number of runs; it is 1 or more", element="repeats")
     if repeats > 1 and not trajectory.basis.periodic:
         problem = f"a motion that is not periodic cannot be run {repeats} times without a jump; valid is 1"
         raise InputError(problem, element="repeats")

@@ -107,7 +107,7 @@ _FAMILIES = ("fourier", "splines", "sum")
 def as_record(data: Any, source: str) -> TrajectoryRecord:
     """A document, checked against its schema."""
     if not isinstance(data, dict) or _KEY not in data:
-        problem = f'is no trajectory: the document of one is an object that begins with "{_KEY}": {VERSION}'
+        problem = f'is not a trajectory: the document of one is an object that begins with "{_KEY}": {VERSION}'
         raise InputError(problem, source=source)
     version = data[_KEY]
     if version != VERSION or isinstance(version, bool):
@@ -142,5 +142,5 @@ def _message(problem: ErrorDetails) -> str:
         tag = one_line(str(problem.get("ctx", {}).get("tag")))
         return f"the family '{tag}' is not known{nearest_of(tag, _FAMILIES)}"
     if kind == "extra_forbidden":
-        return "is no key of the format"
+        return "is not a key of the format"
     return problem["msg"].replace("Input should", "should", 1)

@@ -50,7 +50,7 @@ def carrying_bodies(tree: LiteralTree, mechanism: Mechanism) -> tuple[tuple[int,
         body, place = found[link.parent] if link.parent >= 0 else (GROUND, np.eye(4))
         for step in link.steps:
             if not isinstance(step, LiteralPlacement):
-                problem = "it moves but is no body of the mechanism; read both from the same file"
+                problem = "it moves but is not a body of the mechanism; read both from the same file"
                 raise InputError(problem, source=tree.source, element=f"link '{link.name}'")
             place = place @ placed(*numeric_placement(step))
         found.append((body, place))

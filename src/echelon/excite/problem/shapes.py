@@ -66,7 +66,7 @@ class Shape:
     placement: Floats  # shape (4, 4); the shape's frame in that of its body
     vertices: Floats | None = None  # shape (k, 3); of a mesh, in the shape's frame, m
     link: str = ""  # the link of a file that it came with, if any
-    # whether it is no part of the robot, so that no body may touch it, and distances to it bear its name
+    # whether it is not a part of the robot, so that no body may touch it, and distances to it bear its name
     obstacle: bool = False
 
     def __post_init__(self) -> None:
@@ -132,7 +132,7 @@ _TOUCHING = 1e-9  # m, of witness points that are too near each other to tell a 
 
 
 def support(shape: Shape, directions: Floats) -> Floats:
-    """The largest n · x over a solid that is no plane, in its own frame, (K,), m, for unit vectors n of (K, 3)."""
+    """The largest n · x over a solid that is not a plane, in its own frame, (K,), m, for unit vectors n of (K, 3)."""
     n = directions
     if shape.vertices is not None:
         return np.asarray((n @ shape.vertices.T).max(axis=1))
@@ -208,7 +208,7 @@ class BoundingSpheres:
 def plane_gaps(first: Shape, second: Shape, places: tuple[Floats, Floats], points: Floats) -> Floats:
     """Lower bounds of signed distances, shape (N,), m, by pairs of parallel planes between two shapes.
 
-    The second shape is no plane.  Points of shape (N, 2, 3) that are said to be nearest, or deepest, give the normals.
+    The second shape is not a plane.  Points of shape (N, 2, 3) that are nearest, or deepest, give the normals.
     """
     if first.kind is Kind.PLANE:
         return _between(first, second, places, places[0][:, :, 2])

@@ -193,7 +193,7 @@ def _of_each(document: Document, key: str, of: str, items: list[Any], usual: str
 def _loop(document: Document, index: int, pair: Any, kind: Any) -> dict[str, Any]:
     joint = _KINDS.get(str(kind).upper())
     if joint is None:
-        raise document.error(f"type[{index}]", f"{kind_of(kind)} is no type of contact (valid: 6d, 3d)")
+        raise document.error(f"type[{index}]", f"{kind_of(kind)} is not a type of contact (valid: 6d, 3d)")
     if not isinstance(pair, list) or len(pair) != 2:
         raise document.error(f"{_PAIRS}[{index}]", f"needs two names of links, found {kind_of(pair)}")
     return {"name": "-".join(str(name) for name in pair), "joint": joint, "connects": pair, "on_second": {}}
@@ -205,6 +205,6 @@ def _joint(document: Document, index: int, kind: Any) -> dict[str, str]:
         return {"type": named.lower()}
     universal = _UNIVERSAL.fullmatch("UJOINT_XY" if named == "CARDAN" else named)
     if universal is None:
-        problem = f"{kind_of(kind)} is no type of joint (valid: SPHERICAL, CARDAN, UJOINT_ZY and such, FIXED)"
+        problem = f"{kind_of(kind)} is not a type of joint (valid: SPHERICAL, CARDAN, UJOINT_ZY and such, FIXED)"
         raise document.error(f"joint_type[{index}]", problem)
     return {"type": "universal", "axis": universal[1].lower(), "axis2": universal[2].lower()}

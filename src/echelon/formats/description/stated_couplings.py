@@ -91,7 +91,7 @@ class CouplingReader:
                 continue
             name, exponent = moving[0]
             if len(moving) > 1 or is_trigonometric(name):
-                problem = f"'{text}' is no sum of polynomials in one coordinate each: other functions are not supported"
+                problem = f"'{text}' is not a sum of polynomials in one coordinate each, as it must be"
                 raise self.expressions.error(path, problem)
             if name in self.expressions.declared:
                 raise self.expressions.error(path, f"'{name}' is both a coordinate and a symbol: rename the symbol")

@@ -186,7 +186,7 @@ def urdf_obstacle(mechanism: Mechanism, values: IdentifiedValues) -> str:
     for index, (body, ten) in enumerate(zip(mechanism.bodies, values.bodies, strict=True)):
         kinds = [motion.kind for motion in body.joint.motions]
         if not _floats(mechanism, index) and any(kind not in _TYPES for kind in kinds):
-            return f"joint '{body.joint.name}' is no sequence of turns and slides, nor that of a floating base"
+            return f"joint '{body.joint.name}' is not a sequence of turns and slides, nor that of a floating base"
         if body.joint.kind == ROTOR and any(other.parent == index for other in mechanism.bodies):
             return f"rotor '{body.name}' carries other bodies"
         if not has_centre(ten):

@@ -222,7 +222,7 @@ class BlockParser:
             shown = one_line(cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "…")
             where = f"line {line}, column '{self.dialect.names[column]}'"
             hint = "; times have to be in seconds" if _DATE.match(cell) else ""
-            raise InputError(f"'{shown}' is no number{hint}", source=self.source, element=where)
+            raise InputError(f"'{shown}' is not a number{hint}", source=self.source, element=where)
         return value
 
 
@@ -311,7 +311,7 @@ class CsvFile:
         try:
             return line.decode("utf-8")
         except UnicodeDecodeError as error:
-            problem = f"byte {line[error.start]:#04x} is no UTF-8 text; save the file as UTF-8"
+            problem = f"byte {line[error.start]:#04x} is not UTF-8 text; save the file as UTF-8"
             raise InputError(problem, source=self.source, element=f"line {number}") from None
 
 

@@ -2,7 +2,7 @@
 
 A file is a tree of elements, each with a tag that says its type and its length.  scipy reads them
 too, but looks types and lengths up without asking whether they can be: one wrong byte in a file without compression may
-end the whole process or keep it busy for ever, where a log that is damaged should be an error.  What is no array of
+end the whole process or keep it busy for ever, where a log that is damaged should be an error.  What is not an array of
 real numbers, a struct or a cell is not decoded.  Files of version 7.3 are HDF5 with conventions of MATLAB's own; MATLAB
 writes version 7 on request (``-v7``), and the error says so.
 

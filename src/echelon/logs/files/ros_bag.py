@@ -94,11 +94,11 @@ class Rosbag:
             connections = list(reader.connections)
             self.start: int = reader.start_time
             if not isinstance(self.start, int) or abs(self.start) >= END_OF_TIME:
-                raise InputError("is damaged: its start is no time in nanoseconds", source=self.source)
+                raise InputError("is damaged: its start is not a time in nanoseconds", source=self.source)
             self._types = RosTypes({some.msgtype: _definition(some) for some in connections})
         for connection in connections:
             if not isinstance(connection.msgcount, int):
-                problem = "is damaged: a number of messages is no whole number"
+                problem = "is damaged: a number of messages is not a whole number"
                 raise InputError(problem, source=self.source, element=connection.topic)
         unread = self._types.left_out
         self.topics: Mapping[str, str] = readable_topics(

@@ -102,7 +102,7 @@ def _check_database(connection: sqlite3.Connection, packed: bool, size: int) -> 
         columns = connection.execute(f"PRAGMA table_xinfo({table})").fetchall()
         plain = kinds.get(table, "").lower().startswith("tablecreate table")
         if (table in kinds and not plain) or any(column[-1] for column in columns):
-            raise InputError("is no table of a bag: its rows are computed", element=f"table '{table}'")
+            raise InputError("is not a table of a bag: its rows are computed", element=f"table '{table}'")
     if any(name == _QOS for _, name, *_ in connection.execute("PRAGMA table_xinfo(topics)")):
         for (text,) in connection.execute(f"SELECT {_QOS} FROM topics"):
             parse_yaml(str(text), _QOS)

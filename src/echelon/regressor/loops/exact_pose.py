@@ -62,7 +62,7 @@ def check_pose(mechanism: Mechanism, pose: ClosedAt) -> None:
             raise ValueError(f"'{name}' holds symbols without a value ({', '.join(sorted(symbols))})")
         square = Polynomial.sum(x * x for x in position)
         if size > 1 and square.evaluate(values.residues(square.generators(), field, rng), field.embed) % field.p != 1:
-            raise ValueError(f"the position of '{name}' is no point of the unit circle or sphere")
+            raise ValueError(f"the position of '{name}' is not a point of the unit circle or sphere")
 
 
 def _exact(motion: Motion, values: dict[str, float], parts: int, angles: _Angles) -> tuple[Polynomial, ...]:
