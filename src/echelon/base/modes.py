@@ -46,48 +46,22 @@ _ANY = ""  # name of no symbol, to count geometries where there are no symbols
 
 @dataclass(frozen=True)
 class Mode:
-    """What depends on what in one assembly mode, and how.
+    """What depends on what in one assembly mode, and how."""
 
-    Attributes
-    ----------
-    dependence : mapping of int to tuple of int
-        Dependent columns of the rows, with the columns that each depends on.
-    order : int
-        Number of coefficients along curves that showed it.
-    marks : mapping of (int, int) to int or Fraction, or None
-        Coefficients, by dependent column and the column it depends on, in which it differs from modes with the same
-        dependence.  None for several modes that no simple coefficient tells apart.
-    """
-
-    dependence: Mapping[int, tuple[int, ...]]
-    order: int
+    dependence: Mapping[int, tuple[int, ...]]  # dependent columns of the rows, with the columns that each depends on
+    order: int  # number of coefficients along curves that showed it
+    # coefficients, by dependent column and the column it depends on, in which it differs from modes with the same
+    # dependence; None for several modes that no simple coefficient tells apart
     marks: Mapping[tuple[int, int], Rational] | None = field(default_factory=dict)
 
 
 def find_modes(
     rows: Rows, rng: np.random.Generator, own: Callable[[Sequence[Mode]], Mode | None] | None = None
 ) -> tuple[list[Mode], Mode | None]:
-    """All assembly modes that random closed poses are in, those with the lowest rank first.
+    """All assembly modes that random closed poses are in, those with the lowest rank first, and the wanted one.
 
-    Parameters
-    ----------
-    rows : Rows
-        Of a mechanism with loops.
-    rng : numpy Generator
-    own : callable, optional
-        Which of some modes is wanted, None if none of them is: then random poses go on being drawn for a while.
-
-    Returns
-    -------
-    (list of Mode, Mode or None)
-        All, and the wanted one.
-
-    Raises
-    ------
-    SingularPoseError
-        If no closed pose is found.
-    EchelonError
-        If random points keep contradicting each other, which has no natural cause.
+    ``own`` tells which of some modes is wanted, None if none is: then random poses go on being drawn for a while.
+    SingularPoseError if no closed pose is found.
     """
     orders: dict[_Key, list[int]] = {}
     order, poses, failure = _FIRST_ORDER, _POSES, ""
@@ -214,16 +188,9 @@ def _relations(table: Residues, auxiliary: int, field: PrimeField) -> _Relations
 
 @dataclass(frozen=True)
 class InMode:
-    """Accepts the poses that are in one mode.
+    """Accepts the poses that are in one mode."""
 
-    Attributes
-    ----------
-    rows : Rows
-        Those that the mode was found with.
-    mode : Mode
-    """
-
-    rows: Rows
+    rows: Rows  # those that the mode was found with
     mode: Mode
 
     def __call__(
@@ -247,13 +214,7 @@ class InMode:
 
 
 def in_mode(forms: LinearForms, accepted: InMode | None) -> LinearForms:
-    """The forms at configurations of one assembly mode only.
-
-    Raises
-    ------
-    InputError
-        If it is not known which of several modes with the same dependence it is.
-    """
+    """The forms at configurations of one assembly mode only."""
     if accepted is None or forms.loops is None:
         return forms
     if accepted.mode.marks is None:
