@@ -27,7 +27,7 @@ Residues = npt.NDArray[Any]
 
 ARRAY_BITS, CERTIFICATE_BITS = 31, 81
 _SMALL_PRIMES = int(flint.fmpz.primorial_ui(flint.fmpz(400)))  # their product
-_FEW = 64  # below this many elements, inverting one by one is faster than a power of the whole array
+_FEW = 16  # below this many elements, inverting one by one is faster than a tree of products
 
 
 def random_prime(rng: np.random.Generator, bits: int) -> int:
@@ -98,12 +98,16 @@ class PrimeField:
             return np.array(flat, dtype=self.dtype).reshape(x.shape)
         if not np.all(x):
             raise DegenerateSampleError(f"a denominator vanishes modulo {self.p}")
-        result = np.ones_like(x)
-        for bit in bin(self.p - 2)[2:]:
-            result = result * result % self.p
-            if bit == "1":
-                result = result * x % self.p
-        return result
+        return self._inverses(x.ravel()).reshape(x.shape)
+
+    def _inverses(self, x: Residues) -> Residues:
+        """1/x of a vector, by a tree of products: that of a pair tells both inverses."""
+        if len(x) < _FEW:
+            return np.array([pow(v, -1, self.p) for v in x.tolist()], dtype=np.int64)
+        half = len(x) // 2
+        left, right = x[:half], x[half : 2 * half]
+        inverse = self._inverses(np.concatenate([left * right % self.p, x[2 * half :]]))
+        return np.concatenate([inverse[:half] * right % self.p, inverse[:half] * left % self.p, inverse[half:]])
 
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Residues:
         """Random residues."""

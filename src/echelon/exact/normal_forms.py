@@ -181,9 +181,10 @@ def _solved(polynomials: Residues, pivots: int, field: PrimeField) -> Residues:
         solved[pivot] = row
         columns, others = np.flatnonzero(present[row]), np.flatnonzero(present[:, pivot])
         scaled = table[row, columns] * field.invert_array(table[row, pivot]) % field.p
-        place = np.ix_(others, columns)
-        table[place] = (table[place] - table[others, pivot][:, None] * scaled) % field.p
+        if len(others) > 1:
+            place = np.ix_(others, columns)
+            table[place] = (table[place] - table[others, pivot][:, None] * scaled) % field.p
+            present[place] = True
+            present[others, pivot] = others == row
         table[row, columns] = scaled
-        present[place] = True
-        present[others, pivot] = others == row
     return table[solved, pivots:].transpose(2, 0, 1)
