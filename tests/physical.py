@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 import echelon as ec
 from echelon.base.model import BaseModel
-from echelon.identification.physics.bounds import Roles, roles
+from echelon.formats.schema.schema_log import IdentificationEntry
+from echelon.identification.physics.bounds import Bounds, Roles, roles
 from echelon.inertia.spatial import from_pseudo_inertia
 from echelon.mechanism.symbol_values import characteristic_length
 from echelon.observe.observation import Observation
@@ -64,3 +66,9 @@ def observed(
     sigma = noise * np.maximum(np.abs(y).mean(axis=0), 1e-300)
     log["y"] = y + sigma * rng.standard_normal(y.shape)
     return base.accumulate(log), 1 / sigma
+
+
+def bounds_of(given: dict[str, Any]) -> Bounds:
+    """Bounds as the section ``identification`` of a set-up states them."""
+    stated = IdentificationEntry.model_validate(given)
+    return Bounds(stated.bodies, stated.parameters, stated.total_mass)

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
+import echelon as ec
 from echelon.errors import InputError
-from echelon.identification.physics.bounds import Bounds
+from echelon.identification.identify import _bounds
 from echelon.identification.physics.fit import physical_fit
 from echelon.inertia.spatial import pseudo_inertia
-from physical import model, observed, robot
+from physical import bounds_of, model, observed, robot
+
+PANDA = Path("examples/panda.yaml")
 
 
 def test_bounds_are_respected() -> None:
@@ -24,16 +31,15 @@ def test_bounds_are_respected() -> None:
         "bodies": {
             names[0]: {"mass": [2, 2]},
             names[1]: {"mass": [0.5, 0.6], "box": [[-0.1, -0.1, 0], [0.1, 0.1, 0]]},
-            names[2]: {"ellipsoid": [[0.1, 0, 0], [0.05, 0.1, 0.02]], "mass": [0.3, None]},
+            names[2]: {"ellipsoid": [[0.1, 0, 0], [0.05, 0.1, 0.02]], "mass": [0.3, np.inf]},
             names[3]: {"symmetry": ["xz", "yz"]},
             names[4]: {"symmetry": "z"},
             names[5]: {"extent": [[0, 0, 0.05], [0.1, 0.1, 0.1]]},
         },
-        "parameters": {"XX4": [0.5, None]},
+        "parameters": {"XX4": [0.5, np.inf]},
         "total_mass": [4, 5],
-        "margin": 1e-3,
     }
-    bounds = Bounds.of(base.mechanism, given_bounds)
+    bounds = replace(bounds_of(given_bounds), margin=1e-3)
     fit = physical_fit(base, observation.combined(weights), bounds=bounds)
     bodies = role.blocks(fit.standard)
     mass, centre = bodies[:, 9], bodies[:, 6:9] / bodies[:, 9:]
@@ -65,7 +71,7 @@ def test_bounds_that_contradict_each_other() -> None:
         {"bodies": {names[0]: {"box": [[0, 0, 0], [0, 0, 1]], "mass": [1, 1]}}, "parameters": {"ZZ1": [-2, -1]}},
     ):
         with pytest.raises(InputError, match="contradict"):
-            physical_fit(base, observation.combined(weights), bounds=Bounds.of(base.mechanism, given_bounds))
+            physical_fit(base, observation.combined(weights), bounds=bounds_of(given_bounds))
 
 
 @pytest.mark.parametrize(
@@ -74,23 +80,24 @@ def test_bounds_that_contradict_each_other() -> None:
         ({"bodies": {"joint_1": {}}}, "no such body"),
         ({"bodies": {"j11": {}}}, "did you mean 'j1'"),
         ({"parameters": {"XX": [0, 1]}}, "did you mean 'XX"),
-        ({"body": {}}, "did you mean 'bodies'"),
+        ({"bodie": {}}, "did you mean 'bodies'"),
         ({"bodies": {"j1": {"mas": 1}}}, "did you mean 'mass'"),
-        ({"bodies": {"j1": 3}}, "expected a mapping"),
+        ({"bodies": {"j1": 3}}, "needs a mapping"),
         ({"bodies": {"j1": {"mass": [3, 2]}}}, "nothing is between"),
-        ({"bodies": {"j1": {"mass": "heavy"}}}, "expected two numbers"),
+        ({"bodies": {"j1": {"mass": "heavy"}}}, "mass"),
         ({"bodies": {"j1": {"mass": [-2, -1]}}}, "nothing is between"),
-        ({"bodies": {"j1": {"box": [[0, 0], [1, 1]]}}}, "two times three"),
+        ({"bodies": {"j1": {"box": [[0, 0], [1, 1]]}}}, "box"),
         ({"bodies": {"j1": {"box": [[1, 0, 0], [0, 1, 1]]}}}, "first corner"),
         ({"bodies": {"j1": {"ellipsoid": [[0, 0, 0], [1, 0, 1]]}}}, "semi-axes"),
-        ({"bodies": {"j1": {"symmetry": "w"}}}, "unknown symmetry"),
+        ({"bodies": {"j1": {"symmetry": "w"}}}, "symmetry"),
         ({"total_mass": [1]}, "total_mass"),
-        ({"margin": 2}, "margin"),
-        ({"parameters": {"M1": [True, 2]}}, "expected two numbers"),
+        ({"parameters": {"M1": [True, 2]}}, "needs a number"),
     ],
 )
-def test_wrong_bounds_are_explained(given_bounds: dict[str, Any], message: str) -> None:
+def test_wrong_bounds_are_explained(tmp_path: Path, given_bounds: dict[str, Any], message: str) -> None:
     base, _ = model("panda")
+    file = tmp_path / "setup.json"
+    file.write_text(json.dumps({**yaml.safe_load(PANDA.read_text()), "identification": given_bounds}))
     with pytest.raises(InputError, match=message) as error:
-        Bounds.of(base.mechanism, given_bounds, "setup.yaml")
-    assert str(error.value).startswith("setup.yaml")
+        _bounds(ec.load_setup(file), base)
+    assert str(error.value).startswith(str(file))

@@ -22,8 +22,9 @@ from echelon.dynamics.functions import robot_function
 from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
 from echelon.formats.writers.robot_writer import identified_robot
-from echelon.identification.physics.bounds import Bounds, linear_limits, roles
+from echelon.identification.physics.bounds import linear_limits, roles
 from echelon.identification.physics.prior_information import prior_from
+from physical import bounds_of
 from recorded import evaluate
 from written import random_parameters
 
@@ -149,7 +150,7 @@ def test_physical_consistency_of_shared_bodies() -> None:
     car = read(shared.CAR)
     role = roles(car)
     assert role.bodies == (("chassis", 0), ("w1", 10))
-    limits = linear_limits(role, Bounds.of(car, {"total_mass": [1, 2], "bodies": {"w3": {"mass": [0.1, 0.2]}}}))
+    limits = linear_limits(role, bounds_of({"total_mass": [1, 2], "bodies": {"w3": {"mass": [0.1, 0.2]}}}))
     total = limits.least[[name.startswith("total mass") for name in limits.names]][0]
     assert (abs(total[9]), abs(total[19])) == (1, 4)
     own = limits.least[[name == "mass of w3" for name in limits.names]]

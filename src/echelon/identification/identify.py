@@ -227,9 +227,12 @@ def _bounds(setup: Setup, base: BaseModel) -> Bounds:
     alone = {name for name, seen in base.classification.items() if seen is Identifiability.ALONE}
     fixed = {name: (value, value) for name, value in settings.known.items() if name in alone}
     limits = {**fixed, **settings.parameters}
-    bodies = {name: body.model_dump(exclude_unset=True) for name, body in settings.bodies.items()}
-    given = {"bodies": bodies, "parameters": limits, "total_mass": settings.total_mass}
-    return Bounds.of(base.mechanism, {key: value for key, value in given.items() if value}, setup.source)
+    bounds = Bounds(settings.bodies, limits, settings.total_mass)
+    try:
+        bounds.check(base.mechanism)
+    except InputError as error:
+        raise error.located(setup.source) from None
+    return bounds
 
 
 def _feasibility(base: BaseModel, observation: Observation, estimate: Estimate, noise: Floats) -> Feasibility:

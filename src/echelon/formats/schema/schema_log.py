@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
 from echelon.formats.schema.schema_geometry import Model
 from echelon.formats.schema.schema_types import (
@@ -17,6 +18,8 @@ from echelon.formats.schema.schema_types import (
     refusal,
 )
 from echelon.logs.preparation.settings import Derivative, FilterKind
+
+_Triples = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 def _real(value: object) -> float:
@@ -38,6 +41,29 @@ def _whole(value: object) -> int:
     return int(number)
 
 
+def _range(value: tuple[float, float]) -> tuple[float, float]:
+    low, high = value
+    if low > high or low == inf or high == -inf:
+        raise refusal(f"nothing is between {low:g} and {high:g}")
+    return value
+
+
+def _mass(value: tuple[float, float]) -> tuple[float, float]:
+    return _range((max(value[0], 0.0), value[1]))
+
+
+def _box(value: _Triples) -> _Triples:
+    if not all(-inf < low <= high < inf for low, high in zip(*value, strict=True)):
+        raise refusal("the first corner of the box must not exceed the second")
+    return value
+
+
+def _ellipsoid(value: _Triples) -> _Triples:
+    if not all(abs(centre) < inf and 0 < axis < inf for centre, axis in zip(*value, strict=True)):
+        raise refusal("the semi-axes of the ellipsoid must be positive")
+    return value
+
+
 def _stages(value: object) -> tuple[object, ...]:
     return tuple(value) if isinstance(value, list | tuple) else (value,)
 
@@ -49,8 +75,12 @@ def _auto(value: object) -> object:
 Real = Annotated[float, BeforeValidator(_real), WithJsonSchema({"type": ["number", "string"]})]
 Whole = Annotated[int, BeforeValidator(_whole), WithJsonSchema({"type": ["integer", "string"]})]
 Positive = Annotated[Real, Field(gt=0)]
-Bound = Annotated[tuple[Real, Real], BeforeValidator(lambda v: tuple(v) if isinstance(v, list) else v)]
-Corner = Annotated[tuple[Real, Real, Real], BeforeValidator(lambda v: tuple(v) if isinstance(v, list) else v)]
+_Tuple = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
+Bound = Annotated[tuple[Real, Real], _Tuple, AfterValidator(_range)]
+MassBound = Annotated[Bound, AfterValidator(_mass)]
+Corner = Annotated[tuple[Real, Real, Real], _Tuple]
+Box = Annotated[tuple[Corner, Corner], AS_LIST, AfterValidator(_box)]
+Ellipsoid = Annotated[tuple[Corner, Corner], AS_LIST, AfterValidator(_ellipsoid)]
 Automatic = BeforeValidator(_auto)
 _STAGES = WithJsonSchema({"type": ["integer", "string", "array", "null"], "items": {"type": ["integer", "string"]}})
 
@@ -155,18 +185,18 @@ class PreparationEntry(Model):
 class BodyBoundsEntry(Model):
     """What is known about a body before anything is measured, about and along its own frame."""
 
-    mass: Bound | None = Field(None, description="Least and largest mass, kg.", examples=[[1, 5]])
-    box: Annotated[tuple[Corner, Corner], AS_LIST] | None = Field(
+    mass: MassBound | None = Field(None, description="Least and largest mass, kg.", examples=[[1, 5]])
+    box: Box | None = Field(
         None,
         description="Box that holds the centre of mass: two opposite corners, m.",
         examples=[[[-0.1, -0.1, 0], [0.1, 0.1, 0.3]]],
     )
-    ellipsoid: Annotated[tuple[Corner, Corner], AS_LIST] | None = Field(
+    ellipsoid: Ellipsoid | None = Field(
         None,
         description="Ellipsoid that holds it: centre and semi-axes, m.",
         examples=[[[0, 0, 0.1], [0.1, 0.1, 0.2]]],
     )
-    extent: Annotated[tuple[Corner, Corner], AS_LIST] | None = Field(
+    extent: Ellipsoid | None = Field(
         None,
         description="Ellipsoid that holds all of the mass: centre and semi-axes, m.",
         examples=[[[0, 0, 0.05], [0.08, 0.08, 0.08]]],
@@ -212,7 +242,7 @@ class IdentificationEntry(Model):
         {}, description="Bounds on bodies.", examples=[{"link1": {"mass": [1, 5]}}]
     )
     parameters: dict[str, Bound] = Field({}, description="Bounds on parameters.", examples=[{"Fv1": [0, 10]}])
-    total_mass: Bound | None = Field(None, description="Range of the mass of all bodies, kg.", examples=[[12, 14]])
+    total_mass: MassBound | None = Field(None, description="Range of the mass of all bodies, kg.", examples=[[12, 14]])
     intervals: Literal["clustered", "classical"] = Field(
         "clustered",
         description="Covariance from batches of time, which holds where residuals are not white, or the classical one.",

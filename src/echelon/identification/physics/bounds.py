@@ -11,11 +11,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import inf, isnan
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,43 +25,18 @@ from echelon.hints import nearest_of
 from echelon.mechanism.effect import KINDS, Effect
 from echelon.mechanism.mechanism import Mechanism
 
-Range = tuple[float, float]
-Triple = tuple[float, float, float]
-
-SYMMETRIES = ("yz", "xz", "xy", "x", "y", "z")
-"""Planes and axes of symmetry, through the origin of the body's frame."""
-
-
-@dataclass(frozen=True)
-class BodyBounds:
-    """What is known of one body; all about and along its own frame, SI units."""
-
-    mass: Range | None = None  # kg; equal numbers fix it
-    box: tuple[Triple, Triple] | None = None  # box that holds the centre of mass, m
-    ellipsoid: tuple[Triple, Triple] | None = None  # ellipsoid along the frame's axes that holds the centre of mass, m
-    extent: tuple[Triple, Triple] | None = None  # ellipsoid along the frame's axes that holds all of the mass, m
-    symmetry: tuple[str, ...] = ()  # planes ("xy", "xz", "yz") to which the distribution of mass is symmetric
+if TYPE_CHECKING:
+    from echelon.formats.schema.schema_log import BodyBoundsEntry
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds of a robot's standard parameters.
+    """Bounds of a robot's standard parameters."""
 
-    Made from plain mappings by :meth:`of`.
-    """
-
-    bodies: Mapping[str, BodyBounds] = field(default_factory=dict)  # by body name
-    parameters: Mapping[str, Range] = field(default_factory=dict)  # by parameter name, SI units
-    total_mass: Range | None = None  # of all bodies, kg
+    bodies: Mapping[str, BodyBoundsEntry] = field(default_factory=dict)  # by body name
+    parameters: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # by parameter name, SI units
+    total_mass: tuple[float, float] | None = None  # of all bodies, kg
     margin: float = 0.0  # each body's pseudo-inertia is at least this multiple of its prior's or of its scale
-
-    @staticmethod
-    def of(mechanism: Mechanism, given: Mapping[str, Any], source: str | None = None) -> Bounds:
-        """Bounds from plain mappings, as a YAML file gives them."""
-        try:
-            return _read(mechanism, given)
-        except InputError as error:
-            raise error.located(source) if source else error from None
 
     def check(self, mechanism: Mechanism) -> None:
         """Check that bodies and parameters exist and carry what is bounded."""
@@ -80,79 +54,6 @@ class Bounds:
                 raise InputError(
                     f"there is no such parameter{nearest_of(name, mechanism.parameters)}", element=f"bounds of '{name}'"
                 )
-
-
-def _read(mechanism: Mechanism, given: Mapping[str, Any]) -> Bounds:
-    _check_keys(given, ("bodies", "parameters", "total_mass", "margin"), "bounds")
-    bodies = {str(name): _body(str(name), value) for name, value in (given.get("bodies") or {}).items()}
-    parameters = {
-        str(name): _range(value, f"bounds of '{name}'") for name, value in (given.get("parameters") or {}).items()
-    }
-    total = given.get("total_mass")
-    margin = given.get("margin", 0.0)
-    if isinstance(margin, bool) or not isinstance(margin, int | float) or not 0 <= margin < 1:
-        raise InputError(f"expected a number from 0 to below 1, got {margin!r}", element="bounds: margin")
-    mass = None if total is None else _range(total, "bounds: total_mass", least=0.0)
-    bounds = Bounds(bodies, parameters, mass, float(margin))
-    bounds.check(mechanism)
-    return bounds
-
-
-def _body(name: str, given: Any) -> BodyBounds:
-    where = f"bounds of body '{name}'"
-    _check_keys(given, ("mass", "box", "ellipsoid", "extent", "symmetry"), where)
-    box, ellipsoid, extent = (
-        _pair(given[key], where, key) if key in given else None for key in ("box", "ellipsoid", "extent")
-    )
-    if box and any(low > high for low, high in zip(*box, strict=True)):
-        raise InputError("the first corner of the box must not exceed the second", element=where)
-    for shape in (ellipsoid, extent):
-        if shape and min(shape[1]) <= 0:
-            raise InputError("the semi-axes of the ellipsoid must be positive", element=where)
-    symmetry = given.get("symmetry", ())
-    planes = (symmetry,) if isinstance(symmetry, str) else tuple(symmetry)
-    for plane in planes:
-        if plane not in SYMMETRIES:
-            valid = f"planes {', '.join(SYMMETRIES[:3])}; axes {', '.join(SYMMETRIES[3:])}"
-            raise InputError(f"unknown symmetry {plane!r} (valid: {valid})", element=where)
-    mass = _range(given["mass"], f"{where}: mass", least=0.0) if "mass" in given else None
-    return BodyBounds(mass, box, ellipsoid, extent, planes)
-
-
-def _range(value: Any, where: str, least: float = -inf) -> Range:
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        raise InputError(f"expected two numbers [least, largest], got {value!r}", element=where)
-    ends = (-inf if value[0] is None else value[0], inf if value[1] is None else value[1])
-    if any(isinstance(x, bool) or not isinstance(x, int | float) or isnan(x) for x in ends):
-        raise InputError(f"expected two numbers [least, largest], got {value!r}", element=where)
-    low, high = max(float(ends[0]), least), float(ends[1])
-    if low > high or low == inf or high == -inf:
-        raise InputError(f"nothing is between {value[0]!r} and {value[1]!r}", element=where)
-    return (low, high)
-
-
-def _pair(value: Any, where: str, key: str) -> tuple[Triple, Triple]:
-    wrong = InputError(f"{key}: expected two times three numbers [[x, y, z], [x, y, z]], got {value!r}", element=where)
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        raise wrong
-    triples = []
-    for part in value:
-        if not isinstance(part, list | tuple) or len(part) != 3 or not all(map(_is_finite, part)):
-            raise wrong
-        triples.append((float(part[0]), float(part[1]), float(part[2])))
-    return (triples[0], triples[1])
-
-
-def _is_finite(x: Any) -> bool:
-    return isinstance(x, int | float) and not isinstance(x, bool) and -inf < x < inf
-
-
-def _check_keys(given: Any, valid: Iterable[str], where: str) -> None:
-    if not isinstance(given, Mapping):
-        raise InputError(f"expected a mapping, got {given!r}", element=where)
-    for key in given:
-        if key not in valid:
-            raise InputError(f"unknown key '{key}'{nearest_of(str(key), valid)}", element=where)
 
 
 _SIGNED_KINDS = ("viscous", "coulomb", "asymmetric_coulomb", "rotor_inertia")
@@ -258,7 +159,7 @@ def linear_limits(role: Roles, bounds: Bounds) -> LinearLimits:
     return rows.limits()
 
 
-def _body_rows(rows: _Rows, name: str, body: BodyBounds, start: int, carried: tuple[int, ...]) -> None:
+def _body_rows(rows: _Rows, name: str, body: BodyBoundsEntry, start: int, carried: tuple[int, ...]) -> None:
     if body.mass is not None:
         rows.between({start + carried.index(9): 1.0}, body.mass, f"mass of {name}")
     for k in range(3):
@@ -288,7 +189,7 @@ def _body_rows(rows: _Rows, name: str, body: BodyBounds, start: int, carried: tu
             rows.equal({start + first: 1.0, start + second: -1.0})
 
 
-def _inside(extent: tuple[Triple, Triple], start: int) -> dict[int, float]:
+def _inside(extent: tuple[tuple[float, ...], tuple[float, ...]], start: int) -> dict[int, float]:
     """∫ 1 − Σ ((x − c)/a)² dm, not negative for mass in an ellipsoid (Wensing, Kim & Slotine 2018), as a row."""
     terms = dict.fromkeys(range(start, start + PER_BODY), 0.0)
     terms[start + 9] = 1.0
