@@ -35,7 +35,9 @@ _SMALLEST = 1e-4  # of columns, about the largest one: rounding keeps those that
 _HOLDS, _FAILS = 1e-8, 1e-4  # what relations miss by in doubles where they surely hold, and where they surely do not
 _INDEPENDENT = 1e-7  # smallest singular value of columns that surely are
 _SAME_MARK = 1e-3  # coefficients that are simple rational numbers lie farther apart
-_BITS = 640  # precision of balls; rounded geometry leaves true coefficients as small as the square of its rounding
+# precisions of balls until one tells: rounded geometry leaves true coefficients as small as the square of its
+# rounding, and states near one pose of many loops in series are hardly independent
+_BITS = (640, 1280, 2560)
 _SURPLUS = 1.3  # of states that share poses
 
 
@@ -56,6 +58,7 @@ class OwnPose:
 
     def __init__(self, mechanism: Mechanism, rows: Rows, columns: Sequence[int], moved: bool = False) -> None:
         self.mechanism, self._rows, self._columns, self._moved = mechanism, rows, list(columns), moved
+        self._tables = dict[int, npt.NDArray[Any]]()  # of balls, by their precision
 
     def mode(self, modes: Sequence[Mode]) -> Mode | None:
         """The one of some modes that the pose is in; None if it is in none of them, as far as can be told."""
@@ -77,11 +80,12 @@ class OwnPose:
     @cached_property
     def rank(self) -> int | None:
         """Rank of the columns there; None if balls do not tell."""
-        if not self._closes:
-            return None
-        with precision(_BITS):
-            found = ball_echelon([list(row) for row in self._balls], _BITS)
-        return None if found is None else len(found.pivots) - self._rows.auxiliary
+        for bits in _BITS if self._closes else ():
+            with precision(bits):
+                found = ball_echelon([list(row) for row in self._balls(bits)], bits)
+            if found is not None:
+                return len(found.pivots) - self._rows.auxiliary
+        return None
 
     # -- doubles ---------------------------------------------------------------------------------------------------
 
@@ -121,54 +125,65 @@ class OwnPose:
 
     # -- balls -----------------------------------------------------------------------------------------------------
 
-    @cached_property
-    def _balls(self) -> npt.NDArray[Any]:
+    def _balls(self, bits: int) -> npt.NDArray[Any]:
         """Rows in ball arithmetic, those of auxiliary columns first."""
+        if bits in self._tables:
+            return self._tables[bits]
         forms, motions = self._rows.forms, len(self.mechanism.independent_velocities)
         assert forms.loops is not None
         near = replace(forms, loops=replace(forms.loops, real=partial(real_inputs, self.mechanism, reach=_NEAR)))
         states = -(-(forms.shape[1] + _STATES) // forms.shape[0])
         states = states if motions == 1 else int(_SURPLUS * states) + 2 * motions
-        with precision(_BITS):
-            return ball_rows(
-                near,
-                value_texts(self.mechanism, all_symbols(self.mechanism)),
-                states,
-                random_generator(DEFAULT_SEED),
-                motions,
-            )
+        texts = value_texts(self.mechanism, all_symbols(self.mechanism))
+        with precision(bits):
+            self._tables[bits] = ball_rows(near, texts, states, random_generator(DEFAULT_SEED), motions)
+        return self._tables[bits]
 
     @cached_property
     def _closes(self) -> bool:
         """Whether the loops are proved to close; redundant constraints that miss by rounding are not."""
         try:
-            return self._balls is not None
+            return self._balls(_BITS[0]) is not None
         except InputError:
             return False
 
     def _holds(self, mode: Mode) -> bool:
         """Whether the representatives of a mode are independent there, and its relations and no others hold."""
-        if self._moved and not self._closes:
-            return True  # doubles do not say otherwise, and there is no exact pose of the stated frames to ask
+        if not self._closes:
+            return self._moved  # then doubles do not say otherwise, and there is no exact pose of the stated frames
+        for bits in _BITS:
+            with precision(bits):
+                verdict = self._holds_in_balls(mode, self._balls(bits), bits)
+            if verdict is not None:
+                return verdict
+        return False
+
+    def _holds_in_balls(self, mode: Mode, table: npt.NDArray[Any], bits: int) -> bool | None:
+        """The same to some precision; None if it does not tell."""
         auxiliary = self._rows.auxiliary
         pivots, others = _split(mode, len(self._columns))
         kept = [*range(auxiliary), *(auxiliary + k for k in pivots)]
-        with precision(_BITS):
-            solution = _relations(self._balls, kept, [auxiliary + k for k in others])
-            if solution is None:
+        found = _relations(table, kept, [auxiliary + k for k in others])
+        if found is None:
+            return None
+        solution, missed = found
+        zero = [_vanishes(x, bits) for x in missed]
+        if not all(zero):
+            return None if False not in zero else False
+        for k, column in enumerate(others):
+            vanish = {pivots[i - auxiliary]: _vanishes(solution[i, k], bits) for i in range(auxiliary, len(kept))}
+            if None in vanish.values():
+                return None
+            if not self._moved and {p for p, zero in vanish.items() if not zero} != set(mode.dependence[column]):
                 return False
-            for k, column in enumerate(others):
-                sources = {pivots[i - auxiliary] for i in range(auxiliary, len(kept)) if not _vanishes(solution[i, k])}
-                if not self._moved and sources != set(mode.dependence[column]):
-                    return False
-            return all(
-                _same(float(solution[auxiliary + pivots.index(source), others.index(column)].mid()), float(mark))
-                for (column, source), mark in (mode.marks or {}).items()
-            )
+        return all(
+            _same(float(solution[auxiliary + pivots.index(source), others.index(column)].mid()), float(mark))
+            for (column, source), mark in (mode.marks or {}).items()
+        )
 
 
-def _relations(table: npt.NDArray[Any], pivots: Sequence[int], others: Sequence[int]) -> Any:
-    """Columns as combinations of others; None if they are none, or these are not independent."""
+def _relations(table: npt.NDArray[Any], pivots: Sequence[int], others: Sequence[int]) -> tuple[Any, list[Any]] | None:
+    """Columns as combinations of others, and what these miss in further rows; None if these are not independent."""
     square, rest = _independent_rows(table[:, pivots])
     try:
         solution = flint.arb_mat(table[np.ix_(square, pivots)].tolist()).solve(
@@ -177,8 +192,7 @@ def _relations(table: npt.NDArray[Any], pivots: Sequence[int], others: Sequence[
     except ZeroDivisionError:
         return None
     left = flint.arb_mat(table[np.ix_(rest, pivots)].tolist()) * solution
-    missed = [table[i, c] - left[k, j] for k, i in enumerate(rest) for j, c in enumerate(others)]
-    return solution if all(map(_vanishes, missed)) else None
+    return solution, [table[i, c] - left[k, j] for k, i in enumerate(rest) for j, c in enumerate(others)]
 
 
 def _independent_rows(table: npt.NDArray[Any]) -> tuple[list[int], list[int]]:
@@ -197,6 +211,8 @@ def _same(value: float, mark: float) -> bool:
     return abs(value - mark) < _SAME_MARK * max(1.0, abs(mark))
 
 
-def _vanishes(x: Any) -> bool:
-    """Whether a ball holds zero and little else."""
-    return bool(x.contains(0)) and float(x.abs_upper()) < 2.0 ** (-_BITS / 2)
+def _vanishes(x: Any, bits: int) -> bool | None:
+    """Whether a ball holds zero and little else; None if it holds much else, too."""
+    if not x.contains(0):
+        return False
+    return True if float(x.abs_upper()) < 2.0 ** (-bits / 4) else None

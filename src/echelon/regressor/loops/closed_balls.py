@@ -112,10 +112,11 @@ class ClosedBalls:
         for _ in range(_ITERATIONS):
             step = self._step(q, jacobian)
             q = {name: x.mid() for name, x in self._moved(q, step).items()}
-            size = max((float(abs(x).upper()) for x in step.values()), default=0.0)
-            if size < 2.0 ** -(flint.ctx.prec // 2):
+            size = max((abs(x).upper() for x in step.values()), default=flint.arb(0))
+            if size < _power_of_two(-(flint.ctx.prec // 2)):
                 break
-        return self._enclosed(q, jacobian, max(size**2, 2.0 ** (_SPARE - flint.ctx.prec)) * 2.0**_SPARE)
+        size = max(size**2, _power_of_two(_SPARE - flint.ctx.prec)).upper()
+        return self._enclosed(q, jacobian, size * _power_of_two(_SPARE))
 
     def _step(self, q: Values, jacobian: _Jacobian) -> Values:
         values, entries = self._closure(q, jacobian.names)
@@ -123,7 +124,7 @@ class ClosedBalls:
         step = here.completed({}, values)
         return {name: x.mid() for name, x in step.items()}
 
-    def _enclosed(self, q: Values, jacobian: _Jacobian, size: float) -> Values:
+    def _enclosed(self, q: Values, jacobian: _Jacobian, size: Any) -> Values:
         """The pose as a box in which there is one solution, by Krawczyk's operator."""
         rows, columns = jacobian.rows, jacobian.columns
         if not rows:
@@ -216,6 +217,11 @@ class ClosedBalls:
             leaves[node] = np.empty(1, dtype=object)
             leaves[node][0] = values[self.program.inputs[node].name]
         return [row[0] for row in schedule.run(BallArithmetic(), leaves, 1)]
+
+
+def _power_of_two(exponent: int) -> Any:
+    """As a ball, which has exponents beyond those of doubles."""
+    return flint.arb(2) ** exponent
 
 
 def _turned(quaternion: Sequence[Any], vector: Sequence[Any]) -> tuple[Any, Any, Any, Any]:
