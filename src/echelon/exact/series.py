@@ -75,22 +75,23 @@ def integral(a: Residues, field: PrimeField) -> Residues:
 
 
 def matrix_product(a: Residues, b: Residues, field: PrimeField) -> Residues:
-    """Products of matrices of series."""
-    # shapes: a (..., n, m, order); b (..., m, k, order); returns (..., n, k, order)
-    p, rows, columns, order = field.p, a.shape[-3], b.shape[-2], a.shape[-1]
+    """Products of matrices of series: (..., n, m, order) and (..., m, k, order) give (..., n, k, order)."""
+    p, (rows, inner, order), columns = field.p, a.shape[-3:], b.shape[-2]
     shape = (*np.broadcast_shapes(a.shape[:-3], b.shape[:-3]), rows, columns, order)
-    result = np.zeros(shape, dtype=np.int64)
-    # halves of 16 bits, so that sums of products of them are exact in double precision and BLAS can do them
-    right = b.reshape(*b.shape[:-2], columns * order)
-    halves = np.concatenate([right >> 16, right & 0xFFFF], axis=-1).astype(np.float64)
-    for j in range(order):
-        left = np.concatenate([a[..., j] >> 16, a[..., j] & 0xFFFF], axis=-2).astype(np.float64)
-        parts = (left @ halves).astype(np.int64).reshape(*shape[:-3], 2, rows, 2, columns, order) % p
-        high, low = parts[..., 0, :, 0, :, :], parts[..., 1, :, 1, :, :]
-        middle = parts[..., 0, :, 1, :, :] + parts[..., 1, :, 0, :, :]
-        total = ((high * 65536 + middle) % p * 65536 + low) % p
-        result[..., j:] += total[..., : order - j]
-    return result % p
+    result = np.empty(shape, dtype=np.int64)
+    # the sum of a_j b_(t-j) is one product of a_0 … a_t side by side and b_t … b_0 one below the other; with halves of
+    # 16 bits its sums are exact in double precision, and BLAS can do them
+    left = np.moveaxis(a, -1, -2).reshape(*a.shape[:-3], rows, order * inner)
+    right = np.moveaxis(b[..., ::-1], -1, -3).reshape(*b.shape[:-3], order * inner, columns)
+    left = np.concatenate([left >> 16, left & 0xFFFF], axis=-2).astype(np.float64)
+    right = np.concatenate([right >> 16, right & 0xFFFF], axis=-1).astype(np.float64)
+    for t in range(order):
+        summed = left[..., : (t + 1) * inner] @ right[..., (order - 1 - t) * inner :, :]
+        parts = summed.astype(np.int64).reshape(*shape[:-3], 2, rows, 2, columns) % p
+        high, low = parts[..., 0, :, 0, :], parts[..., 1, :, 1, :]
+        middle = parts[..., 0, :, 1, :] + parts[..., 1, :, 0, :]
+        result[..., t] = ((high * 65536 + middle) % p * 65536 + low) % p
+    return result
 
 
 def matrix_inverse(a: Residues, field: PrimeField, start: Residues | None = None) -> Residues:

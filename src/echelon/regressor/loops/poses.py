@@ -25,6 +25,7 @@ _ROUNDS = 40
 _MOST_TRIES = 1024
 _MOST_POINTS = 3**6  # at which the equations of a block are evaluated, for each sample
 _MOST_WORK = 2e6  # evaluations of the equations, for each sample, until a first solution is found: half a minute
+_LEAST_KEPT = 64  # variants of a pose while loops are closed one after the other
 _FAILURES = 8  # of the tries that close a loop with one unknown about once in two
 
 Indices = npt.NDArray[np.intp]
@@ -74,9 +75,10 @@ class PoseFinder:
         """Closed poses of one sample that share the coordinates that were drawn, among them the given one."""
         if self._takes_stated or self._blocks is None:
             return pose
-        same = np.zeros(count, dtype=np.intp)
-        _, others = self._completed(positions, rng, same, pose.at(same), self._blocks, np.arange(count))
-        return Pose(*(np.concatenate(parts) for parts in zip(pose.parts, others.parts, strict=True)))
+        one = np.zeros(1, dtype=np.intp)
+        _, others = self._completed(positions, rng, one, pose.at(one), self._blocks, max(count, _LEAST_KEPT))
+        chosen = np.sort(rng.permutation(len(others.turns))[:count])
+        return Pose(*(np.concatenate(parts) for parts in zip(pose.parts, others.at(chosen).parts, strict=True)))
 
     def leave_stated(self) -> bool:
         """No longer take the zero or assembly pose, because it is singular; returns whether it was taken so far."""
@@ -129,14 +131,16 @@ class PoseFinder:
 
     def _solved(self, positions: Positions, rng: np.random.Generator, samples: int, blocks: list[ClosureBlock]) -> Pose:
         found = positions.recorded.layout.zero_pose(samples)
-        # a loop closes at about half of the random points, one with more unknowns more rarely
-        pending, tries = np.arange(samples), 2 * prod(max(1, len(b.unknown) - 1) * 2 for b in blocks)
-        ever, tried, enough = np.zeros(samples, dtype=bool), 0, _FAILURES * prod(2 ** len(b.unknown) for b in blocks)
+        # a loop closes at about half of the random points, one with more unknowns more rarely, in one way on average
+        most, count = max(len(b.unknown) for b in blocks), len(blocks)
+        pending, tries = np.arange(samples), 4 * max(1, most - 1) * count
+        ever, tried, enough = np.zeros(samples, dtype=bool), 0, _FAILURES * 2**most * count
         for _ in range(_ROUNDS):
             tries = max(2, min(tries, _MOST_TRIES // len(pending)))
             self._spend(tries * sum(block.points for block in blocks))
             owners = np.repeat(pending, tries)
-            owners, pose = self._completed(positions, rng, owners, _random_pose(positions, rng, len(owners)), blocks)
+            drawn = _random_pose(positions, rng, len(owners))
+            owners, pose = self._completed(positions, rng, owners, drawn, blocks, len(owners))
             ever[owners], tried = True, tried + tries
             if tried > enough and not ever[pending].all():
                 break
@@ -162,7 +166,7 @@ class PoseFinder:
         """One closed pose for each owner that has one; those that are in another mode are dropped."""
         if self._accepts is None or not owners.size:
             return owners, pose
-        _, first = np.unique(owners, return_index=True)
+        _, first = np.unique(owners, return_index=True)  # which is any of them, as these come in random order
         pose, owners = pose.at(first), owners[first]
         geometry = positions.at(owners).constants.geometry
         good = np.flatnonzero(self._accepts(positions.field, rng, geometry, pose))
@@ -175,23 +179,21 @@ class PoseFinder:
         owners: Indices,
         pose: Pose,
         blocks: list[ClosureBlock],
-        numbers: Indices | None = None,
+        most: int,
     ) -> tuple[Indices, Pose]:
-        """Poses closed block by block; those that do not close are dropped.
+        """Poses closed block by block, in random order; those that do not close are dropped.
 
-        Between the solutions of a block the choice is random, or by the number of the sample, whose digits they are.
+        All solutions of a block are kept, up to a number of samples, so that loops in series do not need more tries
+        than others: what is lost at one block is made up for where another can be closed in several ways.
         """
-        if numbers is None:
-            numbers = rng.integers(1 << 62, size=len(owners))
         for number, block in enumerate(blocks):
             if number not in self._manageable:
                 block = self._made_manageable(positions, owners, pose, number, block)
-            chosen, pose, numbers = _closed(positions.at(owners), pose, block, numbers)
-            owners = owners[chosen]
+            chosen, pose = _closed(positions.at(owners), pose, block)
+            kept = rng.permutation(len(chosen))[:most]
+            owners, pose = owners[chosen[kept]], pose.at(kept)
             if not owners.size:
-                break
-        if not owners.size:
-            return owners, pose
+                return owners, pose
         if positions.at(owners).equations(pose).any():
             raise SingularPoseError("the closure equations are not linear in each coordinate")
         return owners, pose
@@ -232,15 +234,15 @@ def _random_pose(positions: Positions, rng: np.random.Generator, samples: int) -
     return Pose(turns, slides, balls, angles)
 
 
-def _closed(positions: Positions, pose: Pose, block: ClosureBlock, numbers: Indices) -> tuple[Indices, Pose, Indices]:
-    """The samples for which a block closes, their poses, and what is left of their numbers."""
+def _closed(positions: Positions, pose: Pose, block: ClosureBlock) -> tuple[Indices, Pose]:
+    """The samples for which a block closes, as often as it does, and their poses."""
     if not block.unknown:
         good = np.flatnonzero(~positions.equations(pose)[:, block.rows].any(axis=1))
-        return good, pose.at(good), numbers[good]
+        return good, pose.at(good)
     solutions = block.solve(positions, pose)
-    good = np.flatnonzero(solutions.counts > 0)
-    closed = pose.at(good)
-    for target, sample in enumerate(good):
-        points = solutions.points[sample]
-        block.put(closed, target, points[numbers[sample] % len(points)], positions.field)
-    return good, closed, numbers[good] // np.maximum(solutions.counts[good], 1)
+    samples = np.repeat(np.arange(len(solutions.counts)), np.maximum(solutions.counts, 0))
+    closed = pose.at(samples)
+    points = (point for k in np.unique(samples) for point in solutions.points[k])
+    for target, point in enumerate(points):
+        block.put(closed, target, point, positions.field)
+    return samples, closed
