@@ -85,7 +85,7 @@ def find_modes(
             if own is None or wanted is not None or fixed:
                 break
         # the rank may grow with the number of coefficients, so the next attempt takes more
-        order, poses = min(2 * order, _LARGEST_ORDER), _POSES if len(orders) > 1 else _FEW_POSES
+        order, poses = min(2 * order, _LARGEST_ORDER), _POSES if len(found) > 1 else _FEW_POSES
     if not orders:
         raise SingularPoseError(failure)
     confirmed = confirmed or _confirmed(orders)

@@ -92,7 +92,7 @@ class OwnPose:
     @cached_property
     def _real(self) -> tuple[Floats, Floats, Floats]:
         """Closed states near the pose: farther away a walk could pass to another mode."""
-        states = _STATES + 2 * len(self._columns) // max(1, len(self.mechanism.outputs))
+        states = _STATES + len(self._columns) // max(1, len(self.mechanism.outputs))
         return Assembly(self.mechanism).random_closed_states(random_generator(DEFAULT_SEED), states, _NEAR)
 
     @cached_property
@@ -129,11 +129,11 @@ class OwnPose:
         """Rows in ball arithmetic, those of auxiliary columns first."""
         if bits in self._tables:
             return self._tables[bits]
-        forms, motions = self._rows.forms, len(self.mechanism.independent_velocities)
+        forms = self._rows.forms
         assert forms.loops is not None
         near = replace(forms, loops=replace(forms.loops, real=partial(real_inputs, self.mechanism, reach=_NEAR)))
-        states = -(-(forms.shape[1] + _STATES) // forms.shape[0])
-        states = states if motions == 1 else int(_SURPLUS * states) + 2 * motions
+        motions = 1 + len(self.mechanism.independent_velocities)  # energies show at least as much at one pose
+        states = int(_SURPLUS * -(-(forms.shape[1] + _STATES) // forms.shape[0])) + 2 * motions
         texts = value_texts(self.mechanism, all_symbols(self.mechanism))
         with precision(bits):
             self._tables[bits] = ball_rows(near, texts, states, random_generator(DEFAULT_SEED), motions)

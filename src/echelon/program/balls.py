@@ -47,14 +47,22 @@ _UNARY: dict[Op, Callable[[Any], Any]] = {
 
 
 class BallArithmetic:
-    """Arrays of balls, or of power series with balls as coefficients, at the precision of FLINT's context."""
+    """Arrays of balls, or of power series with balls as coefficients, at the precision of FLINT's context.
+
+    That is the precision at the first use, for constants are kept.
+    """
 
     dtype: npt.DTypeLike = object
     shape: tuple[int, ...] = ()
 
+    def __init__(self) -> None:
+        self._constants: dict[Number, Any] = {}
+
     def constant(self, value: Number) -> Any:
         """The ball of an exact number."""
-        return ball(value)
+        if value not in self._constants:
+            self._constants[value] = ball(value)
+        return self._constants[value]
 
     def binary(self, op: int, a: Array, b: Array) -> Array:
         """Elementwise operation."""

@@ -69,7 +69,7 @@ class ClosedBalls:
 
     def __init__(self, program: Program, loops: Loops, symbols: Mapping[str, Any]) -> None:
         self.program, self.loops, self.symbols = program, loops, symbols
-        self.layout = Layout(loops.motions)
+        self.layout, self._arithmetic = Layout(loops.motions), BallArithmetic()
         self._balls = {m.name: (m.positions, m.velocities) for m in self.layout.balls}
         self._entries = list(loops.equations.jacobian)
         self._closing = Schedule(program, [*loops.equations.equations, *loops.equations.jacobian.values()])
@@ -100,6 +100,8 @@ class ClosedBalls:
         values |= {f"qd[{n}]": x for n, x in rates.items()} | {f"qdd[{n}]": x for n, x in accelerations.items()}
         values |= {name: _random(rng) for name in sorted(names) if name not in {*values, *self.symbols}}
         values |= self.symbols
+        if not any(name.startswith("v[") for name in names):
+            return values
         given = self._run(self._speeds, values) if self.loops.speeds is not None else None
         return values | {f"v[{n}]": x for n, x in self._virtual(q, given, rng).items()}
 
@@ -197,9 +199,13 @@ class ClosedBalls:
         for positions, velocities in self._balls.values():
             speeds = _turned([q[name] for name in positions], [rates[name] / 2 for name in velocities])
             moving |= {n: flint.arb_series([q[n], s], 2) for n, s in zip(positions, speeds, strict=True)}
-        _, entries = self._closure(moving, self.layout.names)
-        speed = [rates[name] for name in self.layout.names]
-        return [sum((_slope(e) * s for e, s in zip(row, speed, strict=True)), flint.arb(0)) for row in entries]
+        found = self._run(self._closing, {**{f"q[{n}]": x for n, x in moving.items()}, **self.symbols})
+        count = len(self.loops.equations.equations)
+        bias = [flint.arb(0)] * count
+        for (row, name), slope in zip(self._entries, found[count:], strict=True):
+            if isinstance(slope, flint.arb_series) and name in rates:
+                bias[row] += slope[1] * rates[name]
+        return bias
 
     def _virtual(self, q: Values, given: Sequence[Any] | None, rng: np.random.Generator) -> Values:
         """Virtual velocities that keep the loops closed."""
@@ -216,7 +222,7 @@ class ClosedBalls:
         for node in schedule.leaves:
             leaves[node] = np.empty(1, dtype=object)
             leaves[node][0] = values[self.program.inputs[node].name]
-        return [row[0] for row in schedule.run(BallArithmetic(), leaves, 1)]
+        return [row[0] for row in schedule.run(self._arithmetic, leaves, 1)]
 
 
 def _power_of_two(exponent: int) -> Any:
@@ -233,10 +239,6 @@ def _turned(quaternion: Sequence[Any], vector: Sequence[Any]) -> tuple[Any, Any,
         w * b + z * a - x * c,
         w * c + x * b - y * a,
     )
-
-
-def _slope(value: Any) -> Any:
-    return value[1] if isinstance(value, flint.arb_series) else flint.arb(0)
 
 
 def _independent(matrix: npt.NDArray[np.float64]) -> list[int]:
