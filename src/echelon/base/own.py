@@ -16,9 +16,10 @@ import numpy as np
 
 from echelon.base.matrix import BaseMatrix
 from echelon.base.minor import find_minor
-from echelon.base.structure import Structure, find_structure
+from echelon.base.rows import rows_of
+from echelon.base.structure import Structure, dependent_columns, find_structure
 from echelon.base.value_relations import RelationSearch, SpecialValues
-from echelon.errors import DegenerateSampleError, EchelonError, InputError, OtherModeError
+from echelon.errors import DegenerateSampleError, EchelonError, InputError, OtherModeError, SingularPoseError
 from echelon.exact.field import CERTIFICATE_BITS, PrimeField
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.mechanism import Mechanism
@@ -61,7 +62,12 @@ def own_answer(
 def _own_answer(
     mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None, generic: bool
 ) -> OwnAnswer:
-    structure, values = find_structure(mechanism, rng), stated_values(mechanism)
+    values = stated_values(mechanism)
+    if values.names and set(values.names) <= _symbols_of_pose(mechanism):  # general values of these are nobody's question
+        at_values = stated_structure(mechanism, rng)
+        if at_values.accepted is None and _shows_no_more(mechanism, at_values, rng):
+            return OwnAnswer(mechanism, at_values)
+    structure = find_structure(mechanism, rng)
     if not values.names or _is_general(mechanism, structure, values, recorded, rng):
         return OwnAnswer(mechanism, structure)
     try:
@@ -80,6 +86,23 @@ def _own_answer(
     own = substituted(mechanism, relations.put_in(values))
     special = SpecialValues(structure.rank, at_values.rank, relations.texts(values))
     return OwnAnswer(mechanism, structure, special) if generic else OwnAnswer(own, find_structure(own, rng), special)
+
+
+def _symbols_of_pose(mechanism: Mechanism) -> set[str]:
+    """Symbols that stand for angles at which loops were closed."""
+    return {symbol for position in mechanism.closed_at.values() for x in position for symbol in x.symbols()}
+
+
+def _shows_no_more(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> bool:
+    """Whether general values of the symbols have the same representatives as the stated ones, at a random point."""
+    columns = sorted({*structure.pivots, *structure.by_robot})
+    rows = rows_of(mechanism).columns(columns)
+    field = PrimeField.random(rng)
+    try:
+        found = dependent_columns(rows, rows.forms.sampler(structure.order), rows.forms.shape[1], field, rng)
+    except (DegenerateSampleError, SingularPoseError):
+        return False
+    return [c for k, c in enumerate(columns) if k not in found] == list(structure.pivots)
 
 
 def at_stated_values(mechanism: Mechanism) -> Mechanism:

@@ -74,8 +74,8 @@ class OwnPose:
     @property
     def is_singular(self) -> bool:
         """Whether more motions are possible at the pose itself than near it, so that modes may meet there."""
-        assembly = Assembly(self.mechanism)
-        return bool(assembly.mobility(assembly.pose[None])[0] > assembly.mobility(self._real[0]).min())
+        at_pose, near = (self._assembly.mobility(q) for q in (self._assembly.pose[None], self._real[0]))
+        return bool(at_pose[0] > near.min())
 
     @cached_property
     def rank(self) -> int | None:
@@ -93,7 +93,11 @@ class OwnPose:
     def _real(self) -> tuple[Floats, Floats, Floats]:
         """Closed states near the pose: farther away a walk could pass to another mode."""
         states = _STATES + len(self._columns) // max(1, len(self.mechanism.outputs))
-        return Assembly(self.mechanism).random_closed_states(random_generator(DEFAULT_SEED), states, _NEAR)
+        return self._assembly.random_closed_states(random_generator(DEFAULT_SEED), states, _NEAR)
+
+    @cached_property
+    def _assembly(self) -> Assembly:
+        return Assembly(self.mechanism)
 
     @cached_property
     def _table(self) -> tuple[Floats, Floats]:
@@ -132,7 +136,7 @@ class OwnPose:
         forms = self._rows.forms
         assert forms.loops is not None
         near = replace(forms, loops=replace(forms.loops, real=partial(real_inputs, self.mechanism, reach=_NEAR)))
-        motions = 1 + len(self.mechanism.independent_velocities)  # energies show at least as much at one pose
+        motions = max(2, len(self.mechanism.independent_velocities))  # energies show at least as much at one pose
         states = int(_SURPLUS * -(-(forms.shape[1] + _STATES) // forms.shape[0])) + 2 * motions
         texts = value_texts(self.mechanism, all_symbols(self.mechanism))
         with precision(bits):

@@ -247,7 +247,7 @@ def _agreed(rows: Rows, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)
         try:
-            current = _dependent_columns(rows, sampler, count, field, rng)
+            current = dependent_columns(rows, sampler, count, field, rng)
         except DegenerateSampleError:
             continue
         seen.append(current)
@@ -261,7 +261,7 @@ def _agreed(rows: Rows, rng: np.random.Generator) -> dict[int, tuple[int, ...]]:
     raise EchelonError("random points keep contradicting each other; please report this model")
 
 
-def _dependent_columns(
+def dependent_columns(
     rows: Rows, sampler: FieldSampler, count: int, field: PrimeField, rng: np.random.Generator
 ) -> Dependence:
     """Dependence of columns at ``count`` random states, in all regions of signs, of one random geometry."""
