@@ -77,6 +77,11 @@ class OwnPose:
         at_pose, near = (self._assembly.mobility(q) for q in (self._assembly.pose[None], self._real[0]))
         return bool(at_pose[0] > near.min())
 
+    @property
+    def free_velocities(self) -> Floats:
+        """Orthonormal velocities that keep the loops closed in a state near the pose, (velocities, freedoms)."""
+        return self._assembly.free_velocities(self._real[0][0])
+
     @cached_property
     def rank(self) -> int | None:
         """Rank of the columns there; None if balls do not tell."""

@@ -31,7 +31,7 @@ from echelon.program.sampling import FieldSampler
 from echelon.regressor.blocks import FEW_COLUMNS
 from echelon.regressor.energy import energy_changes, energy_form
 from echelon.regressor.linear import LinearForms
-from echelon.regressor.loops.closing import closable_as_stated
+from echelon.regressor.loops.closing import check_independent, closable_as_stated
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
@@ -137,6 +137,7 @@ def _modes(
         stated = closable_as_stated(mechanism)
         moved = stated is not mechanism
         pose = OwnPose(stated, rows_of(stated).columns(columns) if moved else rows, columns, moved)
+        check_independent(stated, pose.free_velocities)
         # what is special about the stated values is in no mode of general ones
         general = not set(rows.forms.sampler().symbols) <= set(UNITS)
         singular = pose.is_singular  # so that modes may meet there

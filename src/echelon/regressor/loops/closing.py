@@ -71,6 +71,15 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
     return replace(mechanism, independent=chosen)
 
 
+def check_independent(mechanism: Mechanism, velocities: Floats) -> None:
+    """Refuse stated independent coordinates that loops tie, by orthonormal free velocities (velocities, freedoms)."""
+    columns = [mechanism.velocities.index(name) for name in mechanism.independent]
+    ranked = partial(_rank, velocities, _INDEPENDENT[-1])
+    if mechanism.independent and not ranked(columns) == len(columns) == velocities.shape[1]:
+        chosen = independent_coordinates(mechanism, ranked, mechanism.independent, velocities)
+        _check_wanted(mechanism.independent, chosen)
+
+
 def assembled(mechanism: Mechanism) -> Assembled | None:
     """What had to be moved to close the loops of a mechanism; None without loops, or if symbols have no values."""
     return Assembly(mechanism).assembled if mechanism.closures and has_values(mechanism) else None
