@@ -63,7 +63,9 @@ def _own_answer(
     mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None, generic: bool
 ) -> OwnAnswer:
     values = stated_values(mechanism)
-    if values.names and set(values.names) <= _symbols_of_pose(mechanism):  # general values of these are nobody's question
+    if values.names and set(values.names) <= _symbols_of_pose(
+        mechanism
+    ):  # general values of these are nobody's question
         at_values = stated_structure(mechanism, rng)
         if at_values.accepted is None and _shows_no_more(mechanism, at_values, rng):
             return OwnAnswer(mechanism, at_values)

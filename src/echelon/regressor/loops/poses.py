@@ -7,7 +7,6 @@ that cannot be closed one after the other are closed together.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import prod
 
 import numpy as np
 import numpy.typing as npt
