@@ -148,6 +148,14 @@ def test_usage_errors(arguments: tuple[str, ...]) -> None:
     assert "Traceback" not in done.stderr
 
 
+def test_verbose_says_what_is_done_on_standard_error() -> None:
+    quiet, verbose = run("derive", PENDULUM), run("derive", PENDULUM, "-v")
+    assert (quiet.stderr, verbose.stdout) == ("", quiet.stdout)
+    lines = verbose.stderr.splitlines()
+    assert lines[0].endswith("0.00 s  deriving double_pendulum.yaml")
+    assert lines[-1].endswith(" s  deriving double_pendulum.yaml: certificate")
+
+
 def test_traceback_on_request() -> None:
     assert "Traceback" not in run("derive", "no.urdf").stderr
     done = run("--traceback", "derive", "no.urdf")

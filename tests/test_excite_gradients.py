@@ -11,6 +11,7 @@ import pytest
 
 import echelon as ec
 from echelon.base.model import BaseModel
+from echelon.choices import Optimality
 from echelon.errors import InputError
 from echelon.excite.problem.information import (
     ADJOINT,
@@ -20,7 +21,6 @@ from echelon.excite.problem.information import (
     pullback,
 )
 from echelon.excite.problem.trajectory import Basis, Fourier, resting_ends, uniform_splines
-from echelon.formats.schema.schema_excite import Optimality
 from exciting import Floats, slope_along, slopes_by_state
 
 EXAMPLES = Path(__file__).parent.parent / "examples"

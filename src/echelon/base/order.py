@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf
+from typing import get_args
 
 import numpy as np
 
 from echelon.base.matrix import BaseMatrix
+from echelon.choices import Order
 from echelon.conventions import PARAMETERS
 from echelon.errors import EchelonError, InputError
 from echelon.exact.elimination import reduced_echelon
@@ -21,7 +23,7 @@ from echelon.exact.rational import RationalFunction, cost_of_products
 from echelon.exact.unknown import Work
 from echelon.mechanism.output import Parameter
 
-ORDERS = ("base-to-tip", "tip-to-base")
+ORDERS = get_args(Order)
 _EXCHANGE = 5.0
 """What a product takes in an exchange beside one in a sum, because every sum is reduced on its own."""
 

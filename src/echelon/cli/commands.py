@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from echelon.choices import Estimator, Values
 from echelon.cli.app import app
 from echelon.cli.options import AsJson, Budget, Force, Ordering, Output, Prefer, Robot, Seed, reads_robot
 from echelon.machine.threads import VARIABLES
@@ -27,8 +28,6 @@ LOOP_FUNCTIONS = "closed_positions, closed_velocities, closed_accelerations, clo
 Format = Literal["text", "json", "latex", "markdown"]
 Formulas = Literal["latex", "sympy"]
 Schema = Literal["description", "base-model", "identified", "trajectory"]
-Estimator = Literal["ols", "wls", "irls", "huber", "tls", "ridge", "iv"]
-Values = Literal["estimate", "essential", "physical"]
 
 
 @app.command(epilog="Example: echelon derive panda.urdf --format json -o panda.json")

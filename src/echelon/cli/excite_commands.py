@@ -7,15 +7,13 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
+from echelon.choices import Family, Optimality
 from echelon.cli.app import app
 from echelon.cli.options import AsJson, Force, reads_robot
-
-Optimality = Literal["d_optimal", "a_optimal", "condition"]
-Family = Literal["fourier", "bspline", "sum"]
 
 
 class SampleFormat(StrEnum):

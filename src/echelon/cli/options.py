@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-Order = Literal["base-to-tip", "tip-to-base"]
+from echelon.choices import Measured, Order
 
 Robot = Annotated[Path, typer.Argument(help="URDF, SDF, MJCF or Echelon description (YAML, JSON).")]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="File to write instead of the terminal.")]
@@ -66,7 +66,7 @@ _READING: dict[str, tuple[Any, Any]] = {
     ),
     "measured": (
         Annotated[
-            Literal["drives", "file"],
+            Measured,
             typer.Option(help="Forces of all drives, or the sensors of an MJCF file."),
         ],
         "drives",

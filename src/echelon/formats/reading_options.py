@@ -10,8 +10,9 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Literal, TypeVar
+from typing import TypeVar
 
+from echelon.choices import Measured
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
 from echelon.exact.numbers import Number, parts_of
@@ -62,7 +63,7 @@ class ReadingOptions:
     # fixed links that are kept as bodies of their own, because a sensor cuts between them and their parents
     separate: tuple[str, ...] = ()
     # whether the forces of all drives are measured, or what the sensors of the file measure
-    measured: Literal["drives", "file"] = "drives"
+    measured: Measured = "drives"
     joints: tuple[StatedJoint, ...] = ()  # joints that are of other types than the file says
     # give the drive of every joint viscous and Coulomb friction and an offset, for files that cannot state any
     friction: bool = False

@@ -14,8 +14,9 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
+from echelon.choices import Measured
 from echelon.errors import InputError
 from echelon.formats.builder import Built, build_mechanism
 from echelon.formats.literal import LiteralTree
@@ -243,7 +244,7 @@ def load(
     massless: Sequence[str] = (),
     gravity: Gravity = "file",
     separate_symbols: bool = False,
-    measured: Literal["drives", "file"] = "drives",
+    measured: Measured = "drives",
 ) -> Mechanism:
     """Read a robot description.
 

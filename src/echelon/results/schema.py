@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic import BaseModel as Schema
 
+from echelon.choices import Values
 from echelon.errors import InputError
 from echelon.logs.preparation.settings import Derivative, FilterKind
 
@@ -337,7 +338,7 @@ class IdentifiedRecord(_Finite):
     versions: dict[str, str] = Field(description="Versions of Python and of the packages that computed.")
     verdict: str
     findings: list[dict[str, str]]
-    predict_with: Literal["estimate", "essential", "physical"]
+    predict_with: Values
     values: dict[str, Value] = Field(description="Base parameters that predictions use, SI units.")
     estimate: EstimateRecord
     essential: EstimateRecord | None

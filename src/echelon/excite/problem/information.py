@@ -29,7 +29,7 @@ from echelon.program.rewriting import smooth_function
 from echelon.program.tape import Scalar
 
 if TYPE_CHECKING:  # processes of the solver need no schemas
-    from echelon.formats.schema.schema_excite import Optimality
+    from echelon.choices import Optimality
 
 ADJOINT = "adjoint"
 

@@ -8,10 +8,11 @@ that it cannot be mistaken for one that was forgotten; it becomes infinite here.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema, model_validator
 
+from echelon.choices import Family, Optimality
 from echelon.exact.expressions import PI, parse
 from echelon.exact.syntax import is_whole
 from echelon.formats.reading_options import NOT_FINITE
@@ -21,8 +22,6 @@ from echelon.formats.schema.schema_types import AS_LIST, Flag, Name, kind_of, re
 EVERY = "all"
 """Key of mappings by name that stands for every name that is not listed."""
 
-Optimality = Literal["d_optimal", "a_optimal", "condition"]
-Family = Literal["fourier", "bspline", "sum"]
 
 _NONE = "none"
 _TEXTS = ("body", "name", "mesh")

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
+from echelon.choices import Estimator, Values
 from echelon.formats.schema.schema_geometry import Model
 from echelon.formats.schema.schema_types import (
     AS_LIST,
@@ -223,17 +224,13 @@ class PriorEntry(Model):
 class IdentificationEntry(Model):
     """What is fitted and how."""
 
-    estimator: Literal["ols", "wls", "irls", "huber", "tls", "ridge", "iv"] = Field(
-        "irls", description="Estimator of the base parameters.", examples=["irls"]
-    )
+    estimator: Estimator = Field("irls", description="Estimator of the base parameters.", examples=["irls"])
     known: dict[str, Real] = Field({}, description="Base parameters with known values.", examples=[{"Ia1": 0.1}])
     holdout: Annotated[Real, Field(ge=0, lt=1)] = Field(
         0.3, description="Share of each log kept for validation where no other log is.", examples=[0.3]
     )
     physical: Flag = Field(True, description="Fit a physically consistent robot as well.", examples=[False])
-    predict: Literal["estimate", "essential", "physical"] = Field(
-        "estimate", description="Which values predictions use.", examples=["physical"]
-    )
+    predict: Values = Field("estimate", description="Which values predictions use.", examples=["physical"])
     essential: Literal["bic", "f-test", "relative_std", "none"] = Field(
         "bic", description="Criterion that eliminates parameters.", examples=["bic"]
     )

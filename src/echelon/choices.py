@@ -1,0 +1,21 @@
+"""Words to choose from: settings, their schemas and the command line take them from here.
+
+Nothing is imported, so that ``echelon --help`` is instant.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+Order = Literal["base-to-tip", "tip-to-base"]
+"""Which parameters become representatives: order of the columns."""
+Measured = Literal["drives", "file"]
+"""Outputs: forces of all drives, or the sensors of an MJCF file."""
+Estimator = Literal["ols", "wls", "irls", "huber", "tls", "ridge", "iv"]
+"""Estimators of base parameters."""
+Values = Literal["estimate", "essential", "physical"]
+"""Values that predictions use."""
+Optimality = Literal["d_optimal", "a_optimal", "condition"]
+"""Criteria of exciting trajectories."""
+Family = Literal["fourier", "bspline", "sum"]
+"""Functions of time of exciting trajectories."""
