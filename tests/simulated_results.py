@@ -22,6 +22,8 @@ from test_cli import run
 FRESH = 12
 """Seed of a motion that nobody has seen."""
 QUICK = ("arm",)
+_FLAGS = {"every_link": "--keep-fixed-links", "floating": "--floating"}
+"""Flags of the command line by the options of :func:`echelon.load`."""
 
 
 def params(*robots: str) -> list[Any]:
@@ -102,7 +104,7 @@ def identified(system: System, folder: Path, kept: object = None) -> Result:
     base, values = system.truth(folder / "true")
     setup = system.write_setup(folder)
     log = system.log(motion_of(system), folder / "run", base.mechanism)
-    options = [f"--{name.replace('_', '-')}" for name in system.reading]
+    options = [_FLAGS[name] for name in system.reading]
     done = run("identify", str(setup), str(log), "-o", str(folder / "result"), *options)
     assert done.returncode == 0, done.stderr
     model = load_identified(folder / "result" / "model.json")
