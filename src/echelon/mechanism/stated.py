@@ -162,6 +162,16 @@ def stated_values(mechanism: Mechanism) -> StatedValues:
     return values_of(mechanism.symbols, symbol_roles(mechanism).angles)
 
 
+def value_texts(mechanism: Mechanism, names: Iterable[str]) -> dict[str, str]:
+    """Stated values of those symbols that have one, as exact text; the decimals of a float are taken as exact."""
+    found = {}
+    for name in sorted(names):
+        symbol = mechanism.symbols.get(name)
+        if symbol is not None and (symbol.exact is not None or symbol.value is not None):
+            found[name] = repr(symbol.value) if symbol.exact is None else symbol.exact
+    return found
+
+
 def values_of(symbols: Mapping[str, Symbol], angles: Collection[str]) -> StatedValues:
     """Exact values of symbols, given which of them are angles."""
     numbers: dict[str, Number] = {}

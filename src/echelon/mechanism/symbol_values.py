@@ -36,16 +36,6 @@ def symbol_values(
     return values
 
 
-def value_texts(mechanism: Mechanism, names: Iterable[str]) -> dict[str, str]:
-    """Stated values of those symbols that have one, as exact text; the decimals of a float are taken as exact."""
-    found = {}
-    for name in sorted(names):
-        symbol = mechanism.symbols.get(name)
-        if symbol is not None and (symbol.exact is not None or symbol.value is not None):
-            found[name] = repr(symbol.value) if symbol.exact is None else symbol.exact
-    return found
-
-
 def all_symbols(mechanism: Mechanism) -> set[str]:
     """All symbols that a mechanism lists or uses."""
     used = {name for body in mechanism.bodies for name in body.joint.symbols()}

@@ -22,7 +22,7 @@ from echelon.files import write_atomically
 from echelon.formats.reading_options import ReadingOptions
 from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json
-from echelon.mechanism.symbol_values import value_texts
+from echelon.mechanism.stated import value_texts
 from echelon.version import __version__
 
 if TYPE_CHECKING:
