@@ -102,6 +102,7 @@ def _slowly(pause: float, item: int) -> tuple[int, int]:
     return item, os.getpid()
 
 
+@pytest.mark.slow
 def test_a_worker_dies_midway(mortal: Client, folder: Path, alone: Identification) -> None:
     """What it had made is made again by others."""
     pids = set(mortal.run(os.getpid).values())

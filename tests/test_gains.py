@@ -174,6 +174,7 @@ def test_gains_are_recovered_from_noisy_currents(six: Truth) -> None:
     np.testing.assert_allclose(found.estimate.diagnostics["current_noise"], 0.02 * np.sqrt(squares), rtol=0.05)
 
 
+@pytest.mark.slow
 def test_intervals_cover_at_their_rate(three: Truth) -> None:
     """Forty runs with other noise and other motions; least squares shrinks the gains, maximum likelihood does not."""
     payload = Payload("link3", {"M": LOAD[-1]})

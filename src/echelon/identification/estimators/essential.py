@@ -174,9 +174,9 @@ def _value(model: Submodel, criterion: Criterion) -> float:
 
 def _significance(model: Submodel, place: int) -> float:
     """p-value of the hypothesis that a parameter is zero."""
-    from scipy.stats import f
+    from scipy.special import fdtrc
 
-    return float(f.sf(model.growth[place] / model.variance, 1, model.degrees))
+    return float(fdtrc(1, model.degrees, model.growth[place] / model.variance))
 
 
 # -- beginning and end ------------------------------------------------------------------------------------------------
