@@ -2,8 +2,6 @@
 
 What a file says is kept as it stands, so that a mechanism can be built from it again with some numbers taken literally,
 or with the joints that it couples independent.
-
-Open a robot file of any supported format.
 """
 
 from __future__ import annotations

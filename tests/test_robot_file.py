@@ -1,0 +1,71 @@
+"""Robot files: parsed once, and mechanisms that are data."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import echelon as ec
+from echelon.formats import robot_file
+from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.robot_file import RobotFile, open_robot
+from echelon.formats.stated_limits import stated_limits
+
+ARM = """<robot name="arm"><link name="base"/><link name="a"/><link name="b"/>
+<joint name="j1" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="2" velocity="3"/></joint>
+<joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.3 0 0" rpy="1.5708 0 0"/>
+<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="2" velocity="3"/></joint></robot>"""
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[Path, Path]:
+    """A URDF, and a description that adds to it."""
+    urdf, added = tmp_path / "arm.urdf", tmp_path / "arm.yaml"
+    urdf.write_text(ARM)
+    added.write_text("{echelon: 1, robot: {file: arm.urdf}, effects: [{type: viscous, at: j1}]}")
+    return urdf, added
+
+
+def test_the_text_is_parsed_once(files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    parsed: list[str] = []
+    parse = robot_file.parse_xml
+    monkeypatch.setattr(robot_file, "parse_xml", lambda data, source: parsed.append(source) or parse(data, source))
+    file = open_robot(files[1])
+    mechanism = file.mechanism()
+    assert set(stated_limits(file, mechanism)) == {"j1", "j2"}
+    assert mechanism.reading is not None
+    assert len(mechanism.reading.literal().symbols) > len(mechanism.symbols)
+    assert parsed == [str(files[0])]
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_files_are_data(files: tuple[Path, Path], index: int) -> None:
+    file = open_robot(files[index])
+    mechanism = file.mechanism()
+    again = pickle.loads(pickle.dumps(mechanism))
+    assert again == mechanism
+    assert again.reading == mechanism.reading
+    assert again.reading.literal() == mechanism.reading.literal()
+    assert file == open_robot(files[index])
+
+
+def test_what_is_changed_has_no_reading(files: tuple[Path, Path]) -> None:
+    mechanism = ec.load(files[0])
+    assert mechanism.reading is not None
+    assert replace(mechanism, gravity=None).reading is None
+    assert replace(mechanism) == mechanism
+
+
+def test_friction_is_part_of_the_literal_reading(files: tuple[Path, Path]) -> None:
+    mechanism = open_robot(files[0]).mechanism(ReadingOptions(friction=True))
+    assert mechanism.reading is not None
+    assert [e.parameter for e in mechanism.reading.literal().effects] == ["Fv1", "Fv2", "Fc1", "Fc2", "Fo1", "Fo2"]
+    assert mechanism.reading.literal().effects == mechanism.effects
+
+
+def test_the_content_decides_between_formats_of_xml() -> None:
+    assert RobotFile.of(ARM.encode(), "robot.txt").mechanism().name == "arm"
