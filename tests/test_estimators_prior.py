@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 from echelon.errors import InputError
 from echelon.identification.estimators.errors_in_variables import tls
 from echelon.identification.estimators.estimate import Estimate, direction_text, open_directions
-from echelon.identification.estimators.fixed_parameters import Substitution, equal, known
+from echelon.identification.estimators.fixed_parameters import Substitution, fixed
 from echelon.identification.estimators.huber import huber
 from echelon.identification.estimators.least_squares import irls, minimum_norm, ols, wls
 from echelon.identification.estimators.ridge import ridge
@@ -176,7 +176,7 @@ def test_minimum_norm_of_determined_data_is_least_squares() -> None:
 def test_known_values_move_to_the_right() -> None:
     rows = serial()
     names = rows.layout.parameters
-    substitution = known(names, rows.units, {"p2": -1.0, "p8": -4.0})
+    substitution = fixed(names, rows.units, {"p2": -1.0, "p8": -4.0})
     estimate = substitution.restored(irls(substitution.observation(rows.observation()), substitution.unknown_units))
     kept = [k for k in range(9) if k not in (1, 7)]
     W, y, _ = dense(rows, estimate.diagnostics["weights"])
@@ -191,7 +191,7 @@ def test_known_values_move_to_the_right() -> None:
 
 def test_rows_and_observations_of_unknowns_agree() -> None:
     rows = serial(seconds=0.02)
-    substitution = equal(rows.layout.parameters, rows.units, [("p1", "p4"), ("p9", "p2", "p5")])
+    substitution = fixed(rows.layout.parameters, rows.units, {"p2": -1.0, "p4": 2.0, "p5": 0.5})
     assert substitution.unknowns == ("p1", "p3", "p6", "p7", "p8", "p9")
     changed = substitution.rows(rows)
     observation = changed.observation()
@@ -205,20 +205,9 @@ def test_rows_and_observations_of_unknowns_agree() -> None:
     assert_same(huber(changed, clip=50.0, tolerance=1e-10), irls(observation, changed.units), 1e-7)
 
 
-def test_equal_parameters_are_equal() -> None:
-    rows = serial()
-    substitution = equal(rows.layout.parameters, rows.units, [("p1", "p4")])
-    estimate = substitution.restored(ols(substitution.observation(rows.observation()), substitution.unknown_units))
-    W, y, _ = dense(rows)
-    tied = np.column_stack([W[:, 0] + W[:, 3], W[:, [1, 2, 4, 5, 6, 7, 8]]])
-    np.testing.assert_allclose(estimate.values[[0, 1, 2, 4, 5, 6, 7, 8]], np.linalg.lstsq(tied, y)[0], rtol=1e-9)
-    assert estimate.values[0] == estimate.values[3]
-    assert estimate.covariance[0, 3] == estimate.covariance[0, 0]
-
-
 def test_open_directions_stay_open_when_restored() -> None:
     rows = unseen()
-    substitution = known(rows.layout.parameters, rows.units, {"p3": 0.0})
+    substitution = fixed(rows.layout.parameters, rows.units, {"p3": 0.0})
     estimate = substitution.restored(
         minimum_norm(substitution.observation(rows.observation()), substitution.unknown_units)
     )
@@ -230,16 +219,12 @@ def test_substitutions_refuse_what_does_not_fit() -> None:
     rows = serial()
     names, units = rows.layout.parameters, rows.units
     with pytest.raises(InputError, match=r"parameter 'p22': there is no such parameter; did you mean p2"):
-        known(names, units, {"p22": 1.0})
+        fixed(names, units, {"p22": 1.0})
     with pytest.raises(InputError, match="nothing is left"):
-        known(names, units, dict.fromkeys(names, 0.0))
+        fixed(names, units, dict.fromkeys(names, 0.0))
     with pytest.raises(InputError, match="not a finite number"):
-        known(names, units, {"p2": np.nan})
-    with pytest.raises(InputError, match="named twice"):
-        equal(names, units, [("p1", "p2"), ("p2", "p3")])
-    with pytest.raises(InputError, match="different units"):
-        equal(names, ["kg", *units[1:]], [("p1", "p2")])
-    other = known(("a", "b"), ("kg", "kg"), {"a": 1.0})
+        fixed(names, units, {"p2": np.nan})
+    other = fixed(("a", "b"), ("kg", "kg"), {"a": 1.0})
     with pytest.raises(InputError, match="other parameters"):
         other.observation(rows.observation())
     with pytest.raises(InputError, match="not one of the unknowns"):

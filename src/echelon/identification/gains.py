@@ -28,7 +28,7 @@ from echelon.errors import InputError
 from echelon.identification.current_fit import fit_currents
 from echelon.identification.estimators.errors_in_variables import tls
 from echelon.identification.estimators.estimate import Estimate, solved
-from echelon.identification.estimators.fixed_parameters import known as known_parameters
+from echelon.identification.estimators.fixed_parameters import fixed as fixed_parameters
 from echelon.identification.estimators.least_squares import wls
 from echelon.identification.payload import Payload, loaded_rows, with_zeros
 from echelon.identification.rows.plan import Plan
@@ -151,7 +151,7 @@ def drive_gains(
         fixed |= _load_values(payload, load, symbols)
         words.append(f"the payload on {payload.body}, of which {', '.join(payload.known)} known")
     _check_zero(free, gains)
-    substitution = known_parameters(free.layout.parameters, units, fixed)
+    substitution = fixed_parameters(free.layout.parameters, units, fixed)
     reduced = substitution.observation(free)
     _check_scale(reduced, gains)
     found = _estimate(reduced, substitution.unknown_units, gains, method)

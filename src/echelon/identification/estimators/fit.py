@@ -13,7 +13,7 @@ from echelon.errors import InputError
 from echelon.identification.estimators.covariance import clustered, clustered_by
 from echelon.identification.estimators.errors_in_variables import instrumental, tls
 from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.estimators.fixed_parameters import known
+from echelon.identification.estimators.fixed_parameters import fixed
 from echelon.identification.estimators.huber import huber
 from echelon.identification.estimators.least_squares import irls, noise_estimate, noise_floor, ols, wls
 from echelon.identification.estimators.ridge import ridge
@@ -38,7 +38,7 @@ def fitted(
     batches: Sequence[Batch] = (),
 ) -> Estimate:
     """Estimate the base parameters as the settings say."""
-    rest = known(rows.layout.parameters, rows.units, settings.known) if settings.known else None
+    rest = fixed(rows.layout.parameters, rows.units, settings.known) if settings.known else None
     if rest is not None:
         rows, observation = rest.rows(rows), rest.observation(observation)
         batches = [replace(batch, observation=rest.observation(batch.observation)) for batch in batches]

@@ -1,9 +1,8 @@
-"""Parameters that are known, or tied to one another, before the fit.
+"""Parameters that are known before the fit.
 
-A payload that was weighed, a rotor inertia from the data sheet, two joints with the same motor: all say ζ = T θ + ζ₀
-with fewer unknowns θ.  Then W ζ − y = (W T) θ − (y − W ζ₀), so a known part moves to the right-hand side and tied
-columns are added up, in the R-factors just as in the rows.  Any estimator runs on the result, and
-:meth:`Substitution.restored` gives the estimate of ζ back, covariance included.
+A payload that was weighed or a rotor inertia from the data sheet leave fewer unknowns θ, with ζ = T θ + ζ₀.  Then
+W ζ − y = (W T) θ − (y − W ζ₀), so the known part moves to the right-hand side, in the R-factors just as in the rows.
+Any estimator runs on the result, and :meth:`Substitution.restored` gives the estimate of ζ back, covariance included.
 """
 
 from __future__ import annotations
@@ -107,8 +106,10 @@ class _SubstitutedRows:
         return self.substitution.observation(self.original.observation())
 
 
-def known(parameters: Sequence[str], units: Sequence[str], values: Mapping[str, float]) -> Substitution:
-    """Parameters with known values."""
+def fixed(parameters: Sequence[str], units: Sequence[str], values: Mapping[str, float]) -> Substitution:
+    """The substitution that fixes parameters at known values, SI units."""
+    if len(units) != len(parameters):
+        raise InputError(f"there are {len(units)} units for {len(parameters)} parameters; expected one for each")
     offset = np.zeros(len(parameters))
     for label, value in values.items():
         if not np.isfinite(value):
@@ -117,34 +118,8 @@ def known(parameters: Sequence[str], units: Sequence[str], values: Mapping[str, 
     kept = [k for k, label in enumerate(parameters) if label not in values]
     if not kept:
         raise InputError("all parameters are known; nothing is left to estimate")
-    return _substitution(parameters, units, np.eye(len(parameters))[:, kept], kept, offset)
-
-
-def equal(parameters: Sequence[str], units: Sequence[str], groups: Sequence[Sequence[str]]) -> Substitution:
-    """Parameters that have the same value, such as friction of joints with the same drive."""
-    first = list(range(len(parameters)))
-    seen: set[int] = set()
-    for group in groups:
-        places = [_place(parameters, label) for label in group]
-        if seen & set(places) or len(set(places)) != len(places):
-            raise InputError("a parameter is named twice", element=f"group {', '.join(group)}")
-        if len({units[k] for k in places}) > 1:
-            raise InputError("parameters with different units cannot be equal", element=f"group {', '.join(group)}")
-        seen |= set(places)
-        for k in places:
-            first[k] = places[0]
-    kept = [k for k, some in enumerate(first) if k == some]
-    matrix = (np.array(first)[:, None] == np.array(kept)).astype(float)
-    return _substitution(parameters, units, matrix, kept, np.zeros(len(parameters)))
-
-
-def _substitution(
-    parameters: Sequence[str], units: Sequence[str], matrix: Floats, kept: list[int], offset: Floats
-) -> Substitution:
-    if len(units) != len(parameters):
-        raise InputError(f"there are {len(units)} units for {len(parameters)} parameters; expected one for each")
     names, kinds = (tuple(some[k] for k in kept) for some in (parameters, units))
-    return Substitution(tuple(parameters), tuple(units), names, kinds, matrix, offset)
+    return Substitution(tuple(parameters), tuple(units), names, kinds, np.eye(len(parameters))[:, kept], offset)
 
 
 def _place(parameters: Sequence[str], label: str) -> int:
