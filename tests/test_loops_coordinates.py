@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -73,3 +74,18 @@ def test_the_part_of_a_ball_is_that_which_turns_most_and_is_noted() -> None:
     assert spin[mechanism.velocities.index("rod.r.z")].max() > spin[mechanism.velocities.index("rod.r.x")].max()
     notes = ec.base_parameters(mechanism, budget=0).reading.notes
     assert any("spin of a rod between two balls: independent is 'rod.r.z'" in note for note in notes)
+
+
+@pytest.mark.parametrize("tied", [("crank", "rocker"), ("crank", "coupler", "rocker")])
+def test_tied_coordinates_are_refused(tied: tuple[str, ...]) -> None:
+    text = (EXAMPLES / "four_bar.yaml").read_text()
+    with pytest.raises(ec.InputError, match=r"not \d.*follows from the others"):
+        read(
+            re.sub(
+                r"^independent:.*", f"independent: [{', '.join(tied)}]", text.replace("echelon: 1\n", ""), flags=re.M
+            )
+        )
+    mechanism = replace(read(text.replace("echelon: 1\n", "")), independent=tied)
+    for derive in (ec.base_structure, ec.base_parameters):
+        with pytest.raises(ec.InputError, match="independent"):
+            derive(mechanism)
