@@ -2,7 +2,7 @@
 
 from mutation.fault import Fault
 
-SPATIAL, ACCELERATIONS, ENERGY = "regressor/spatial.py", "regressor/accelerations.py", "regressor/energy.py"
+SPATIAL, ENERGY = "regressor/spatial.py", "regressor/energy.py"
 POWER, PROBES, LIFTING = "regressor/virtual_power.py", "regressor/probes.py", "regressor/loops/closed_curve.py"
 JOINTS = "test_joints.py"
 TRUTHS = "test_loops_truths.py::test_four_bar test_loops_truths.py::test_parallelogram"
@@ -10,11 +10,11 @@ TRUTHS = "test_loops_truths.py::test_four_bar test_loops_truths.py::test_paralle
 FAULTS = (
     Fault(SPATIAL, "a[2] * b[0] - a[0] * b[2]", "a[0] * b[2] - a[2] * b[0]", "cross products", JOINTS),
     Fault(SPATIAL, "((a, d, g), (b, e, h), (c, f, i))", "((a, b, c), (d, e, f), (g, h, i))", "no transpose", JOINTS),
-    Fault(ACCELERATIONS, "add(add(coriolis, coriolis), ", "add(coriolis, ", "half of Coriolis's acceleration", JOINTS),
-    Fault(ACCELERATIONS, "cross(before, turning)", "cross(turning, before)", "gyroscopic acceleration", JOINTS),
-    Fault(ACCELERATIONS, "(-gx, -gy, -gz)", "(gx, gy, gz)", "gravity upside down", JOINTS),
-    Fault(ACCELERATIONS, "cross(unit, at.linear)", "cross(at.linear, unit)", "moment of a first moment", JOINTS),
-    Fault(ACCELERATIONS, "cross(at.angular, momentum)", "cross(momentum, at.angular)", "ω × I ω", JOINTS),
+    Fault(POWER, "add(add(coriolis, coriolis), ", "add(coriolis, ", "half of Coriolis's acceleration", JOINTS),
+    Fault(POWER, "cross(before, turning)", "cross(turning, before)", "gyroscopic acceleration", JOINTS),
+    Fault(POWER, "(-gx, -gy, -gz)", "(gx, gy, gz)", "gravity upside down", JOINTS),
+    Fault(POWER, "cross(unit, at.linear)", "cross(at.linear, unit)", "moment of a first moment", JOINTS),
+    Fault(POWER, "cross(at.angular, momentum)", "cross(momentum, at.angular)", "ω × I ω", JOINTS),
     Fault(
         ENERGY,
         "lift = lift - dot",

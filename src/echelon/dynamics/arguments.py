@@ -24,33 +24,15 @@ STANDARD = "standard_parameters"
 
 @dataclass(frozen=True)
 class Arguments:
-    """Makes the arguments of one function.
-
-    Attributes
-    ----------
-    mechanism : Mechanism
-    program : Program
-    parameters : mapping of str to str
-        Names of the parameters and their units, in order.
-    standard : bool
-        Whether they are the standard parameters.
-    """
+    """Makes the arguments of one function."""
 
     mechanism: Mechanism
     program: Program
-    parameters: Mapping[str, str]
-    standard: bool = False
+    parameters: Mapping[str, str]  # names of the parameters and their units, in order
+    standard: bool = False  # whether they are the standard parameters
 
     def of(self, names: Sequence[str], outputs: Iterable[int]) -> tuple[Argument, ...]:
-        """Arguments of these names, without ``inputs`` and ``symbols`` where the outputs need none.
-
-        Parameters
-        ----------
-        names : sequence of str
-            In order; of ``q qd qdd inputs parameters symbols``.
-        outputs : iterable of int
-            Nodes of the result.
-        """
+        """Arguments of these names, without ``inputs`` and ``symbols`` where the outputs need none."""
         made = {
             "q": self._positions,
             "qd": self._velocities,
@@ -116,21 +98,7 @@ class Arguments:
 def geometry_values(
     mechanism: Mechanism, arguments: Iterable[Argument], symbols: Mapping[str, float] | None = None
 ) -> dict[str, npt.NDArray[np.float64]]:
-    """Values of the argument ``symbols``, SI units, where a function has it.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    arguments : iterable of Argument
-        Of the function.
-    symbols : mapping of str to float, optional
-        Values that replace or complete those of the mechanism.
-
-    Raises
-    ------
-    InputError
-        If a symbol has no value.
-    """
+    """Values of the argument ``symbols``, SI units, where a function has it."""
     geometry = [argument for argument in arguments if argument.name == "symbols"]
     return {a.name: np.array(list(symbol_values(mechanism, a.labels, symbols).values())) for a in geometry}
 

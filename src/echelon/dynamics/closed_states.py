@@ -37,15 +37,7 @@ _FEW = 8  # iterations near a closed configuration
 
 
 class CompiledAssembly(Assembly):
-    """Closed configurations in machine code.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With loops.
-    symbols : mapping of str to float, optional
-        Values that replace or complete those of the mechanism.
-    """
+    """Closed configurations in machine code."""
 
     functions: ClassVar[tuple[Builder, ...]] = (
         closed_positions,
@@ -68,19 +60,7 @@ class CompiledAssembly(Assembly):
         return q, done
 
     def independent_state(self, state: Mapping[str, Floats]) -> dict[str, Floats]:
-        """All positions, and independent velocities and accelerations.
-
-        Parameters
-        ----------
-        state : mapping of str to array of shape (N, size)
-            ``q``, and perhaps ``qd`` and ``qdd``, each of all coordinates or of the independent ones.
-
-        Raises
-        ------
-        InputError
-            If shapes do not fit, the loops are not or cannot be closed, a sample is a singular configuration, or the
-            motion does not determine an output.
-        """
+        """All positions, and independent velocities and accelerations."""
         found = {"q": self._positions(state["q"])}
         pivots = self.run("closure_pivots", **found)
         singular = ~(pivots > _SINGULAR).all(axis=1)
@@ -146,15 +126,7 @@ class CompiledAssembly(Assembly):
         )
 
     def run(self, name: str, **state: Floats) -> Floats:
-        """Evaluate a recorded function of closed states.
-
-        Parameters
-        ----------
-        name : str
-            ``closed_positions``, ``closed_velocities``, ``closed_accelerations`` or ``closure_pivots``.
-        **state : array of shape (N, size)
-            ``q`` of all coordinates, ``qd`` and ``qdd`` of the independent ones; those that are not needed are ignored.
-        """
+        """Evaluate a recorded function of closed states."""
         kernel = self._kernels[name]
         names = {argument.name for argument in kernel.function.arguments}
         return kernel({**{k: v for k, v in state.items() if k in names}, **self._geometry[name]})
@@ -172,13 +144,7 @@ class CompiledAssembly(Assembly):
 
 
 class ClosedStates:
-    """Completes and checks states of a mechanism, whatever the values of its symbols.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With loops.
-    """
+    """Completes and checks states of a mechanism, whatever the values of its symbols."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
@@ -187,14 +153,7 @@ class ClosedStates:
     def independent_state(
         self, values: Mapping[str, npt.ArrayLike], symbols: Mapping[str, float] | None
     ) -> dict[str, Floats]:
-        """See :meth:`CompiledAssembly.independent_state`.
-
-        Parameters
-        ----------
-        values : mapping of str to array
-            ``q``, ``qd`` and ``qdd``, as far as they are needed, of shape (N, size) or (size,).
-        symbols : mapping of str to float, optional
-        """
+        """See :meth:`CompiledAssembly.independent_state`."""
         moving = {name: np.atleast_2d(real_array(name, array)) for name, array in values.items()}
         if len({array.shape[:-1] for array in moving.values()}) > 1 or moving["q"].ndim != 2:
             shown = ", ".join(f"{name} {array.shape}" for name, array in moving.items())

@@ -1,6 +1,6 @@
 """The mass matrix of all freedoms, and what they hold at rest, by composite bodies (Walker and Orin 1982).
 
-Behind a joint that alone moves, all bodies are one.  A unit of its acceleration needs a wrench that follows from the
+Subtree a joint that alone moves, all bodies are one.  A unit of its acceleration needs a wrench that follows from the
 composite inertia; carried to the ground, it makes efforts in all freedoms on the way, and these are the entries of the
 symmetric matrix.  A frame's share costs one turn of an inertia, where inverse dynamics at unit accelerations would move
 every body for every joint.  By the same symmetry the effort at rest is the force of that wrench times gravity.  Sensors
@@ -13,93 +13,70 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from echelon.dynamics.grouping import MASS
-from echelon.dynamics.recursion import Descent, Passage, Recursion
-from echelon.dynamics.wrenches import Wrench
+from echelon.dynamics.recursion import BackwardPass, ForwardPass, Transform, Wrench
+from echelon.dynamics.reframing import MASS
 from echelon.inertia.spatial import Array
-from echelon.mechanism.mechanism import GROUND, Mechanism
-from echelon.program.tape import Scalar
+from echelon.program.scalar import Scalar
 from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, scale
-from echelon.regressor.steps import Freedom, Recorder
+from echelon.regressor.steps import Freedom, backward
 
 Symmetric = dict[tuple[str, str], Scalar]
 """Entries by pairs of freedoms, in both orders; zero where absent."""
 
 
-def mass_matrix_of_freedoms(
-    mechanism: Mechanism, recorder: Recorder, recursion: Recursion, inertias: Mapping[int, Array]
-) -> Symmetric:
-    """Effort of every freedom per unit of acceleration of every other, sensors included.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    recorder : Recorder
-        Of positions, with zero rates.
-    recursion : Recursion
-        Knows the steps between the bodies.
-    inertias : mapping of int to array of shape (4, 4) of Scalar
-        Pseudo-inertias.
-    """
-    nothing = np.full((4, 4), recorder.program.zero, dtype=object)
+def mass_matrix(inertias: Mapping[int, Array], motion: ForwardPass) -> Symmetric:
+    """Effort of every freedom per unit of acceleration of every other, sensors included, from pseudo-inertias."""
     found: Symmetric = {}
-    passages, _ = recursion.passages(recorder.zeros)
-    composites = {index: inertias.get(index, nothing) for index in range(GROUND, len(mechanism.bodies))}
-    columns: dict[int, dict[str, Falling]] = {index: {} for index in composites}
-    for index in reversed(range(GROUND, len(mechanism.bodies))):
-        composite, carried = composites[index], columns[index]
-        for passage in reversed(passages[index]):
-            for freedom in passage.step.freedoms:
-                carried[freedom.name] = Falling(recorder.zeros, _unit_wrench(freedom, composite))
-            for name, column in carried.items():
-                for other, effort in column.carry(passage).items():
+
+    def before(behind: tuple[Array, dict[str, CarriedWrench]], index: int) -> tuple[Array, dict[str, CarriedWrench]]:
+        composite, carried = behind
+        for transform in reversed(motion.transforms[index]):
+            for freedom in transform.step.freedoms:
+                carried[freedom.name] = CarriedWrench(motion.recorder.zeros, _unit_wrench(freedom, composite))
+            for name, wrench in carried.items():
+                for other, effort in wrench.carry(transform).items():
                     found[name, other] = found[other, name] = effort
-            composite = before(passage, composite)
-        if index != GROUND:
-            parent = mechanism.bodies[index].parent
-            composites[parent] = composites[parent] + composite
-            columns[parent] |= carried
+            composite = inertia_before(transform, composite)
+        return composite, carried
+
+    composites = _composites(inertias, motion)
+    own: dict[int, tuple[Array, dict[str, CarriedWrench]]] = {index: (c, {}) for index, c in composites.items()}
+    backward(motion.mechanism, own, before, lambda a, b: (a[0] + b[0], a[1] | b[1]))
     return found
 
 
-def efforts_at_rest(
-    mechanism: Mechanism, recorder: Recorder, recursion: Recursion, inertias: Mapping[int, Array], gravity: Vec
-) -> dict[str, Scalar]:
-    """Effort of every freedom that holds the bodies' weight, sensors included.
-
-    Parameters
-    ----------
-    mechanism, recorder, recursion, inertias
-        As for :func:`mass_matrix_of_freedoms`.
-    gravity : 3 of Scalar
-        In the base frame, m/s².
-    """
-    nothing = np.full((4, 4), recorder.program.zero, dtype=object)
+def efforts_at_rest(inertias: Mapping[int, Array], motion: ForwardPass) -> dict[str, Scalar]:
+    """Effort of every freedom that holds the bodies' weight, sensors included, from pseudo-inertias."""
     found: dict[str, Scalar] = {}
-    passages, _ = recursion.passages(gravity)
-    composites = {index: inertias.get(index, nothing) for index in range(GROUND, len(mechanism.bodies))}
-    for index in reversed(range(GROUND, len(mechanism.bodies))):
-        composite = composites[index]
-        for passage in reversed(passages[index]):
-            for freedom in passage.step.freedoms:
-                found[freedom.name] = dot(_unit_wrench(freedom, composite)[1], passage.end.linear)
-            composite = before(passage, composite)
-        if index != GROUND:
-            composites[mechanism.bodies[index].parent] = composites[mechanism.bodies[index].parent] + composite
+
+    def before(composite: Array, index: int) -> Array:
+        for transform in reversed(motion.transforms[index]):
+            for freedom in transform.step.freedoms:
+                found[freedom.name] = dot(_unit_wrench(freedom, composite)[1], transform.end.linear)
+            composite = inertia_before(transform, composite)
+        return composite
+
+    backward(motion.mechanism, _composites(inertias, motion), before, np.add)
     return found
 
 
-class Falling:
+def _composites(inertias: Mapping[int, Array], motion: ForwardPass) -> dict[int, Array]:
+    """Pseudo-inertias of all bodies alone, which become those of all that is behind them."""
+    nothing = np.full((4, 4), motion.recorder.program.zero, dtype=object)
+    return {index: inertias.get(index, nothing) for index in motion.motions}
+
+
+class CarriedWrench:
     """A wrench on its way to the ground."""
 
     def __init__(self, zeros: Vec, wrench: Wrench) -> None:
-        self._descent, self._wrench = Descent(zeros), wrench
+        self._down, self._wrench = BackwardPass(zeros), wrench
 
-    def carry(self, passage: Passage) -> dict[str, Scalar]:
+    def carry(self, transform: Transform) -> dict[str, Scalar]:
         """Take one step, and the efforts of the freedoms there."""
-        self._descent.efforts.clear()
-        self._wrench = self._descent.carry([passage], self._wrench)
-        return dict(self._descent.efforts)
+        self._down.efforts.clear()
+        self._wrench = self._down.carry([transform], self._wrench)
+        return dict(self._down.efforts)
 
 
 def _unit_wrench(freedom: Freedom, pseudo: Array) -> Wrench:
@@ -120,21 +97,21 @@ def tensor(pseudo: Array) -> Mat:
     return (rows[0], rows[1], rows[2])
 
 
-def before(passage: Passage, pseudo: Array) -> Array:
+def inertia_before(transform: Transform, pseudo: Array) -> Array:
     """A pseudo-inertia about the frame before a step."""
-    step, turned = passage.step, pseudo
+    step, rotated = transform.step, pseudo
     if step.rotation is not None:
         matrix = np.array(step.rotation, dtype=object)
-        turned = pseudo.copy()
-        turned[:3, MASS] = turned[MASS, :3] = matrix @ pseudo[:3, MASS]
+        rotated = pseudo.copy()
+        rotated[:3, MASS] = rotated[MASS, :3] = matrix @ pseudo[:3, MASS]
         half = matrix @ pseudo[:3, :3]
         for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
-            turned[i, j] = turned[j, i] = half[i] @ matrix[j]
-        if passage.rotation is not None:
+            rotated[i, j] = rotated[j, i] = half[i] @ matrix[j]
+        if transform.rotation is not None:
             # the sum of the second moments across the axis stays
-            i, j = (passage.axis + 1) % 3, (passage.axis + 2) % 3
-            turned[j, j] = (pseudo[i, i] + pseudo[j, j]) - turned[i, i]
-    return turned if step.shift is None else _shifted(turned, step.shift)
+            i, j = (transform.axis + 1) % 3, (transform.axis + 2) % 3
+            rotated[j, j] = (pseudo[i, i] + pseudo[j, j]) - rotated[i, i]
+    return rotated if step.shift is None else _shifted(rotated, step.shift)
 
 
 def _shifted(pseudo: Array, shift: Vec) -> Array:

@@ -15,18 +15,7 @@ from echelon.program.function import Function
 
 
 class Evaluator:
-    """Machine code of one function of a mechanism.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    function : Function
-        As :func:`echelon.dynamics.functions.robot_function` records it.
-    sparse : bool
-        Results hold the entries that are not structurally zero, one after another.
-    loops : ClosedStates, optional
-        What completes the states of a mechanism with loops; without, they are to be as the function takes them.
-    """
+    """Machine code of one function of a mechanism."""
 
     def __init__(
         self, mechanism: Mechanism, function: Function, *, sparse: bool = False, loops: ClosedStates | None = None
@@ -42,28 +31,6 @@ class Evaluator:
         out: Floats | None = None,
         threads: int | None = None,
     ) -> Floats:
-        """Evaluate at states.
-
-        Parameters
-        ----------
-        state : mapping of str to array
-            ``q``, ``qd``, ``qdd`` of shape (N, size) or (size,), and ``parameters`` of shape (size,), as far as the
-            function has them.  With loops, each of the three may be that of the independent coordinates only.
-        symbols : mapping of str to float, optional
-            Values that replace or complete those of the mechanism.
-        inputs : mapping of str to array of shape (N,), optional
-            Measured inputs, by name.
-        out : array of shape (N, …), optional
-        threads : int, optional
-
-        Returns
-        -------
-        array of shape (N, …)
-
-        Raises
-        ------
-        InputError
-            If values are missing or do not fit.
-        """
+        """Evaluate at states."""
         values = function_values(self.mechanism, self.function, state, symbols, inputs, self._loops)
         return self.kernel(values, out, threads)

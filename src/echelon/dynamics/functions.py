@@ -67,8 +67,8 @@ def inverse_dynamics_derivatives(recorded: RecordedOutputs) -> Function:
     A unit quaternion's four columns are the derivatives of the quaternion of the same direction: they vanish along it,
     so that they hold for changes along the unit sphere and for normalised ones.
     """
-    entries = recorded.inertial_slopes()
-    for index, slope in recorded.effect_slopes().items():
+    entries = recorded.inertial_derivatives()
+    for index, slope in recorded.effect_derivatives().items():
         entries[index] = entries[index] + slope
     meaning = "derivatives of the inverse dynamics by positions and velocities"
     axes = (recorded.names, recorded.state)
@@ -131,28 +131,7 @@ ALL_FUNCTIONS: Mapping[str, Builder] = {**FUNCTIONS, **LOOP_FUNCTIONS}
 
 
 def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Function:
-    """Record one function of a mechanism.
-
-    Parameters
-    ----------
-    name : str
-        One of :data:`ALL_FUNCTIONS`.
-    mechanism : Mechanism
-    pivots : sequence of int
-        Columns of the regressor whose parameters are arguments: the pivots of the base matrix for base parameters, all
-        columns for standard parameters.  Forces of closures depend on all standard parameters, whatever is given.
-
-    Returns
-    -------
-    Function
-        Its arguments, as far as it has them: ``q``, ``qd``, ``qdd``, ``inputs``, ``parameters``, ``symbols``.  With
-        loops, ``q`` holds all positions, which must be closed, and ``qd`` and ``qdd`` are independent.
-
-    Raises
-    ------
-    InputError
-        If there is no such function or no such column.
-    """
+    """Record one function of a mechanism."""
     if name not in ALL_FUNCTIONS:
         raise InputError(f"there is no function '{name}' (valid: {', '.join(ALL_FUNCTIONS)})")
     return ALL_FUNCTIONS[name](mechanism, pivots)

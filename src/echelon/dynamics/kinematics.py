@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.dynamics.arguments import Arguments, geometry_values
 from echelon.machine.kernel import Kernel
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.program.derivatives import derivatives
 from echelon.program.function import Function
 from echelon.program.tape import Program
-from echelon.regressor.spatial import Mat, Vec, add, apply, transposed
-from echelon.regressor.steps import Recorder, Step
+from echelon.regressor.spatial import Mat, Vec, add, apply, identity, product
+from echelon.regressor.steps import Recorder, Step, forward
 
 _ENTRIES = 12  # of a frame: its rotation's rows, each followed by a coordinate of its origin
 
@@ -23,15 +23,6 @@ _ENTRIES = 12  # of a frame: its rotation's rows, each followed by a coordinate 
 class Kinematics:
     """Frames of the bodies of a mechanism, in machine code.
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Without loops, or given at closed positions.
-    symbols : mapping of str to float, optional
-        Values of geometry symbols that replace or complete those of the mechanism.
-
-    Examples
-    --------
     >>> import echelon as ec
     >>> arm = Kinematics(ec.load("examples/double_pendulum.yaml"))
     >>> arm.frames(np.array([[0.0, 0.0]]))[0, 1, :, 3].round(3)     # where the second joint is
@@ -51,31 +42,12 @@ class Kinematics:
         self._symbols = geometry_values(mechanism, self._arguments, symbols)
 
     def frames(self, q: npt.ArrayLike) -> Floats:
-        """Frames of all bodies in the base frame.
-
-        Parameters
-        ----------
-        q : array of shape (N, positions)
-
-        Returns
-        -------
-        array of shape (N, bodies, 3, 4)
-            Rotation, whose columns are the body's axes, and origin, m.
-        """
+        """Frames of all bodies in the base frame."""
         found = self._values({"q": q, **self._symbols})
         return found.reshape(len(found), -1, 3, 4)
 
     def slopes(self, q: npt.ArrayLike) -> Floats:
-        """Derivatives of all frames by the positions.
-
-        Parameters
-        ----------
-        q : array of shape (N, positions)
-
-        Returns
-        -------
-        array of shape (N, bodies, 3, 4, positions)
-        """
+        """Derivatives of all frames by the positions."""
         found = self._derivatives({"q": q, **self._symbols})
         return found.reshape(len(found), -1, 3, 4, len(self._arguments[0]))
 
@@ -103,19 +75,10 @@ class Kinematics:
 
 
 def body_frames(recorder: Recorder) -> list[tuple[Mat, Vec]]:
-    """Record rotation and origin of every body's frame in the base frame.
-
-    Parameters
-    ----------
-    recorder : Recorder
-    """
-    frames: list[tuple[Mat, Vec]] = []
-    for index, body in enumerate(recorder.mechanism.bodies):
-        frame = _base(recorder.program) if body.parent == GROUND else frames[body.parent]
-        for step in recorder.steps(index):
-            frame = moved(frame, step)
-        frames.append(frame)
-    return frames
+    """Record rotation and origin of every body's frame in the base frame."""
+    base = identity(recorder.program), recorder.zeros
+    frames = forward(recorder.mechanism, base, lambda frame, index: reduce(moved, recorder.steps(index), frame))
+    return [frames[index] for index in range(len(recorder.mechanism.bodies))]
 
 
 def moved(frame: tuple[Mat, Vec], step: Step) -> tuple[Mat, Vec]:
@@ -124,14 +87,3 @@ def moved(frame: tuple[Mat, Vec], step: Step) -> tuple[Mat, Vec]:
     if step.shift is not None:
         shift = add(shift, apply(rotation, step.shift))
     return (rotation if step.rotation is None else product(rotation, step.rotation)), shift
-
-
-def product(left: Mat, right: Mat) -> Mat:
-    """Matrix product."""
-    columns = transposed(right)
-    return transposed((apply(left, columns[0]), apply(left, columns[1]), apply(left, columns[2])))
-
-
-def _base(program: Program) -> tuple[Mat, Vec]:
-    zero, one = program.zero, program.one
-    return ((one, zero, zero), (zero, one, zero), (zero, zero, one)), (zero, zero, zero)

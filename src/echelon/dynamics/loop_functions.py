@@ -56,11 +56,6 @@ def constraint_forces(mechanism: Mechanism, _pivots: Sequence[int]) -> Function:
 
     Components that redundant constraints leave undetermined are left out.  Base parameters do not determine the others:
     they are functions of all standard parameters.
-
-    Raises
-    ------
-    InputError
-        If the mechanism has no loops, or none of them determines a component.
     """
     _motion(mechanism, "constraint_forces")
     recorded = RecordedOutputs(mechanism, range(len(mechanism.parameters)), dependent=True)
@@ -124,22 +119,7 @@ def motion_function(
     meaning: str,
     units: tuple[str, ...] = (),
 ) -> Function:
-    """A function of positions, and perhaps independent velocities and accelerations.
-
-    Parameters
-    ----------
-    name : str
-    motion : DependentMotion
-    values : sequence of Scalar
-        The results.
-    labels : tuple of str
-        Names of the results.
-    arguments : str
-        Those of ``q qd qdd`` that it takes.
-    meaning : str
-    units : tuple of str
-        SI units of the results.
-    """
+    """A function of positions, and perhaps independent velocities and accelerations."""
     entries: dict[Index, int] = {(k,): value.node for k, value in enumerate(values) if not value.is_zero}
     make = Arguments(motion.mechanism, motion.program, {})
     made = make.of([*arguments.split(), "symbols"], entries.values())

@@ -6,11 +6,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 
 from echelon.dynamics.arguments import parameter_input, row_names
-from echelon.dynamics.composite import efforts_at_rest, mass_matrix_of_freedoms
-from echelon.dynamics.frames import reframed
-from echelon.dynamics.grouping import grouped_inertias
-from echelon.dynamics.recursion import Recursion
-from echelon.dynamics.slopes import by_quaternion, effort_slopes
+from echelon.dynamics.composite import efforts_at_rest, mass_matrix
+from echelon.dynamics.derivatives import by_quaternion, effort_derivatives
+from echelon.dynamics.recursion import ForwardPass, efforts
+from echelon.dynamics.reframing import grouped_inertias, reframed
 from echelon.errors import InputError
 from echelon.inertia.spatial import Array
 from echelon.mechanism.effect import Side
@@ -29,29 +28,7 @@ Index = tuple[int, ...]
 
 
 class RecordedOutputs:
-    """Records outputs on a program of its own.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    pivots : sequence of int
-        Columns of the regressor that belong to parameters; all other columns' parameters are zero.
-    sums : bool
-        Whether to use sums of angles, see :mod:`echelon.dynamics.recursion`.
-    dependent : bool
-        With loops, record the forces of the tree at the dependent coordinates instead of outputs, in terms of standard
-        parameters.
-
-    Attributes
-    ----------
-    program : Program
-    parameters : mapping of str to str
-        Names and units of the parameters.
-    names : tuple of str
-        Of the rows.
-    dependent_motion : DependentMotion or None
-        Of a mechanism with loops.
-    """
+    """Records outputs on a program of its own."""
 
     def __init__(self, mechanism: Mechanism, pivots: Sequence[int], sums: bool = True, dependent: bool = False) -> None:
         columns = mechanism.columns
@@ -79,44 +56,26 @@ class RecordedOutputs:
     # -- parts -------------------------------------------------------------------------------------------------
 
     def inertial(self, gravity: bool, *still: str) -> list[Scalar]:
-        """Forces of the bodies' inertia, with or without gravity.
-
-        Parameters
-        ----------
-        gravity : bool
-        *still : str
-            ``"qd"`` or ``"qdd"`` where velocities or accelerations, with loops the independent ones, are zero.
-
-        Returns
-        -------
-        list of Scalar
-            One for each row.
-        """
-        recorder, recursion = self._recursion(*still)
-        return self._rows(recursion.efforts(self._inertias, recorder.gravity() if gravity else recorder.zeros))
+        """Forces of the bodies' inertia, with or without gravity."""
+        return self._rows(efforts(self._inertias, self._motion(*still, gravity=gravity)))
 
     def weight(self) -> list[Scalar]:
         """Forces that hold the bodies' weight at rest, one for each row."""
-        recorder, recursion = self._recursion("qd", "qdd")
-        mechanism = self._reframed.mechanism
-        return self._rows(efforts_at_rest(mechanism, recorder, recursion, self._inertias, recorder.gravity()))
+        return self._rows(efforts_at_rest(self._inertias, self._motion("qd", "qdd")))
 
     def inertial_mass(self) -> dict[Index, Scalar]:
         """Derivatives of the inertial forces by the accelerations, by row and column."""
-        recorder, recursion = self._recursion("qd", "qdd")
-        return self._outer(mass_matrix_of_freedoms(self._reframed.mechanism, recorder, recursion, self._inertias))
+        return self._outer(mass_matrix(self._inertias, self._motion("qd", "qdd", gravity=False)))
 
-    def inertial_slopes(self) -> dict[Index, Scalar]:
+    def inertial_derivatives(self) -> dict[Index, Scalar]:
         """Derivatives of the inertial forces by row and column; columns are positions, then velocities."""
         mechanism = self._reframed.mechanism
         if mechanism.closures:
-            return self._slopes_in_loops(self.inertial(True))
+            return self._derivatives_in_loops(self.inertial(True))
         if not all(coupling.is_linear for coupling in mechanism.couplings):
-            return self._slopes_on_sphere(self.inertial(True))
-        recorder, recursion = self._recursion()
-        by_angle, by_rate = map(
-            self._outer, effort_slopes(mechanism, recorder, recursion, self._inertias, recorder.gravity())
-        )
+            return self._derivatives_on_sphere(self.inertial(True))
+        inertias, state = self._inertias, self._motion()
+        by_angle, by_rate = map(self._outer, effort_derivatives(inertias, state))
         found: dict[Index, Scalar] = {}
         for row in range(len(self._motions)):
             slopes: list[Scalar] = []
@@ -125,17 +84,17 @@ class RecordedOutputs:
                 own = [by_angle[row, place + k] for k in range(len(motion.velocities))]
                 place += len(own)
                 ball = motion.kind is MotionKind.BALL
-                slopes += by_quaternion(recorder.coordinates[motion.name].position, own) if ball else own
+                slopes += by_quaternion(state.recorder.coordinates[motion.name].position, own) if ball else own
             slopes += [by_rate[row, k] for k in range(place)]
             found |= {(row, column): slope for column, slope in enumerate(slopes)}
         return found
 
-    def effect_slopes(self) -> dict[Index, Scalar]:
+    def effect_derivatives(self) -> dict[Index, Scalar]:
         """Derivatives of the forces of effects by the state."""
         forces = self.effects()
-        return self._slopes_in_loops(forces) if self.mechanism.closures else self._slopes(forces)
+        return self._derivatives_in_loops(forces) if self.mechanism.closures else self._derivatives(forces)
 
-    def _slopes_in_loops(self, forces: Sequence[Scalar]) -> dict[Index, Scalar]:
+    def _derivatives_in_loops(self, forces: Sequence[Scalar]) -> dict[Index, Scalar]:
         """The same, along the motions of the independent coordinates."""
         assert self.dependent_motion is not None
         program, free = self.program, self.mechanism.independent_velocities
@@ -150,19 +109,19 @@ class RecordedOutputs:
             for row in range(len(forces))
         }
 
-    def _slopes(self, forces: Sequence[Scalar]) -> dict[Index, Scalar]:
+    def _derivatives(self, forces: Sequence[Scalar]) -> dict[Index, Scalar]:
         """Derivatives by the state, by row and column."""
         program = self.program
         inputs = [program.input(name).node for name in self.state]
         slopes = derivatives(program, [force.node for force in forces], inputs)
         return {index: Scalar(program, node) for index, node in slopes.items()}
 
-    def _slopes_on_sphere(self, forces: Sequence[Scalar]) -> dict[Index, Scalar]:
+    def _derivatives_on_sphere(self, forces: Sequence[Scalar]) -> dict[Index, Scalar]:
         """The same, with those by unit quaternions along the unit sphere: less what they have along it.
 
         Forces that dependent joints pass on with ratios that vary need it; those of constant ratios come cheaper.
         """
-        program, found = self.program, self._slopes(forces)
+        program, found = self.program, self._derivatives(forces)
         for motion in (m for m in self.mechanism.motions if m.kind is MotionKind.BALL):
             columns = [self.mechanism.positions.index(name) for name in motion.positions]
             quaternion = [program.input(f"q[{name}]") for name in motion.positions]
@@ -199,13 +158,7 @@ class RecordedOutputs:
         return totals
 
     def effect_inertia(self) -> dict[Index, Scalar]:
-        """Derivatives of the effects' forces by the accelerations, by row and column.
-
-        Raises
-        ------
-        InputError
-            If an effect is not linear in the accelerations.
-        """
+        """Derivatives of the effects' forces by the accelerations, by row and column."""
         program, total = self.program, dict[Index, Scalar]()
         inputs = [program.input(f"qdd[{name}]").node for name in self.mechanism.independent_velocities]
         for name, row, force in self._effect_terms():
@@ -240,10 +193,10 @@ class RecordedOutputs:
             return self.dependent_motion.given(*still)
         return {f"{kind}[{name}]": self.program.zero for kind in still for name in self.mechanism.velocities}
 
-    def _recursion(self, *still: str) -> tuple[Recorder, Recursion]:
-        mechanism = self._reframed.mechanism
-        recorder = Recorder(mechanism, self.program, self._given(*still))
-        return recorder, Recursion(mechanism, recorder, Probes(mechanism, recorder), self._sums)
+    def _motion(self, *still: str, gravity: bool = True) -> ForwardPass:
+        recorder = Recorder(self._reframed.mechanism, self.program, self._given(*still))
+        base = recorder.gravity() if gravity else recorder.zeros
+        return ForwardPass(recorder, Probes(recorder.mechanism, recorder), base, sums=self._sums)
 
     def _rows(self, efforts: Mapping[str, Scalar]) -> list[Scalar]:
         """Outputs that read efforts of freedoms."""

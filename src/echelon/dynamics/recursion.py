@@ -9,215 +9,196 @@ Rotations about parallel axes that follow each other turn by the sum of their an
 goes between the frame before the first of them and the frame behind any of them in one turn.  That frame's vectors are
 often simple, as behind a vertical first axis.  The sum's sine and cosine follow from those of its parts, which are
 needed anyway, in six operations; a new pair costs as much as fifty.
+
+With the pseudo-inertia [[Σ, h], [hᵀ, m]] of a body and U = ω̂̇ + ω̂², the force that its motion needs is m a + U h and the
+moment h × a + vee(U Σ).  The entries of U are at hand from the motion of the next body's origin.  What vanishes or is
+uniform is used: each component of the moment has a pair of terms that can be written with Σ and U, or with the inertia
+tensor, ω̇ and ω ωᵀ.
+
+This recursion has nothing in common with the one that certificates rest on (:mod:`echelon.regressor.virtual_power`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
-from echelon.dynamics.wrenches import Kinematics, Wrench, body_wrench
 from echelon.inertia.spatial import Array
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.joint import Step as Described
-from echelon.mechanism.mechanism import GROUND, Mechanism
-from echelon.program.tape import Scalar
+from echelon.mechanism.mechanism import GROUND
+from echelon.program.scalar import Scalar
 from echelon.regressor.probes import Probes
-from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, scale, transposed
-from echelon.regressor.steps import Freedom, Recorder, Step, into_frame
+from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, identity, product, scale, transposed
+from echelon.regressor.steps import Freedom, Recorder, Step, backward, forward, into_frame
+
+Wrench = tuple[Vec, Vec]
+"""Moment about the frame's origin and force."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameMotion:
+    """How a frame moves, in its own axes; another frame is another object, even if it moves alike."""
+
+    angular: Vec  # angular velocity and acceleration
+    angular_rate: Vec  # angular velocity and acceleration
+    linear: Vec  # acceleration of the origin, minus gravity
+    # an axis, and what the field has across it in the axis's column, where a simpler form than the sum is known
+    along: tuple[int, Vec] | None = None
+
+    @cached_property
+    def products(self) -> Mat:
+        """ω ωᵀ."""
+        x, y, z = self.angular
+        return (scale(self.angular, x), scale(self.angular, y), scale(self.angular, z))
+
+    @cached_property
+    def field(self) -> Mat:
+        """U = ω̂̇ + ω̂²: the point at r accelerates by U r against the origin."""
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.products
+        dx, dy, dz = self.angular_rate
+        rows = [[-(yy + zz), xy - dz, xz + dy], [xy + dz, -(xx + zz), yz - dx], [xz - dy, yz + dx, -(xx + yy)]]
+        if self.along is not None:
+            axis, column = self.along
+            for k in range(3):
+                rows[k][axis] = rows[k][axis] if k == axis else column[k]
+        (a, b, c), (d, e, f), (g, h, i) = rows
+        return ((a, b, c), (d, e, f), (g, h, i))
 
 
 @dataclass(frozen=True)
-class Turn:
-    """Rotations about parallel axes.
+class ParallelRotations:
+    """Rotations about parallel axes."""
 
-    Attributes
-    ----------
-    start : Kinematics
-        Before the first of them.
-    axis : int
-        Coordinate axis of that frame.
-    cosine, sine : Scalar
-        Of the sum of the angles.
-    rate : Scalar
-        Sum of the rates.
-    fixed : 3 × 3 of Scalar
-        The frame's axes in the turned frame.
-    count : int
-        Number of rotations.
-    """
-
-    start: Kinematics
-    axis: int
-    cosine: Scalar
+    start: FrameMotion  # before the first of them
+    axis: int  # coordinate axis of that frame
+    cosine: Scalar  # of the sum of the angles
     sine: Scalar
-    rate: Scalar
-    fixed: Mat
-    count: int = 1
+    rate: Scalar  # sum of the rates
+    fixed: Mat  # the current frame's axes in the frame behind the rotations
+    count: int = 1  # number of rotations
 
 
 @dataclass(frozen=True)
-class Passage:
-    """A step that was taken, and how the frames before and behind it move.
-
-    Attributes
-    ----------
-    step : Step
-    start, end : Kinematics
-    turn : Turn, optional
-        What a rotation has continued.
-    rotation : 3 × 3 of Scalar, optional
-        The turn's whole rotation.
-    axis : int
-        The rotation's coordinate axis.
-    """
+class Transform:
+    """A step that was taken, and how the frames before and behind it move."""
 
     step: Step
-    start: Kinematics
-    end: Kinematics
-    turn: Turn | None = None
-    rotation: Mat | None = None
-    axis: int = 0
+    start: FrameMotion
+    end: FrameMotion
+    parallel: ParallelRotations | None = None  # those that a rotation has continued
+    rotation: Mat | None = None  # of all of them together
+    axis: int = 0  # the rotation's coordinate axis
+
+
+# -- forward -----------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Place:
-    """How a frame moves, and the turn that it has made last."""
+class _Frame:
+    """How a frame moves, and the parallel rotations just before it."""
 
-    motion: Kinematics
-    turn: Turn | None
+    motion: FrameMotion
+    parallel: ParallelRotations | None
 
 
-class Recursion:
-    """Newton–Euler on one mechanism.
+class ForwardPass:
+    """The motion of all frames, those of sensors included.
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-    recorder : Recorder
-        Of the coordinates and their rates.
-    probes : Probes
-        The sensors.
-    sums : bool
-        Whether to use sums of angles.
+    Rotations about parallel axes are taken together if ``sums`` says so; gravity is that of the base frame, m/s².
     """
 
-    def __init__(self, mechanism: Mechanism, recorder: Recorder, probes: Probes, sums: bool) -> None:
-        self._mechanism, self._recorder, self._probes = mechanism, recorder, probes
+    def __init__(self, recorder: Recorder, probes: Probes, gravity: Vec, *, sums: bool = False) -> None:
+        self.recorder, self.mechanism, self._probes = recorder, recorder.mechanism, probes
         self._sums = sums and not probes.names  # a sensor reads all of the moment on its way
-        self._passages: dict[int, list[Passage]] = {}
-
-    def efforts(self, inertias: Mapping[int, Array], gravity: Vec) -> dict[str, Scalar]:
-        """Generalised force of every freedom: velocity coordinates of the tree and sensors.
-
-        Parameters
-        ----------
-        inertias : mapping of int to array of shape (4, 4) of Scalar
-            Pseudo-inertias of the bodies that have some.
-        gravity : 3 of Scalar
-            In the base frame, m/s².
-        """
-        zeros, bodies = self._recorder.zeros, self._mechanism.bodies
-        places = self._forward(gravity)
-        wrenches: dict[int, Wrench] = dict.fromkeys(range(GROUND, len(bodies)), (zeros, zeros))
-        for index, inertia in inertias.items():
-            wrenches[index] = body_wrench(places[index].motion, inertia)
-        down = Descent(zeros)
-        for index in reversed(range(GROUND, len(bodies))):
-            moment, force = down.carry(self._passages[index], wrenches[index])
-            if index != GROUND:
-                parent = bodies[index].parent
-                wrenches[parent] = (add(wrenches[parent][0], moment), add(wrenches[parent][1], force))
-        return down.efforts
-
-    def passages(self, gravity: Vec) -> tuple[dict[int, list[Passage]], dict[int, Kinematics]]:
-        """Steps from the parent's frame to every body's, those of sensors included, and the bodies' motion."""
-        places = self._forward(gravity)
-        return self._passages, {index: place.motion for index, place in places.items()}
-
-    # -- forward ------------------------------------------------------------------------------------------------------
-
-    def _forward(self, gravity: Vec) -> dict[int, Place]:
+        self.transforms: dict[int, list[Transform]] = {}  # from the parent's frame to every body's
         gx, gy, gz = gravity
-        zeros = self._recorder.zeros
-        places = {GROUND: Place(Kinematics(zeros, zeros, (-gx, -gy, -gz)), None)}
-        for index, body in enumerate(self._mechanism.bodies):
-            place, passages = places[body.parent], []
-            for described, step in zip(body.joint.steps, self._recorder.steps(index), strict=True):
-                place, passage = self._advanced(place, described, step)
-                passages.append(passage)
-            before = self._sensed(places[body.parent], self._probes.steps(index, on_parent=True))
-            behind = self._sensed(place, self._probes.steps(index, on_parent=False))
-            places[index], self._passages[index] = place, [*before, *passages, *behind]
-        self._passages[GROUND] = self._sensed(places[GROUND], self._probes.steps(GROUND, on_parent=False))
-        return places
+        ground = _Frame(FrameMotion(recorder.zeros, recorder.zeros, (-gx, -gy, -gz)), None)
+        frames = forward(self.mechanism, ground, self._body)
+        self.transforms[GROUND] = self._sensed(ground, probes.steps(GROUND, on_parent=False))
+        self.motions = {index: frame.motion for index, frame in frames.items()}
 
-    def _sensed(self, place: Place, steps: Sequence[Step]) -> list[Passage]:
+    def _body(self, parent: _Frame, index: int) -> _Frame:
+        """The frame of a body, from that of its parent."""
+        frame, own = parent, []
+        described = self.mechanism.bodies[index].joint.steps
+        for part, step in zip(described, self.recorder.steps(index), strict=True):
+            frame, transform = self._advanced(frame, part, step)
+            own.append(transform)
+        before = self._sensed(parent, self._probes.steps(index, on_parent=True))
+        behind = self._sensed(frame, self._probes.steps(index, on_parent=False))
+        self.transforms[index] = [*before, *own, *behind]
+        return frame
+
+    def _sensed(self, frame: _Frame, steps: Sequence[Step]) -> list[Transform]:
         """Steps into the frames of sensors and back, on which nothing moves."""
         found = []
         for step in steps:
-            place, passage = self._advanced(place, None, step)
-            found.append(passage)
+            frame, transform = self._advanced(frame, None, step)
+            found.append(transform)
         return found
 
-    def _advanced(self, place: Place, described: Described | None, step: Step) -> tuple[Place, Passage]:
-        start = now = place.motion
-        turn = place.turn
+    def _advanced(self, frame: _Frame, described: Described | None, step: Step) -> tuple[_Frame, Transform]:
+        start = now = frame.motion
+        parallel = frame.parallel
         if step.shift is not None:
-            now = Kinematics(now.angular, now.angular_rate, add(now.linear, apply(now.field, step.shift)))
+            now = FrameMotion(now.angular, now.angular_rate, add(now.linear, apply(now.field, step.shift)))
         if isinstance(described, Motion) and described.kind is MotionKind.ROTATION:
-            return self._turned(now, turn, described, step)
+            return self._rotated(now, parallel, described, step)
         if step.rotation is not None:
             angular, angular_rate, linear = (into_frame(step, v) for v in (now.angular, now.angular_rate, now.linear))
-            now = Kinematics(angular, angular_rate, linear)
+            now = FrameMotion(angular, angular_rate, linear)
         before = now.angular
         for freedom in step.freedoms:
             now = _moved(now, before, freedom)
-        if turn is not None and step.rotation is not None:
-            turn = None if step.freedoms else replace(turn, fixed=_product(turn.fixed, step.rotation))
-        return Place(now, turn), Passage(step, start, now)
+        if parallel is not None and step.rotation is not None:
+            parallel = None if step.freedoms else replace(parallel, fixed=product(parallel.fixed, step.rotation))
+        return _Frame(now, parallel), Transform(step, start, now)
 
-    def _turned(self, now: Kinematics, turn: Turn | None, motion: Motion, step: Step) -> tuple[Place, Passage]:
+    def _rotated(
+        self, now: FrameMotion, parallel: ParallelRotations | None, motion: Motion, step: Step
+    ) -> tuple[_Frame, Transform]:
         """A rotation about a coordinate axis."""
         (freedom,) = step.freedoms
         axis, sign = motion.axis, motion.sign
-        angle, program = self._recorder.coordinates[motion.name].position[0], self._recorder.program
+        angle, program = self.recorder.coordinates[motion.name].position[0], self.recorder.program
         c, s = program.cos(angle), program.sin(angle) * sign
-        way = 0 if turn is None or not self._sums else _along(turn, axis)
-        if turn is None or not way:
-            turn = Turn(now, axis, c, s, sign * freedom.rate, _identity(self._recorder))
+        way = 0 if parallel is None or not self._sums else _along(parallel, axis)
+        if parallel is None or not way:
+            parallel = ParallelRotations(now, axis, c, s, sign * freedom.rate, identity(program))
             way = 1
         else:
-            s, rate = way * s, turn.rate + way * sign * freedom.rate
-            c, s = turn.cosine * c - turn.sine * s, turn.sine * c + turn.cosine * s
-            turn = replace(turn, cosine=c, sine=s, rate=rate, count=turn.count + 1)
-        rotation = _product(self._recorder.turn(turn.axis, turn.cosine, turn.sine), turn.fixed)
-        back, unit = transposed(rotation), _with(self._recorder.zeros, axis, program.one)
-        angular, carried = apply(back, turn.start.angular), apply(back, turn.start.angular_rate)
-        angular_rate = add(carried, cross(angular, scale(unit, way * turn.rate)))
-        # points on the axis move as before the turn: where ω has no part along it, only ω̇ moves them
-        along = (axis, cross(carried, unit)) if turn.start.angular[turn.axis].is_zero else None
-        moved = Kinematics(
+            s, rate = way * s, parallel.rate + way * sign * freedom.rate
+            c, s = parallel.cosine * c - parallel.sine * s, parallel.sine * c + parallel.cosine * s
+            parallel = replace(parallel, cosine=c, sine=s, rate=rate, count=parallel.count + 1)
+        rotation = product(self.recorder.turn(parallel.axis, parallel.cosine, parallel.sine), parallel.fixed)
+        back, unit = transposed(rotation), _with(self.recorder.zeros, axis, program.one)
+        angular, carried = apply(back, parallel.start.angular), apply(back, parallel.start.angular_rate)
+        angular_rate = add(carried, cross(angular, scale(unit, way * parallel.rate)))
+        # points on the axis move as before the rotation: where ω has no part along it, only ω̇ moves them
+        along = (axis, cross(carried, unit)) if parallel.start.angular[parallel.axis].is_zero else None
+        moved = FrameMotion(
             _with(angular, axis, now.angular[axis] + sign * freedom.rate),
             _with(angular_rate, axis, now.angular_rate[axis] + sign * freedom.acceleration),
             into_frame(step, now.linear),
             along,
         )
-        return Place(moved, turn), Passage(step, now, moved, turn, rotation, axis)
+        return _Frame(moved, parallel), Transform(step, now, moved, parallel, rotation, axis)
 
 
-def _moved(now: Kinematics, before: Vec, freedom: Freedom) -> Kinematics:
+def _moved(now: FrameMotion, before: Vec, freedom: Freedom) -> FrameMotion:
     turning, sliding = scale(freedom.angular, freedom.rate), scale(freedom.linear, freedom.rate)
     coriolis = cross(before, sliding)
     rate = add(now.angular_rate, add(cross(before, turning), scale(freedom.angular, freedom.acceleration)))
     linear = add(now.linear, add(add(coriolis, coriolis), scale(freedom.linear, freedom.acceleration)))
-    return Kinematics(add(now.angular, turning), rate, linear)
+    return FrameMotion(add(now.angular, turning), rate, linear)
 
 
-def _along(turn: Turn, axis: int) -> int:
-    """1 or −1 if a coordinate axis of the frame lies along the turn's axis or its opposite, else 0."""
-    column = [row[axis].number for row in turn.fixed]
-    value = column.pop(turn.axis)
+def _along(parallel: ParallelRotations, axis: int) -> int:
+    """1 or −1 if a coordinate axis of the frame lies along the axis of parallel rotations or its opposite, else 0."""
+    column = [row[axis].number for row in parallel.fixed]
+    value = column.pop(parallel.axis)
     return int(value) if value in (1, -1) and column == [0, 0] else 0  # type: ignore[arg-type]
 
 
@@ -226,55 +207,79 @@ def _with(v: Vec, axis: int, value: Scalar) -> Vec:
     return (x, y, z)
 
 
-def _product(a: Mat, b: Mat) -> Mat:
-    columns = transposed(b)
-    return transposed((apply(a, columns[0]), apply(a, columns[1]), apply(a, columns[2])))
-
-
-def _identity(recorder: Recorder) -> Mat:
-    zero, one = recorder.program.zero, recorder.program.one
-    return ((one, zero, zero), (zero, one, zero), (zero, zero, one))
-
-
 # -- backward ----------------------------------------------------------------------------------------------------------
 
 
-class Descent:
-    """Carries wrenches back, and reads efforts.
+def efforts(inertias: Mapping[int, Array], motion: ForwardPass) -> dict[str, Scalar]:
+    """Generalised force of every freedom: velocity coordinates of the tree and sensors, from pseudo-inertias."""
+    zeros = motion.recorder.zeros
+    down = BackwardPass(zeros)
+    wrenches: dict[int, Wrench] = dict.fromkeys(motion.motions, (zeros, zeros))
+    for index, inertia in inertias.items():
+        wrenches[index] = body_wrench(motion.motions[index], inertia)
+    backward(motion.mechanism, wrenches, lambda wrench, index: down.carry(motion.transforms[index], wrench), plus)
+    return down.efforts
 
-    Attributes
-    ----------
-    efforts : dict of str to Scalar
-        Found on the way, by freedom.
-    """
+
+def plus(a: Wrench, b: Wrench) -> Wrench:
+    """The sum of two wrenches about one origin."""
+    return add(a[0], b[0]), add(a[1], b[1])
+
+
+class BackwardPass:
+    """Carries wrenches towards the ground, and reads the efforts of the freedoms on the way."""
 
     def __init__(self, zeros: Vec) -> None:
         self.efforts: dict[str, Scalar] = {}
         self._zeros = zeros
-        self._waiting: dict[Kinematics, Vec] = {}
-        """Moments across the axis of a turn, by the frame before it and in its axes."""
+        self._waiting: dict[FrameMotion, Vec] = {}
+        """Moments across the axis of parallel rotations, by the frame before these and in its axes."""
 
-    def carry(self, chain: Sequence[Passage], wrench: Wrench) -> Wrench:
-        """The wrench seen from the frame before a chain of steps."""
+    def carry(self, chain: Sequence[Transform], wrench: Wrench) -> Wrench:
+        """The wrench about the frame before a chain of steps."""
         moment, force = wrench
-        for passage in reversed(chain):
-            step = passage.step
+        for transform in reversed(chain):
+            step = transform.step
             for freedom in step.freedoms:
                 self.efforts[freedom.name] = dot(freedom.angular, moment) + dot(freedom.linear, force)
             if step.rotation is not None:
                 force = apply(step.rotation, force)
-                moment = self._turned(passage, step.rotation, moment)
+                moment = self._rotated(transform, step.rotation, moment)
             if step.shift is not None:
                 moment = add(moment, cross(step.shift, force))
         return moment, force
 
-    def _turned(self, passage: Passage, rotation: Mat, moment: Vec) -> Vec:
-        turn, zeros = passage.turn, self._zeros
-        if turn is None or passage.rotation is None:
+    def _rotated(self, transform: Transform, rotation: Mat, moment: Vec) -> Vec:
+        parallel, zeros = transform.parallel, self._zeros
+        if parallel is None or transform.rotation is None:
             return apply(rotation, moment)
-        if turn.count == 1:
-            return add(apply(rotation, moment), self._waiting.pop(turn.start, zeros))
-        across = _with(moment, passage.axis, zeros[0])
-        waiting = self._waiting.get(turn.start, zeros)
-        self._waiting[turn.start] = add(waiting, apply(passage.rotation, across))
-        return _with(zeros, passage.axis, moment[passage.axis])
+        if parallel.count == 1:
+            return add(apply(rotation, moment), self._waiting.pop(parallel.start, zeros))
+        across = _with(moment, transform.axis, zeros[0])
+        waiting = self._waiting.get(parallel.start, zeros)
+        self._waiting[parallel.start] = add(waiting, apply(transform.rotation, across))
+        return _with(zeros, transform.axis, moment[transform.axis])
+
+
+def body_wrench(at: FrameMotion, inertia: Array) -> Wrench:
+    """Wrench about the body's origin that its motion needs."""
+    first: Vec = (inertia[0, 3], inertia[1, 3], inertia[2, 3])
+    force = add(apply(at.field, first), scale(at.linear, inertia[3, 3]))
+    x, y, z = (_moment(at, inertia, *axes) for axes in ((1, 2, 0), (2, 0, 1), (0, 1, 2)))
+    return add((x, y, z), cross(first, at.linear)), force
+
+
+def _moment(at: FrameMotion, inertia: Array, i: int, j: int, k: int) -> Scalar:
+    """Component k of vee(U Σ)."""
+    u = at.field
+    mixed = (u[j][j] - u[i][i]) * inertia[i, j] + u[j][k] * inertia[i, k] - u[i][k] * inertia[j, k]
+    return sum(_pair(at, inertia, i, j, k), mixed)
+
+
+def _pair(at: FrameMotion, inertia: Array, i: int, j: int, k: int) -> list[Scalar]:
+    """U_ji Σ_ii − U_ij Σ_jj = ω̇_k (Σ_ii + Σ_jj) + ω_i ω_j (Σ_ii − Σ_jj), with as few terms as possible."""
+    u, a, b = at.field, inertia[i, i], inertia[j, j]
+    moments = [u[j][i] * a, -u[i][j] * b]
+    tensor = [at.angular_rate[k] * (a + b), at.products[i][j] * (a - b)]
+    first, second = ([term for term in form if not term.is_zero] for form in (moments, tensor))
+    return first if len(first) < len(second) else second

@@ -27,26 +27,7 @@ def function_values(
     inputs: Mapping[str, npt.ArrayLike] | None,
     loops: ClosedStates | None = None,
 ) -> Values:
-    """Values of a function's arguments, by name.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    function : Function
-    state : mapping of str to array
-        Values that are passed on: ``q``, ``qd``, ``qdd``, ``parameters``, ``standard_parameters``.
-    symbols : mapping of str to float, optional
-        Values that replace or complete those of the mechanism.
-    inputs : mapping of str to array of shape (N,), optional
-        Measured inputs, by name.
-    loops : ClosedStates, optional
-        What completes the states of a mechanism with loops.
-
-    Raises
-    ------
-    InputError
-        If a state, a symbol or a measured input is missing, or there is nothing of an input's name.
-    """
+    """Values of a function's arguments, by name."""
     values: Values = dict(state)
     arguments = {argument.name: argument for argument in function.arguments}
     for name in arguments.keys() & {*STATE, "parameters", STANDARD}:

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial, reduce
 
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.blocks import BlockRows, blocks_of
 from echelon.regressor.linear import LinearForms, column_sums
 from echelon.regressor.loops.recorded_loops import loops_of
 from echelon.regressor.spatial import Vec, add, cross, dot, scale
-from echelon.regressor.steps import Recorder, Step, into_frame
+from echelon.regressor.steps import Recorder, Step, forward, into_frame
 
 
 @dataclass(frozen=True)
@@ -34,17 +34,7 @@ class _Rates:
 
 
 def energy_form(mechanism: Mechanism) -> LinearForms:
-    """Record E(q, q̇) = kinetic + potential energy.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-
-    Returns
-    -------
-    LinearForms
-        One row; column 0 is the constant 1, column 1 + k belongs to standard parameter k.
-    """
+    """Record E(q, q̇) = kinetic + potential energy."""
     program = Program()
     recorder = Recorder(mechanism, program)
     rates = _all_rates(recorder)
@@ -61,16 +51,6 @@ def energy_changes(mechanism: Mechanism) -> BlockRows:
 
     A linear combination of columns whose energy is constant does not change either, so what these rows show to be
     independent is.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Without loops and effects.
-
-    Returns
-    -------
-    BlockRows
-        One row for each block.  Inputs of the second state are ``q'[...]`` and ``qd'[...]``.
     """
     program = Program()
     recorder = Recorder(mechanism, program)
@@ -99,10 +79,8 @@ def _entry(values: Mapping[int, Sequence[Scalar]], body: int, kind: int) -> Scal
 
 
 def _all_rates(recorder: Recorder) -> dict[int, _Rates]:
-    rates = {GROUND: _Rates(recorder.zeros, recorder.zeros, recorder.gravity(), recorder.program.zero)}
-    for index, body in enumerate(recorder.mechanism.bodies):
-        rates[index] = _advanced(rates[body.parent], recorder.steps(index))
-    return rates
+    ground = _Rates(recorder.zeros, recorder.zeros, recorder.gravity(), recorder.program.zero)
+    return forward(recorder.mechanism, ground, lambda rates, index: _advanced(rates, recorder.steps(index)))
 
 
 def _advanced(rates: _Rates, steps: Iterable[Step]) -> _Rates:

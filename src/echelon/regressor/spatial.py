@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from echelon.program.tape import Scalar
+from echelon.program.scalar import Scalar
+from echelon.program.tape import Program
 
 Vec = tuple[Scalar, Scalar, Scalar]
 Mat = tuple[Vec, Vec, Vec]
@@ -34,6 +35,18 @@ def cross(a: Vec, b: Vec) -> Vec:
 def apply(matrix: Mat, v: Vec) -> Vec:
     """Matrix times vector."""
     return (dot(matrix[0], v), dot(matrix[1], v), dot(matrix[2], v))
+
+
+def product(left: Mat, right: Mat) -> Mat:
+    """Matrix product."""
+    columns = transposed(right)
+    return transposed((apply(left, columns[0]), apply(left, columns[1]), apply(left, columns[2])))
+
+
+def identity(program: Program) -> Mat:
+    """The unit matrix."""
+    zero, one = program.zero, program.one
+    return ((one, zero, zero), (zero, one, zero), (zero, zero, one))
 
 
 def transposed(matrix: Mat) -> Mat:

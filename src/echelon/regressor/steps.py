@@ -6,36 +6,29 @@ its rate and acceleration, so that the recursions need no case distinction by jo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import TypeVar
 
 from echelon.mechanism.joint import Motion, MotionKind
-from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.placement import Placement
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.spatial import Mat, Vec, apply, transposed
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True)
 class Freedom:
-    """One velocity coordinate of a step.
+    """One velocity coordinate of a step."""
 
-    Attributes
-    ----------
-    name : str
-        Velocity coordinate.
-    angular, linear : 3 of Scalar
-        Direction of the angular and linear velocity that it causes, in the moved frame's axes.
-    rate, acceleration : Scalar
-        Its velocity and acceleration.
-    """
-
-    name: str
-    angular: Vec
-    linear: Vec
-    rate: Scalar
-    acceleration: Scalar
+    name: str  # velocity coordinate
+    angular: Vec  # direction of the angular and linear velocity that it causes, in the moved frame's axes
+    linear: Vec  # direction of the angular and linear velocity that it causes, in the moved frame's axes
+    rate: Scalar  # its velocity and acceleration
+    acceleration: Scalar  # its velocity and acceleration
 
 
 @dataclass(frozen=True)
@@ -57,22 +50,7 @@ class Coordinates:
 
 
 class Recorder:
-    """Writes a mechanism's coordinates and steps onto a program.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    program : Program
-    given : mapping of str to Scalar, optional
-        Values that stand in for inputs, by the input's name: ``{"qdd[j1]": program.zero}``.
-
-    Attributes
-    ----------
-    coordinates : mapping of str to Coordinates
-        Of every motion, by name.
-    slopes : mapping of str to mapping of str to Scalar
-        For every dependent coordinate, its derivatives by the independent ones that it follows.
-    """
+    """Writes a mechanism's coordinates and steps onto a program."""
 
     def __init__(self, mechanism: Mechanism, program: Program, given: Mapping[str, Scalar] | None = None) -> None:
         self.mechanism, self.program, self._given = mechanism, program, given or {}
@@ -184,6 +162,26 @@ class Recorder:
             for k, name in enumerate(motion.velocities)
         )
         return Step(rotation, None, freedoms)
+
+
+def forward(mechanism: Mechanism, ground: T, behind: Callable[[T, int], T]) -> dict[int, T]:
+    """A quantity of every body's frame, each from that of its parent: ``behind(of parent, body)``."""
+    found = {GROUND: ground}
+    for index, body in enumerate(mechanism.bodies):
+        found[index] = behind(found[body.parent], index)
+    return found
+
+
+def backward(mechanism: Mechanism, own: dict[int, T], before: Callable[[T, int], T], plus: Callable[[T, T], T]) -> None:
+    """Sums of a quantity over all that is behind each body, from the tips to the ground, in place of each body's own.
+
+    ``before(sum, body)`` is the sum as seen from the parent's frame.
+    """
+    for index in reversed(range(GROUND, len(mechanism.bodies))):
+        moved = before(own[index], index)
+        if index != GROUND:
+            parent = mechanism.bodies[index].parent
+            own[parent] = plus(own[parent], moved)
 
 
 def _positive(x: Scalar) -> Scalar:

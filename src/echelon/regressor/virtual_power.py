@@ -1,5 +1,10 @@
 """The regressor y = X(q, q̇, q̈) ζ of the measured outputs, by virtual power.
 
+A forward recursion finds the angular velocity, angular acceleration and linear acceleration (minus gravity) of every
+body, in its own axes; from them follows the wrench about the body's origin that a unit of each of its ten standard
+parameters needs.  Certificates rest on this recursion.  It is separate on purpose from that of the energy rows, which
+find what is certified, and from that of the inverse dynamics (:mod:`echelon.dynamics.recursion`).
+
 In a virtual motion u of the measured freedoms, uᵀ X ζ is the power of the bodies' inertial wrenches and of the effects
 (Jourdain's principle).  With u a unit vector it is a row of X: the wrench that a unit of each parameter needs meets the
 twist that the freedom gives to the parameter's body.  (To carry every wrench back to every freedom takes half as many
@@ -10,12 +15,13 @@ O(bodies · depth).  So X · N = 0 and the rank of X can be checked on X itself 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
 
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.symbol_values import known_values
 from echelon.program.tape import Program, Scalar
-from echelon.regressor.accelerations import Wrench, forward_accelerations, unit_wrenches
 from echelon.regressor.blocks import FEW_COLUMNS, BlockRows, blocks_of
 from echelon.regressor.effects import EffectRecorder
 from echelon.regressor.linear import LinearForms, column_sums
@@ -23,30 +29,17 @@ from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.regressor.loops.recorded_loops import loops_of
 from echelon.regressor.probes import Probes, VirtualMotion, any_motion, motion_of_joints, virtual_motion
 from echelon.regressor.spatial import Vec, add, cross, dot, scale
-from echelon.regressor.steps import Recorder, Step, into_frame
+from echelon.regressor.steps import Recorder, Step, forward, into_frame
 
 Twist = tuple[Vec, Vec]
 """Angular velocity and linear velocity of the frame's origin, in the frame's axes."""
 
+Wrench = tuple[Vec, Vec]
+"""Moment about the frame's origin and force, in the frame's axes."""
+
 
 def inverse_dynamics_regressor(mechanism: Mechanism, columns: Sequence[int] | None = None) -> LinearForms:
-    """Record X with y = X ζ.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    columns : sequence of int, optional
-        Columns to record, in the order they shall have; all if omitted.
-
-    Returns
-    -------
-    LinearForms
-        Rows are ``mechanism.outputs`` (N·m or N), columns ``mechanism.parameters``; entries go column by column, which
-        is the order in which intermediate values are soonest done with.  Inputs are ``q[...]``, ``qd[...]``,
-        ``qdd[...]``, the geometry symbols, and ``i[...]`` where effects use measured inputs.  With loops, velocities
-        and accelerations are those of the independent coordinates, and positions must be closed.
-
-    """
+    """Record X with y = X ζ."""
     program = Program()
     closed = DependentMotion(mechanism, program) if mechanism.closures else None
     recorded = _RecordedPowers(mechanism, program, closed.given() if closed else None)
@@ -66,19 +59,7 @@ def inverse_dynamics_regressor(mechanism: Mechanism, columns: Sequence[int] | No
 
 
 def virtual_power_form(mechanism: Mechanism) -> LinearForms:
-    """Record uᵀ X(q, q̇, q̈).
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-
-    Returns
-    -------
-    LinearForms
-        One row with columns ``mechanism.parameters``.  Inputs are ``u[...]`` for every output beside those of
-        :func:`inverse_dynamics_regressor`; with loops, also ``v[...]`` for the freedoms that the outputs do not
-        determine, or for all if every force is measured.
-    """
+    """Record uᵀ X(q, q̇, q̈)."""
     recorded = _RecordedPowers(mechanism)
     program, recorder, probes = recorded.program, recorded.recorder, recorded.probes
     if mechanism.closures and mechanism.measures_every_force:
@@ -112,17 +93,7 @@ def _block_powers(recorded: _RecordedPowers) -> BlockRows:
 
 
 def power_form(mechanism: Mechanism) -> LinearForms:
-    """Record the power of the forces of all independent coordinates, q̇ᵀ X(q, q̇, q̈).
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-
-    Returns
-    -------
-    LinearForms
-        One row with columns ``mechanism.parameters``.
-    """
+    """Record the power of the forces of all independent coordinates, q̇ᵀ X(q, q̇, q̈)."""
     recorded = _RecordedPowers(mechanism)
     motion = any_motion(mechanism, recorded.recorder, "qd")
     powers = recorded.powers(motion, range(len(mechanism.parameters)))
@@ -141,8 +112,8 @@ class _RecordedPowers:
         self.recorder = Recorder(mechanism, self.program, given)
         self.probes = Probes(mechanism, self.recorder)
         self._steps = {index: self.recorder.steps(index) for index in range(len(mechanism.bodies))}
-        accelerations = forward_accelerations(mechanism, self.recorder, self._steps)
-        self._wrenches = {index: unit_wrenches(accelerations[index], self.program) for index in mechanism.first_column}
+        accelerations = _all_accelerations(self.recorder, self._steps)
+        self._wrenches = {index: _unit_wrenches(accelerations[index], self.program) for index in mechanism.first_column}
         effects = EffectRecorder(mechanism, self.recorder)
         self._effects = [effects.forces(effect) for effect in mechanism.effects]
         self._first_effect = len(mechanism.parameters) - len(self._effects)
@@ -185,6 +156,9 @@ class _RecordedPowers:
         return total
 
 
+# -- virtual motions ---------------------------------------------------------------------------------------------------
+
+
 def _twists(
     mechanism: Mechanism,
     recorder: Recorder,
@@ -220,3 +194,65 @@ def _advance(twist: Twist, step: Step, motion: VirtualMotion) -> Twist:
 
 def _power(twist: Twist, wrench: Wrench) -> Scalar:
     return dot(twist[0], wrench[0]) + dot(twist[1], wrench[1])
+
+
+# -- accelerations and wrenches ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Accelerations:
+    """Angular velocity, angular acceleration, and linear acceleration of the origin minus gravity."""
+
+    angular: Vec
+    angular_rate: Vec
+    linear: Vec
+
+
+def _all_accelerations(recorder: Recorder, steps: Mapping[int, Sequence[Step]]) -> dict[int, _Accelerations]:
+    """Accelerations of every body, by index; the ground has those that gravity stands for."""
+    gx, gy, gz = recorder.gravity()
+    ground = _Accelerations(recorder.zeros, recorder.zeros, (-gx, -gy, -gz))
+    return forward(recorder.mechanism, ground, lambda now, index: reduce(_accelerated, steps[index], now))
+
+
+def _accelerated(now: _Accelerations, step: Step) -> _Accelerations:
+    linear = now.linear
+    if step.shift is not None:
+        swing = add(cross(now.angular_rate, step.shift), cross(now.angular, cross(now.angular, step.shift)))
+        linear = add(linear, swing)
+    before = into_frame(step, now.angular)
+    angular, angular_rate, linear = before, into_frame(step, now.angular_rate), into_frame(step, linear)
+    for freedom in step.freedoms:
+        turning, sliding = scale(freedom.angular, freedom.rate), scale(freedom.linear, freedom.rate)
+        angular = add(angular, turning)
+        angular_rate = add(angular_rate, add(cross(before, turning), scale(freedom.angular, freedom.acceleration)))
+        coriolis = cross(before, sliding)
+        linear = add(linear, add(add(coriolis, coriolis), scale(freedom.linear, freedom.acceleration)))
+    return _Accelerations(angular, angular_rate, linear)
+
+
+def _unit_wrenches(at: _Accelerations, program: Program) -> list[Wrench]:
+    """Wrench about the body's origin needed by a unit of each of XX … M."""
+    zero, one = program.zero, program.one
+    zeros: Vec = (zero, zero, zero)
+    wrenches: list[Wrench] = []
+    for i in range(3):
+        for j in range(i, 3):
+            rate = _symmetric_unit(i, j, at.angular_rate, zero)
+            momentum = _symmetric_unit(i, j, at.angular, zero)
+            wrenches.append((add(rate, cross(at.angular, momentum)), zeros))
+    for k in range(3):
+        x, y, z = (one if k == axis else zero for axis in range(3))
+        unit: Vec = (x, y, z)
+        force = add(cross(at.angular_rate, unit), cross(at.angular, cross(at.angular, unit)))
+        wrenches.append((cross(unit, at.linear), force))
+    wrenches.append((zeros, at.linear))
+    return wrenches
+
+
+def _symmetric_unit(i: int, j: int, v: Vec, zero: Scalar) -> Vec:
+    """E v, where E is the symmetric matrix with ones at (i, j) and (j, i)."""
+    entries = [zero, zero, zero]
+    entries[i] = v[j]
+    entries[j] = v[i]
+    return (entries[0], entries[1], entries[2])

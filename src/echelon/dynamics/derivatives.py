@@ -21,15 +21,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from echelon.dynamics.composite import Falling, before, tensor
-from echelon.dynamics.grouping import MASS
-from echelon.dynamics.recursion import Descent, Passage, Recursion
-from echelon.dynamics.wrenches import Kinematics, Wrench, body_wrench
+from echelon.dynamics.composite import CarriedWrench, inertia_before, tensor
+from echelon.dynamics.recursion import BackwardPass, ForwardPass, FrameMotion, Transform, Wrench, body_wrench, plus
+from echelon.dynamics.reframing import MASS
 from echelon.inertia.spatial import Array
-from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.program.tape import Scalar
 from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, scale
-from echelon.regressor.steps import Freedom, Recorder, into_frame
+from echelon.regressor.steps import Freedom, backward, into_frame
 
 Entries = dict[tuple[str, str], Scalar]
 """Derivatives of the effort of one freedom by the coordinate of another; zero where absent."""
@@ -40,12 +38,12 @@ class Change:
     """Changes of a frame's motion: δω, δα and δa."""
 
     spin: Vec
-    turn: Vec
+    rotation: Vec
     linear: Vec
 
 
 @dataclass(frozen=True)
-class Behind:
+class Subtree:
     """All that is behind a joint: pseudo-inertia, D, p, and the wrench that its motion needs."""
 
     pseudo: Array
@@ -60,16 +58,16 @@ class Behind:
 
     def spread_column(self, direction: Vec) -> Vec:
         """(tr D − D) e."""
-        return self._turned(direction, self.spread)
+        return self._across(direction, self.spread)
 
     def changed(self, by: Change) -> Wrench:
         """Change of the wrench."""
-        moment = apply(tensor(self.pseudo), by.turn)
-        moment = add(add(moment, self._turned(by.spin, self.spread.T)), cross(self.first, by.linear))
-        force = add(cross(by.turn, self.first), cross(by.spin, self.momentum))
+        moment = apply(tensor(self.pseudo), by.rotation)
+        moment = add(add(moment, self._across(by.spin, self.spread.T)), cross(self.first, by.linear))
+        force = add(cross(by.rotation, self.first), cross(by.spin, self.momentum))
         return moment, add(force, scale(by.linear, self.pseudo[MASS, MASS]))
 
-    def _turned(self, v: Vec, spread: Array) -> Vec:
+    def _across(self, v: Vec, spread: Array) -> Vec:
         rows: list[Vec] = []
         for k in range(3):
             i, j = (k + 1) % 3, (k + 2) % 3
@@ -78,14 +76,13 @@ class Behind:
             rows.append((row[0], row[1], row[2]))
         return apply((rows[0], rows[1], rows[2]), v)
 
-    def plus(self, other: Behind) -> Behind:
+    def plus(self, other: Subtree) -> Subtree:
         """Both together, about one origin."""
-        wrench = add(self.wrench[0], other.wrench[0]), add(self.wrench[1], other.wrench[1])
-        momentum = add(self.momentum, other.momentum)
-        return Behind(self.pseudo + other.pseudo, self.spread + other.spread, momentum, wrench)
+        wrench, momentum = plus(self.wrench, other.wrench), add(self.momentum, other.momentum)
+        return Subtree(self.pseudo + other.pseudo, self.spread + other.spread, momentum, wrench)
 
 
-def body_behind(at: Kinematics, pseudo: Array) -> Behind:
+def body_subtree(at: FrameMotion, pseudo: Array) -> Subtree:
     """One body alone."""
     x, y, z = at.angular
     zero = x * 0
@@ -93,43 +90,29 @@ def body_behind(at: Kinematics, pseudo: Array) -> Behind:
     rows = [[2 * pseudo[i, j] for j in range(3)] for i in range(3)]
     spread = np.array([apply(hat, (row[0], row[1], row[2])) for row in rows], dtype=object)
     first: Vec = (2 * pseudo[0, MASS], 2 * pseudo[1, MASS], 2 * pseudo[2, MASS])
-    return Behind(pseudo, spread, cross(at.angular, first), body_wrench(at, pseudo))
+    return Subtree(pseudo, spread, cross(at.angular, first), body_wrench(at, pseudo))
 
 
-def effort_slopes(
-    mechanism: Mechanism, recorder: Recorder, recursion: Recursion, inertias: Mapping[int, Array], gravity: Vec
-) -> tuple[Entries, Entries]:
-    """Derivatives of every effort by the positions and by the velocities of all freedoms.
+def effort_derivatives(inertias: Mapping[int, Array], motion: ForwardPass) -> tuple[Entries, Entries]:
+    """Derivatives of every effort by the positions and by the velocities of all freedoms, from pseudo-inertias.
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-    recorder : Recorder
-        Of the coordinates.
-    recursion : Recursion
-        Knows the steps between the bodies.
-    inertias : mapping of int to array of shape (4, 4) of Scalar
-        Pseudo-inertias.
-    gravity : 3 of Scalar
-
-    Returns
-    -------
-    (Entries, Entries)
-        The position of a ball's freedom is the angle of a further turn about its axis of the moved frame.
+    The position of a ball's freedom is the angle of a further rotation about its axis of the moved frame.
     """
-    zeros, zero = recorder.zeros, recorder.program.zero
-    bodies, (passages, motions) = mechanism.bodies, recursion.passages(gravity)
-    empty = Behind(np.full((4, 4), zero), np.full((3, 3), zero), zeros, (zeros, zeros))
-    loads = {i: body_behind(motions[i], inertias[i]) if i in inertias else empty for i in range(GROUND, len(bodies))}
+    zeros, zero = motion.recorder.zeros, motion.recorder.program.zero
+    empty = Subtree(np.full((4, 4), zero), np.full((3, 3), zero), zeros, (zeros, zeros))
     sweep = _Sweep(zeros)
-    items: dict[int, list[_Item]] = {index: [] for index in loads}
-    for index in reversed(range(GROUND, len(bodies))):
-        load, carried = loads[index], items[index]
-        for passage in reversed(passages[index]):
-            load = sweep.passed(passage, load, carried)
-        if index != GROUND:
-            loads[bodies[index].parent] = loads[bodies[index].parent].plus(load)
-            items[bodies[index].parent] += carried
+
+    def before(behind: tuple[Subtree, list[_Item]], index: int) -> tuple[Subtree, list[_Item]]:
+        subtree, items = behind
+        for transform in reversed(motion.transforms[index]):
+            subtree = sweep.moved(transform, subtree, items)
+        return subtree, items
+
+    own: dict[int, tuple[Subtree, list[_Item]]] = {
+        index: (body_subtree(at, inertias[index]) if index in inertias else empty, [])
+        for index, at in motion.motions.items()
+    }
+    backward(motion.mechanism, own, before, lambda a, b: (a[0].plus(b[0]), a[1] + b[1]))
     return sweep.by_position, sweep.by_rate
 
 
@@ -138,8 +121,8 @@ class _Item:
     """What one freedom sends to the ground: changes of wrenches, and what it reads of changes further in."""
 
     name: str
-    moved: Falling
-    sped: Falling
+    moved: CarriedWrench
+    sped: CarriedWrench
     form: Wrench
     spin_form: Vec
 
@@ -152,57 +135,57 @@ class _Sweep:
         self.by_rate: Entries = {}
         self._zeros = zeros
 
-    def passed(self, passage: Passage, load: Behind, items: list[_Item]) -> Behind:
-        """Take one step; what is behind it, seen from before."""
-        step = passage.step
-        changes = {f.name: (_by_position(passage, f), _by_rate(passage, f)) for f in step.freedoms}
+    def moved(self, transform: Transform, subtree: Subtree, items: list[_Item]) -> Subtree:
+        """All that is behind a step, seen from before it; records what its freedoms change and read."""
+        step = transform.step
+        changes = {f.name: (_by_position(transform, f), _by_rate(transform, f)) for f in step.freedoms}
         for item in items:
             for freedom in step.freedoms:
                 moved, sped = changes[freedom.name]
                 self.by_position[item.name, freedom.name] = _read(item, moved)
                 self.by_rate[item.name, freedom.name] = _read(item, sped)
-        fresh = [self._started(freedom, step.freedoms, load, changes[freedom.name]) for freedom in step.freedoms]
-        twist = _origin_velocity(passage, self._zeros)
+        fresh = [self._started(freedom, step.freedoms, subtree, changes[freedom.name]) for freedom in step.freedoms]
+        twist = _origin_velocity(transform, self._zeros)
         for item in (*items, *fresh):
-            for found, falling in ((self.by_position, item.moved), (self.by_rate, item.sped)):
-                efforts = falling.carry(passage)
+            for found, carried in ((self.by_position, item.moved), (self.by_rate, item.sped)):
+                efforts = carried.carry(transform)
                 if item not in fresh:
                     found |= {(name, item.name): effort for name, effort in efforts.items()}
-            item.form = self._wrench_before(passage, item.form)
-            item.spin_form = add(_back(passage, item.spin_form), cross(twist, item.form[1]))
+            item.form = self._wrench_before(transform, item.form)
+            item.spin_form = add(_back(transform, item.spin_form), cross(twist, item.form[1]))
         items += fresh
-        return self._load_before(passage, load, twist)
+        return self._subtree_before(transform, subtree, twist)
 
     def _started(
-        self, freedom: Freedom, freedoms: tuple[Freedom, ...], load: Behind, changes: tuple[Change, Change]
+        self, freedom: Freedom, freedoms: tuple[Freedom, ...], subtree: Subtree, changes: tuple[Change, Change]
     ) -> _Item:
-        moved, sped = (load.changed(by) for by in changes)
+        moved, sped = (subtree.changed(by) for by in changes)
         for other in freedoms:
             self.by_position[other.name, freedom.name] = _effort(other, moved)
             self.by_rate[other.name, freedom.name] = _effort(other, sped)
         angular, linear = freedom.angular, freedom.linear
-        moment, force = load.wrench
+        moment, force = subtree.wrench
         # further in, the wrench also turns with the bodies, and acts at another place
         turned = add(add(moved[0], cross(angular, moment)), cross(linear, force)), add(moved[1], cross(angular, force))
         unit: Change = Change(self._zeros, angular, linear)
-        spin_form = add(load.spread_column(angular), cross(load.momentum, linear))
-        falling = Falling(self._zeros, turned), Falling(self._zeros, sped)
-        return _Item(freedom.name, *falling, load.changed(unit), spin_form)
+        spin_form = add(subtree.spread_column(angular), cross(subtree.momentum, linear))
+        carried = CarriedWrench(self._zeros, turned), CarriedWrench(self._zeros, sped)
+        return _Item(freedom.name, *carried, subtree.changed(unit), spin_form)
 
-    def _wrench_before(self, passage: Passage, wrench: Wrench) -> Wrench:
+    def _wrench_before(self, transform: Transform, wrench: Wrench) -> Wrench:
         """A wrench about the frame before a step, all of it at once."""
-        return Descent(self._zeros).carry([replace(passage, turn=None)], wrench)
+        return BackwardPass(self._zeros).carry([replace(transform, parallel=None)], wrench)
 
-    def _load_before(self, passage: Passage, load: Behind, twist: Vec) -> Behind:
-        pseudo, step = before(passage, load.pseudo), passage.step
-        wrench = self._wrench_before(passage, load.wrench)
-        spread, momentum = _turned_spread(passage, load.spread), _back(passage, load.momentum)
+    def _subtree_before(self, transform: Transform, subtree: Subtree, twist: Vec) -> Subtree:
+        pseudo, step = inertia_before(transform, subtree.pseudo), transform.step
+        wrench = self._wrench_before(transform, subtree.wrench)
+        spread, momentum = _rotated_spread(transform, subtree.spread), _back(transform, subtree.momentum)
         if step.shift is not None:
             later = pseudo[:3, MASS]
             extra = [[step.shift[i] * momentum[j] + later[i] * twist[j] for j in range(3)] for i in range(3)]
             spread = spread + np.array(extra, dtype=object)
             momentum = add(momentum, scale(twist, pseudo[MASS, MASS]))
-        return Behind(pseudo, spread, momentum, wrench)
+        return Subtree(pseudo, spread, momentum, wrench)
 
 
 def _effort(freedom: Freedom, wrench: Wrench) -> Scalar:
@@ -210,26 +193,26 @@ def _effort(freedom: Freedom, wrench: Wrench) -> Scalar:
 
 
 def _read(item: _Item, by: Change) -> Scalar:
-    return dot(item.spin_form, by.spin) + (dot(item.form[0], by.turn) + dot(item.form[1], by.linear))
+    return dot(item.spin_form, by.spin) + (dot(item.form[0], by.rotation) + dot(item.form[1], by.linear))
 
 
-def _base(passage: Passage) -> tuple[Kinematics, Kinematics]:
+def _base(transform: Transform) -> tuple[FrameMotion, FrameMotion]:
     """Motion of the frame before the freedoms of a step, in the moved frame's axes; and of the moved frame."""
-    if len(passage.step.freedoms) == 1:
+    if len(transform.step.freedoms) == 1:
         # what lies along the only axis drops out below, so the moved frame's own motion does
-        return passage.end, passage.end
-    angular, rate = (into_frame(passage.step, v) for v in (passage.start.angular, passage.start.angular_rate))
-    return Kinematics(angular, rate, passage.end.linear), passage.end
+        return transform.end, transform.end
+    angular, rate = (into_frame(transform.step, v) for v in (transform.start.angular, transform.start.angular_rate))
+    return FrameMotion(angular, rate, transform.end.linear), transform.end
 
 
-def _by_position(passage: Passage, freedom: Freedom) -> Change:
-    base, end = _base(passage)
+def _by_position(transform: Transform, freedom: Freedom) -> Change:
+    base, end = _base(transform)
     linear = add(cross(end.linear, freedom.angular), apply(base.field, freedom.linear))
     return Change(cross(base.angular, freedom.angular), apply(base.field, freedom.angular), linear)
 
 
-def _by_rate(passage: Passage, freedom: Freedom) -> Change:
-    base, end = _base(passage)
+def _by_rate(transform: Transform, freedom: Freedom) -> Change:
+    base, end = _base(transform)
     if base is end:
         turn = scale(cross(end.angular, freedom.angular), end.angular[0].program.constant(2))
     else:
@@ -238,33 +221,33 @@ def _by_rate(passage: Passage, freedom: Freedom) -> Change:
     return Change(freedom.angular, turn, sliding)
 
 
-def _origin_velocity(passage: Passage, zeros: Vec) -> Vec:
+def _origin_velocity(transform: Transform, zeros: Vec) -> Vec:
     """Twice the velocity of the new origin against the old one, in the old axes."""
-    shift = passage.step.shift
+    shift = transform.step.shift
     if shift is None:
         return zeros
     two = shift[0].program.constant(2)
-    twist = cross(passage.start.angular, scale(shift, two))
-    for freedom in passage.step.freedoms:
+    twist = cross(transform.start.angular, scale(shift, two))
+    for freedom in transform.step.freedoms:
         twist = add(twist, scale(freedom.linear, two * freedom.rate))
     return twist
 
 
-def _back(passage: Passage, v: Vec) -> Vec:
-    return v if passage.step.rotation is None else apply(passage.step.rotation, v)
+def _back(transform: Transform, v: Vec) -> Vec:
+    return v if transform.step.rotation is None else apply(transform.step.rotation, v)
 
 
-def _turned_spread(passage: Passage, spread: Array) -> Array:
-    if passage.step.rotation is None:
+def _rotated_spread(transform: Transform, spread: Array) -> Array:
+    if transform.step.rotation is None:
         return spread
-    matrix = np.array(passage.step.rotation, dtype=object)
-    turned: Array = matrix @ spread @ matrix.T
-    if passage.rotation is not None:
+    matrix = np.array(transform.step.rotation, dtype=object)
+    rotated: Array = matrix @ spread @ matrix.T
+    if transform.rotation is not None:
         # trace and difference of what lies across the axis stay
-        i, j = (passage.axis + 1) % 3, (passage.axis + 2) % 3
-        turned[j, j] = (spread[i, i] + spread[j, j]) - turned[i, i]
-        turned[j, i] = turned[i, j] + (spread[j, i] - spread[i, j])
-    return turned
+        i, j = (transform.axis + 1) % 3, (transform.axis + 2) % 3
+        rotated[j, j] = (spread[i, i] + spread[j, j]) - rotated[i, i]
+        rotated[j, i] = rotated[i, j] + (spread[j, i] - spread[i, j])
+    return rotated
 
 
 def by_quaternion(quaternion: Sequence[Scalar], by_angles: Sequence[Scalar]) -> list[Scalar]:
