@@ -157,8 +157,9 @@ class NormalForms:
         solved = _solved(polynomials[:, :, np.concatenate([columns, rest])], len(columns), self.field)
         if solved[:, np.array(pivots)[:, None] < self.free[rest]].any():
             raise DegenerateSampleError("the pivots of a sample are not its leading monomials")
-        touched = np.flatnonzero(self.table[:, :, columns].any(axis=(0, 2)))
-        change = multiply(self.table[:, touched][:, :, columns], solved, self.field)
+        factors = self.table[:, :, columns]
+        touched = np.flatnonzero(factors.any(axis=(0, 2)))
+        change = multiply(factors[:, touched], solved, self.field)
         self.table = self.table[:, :, rest]
         self.table[:, touched] = (self.table[:, touched] - change) % self.field.p
         self.free = self.free[rest]
