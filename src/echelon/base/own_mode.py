@@ -43,18 +43,9 @@ _SURPLUS = 1.3  # of states that share poses
 
 
 class OwnPose:
-    """Real states near the pose at which a mechanism is stated to close.
+    """Real states near the pose at which a mechanism is stated to close, in the columns that modes were found with.
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With loops, and values for all symbols.
-    rows : Rows
-        In which modes were found.
-    columns : sequence of int
-        The mechanism's parameters that these count.
-    moved : bool
-        Modes were found with frames moved by rounding, which gives their relations coefficients of that size.
+    ``moved`` says that modes were found with frames moved by rounding, which gives relations coefficients of that size.
     """
 
     def __init__(self, mechanism: Mechanism, rows: Rows, columns: Sequence[int], moved: bool = False) -> None:

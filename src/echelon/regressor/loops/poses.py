@@ -132,7 +132,7 @@ class PoseFinder:
         found = positions.recorded.layout.zero_pose(samples)
         # a loop closes at about half of the random points, one with more unknowns more rarely, in one way on average
         most, count = max(len(b.unknown) for b in blocks), len(blocks)
-        pending, tries = np.arange(samples), 4 * max(1, most - 1) * count
+        pending, tries = np.arange(samples), 4 * count
         ever, tried, enough = np.zeros(samples, dtype=bool), 0, _FAILURES * 2**most * count
         for _ in range(_ROUNDS):
             tries = max(2, min(tries, _MOST_TRIES // len(pending)))
