@@ -97,8 +97,8 @@ def identify(
         step("deriving the base parameters")
         base = base_parameters(setup.mechanism, seed=setup.seed)
         fitted_logs, unseen_logs = _split_logs(logs, validate_on, settings.holdout)
-        seen = survey(setup, base, fitted_logs, unseen_logs)
-        plan = Plan(base, setup.columns, seen.preparation, 0.0 if unseen_logs else settings.holdout)
+        surveyed = survey(setup, base, fitted_logs, unseen_logs)
+        plan = Plan(base, setup.columns, surveyed.preparation, 0.0 if unseen_logs else settings.holdout)
         prior = _prior(setup, base)
         prior_base = None if prior is None else _base_values(prior, base)
 
@@ -108,35 +108,37 @@ def identify(
         _check_rows(observation, fitted_logs)
 
         step("estimating")
-        shown = conditioning(observation, 1 / noise_estimate(observation), base)
-        estimate = _estimate(settings, data, observation, shown, prior_base)
+        conditions = conditioning(observation, 1 / noise_estimate(observation), base)
+        estimate = _estimate(settings, data, observation, conditions, prior_base)
         noise = usable_noise(observation, estimate)
-        reduced = _essential(settings, observation, estimate, shown, noise)
+        reduced = _essential(settings, observation, estimate, conditions, noise)
 
         step("fitting a physical robot")
         physical = _physical(setup, data, observation, noise, prior) if settings.physical else None
-        feasible = _feasibility(base, observation, estimate, noise) if settings.physical and shown.is_complete else None
+        feasible = (
+            _feasibility(base, observation, estimate, noise) if settings.physical and conditions.is_complete else None
+        )
 
         step("validating")
         predicting = _predicting(settings, estimate, reduced, physical)
         validations = _validations(data, predicting, prior_base, unseen_logs)
 
     findings = [Finding(Severity.NOTE, "assumed", setup.source, text) for text in setup.assumed]
-    findings += [*seen.findings, *(() if prior is None else prior.findings)]
-    findings += fit_findings(estimate, shown, feasible, physical, validations)
+    findings += [*surveyed.findings, *(() if prior is None else prior.findings)]
+    findings += fit_findings(estimate, conditions, feasible, physical, validations)
     return Identification(
         base,
         tuple(map(str, fitted_logs)),
         plan.preparation,
         estimate,
         reduced,
-        shown,
+        conditions,
         feasible,
         physical,
         validations,
         limited(findings),
         settings.predict,
-        _record(setup, plan, seen),
+        _record(setup, plan, surveyed),
         overall_verdict(validations),
     )
 
@@ -177,10 +179,10 @@ def _estimate(
     settings: IdentificationEntry,
     data: PassesOverData,
     observation: Observation,
-    shown: Conditioning,
+    conditions: Conditioning,
     prior: Floats | None,
 ) -> Estimate:
-    if not shown.is_complete and settings.estimator != "ridge" and not settings.known:
+    if not conditions.is_complete and settings.estimator != "ridge" and not settings.known:
         return minimum_norm(observation, data.plan.base.units)
     along_reference = settings.estimator == "iv"
     return fitted(
@@ -194,9 +196,9 @@ def _estimate(
 
 
 def _essential(
-    settings: IdentificationEntry, observation: Observation, estimate: Estimate, shown: Conditioning, noise: Floats
+    settings: IdentificationEntry, observation: Observation, estimate: Estimate, conditions: Conditioning, noise: Floats
 ) -> Estimate | None:
-    if settings.essential == "none" or not shown.is_complete:
+    if settings.essential == "none" or not conditions.is_complete:
         return None
     # residuals that resemble their neighbours say less than their number
     inflation = [value for value in estimate.diagnostics.get("inflation", {}).values() if np.isfinite(value)]
@@ -271,7 +273,7 @@ def _validations(
     return (*first, *data.validations(values, prior, unseen, reference))
 
 
-def _record(setup: Setup, plan: Plan, seen: Survey) -> dict[str, Any]:
+def _record(setup: Setup, plan: Plan, surveyed: Survey) -> dict[str, Any]:
     """Everything needed to repeat the run, JSON-able."""
     return {
         **setup.settings.model_dump(),
@@ -279,6 +281,6 @@ def _record(setup: Setup, plan: Plan, seen: Survey) -> dict[str, Any]:
         "prior_weight": setup.settings.prior.weight,
         "setup": setup.source,
         "prior": None if setup.prior is None else setup.prior.name,
-        "columns": [asdict(columns) for columns in setup.columns or seen.columns],
+        "columns": [asdict(columns) for columns in setup.columns or surveyed.columns],
         "held_out": plan.holdout,
     }
