@@ -124,7 +124,11 @@ def _listed(names: Sequence[str]) -> str:
 def specialised(
     function: Function, values: Mapping[str, Number], layout: Mapping[str, Sequence[str]] | None = None
 ) -> Function:
-    """The same function with some uniform inputs replaced by numbers."""
+    """The same function, on a program of its own, with some uniform inputs replaced by numbers, by the input's name.
+
+    ``layout`` holds labels of the arguments in :data:`SHARED`, so that several functions take the same vectors.
+    Arguments that are constant altogether are left out.
+    """
     copy, known = Program(), function.program
     new = {known.zero.node: copy.zero.node}
     for node in function.needed:

@@ -32,7 +32,7 @@ class Arguments:
     standard: bool = False  # whether they are the standard parameters
 
     def of(self, names: Sequence[str], outputs: Iterable[int]) -> tuple[Argument, ...]:
-        """Arguments of these names, without ``inputs`` and ``symbols`` where the outputs need none."""
+        """Arguments by name, of ``q qd qdd inputs parameters symbols``; the last and ``inputs`` only where needed."""
         made = {
             "q": self._positions,
             "qd": self._velocities,

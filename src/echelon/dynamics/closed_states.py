@@ -37,7 +37,7 @@ _FEW = 8  # iterations near a closed configuration
 
 
 class CompiledAssembly(Assembly):
-    """Closed configurations in machine code."""
+    """Closed configurations of a mechanism with loops, in machine code."""
 
     functions: ClassVar[tuple[Builder, ...]] = (
         closed_positions,
@@ -60,7 +60,11 @@ class CompiledAssembly(Assembly):
         return q, done
 
     def independent_state(self, state: Mapping[str, Floats]) -> dict[str, Floats]:
-        """All positions, and independent velocities and accelerations."""
+        """All positions, and independent rates, from those of all coordinates or of independent ones, shape (N, size).
+
+        Refused are loops that are not or cannot be closed, singular configurations, and motions that do not determine
+        an output.
+        """
         found = {"q": self._positions(state["q"])}
         pivots = self.run("closure_pivots", **found)
         singular = ~(pivots > _SINGULAR).all(axis=1)
@@ -126,7 +130,7 @@ class CompiledAssembly(Assembly):
         )
 
     def run(self, name: str, **state: Floats) -> Floats:
-        """Evaluate a recorded function of closed states."""
+        """Evaluate a recorded function at ``q`` of all coordinates, ``qd`` and ``qdd`` of the independent ones."""
         kernel = self._kernels[name]
         names = {argument.name for argument in kernel.function.arguments}
         return kernel({**{k: v for k, v in state.items() if k in names}, **self._geometry[name]})

@@ -15,7 +15,11 @@ from echelon.program.function import Function
 
 
 class Evaluator:
-    """Machine code of one function of a mechanism."""
+    """Machine code of one function of a mechanism.
+
+    Sparse results hold the entries that are not structurally zero.  ``loops`` completes the states of a mechanism with
+    loops; without it, states are to be as the function takes them.
+    """
 
     def __init__(
         self, mechanism: Mechanism, function: Function, *, sparse: bool = False, loops: ClosedStates | None = None
@@ -31,6 +35,9 @@ class Evaluator:
         out: Floats | None = None,
         threads: int | None = None,
     ) -> Floats:
-        """Evaluate at states."""
+        """Evaluate at states of shape (N, size) or (size,); returns an array of shape (N, …).
+
+        With loops, each of ``q``, ``qd`` and ``qdd`` may be that of the independent coordinates only.
+        """
         values = function_values(self.mechanism, self.function, state, symbols, inputs, self._loops)
         return self.kernel(values, out, threads)

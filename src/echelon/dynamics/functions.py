@@ -131,7 +131,12 @@ ALL_FUNCTIONS: Mapping[str, Builder] = {**FUNCTIONS, **LOOP_FUNCTIONS}
 
 
 def robot_function(name: str, mechanism: Mechanism, pivots: Sequence[int]) -> Function:
-    """Record one function of a mechanism."""
+    """Record one function of a mechanism, by its name in :data:`ALL_FUNCTIONS`.
+
+    ``pivots`` are the columns of the regressor whose parameters are arguments: the pivots of the base matrix for base
+    parameters, all columns for standard parameters.  Forces of closures depend on all standard parameters.  With loops,
+    ``q`` holds all positions, which must be closed, and ``qd`` and ``qdd`` are independent.
+    """
     if name not in ALL_FUNCTIONS:
         raise InputError(f"there is no function '{name}' (valid: {', '.join(ALL_FUNCTIONS)})")
     return ALL_FUNCTIONS[name](mechanism, pivots)

@@ -24,6 +24,7 @@ class Kinematics:
     """Frames of the bodies of a mechanism, in machine code.
 
     >>> import echelon as ec
+    >>> import numpy as np
     >>> arm = Kinematics(ec.load("examples/double_pendulum.yaml"))
     >>> arm.frames(np.array([[0.0, 0.0]]))[0, 1, :, 3].round(3)     # where the second joint is
     array([0.3, 0. , 0. ])
@@ -42,12 +43,12 @@ class Kinematics:
         self._symbols = geometry_values(mechanism, self._arguments, symbols)
 
     def frames(self, q: npt.ArrayLike) -> Floats:
-        """Frames of all bodies in the base frame."""
+        """Frames of all bodies in the base frame, shape (N, bodies, 3, 4): axes as columns, and origin, m."""
         found = self._values({"q": q, **self._symbols})
         return found.reshape(len(found), -1, 3, 4)
 
     def slopes(self, q: npt.ArrayLike) -> Floats:
-        """Derivatives of all frames by the positions."""
+        """Derivatives of all frames by the positions, shape (N, bodies, 3, 4, positions)."""
         found = self._derivatives({"q": q, **self._symbols})
         return found.reshape(len(found), -1, 3, 4, len(self._arguments[0]))
 

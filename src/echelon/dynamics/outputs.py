@@ -28,7 +28,12 @@ Index = tuple[int, ...]
 
 
 class RecordedOutputs:
-    """Records outputs on a program of its own."""
+    """Records outputs on a program of its own.
+
+    ``pivots`` are the columns of the regressor that belong to parameters; all other columns' parameters are zero.
+    ``sums`` allows sums of angles (:mod:`echelon.dynamics.recursion`).  With loops, ``dependent`` records the forces of
+    the tree at the dependent coordinates instead of outputs, in terms of standard parameters.
+    """
 
     def __init__(self, mechanism: Mechanism, pivots: Sequence[int], sums: bool = True, dependent: bool = False) -> None:
         columns = mechanism.columns
@@ -56,7 +61,10 @@ class RecordedOutputs:
     # -- parts -------------------------------------------------------------------------------------------------
 
     def inertial(self, gravity: bool, *still: str) -> list[Scalar]:
-        """Forces of the bodies' inertia, with or without gravity."""
+        """Forces of the bodies' inertia, one for each row, with or without gravity.
+
+        ``still`` names rates that are zero, ``"qd"`` or ``"qdd"``; with loops the independent ones.
+        """
         return self._rows(efforts(self._inertias, self._motion(*still, gravity=gravity)))
 
     def weight(self) -> list[Scalar]:

@@ -95,7 +95,10 @@ def _offset(joint: Joint, steps: tuple[Step, ...]) -> Vector:
 
 
 def grouped_inertias(reframed: Reframed, recorder: Recorder, parameters: Mapping[int, Scalar]) -> dict[int, Array]:
-    """Pseudo-inertias of the bodies."""
+    """Pseudo-inertias [[Σ, h], [hᵀ, m]] about the new frames, of the bodies that have some.
+
+    ``parameters`` belong to some columns of the regressor, about the original frames; all others are zero.
+    """
     zero, mechanism = recorder.program.zero, reframed.mechanism
     found = {index: np.full((4, 4), zero, dtype=object) for index in range(GROUND, len(mechanism.bodies))}
     for index, first in mechanism.first_column.items():

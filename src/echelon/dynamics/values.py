@@ -27,7 +27,11 @@ def function_values(
     inputs: Mapping[str, npt.ArrayLike] | None,
     loops: ClosedStates | None = None,
 ) -> Values:
-    """Values of a function's arguments, by name."""
+    """Values of a function's arguments, by name.
+
+    ``state`` is passed on (``q``, ``qd``, ``qdd``, ``parameters``); symbols replace or complete those of the mechanism,
+    ``inputs`` are measured ones of shape (N,), and ``loops`` completes the states of a mechanism with loops.
+    """
     values: Values = dict(state)
     arguments = {argument.name: argument for argument in function.arguments}
     for name in arguments.keys() & {*STATE, "parameters", STANDARD}:

@@ -68,7 +68,7 @@ class Rows:
 
 
 def rows_of(lowered: Lowered, vector: Vector, places: tuple[int, ...], *, big: bool) -> Rows:
-    """The best way for rows."""
+    """The best way for rows; ``big`` says whether the whole result is larger than the caches."""
     direct = Rows(Block(lowered, vector, vector.lanes), places, Way.CACHED)
     fits = vector.lanes * len(places) <= _LARGEST_IMAGE
     if big and not fits and not len(places) % LINE:

@@ -34,7 +34,7 @@ class _Rates:
 
 
 def energy_form(mechanism: Mechanism) -> LinearForms:
-    """Record E(q, q̇) = kinetic + potential energy."""
+    """Record E(q, q̇) = kinetic + potential energy, one row: the constant 1, then a column per standard parameter."""
     program = Program()
     recorder = Recorder(mechanism, program)
     rates = _all_rates(recorder)
@@ -50,7 +50,7 @@ def energy_changes(mechanism: Mechanism) -> BlockRows:
     """Record how the energy of its bodies changes when one block after the other moves from one state to another.
 
     A linear combination of columns whose energy is constant does not change either, so what these rows show to be
-    independent is.
+    independent is.  There is one row for each block; inputs of the second state are ``q'[...]`` and ``qd'[...]``.
     """
     program = Program()
     recorder = Recorder(mechanism, program)

@@ -50,12 +50,15 @@ class Coordinates:
 
 
 class Recorder:
-    """Writes a mechanism's coordinates and steps onto a program."""
+    """Writes a mechanism's coordinates and steps onto a program.
+
+    ``given`` holds values that stand in for inputs, by the input's name: ``{"qdd[j1]": program.zero}``.
+    """
 
     def __init__(self, mechanism: Mechanism, program: Program, given: Mapping[str, Scalar] | None = None) -> None:
         self.mechanism, self.program, self._given = mechanism, program, given or {}
         self.zeros: Vec = (program.zero, program.zero, program.zero)
-        self.slopes: dict[str, dict[str, Scalar]] = {}
+        self.slopes: dict[str, dict[str, Scalar]] = {}  # of dependent coordinates, by those that they follow
         self.coordinates = self._record_coordinates()
 
     def steps(self, body: int) -> list[Step]:

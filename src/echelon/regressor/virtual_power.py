@@ -39,7 +39,12 @@ Wrench = tuple[Vec, Vec]
 
 
 def inverse_dynamics_regressor(mechanism: Mechanism, columns: Sequence[int] | None = None) -> LinearForms:
-    """Record X with y = X ζ."""
+    """Record X with y = X ζ: rows are the mechanism's outputs (N·m or N), columns its parameters or the given ones.
+
+    Entries go column by column, which is the order in which intermediate values are soonest done with.  Inputs are
+    ``q[...]``, ``qd[...]``, ``qdd[...]``, geometry symbols, and ``i[...]`` where effects use measured inputs.  With
+    loops, rates are those of the independent coordinates, and positions must be closed.
+    """
     program = Program()
     closed = DependentMotion(mechanism, program) if mechanism.closures else None
     recorded = _RecordedPowers(mechanism, program, closed.given() if closed else None)
@@ -59,7 +64,11 @@ def inverse_dynamics_regressor(mechanism: Mechanism, columns: Sequence[int] | No
 
 
 def virtual_power_form(mechanism: Mechanism) -> LinearForms:
-    """Record uᵀ X(q, q̇, q̈)."""
+    """Record uᵀ X(q, q̇, q̈), one row.
+
+    Inputs are ``u[...]`` for every output beside those of :func:`inverse_dynamics_regressor`; with loops, also
+    ``v[...]`` for the freedoms that the outputs do not determine, or for all if every force is measured.
+    """
     recorded = _RecordedPowers(mechanism)
     program, recorder, probes = recorded.program, recorded.recorder, recorded.probes
     if mechanism.closures and mechanism.measures_every_force:
