@@ -50,10 +50,11 @@ class ClosureBlock:
         """Values of the unknown coordinates at which the equations hold."""
         return self._solver.solve(self._polynomials(positions, pose), positions.field)
 
-    def put(self, pose: Pose, sample: int, point: Residues, field: PrimeField) -> None:
-        """Write a solution into the pose that it was found from."""
+    def put(self, pose: Pose, points: Residues, field: PrimeField) -> None:
+        """Write solutions (samples, variables) into poses, those that they were found from."""
+        samples = np.arange(len(points))
         for part, offset in zip(self._parts, self._offsets, strict=True):
-            part.put(pose, np.array([sample]), point[offset : offset + part.width], field)
+            part.put(pose, samples, points[:, offset : offset + part.width].T, field)
 
     def _polynomials(self, positions: Positions, pose: Pose) -> list[Polynomial]:
         """The equations by the coefficients of their monomials; circles and spheres are among them."""
@@ -107,7 +108,7 @@ class _Part:
         return len(self.directions)
 
     def put(self, pose: Pose, samples: Integers, point: Residues, field: PrimeField) -> None:
-        """Write values of the variables into some samples of a pose."""
+        """Write values of the variables, (variables,) or (variables, samples), into some samples of a pose."""
         self._values(pose)[samples] = self._at(self._values(pose)[samples], point, field)
 
     def size(self, pose: Pose, point: Residues, field: PrimeField) -> Residues:
@@ -121,7 +122,7 @@ class _Part:
 
     def _at(self, values: Residues, point: Residues, field: PrimeField) -> Residues:
         start = values if self.drawn else np.zeros_like(values)
-        terms = [x * direction % field.p for x, direction in zip(point, self.directions, strict=True)]
+        terms = [x[..., None] * direction % field.p for x, direction in zip(point, self.directions, strict=True)]
         return np.asarray(reduce(np.add, terms, start) % field.p)
 
 

@@ -241,7 +241,6 @@ def _closed(positions: Positions, pose: Pose, block: ClosureBlock) -> tuple[Indi
     solutions = block.solve(positions, pose)
     samples = np.repeat(np.arange(len(solutions.counts)), np.maximum(solutions.counts, 0))
     closed = pose.at(samples)
-    points = (point for k in np.unique(samples) for point in solutions.points[k])
-    for target, point in enumerate(points):
-        block.put(closed, target, point, positions.field)
+    if samples.size:
+        block.put(closed, np.concatenate([solutions.points[k] for k in np.unique(samples)]), positions.field)
     return samples, closed
