@@ -13,8 +13,10 @@ import numpy as np
 import echelon as ec
 import numeric
 from echelon.base.certificate import certify
-from echelon.base.derive import classical_matrix
-from echelon.base.structure import find_structure
+from echelon.base.closed_form import base_matrix
+from echelon.base.matrix import BaseMatrix
+from echelon.base.structure import Structure, find_structure
+from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED
 from robots import Robot, binary_tree, chain, serial_model
@@ -79,6 +81,12 @@ def robots(chosen: Iterable[Robot], repeats: int, report: Report) -> list[dict[s
     return rows
 
 
+def classical_matrix(mechanism: Mechanism, structure: Structure) -> BaseMatrix:
+    """B in closed form for the classical order, from the base to the tip."""
+    order = tuple(range(structure.parameters))
+    return base_matrix(mechanism, structure, order, np.random.default_rng(DEFAULT_SEED), 1.0, lambda _: None)
+
+
 def chains(lengths: Iterable[int], repeats: int, report: Report) -> list[dict[str, Any]]:
     """Serial chains; the three parts of a derivation are timed apart."""
     rows = []
@@ -87,13 +95,11 @@ def chains(lengths: Iterable[int], repeats: int, report: Report) -> list[dict[st
         mechanism = chain(joints)
         model = serial_model(mechanism)
         structure = find_structure(mechanism, np.random.default_rng(DEFAULT_SEED))
-        matrix = classical_matrix(mechanism, structure, np.random.default_rng(DEFAULT_SEED))
+        matrix = classical_matrix(mechanism, structure)
         times, results = interleaved(
             {
                 "structure": lambda m=mechanism: find_structure(m, np.random.default_rng(DEFAULT_SEED)),
-                "closed_forms": lambda m=mechanism, s=structure: classical_matrix(
-                    m, s, np.random.default_rng(DEFAULT_SEED)
-                ),
+                "closed_forms": lambda m=mechanism, s=structure: classical_matrix(m, s),
                 "certificate": lambda m=mechanism, b=matrix: certify(virtual_power_form(m), b, DEFAULT_SEED),
                 "numeric_svd": lambda m=model: numeric.rank_by_svd(m),
             },

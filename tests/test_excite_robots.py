@@ -330,8 +330,7 @@ def test_the_upper_body_of_talos() -> None:
     assert len(moving) == 18
     found = ec.exciting_trajectory(setup, starts=1, move=moving)
     assert found.safe
-    check_by_pinocchio(file, found, 2000)
-    assert found.active  # which limits bind depends on the local optimum, and that on the processor
+    assert max(check_by_pinocchio(file, found, 2000)) >= NEAR  # which limits bind depends on the local optimum
 
 
 # -- the example -------------------------------------------------------------------------------------------------------
