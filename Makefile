@@ -50,7 +50,7 @@ slow: $(DEV)
 	$(BIN)/pytest -n auto -m slow
 
 faults: $(DEV)
-	$(BIN)/pytest -n auto tests/test_faults.py
+	$(BIN)/pytest -n auto tests/cli/test_faults.py
 
 # MUTATE="--only exact/ --jobs 4" chooses faults and how many run at the same time
 mutate: $(DEV)

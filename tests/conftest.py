@@ -8,7 +8,7 @@ import pytest
 
 from echelon.machine import batch, kernel
 from echelon.machine.target import Target, host
-from kernels import LANES, Fences
+from support.small_kernels import LANES, Fences
 
 
 @pytest.fixture(params=LANES)

@@ -3,7 +3,7 @@
 from mutation.fault import Fault
 
 CERTIFICATE, ORDER, MATRIX = "base/certificate.py", "base/order.py", "base/matrix.py"
-CLAIMS = "test_false_claims.py"
+CLAIMS = "claims/test_false_claims.py"
 
 FAULTS = (
     Fault(
@@ -19,79 +19,79 @@ FAULTS = (
         "if minor.rank < matrix.rank:",
         "if minor.rank < 0:",
         "dependent parameters pass as base parameters",
-        "test_certificate.py",
+        "base/test_certificate.py",
     ),
     Fault(
         CERTIFICATE,
         "if column != pivot and column in pivots:",
         "if column in () and column in pivots:",
         "a representative in another's row",
-        "test_certificate.py",
+        "base/test_certificate.py",
     ),
     Fault(
         CERTIFICATE,
         "claimed[column] += factor * value",
         "claimed[column] = factor * value",
         "sums in X̄ B",
-        "test_certificate.py::test_right_sets_pass",
+        "base/test_certificate.py::test_right_sets_pass",
     ),
-    Fault(ORDER, "inf if (body", "-inf if (body", "parameters of effects come first", "test_order.py"),
-    Fault(ORDER, "else -(factor * value)", "else factor * value", "exchange of pivots", "test_order.py"),
+    Fault(ORDER, "inf if (body", "-inf if (body", "parameters of effects come first", "base/test_order.py"),
+    Fault(ORDER, "else -(factor * value)", "else factor * value", "exchange of pivots", "base/test_order.py"),
     Fault(
         "base/base_set.py",
         "len(row) == 1",
         "len(row) <= 2",
         "identifiable alone",
-        "test_base_model.py test_display.py",
+        "base/test_base_model.py base/test_display.py",
     ),
     Fault(
         "base/pseudo_inverse.py",
         "prior + root @ correction",
         "prior + correction",
         "lift in another metric",
-        "test_lift.py",
+        "base/test_lift.py",
     ),
-    Fault("base/pseudo_inverse.py", "base_values - b @ prior", "base_values", "lift with a prior", "test_lift.py"),
+    Fault("base/pseudo_inverse.py", "base_values - b @ prior", "base_values", "lift with a prior", "base/test_lift.py"),
     Fault(
         MATRIX,
         '[0 if generator.startswith("cos(") else 1]',
         '[1 if generator.startswith("cos(") else 0]',
         "cosines and sines of B",
-        "test_closed_form.py",
+        "base/test_closed_form.py",
     ),
     Fault(
         "base/expression.py",
         "top = -top if sign < 0 else top",
         "top = top",
         "signs in printed forms",
-        "test_display.py test_base_model.py",
+        "base/test_display.py base/test_base_model.py",
     ),
     Fault(
         "base/modes.py",
         "in (self.mode.marks or {}).items()",
         "in {}.items()",
         "assembly modes with other signs are mixed",
-        "test_loops_modes.py",
+        "regressor/test_loops_modes.py",
     ),
     Fault(
         "base/own_mode.py",
         "< _SAME_MARK * max(",
         ">= _SAME_MARK * max(",
         "the other assembly mode is taken",
-        "test_loops_modes.py",
+        "regressor/test_loops_modes.py",
     ),
     Fault(
         "base/own.py",
         ".rank == structure.rank",
         ".rank >= 0",
         "general answers for special values",
-        "test_stated_values.py::test_the_stated_zero_decides_and_is_named",
+        "base/test_stated_values.py::test_the_stated_zero_decides_and_is_named",
     ),
     Fault(
         "base/value_relations.py",
         "if self._enough(Relations(frozenset(fixed))):",
         "if not names:",
         "values that do not matter are fixed",
-        "test_stated_values.py::test_the_stated_zero_decides_and_is_named",
+        "base/test_stated_values.py::test_the_stated_zero_decides_and_is_named",
     ),
 )

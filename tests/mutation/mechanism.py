@@ -3,7 +3,7 @@
 from mutation.fault import Fault
 
 PLACEMENT, JOINT, SUBSTITUTE = "mechanism/placement.py", "mechanism/joint.py", "mechanism/substitute.py"
-JOINTS = "test_joints.py test_description_geometry.py"
+JOINTS = "mechanism/test_joints.py formats/test_description_geometry.py"
 
 FAULTS = (
     Fault(
@@ -11,7 +11,7 @@ FAULTS = (
         "Placement(back, (-x, -y, -z))",
         "Placement(back, (x, y, z))",
         "inverse placements",
-        "test_match.py::test_ur10_in_standard_dh_and_urdf",
+        "base/test_match.py::test_ur10_in_standard_dh_and_urdf",
     ),
     Fault(PLACEMENT, "= c, -s, s, c", "= c, s, -s, c", "sense of turns", JOINTS),
     Fault(
@@ -35,48 +35,48 @@ FAULTS = (
         "a - factor * b for",
         "a + factor * b for",
         "inverse of a transmission",
-        "test_sensors.py::test_torques_follow_the_transmission",
+        "base/test_sensors.py::test_torques_follow_the_transmission",
     ),
     Fault(
         "mechanism/motor_side.py",
         "np.linalg.solve(matrix,",
         "np.linalg.solve(matrix.T,",
         "positions on the motor's side",
-        "test_axes.py",
+        "mechanism/test_axes.py",
     ),
     Fault(
         "mechanism/axes.py",
         "axis @ np.cross(here, there)",
         "axis @ np.cross(there, here)",
         "sense of angles between axes",
-        "test_axes.py",
+        "mechanism/test_axes.py",
     ),
     Fault(
         SUBSTITUTE,
         "pitch=self.polynomial(step.pitch)",
         "pitch=step.pitch",
         "pitches at values of symbols",
-        "test_substitute.py",
+        "mechanism/test_substitute.py",
     ),
     Fault(
         SUBSTITUTE,
         "self.placement(closure.second_frame)",
         "closure.second_frame",
         "closures at values of symbols",
-        "test_substitute.py",
+        "mechanism/test_substitute.py",
     ),
     Fault(
         "mechanism/lock_joints.py",
         "in (c, -s, s, c))",
         "in (c, s, -s, c))",
         "sense of held angles",
-        "test_lock_joints.py::test_remaining_joints_are_those_of_the_reduced_model",
+        "mechanism/test_lock_joints.py::test_remaining_joints_are_those_of_the_reduced_model",
     ),
     Fault(
         "mechanism/stated.py",
         "return Fraction(gcd(*(int(v * denominator) for v in present)), denominator)",
         "return Fraction(1, 10)",
         "the unit of decimal angles",
-        "test_stated_values.py::test_all_decimals_are_multiples_of_one_unit",
+        "base/test_stated_values.py::test_all_decimals_are_multiples_of_one_unit",
     ),
 )

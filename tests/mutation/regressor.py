@@ -4,8 +4,8 @@ from mutation.fault import Fault
 
 SPATIAL, ENERGY = "regressor/spatial.py", "regressor/energy.py"
 POWER, PROBES, LIFTING = "regressor/virtual_power.py", "regressor/probes.py", "regressor/loops/closed_curve.py"
-JOINTS = "test_joints.py"
-TRUTHS = "test_loops_truths.py::test_four_bar test_loops_truths.py::test_parallelogram"
+JOINTS = "mechanism/test_joints.py"
+TRUTHS = "regressor/test_loops_truths.py::test_four_bar regressor/test_loops_truths.py::test_parallelogram"
 
 FAULTS = (
     Fault(SPATIAL, "a[2] * b[0] - a[0] * b[2]", "a[0] * b[2] - a[2] * b[0]", "cross products", JOINTS),
@@ -20,42 +20,42 @@ FAULTS = (
         "lift = lift - dot",
         "lift = lift + dot",
         "height of a shifted frame",
-        "test_energy.py",
+        "regressor/test_energy.py",
     ),
     Fault(
         ENERGY,
         "half + rates.lift",
         "half - rates.lift",
         "potential energy of masses",
-        "test_energy.py",
+        "regressor/test_energy.py",
     ),
     Fault(
         ENERGY,
         "vw[k] - rates.gravity[k]",
         "vw[k] + rates.gravity[k]",
         "energy of first moments",
-        "test_energy.py",
+        "regressor/test_energy.py",
     ),
     Fault(
         ENERGY,
         "cross(rates.linear, rates.angular)",
         "cross(rates.angular, rates.linear)",
         "v × ω",
-        "test_energy.py",
+        "regressor/test_energy.py",
     ),
     Fault(
         "regressor/effects.py",
         "sum((c.rate[0] * r for c, r in known), zero)",
         "sum((c.rate[0] for c, r in known), zero)",
         "speeds of motors",
-        "test_effects.py::test_effects_in_the_drive_act_through_the_transmission",
+        "mechanism/test_effects.py::test_effects_in_the_drive_act_through_the_transmission",
     ),
     Fault(
         POWER,
         "motion.freedoms if side is Side.JOINT else motion.drives",
         "motion.drives if side is Side.JOINT else motion.freedoms",
         "which sensors see friction",
-        "test_effects.py::test_effects_in_the_drive_act_through_the_transmission",
+        "mechanism/test_effects.py::test_effects_in_the_drive_act_through_the_transmission",
     ),
     Fault(POWER, "+ dot(twist[1], wrench[1])", "- dot(twist[1], wrench[1])", "power of forces", JOINTS),
     Fault(
@@ -63,21 +63,21 @@ FAULTS = (
         "in enumerate(kept)}",
         "in enumerate(sorted(kept))}",
         "order of chosen columns",
-        "test_closed_form.py::test_textbook_set_term_by_term",
+        "base/test_closed_form.py::test_textbook_set_term_by_term",
     ),
     Fault(
         PROBES,
         "and cut.on_parent == on_parent",
         "",
         "side of a cut on which a sensor sits",
-        "test_sensors.py::test_force_and_torque_sensors_agree_with_mujoco",
+        "base/test_sensors.py::test_force_and_torque_sensors_agree_with_mujoco",
     ),
     Fault(
         PROBES,
         "cut.frame.inverse()",
         "cut.frame",
         "frames of sensors",
-        "test_sensors.py::test_force_and_torque_sensors_agree_with_mujoco",
+        "base/test_sensors.py::test_force_and_torque_sensors_agree_with_mujoco",
     ),
     Fault("regressor/steps.py", "(xy + wz,", "(xy - wz,", "rotation of a ball", JOINTS),
     Fault("regressor/steps.py", "= c, -s, s, c", "= c, s, -s, c", "rotation of a hinge", JOINTS),

@@ -1,0 +1,94 @@
+"""Ranks in double precision beside exact ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+import echelon as ec
+from echelon.base.numeric_rank import numeric_ranks, ranks_of_matrix
+from echelon.errors import InputError
+from echelon.mechanism.joint import ball
+from support import textbook_arms as arms
+from support.paths import EXAMPLES
+from support.random_mechanisms import mechanisms
+from support.robot_files import robot_file
+
+
+@pytest.mark.parametrize(
+    ("name", "rank"),
+    [("double_pendulum", 6), ("panda", 43), ("rx90", 36), ("scara", 8), ("gripper_coupled", 15), ("tx40", 61)],
+)
+def test_published_ranks_at_every_tolerance(name: str, rank: int) -> None:
+    found = numeric_ranks(ec.load(EXAMPLES / f"{name}.yaml"), pivoted=True)
+    assert found.ranks == found.ranks_by_qr == (rank,) * 4
+    assert found.gap(rank) > 1e10
+    widest = found.widest_gap(besides=rank)
+    assert widest is not None
+    assert widest[1] < 100
+
+
+@pytest.mark.parametrize(("name", "rank"), [("four_bar", 8), ("parallelogram", 3), ("three_rps", 25)])
+def test_linkages_at_closed_states(name: str, rank: int) -> None:
+    found = numeric_ranks(ec.load(EXAMPLES / f"loops/{name}.yaml"))
+    assert found.ranks[:2] == (rank, rank)
+    assert found.gap(rank) > 1e6
+
+
+@settings(max_examples=25, deadline=None)
+@given(mechanisms())
+def test_random_mechanisms_with_joints_of_all_types(mechanism: ec.Mechanism) -> None:
+    found = numeric_ranks(mechanism)
+    rank = ec.base_structure(mechanism).rank
+    assert found.ranks[1] == rank
+    assert found.singular == tuple(sorted(found.singular, reverse=True))
+
+
+def test_some_sensors_see_less() -> None:
+    mechanism = ec.load(EXAMPLES / "rx90.yaml")
+    last = replace(mechanism, measured=mechanism.outputs[-1:])
+    assert numeric_ranks(last).ranks[1] == ec.base_structure(last).rank
+
+
+def test_the_literal_numbers_of_a_file() -> None:
+    """A file that writes pi/2 as 1.5708: the two that come in look as good as the others."""
+    mechanism = ec.load(robot_file("so100"))
+    assert numeric_ranks(mechanism).ranks[0] == 38
+    assert numeric_ranks(mechanism, literal=False).ranks[0] == 36
+
+
+def test_a_column_of_rounding_is_not_scaled_up() -> None:
+    """About a skew axis through the origin the mass does no work, which in floats is not quite so."""
+    gravity = "gx gy gz"
+    placed = arms.place("0 0 0", "pi/6 pi/4 pi/3")
+    values = {"gx": "1.1", "gy": "-2.3", "gz": "-9.1", "a": "0.3"}
+    bodies = [arms.body(k, k - 1, "spherical", placed, ball(f"q{k}")) for k in (1, 2, 3)]
+    mechanism = arms.tree("wrist", *bodies, gravity=gravity, values=values)
+    assert numeric_ranks(mechanism).ranks == (ec.base_structure(mechanism).rank,) * 4
+
+
+def test_the_states_follow_from_the_seed() -> None:
+    mechanism = ec.load(EXAMPLES / "double_pendulum.yaml")
+    assert numeric_ranks(mechanism, 1) == numeric_ranks(mechanism, 1) != numeric_ranks(mechanism, 2)
+
+
+def test_a_symbol_without_a_value_is_refused() -> None:
+    with pytest.raises(InputError, match="'d2' has no value"):
+        numeric_ranks(ec.load(EXAMPLES / "stanford.yaml"))
+    assert numeric_ranks(ec.load(EXAMPLES / "stanford.yaml"), symbols={"d2": 0.15}).ranks == (33,) * 4
+
+
+def test_planted_singular_values() -> None:
+    rng = np.random.default_rng(0)
+    left, right = (np.linalg.qr(rng.standard_normal((n, 5)))[0] for n in (40, 5))
+    found = ranks_of_matrix(left @ np.diag([2.0, 1.0, 1e-3, 1e-9, 0.0]) @ right.T, (1e-2, 1e-8, 1e-10), pivoted=True)
+    assert found.ranks == found.ranks_by_qr == (2, 3, 4)
+    assert found.gap(3) == pytest.approx(1e6, rel=1e-3)
+    assert found.gap(5) == float("inf")
+    widest = found.widest_gap()
+    assert widest is not None
+    assert widest[0] in (3, 4)
+    assert ranks_of_matrix(np.zeros((4, 3))).ranks == (0, 0, 0, 0)

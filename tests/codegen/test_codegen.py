@@ -1,0 +1,191 @@
+"""Generated source does what NumPy does, in every language that runs here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import echelon as ec
+from echelon.codegen import TARGETS, Precision, views
+from echelon.codegen.documentation import Subject
+from echelon.codegen.source import generate_source, printed
+from echelon.dynamics.functions import FUNCTIONS as ALL
+from echelon.dynamics.functions import LOOP_FUNCTIONS
+from echelon.program.function import Argument, Function
+from echelon.program.operations import FUNCTIONS
+from echelon.program.tape import Program
+from echelon.regressor.loops.assembly import Assembly
+from support import generated_code as generated
+from support.paths import ROOT
+
+Floats = npt.NDArray[Any]
+LARGE = (1e-300, 1e2, -3e3, 99_999.5, 1e5, -1e5 - 1, 1e7, -1e12, 1e22)
+
+
+def every_operation() -> Function:
+    """All operations, nested, with numbers of all kinds, zeros, signs, and angles that are expressions."""
+    program = Program()
+    q = [program.input(f"q[{k}]") for k in range(5)]
+    a, b = program.input("a", "symbol"), program.input("b", "symbol")
+    entries = {}
+    for k, op in enumerate(FUNCTIONS):
+        entries[k, 0] = program.function(op, q[k % 5] * q[k % 5] + 1).node
+        entries[k, 1] = (-program.function(op, abs(q[k % 5])) * a - 0.1).node if op.name != "LOG" else q[0].node
+        entries[k, 2] = (program.function(op, (q[1] * q[1] + 2).sin() + 2) / (-b)).node
+    last = len(FUNCTIONS)
+    # numbers as a file may state them: negative, long, large and small
+    entries[last, 0] = (q[0] * -0.1 + (1 - q[1]) * 1e-9 - (q[2] - (q[3] - q[4])) * 123456789.125 - (-q[0] - 3)).node
+    entries[last, 1] = ((q[0] - q[1]).sin() * (q[0] - q[1]).cos() + (2 * q[2]).sin() / (q[3] * q[3] + 1)).node
+    entries[last, 2] = (-q[0]).node
+    entries[last, 3] = program.constant(-2).node
+    rows, columns = tuple(f"row {k}" for k in range(last + 1)), ("x", "y", "z", "w")
+    arguments = (
+        Argument("q", tuple(s.node for s in q), tuple("abcde"), ("rad",) * 5, "positions"),
+        Argument("qd", (program.input("qd[0]").node,), ("a",), ("rad/s",), "never used"),
+        Argument("symbols", (a.node, b.node), ("a", "b"), ("m", "m"), "geometry", uniform=True),
+    )
+    return Function("everything", program, arguments, entries, (rows, columns), (), "all operations")
+
+
+def nothing() -> Function:
+    """A result without entries."""
+    program = Program()
+    nodes = tuple(program.input(f"q[{k}]").node for k in range(5))
+    q = Argument("q", nodes, tuple("abcde"), ("rad",) * 5, "positions")
+    return Function("nothing", program, (q,), {}, (("x", "y"),), (), "zeros")
+
+
+def states(functions: tuple[Function, ...], samples: int, *, large: bool) -> dict[str, Floats]:
+    rng = np.random.default_rng(0)
+    values: dict[str, Floats] = {}
+    for a in (a for f in functions for a in f.arguments):
+        if a.name not in values:
+            values[a.name] = rng.uniform(-3, 3, (len(a),) if a.uniform else (samples, len(a)))
+    values["q"][-1] = 0
+    angles = [k for k, unit in enumerate(functions[0].arguments[0].units) if unit == "rad"]
+    if large:
+        for k, angle in enumerate(LARGE):
+            values["q"][k, angles[k % len(angles)]] = angle
+    return values
+
+
+def closed_states_of(mechanism: ec.Mechanism, samples: int) -> dict[str, Floats]:
+    """States in which the loops are closed."""
+    q, qd, qdd = Assembly(mechanism).random_closed_states(np.random.default_rng(3), samples)
+    free = [mechanism.velocities.index(name) for name in mechanism.independent_velocities]
+    return {"q": q, "qd": qd[:, free], "qdd": qdd[:, free]}
+
+
+def check(
+    target: str, functions: tuple[Function, ...], files: Mapping[str, str], robot: str, folder: Path, **options: Any
+) -> None:
+    precision = options.get("precision", "double")
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+        assert max(map(len, text.splitlines())) <= 180
+    call = generated.RUNNERS[target](generated.Build(folder, robot, functions, precision))
+    values = states(functions, 24, large=options.get("large", True)) | options.get("given", {})
+    if precision == "single":
+        values = {name: array.astype(np.float32).astype(float) for name, array in values.items()}
+    for function in functions:
+        wanted, found = generated.reference(function, values), call(function, values)
+        assert found.shape == wanted.shape
+        scale = np.maximum(1, np.abs(wanted).max(axis=0))
+        error = np.abs(found - wanted) / scale
+        assert error.max() < (1e-13 if precision == "double" else 2e-5), function.name
+
+
+@pytest.mark.parametrize("target", generated.RUNNERS)
+def test_every_operation(target: str, tmp_path: Path) -> None:
+    functions = (every_operation(), nothing())
+    files = printed(functions, TARGETS[target], Precision.DOUBLE, "robot_x", Subject("x", (), {}))
+    check(target, functions, files, "robot_x", tmp_path, large=False)
+
+
+def robot(name: str, **reading: Any) -> Callable[[], ec.BaseModel]:
+    return lambda: ec.base_parameters(ec.load(ROOT / f"examples/{name}.yaml", **reading))
+
+
+ROBOTS = {
+    "double_pendulum": robot("double_pendulum"),
+    "panda": robot("panda"),
+    "floating_tree": robot("floating_tree"),
+    "coupled_arm": robot("coupled_arm"),
+    "tx40": robot("tx40"),
+}
+LOOPS = {name: robot(f"loops/{name}") for name in ("four_bar", "sr400", "delta")}
+QUICK = ("double_pendulum", "four_bar")
+
+
+def cases() -> Iterator[object]:
+    """All targets with all robots; compilers take their time."""
+    for target in generated.RUNNERS:
+        for name in ROBOTS:
+            slow = name not in QUICK and not (target in ("c", "python") and name in ("panda", "coupled_arm"))
+            yield pytest.param(target, name, marks=[pytest.mark.slow] * slow)
+
+
+@pytest.mark.parametrize(("target", "name"), list(cases()))
+def test_robots(target: str, name: str, tmp_path: Path) -> None:
+    # XLA needs a minute for long functions
+    wanted = list(ALL) if target != "jax" or name in QUICK else ["inverse_dynamics", "gravity"]
+    source = generate_source(ROBOTS[name](), target, wanted, name="my_robot")
+    check(target, source.functions, source.files, "my_robot", tmp_path)
+
+
+def loop_cases() -> Iterator[object]:
+    """All targets with all loops; the long ones in C and NumPy at once."""
+    for target in generated.RUNNERS:
+        for name in LOOPS:
+            slow = name not in QUICK and (target not in ("c", "python") or name == "delta")
+            yield pytest.param(target, name, marks=[pytest.mark.slow] * slow)
+
+
+@pytest.mark.parametrize(("target", "name"), list(loop_cases()))
+def test_robots_with_loops(target: str, name: str, tmp_path: Path) -> None:
+    base = LOOPS[name]()
+    wanted = [*ALL, *LOOP_FUNCTIONS] if target != "jax" else ["gravity", "closed_positions"]
+    source = generate_source(base, target, wanted, name="my_robot")
+    given = closed_states_of(base.mechanism, 24)
+    check(target, source.functions, source.files, "my_robot", tmp_path, large=False, given=given)
+
+
+def test_generated_code_closes_loops_and_moves_them(tmp_path: Path) -> None:
+    """As a controller would call it: from the last positions, with new independent ones, a few steps each time."""
+    base = LOOPS["four_bar"]()
+    source = generate_source(base, "c", ["closed_positions", "mass_matrix"], name="bar", parameters=PARAMETERS)
+    for name, text in source.files.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    call = generated.c(generated.Build(tmp_path, "bar", source.functions, "double"))
+    closed, mass = source.functions
+    q = Assembly(base.mechanism).pose[None]
+    for crank in np.linspace(q[0, 0], q[0, 0] + 2 * np.pi, 400)[1:]:
+        q[0, 0] = crank
+        for _ in range(3):
+            q = call(closed, {"q": q})
+        expected = base.mass_matrix(q, list(PARAMETERS.values()))
+        np.testing.assert_allclose(call(mass, {"q": q}), expected, rtol=1e-9)
+    pose = Assembly(base.mechanism).pose
+    np.testing.assert_allclose(np.cos(q[0]), np.cos(pose), atol=1e-9)  # after a whole turn
+
+
+PARAMETERS = dict(zip(("ZZ1", "MX1", "MY1", "ZZ2", "MX2", "MY2", "ZZ3", "MY3"), np.linspace(0.5, 0.9, 8), strict=True))
+
+
+@pytest.mark.parametrize("target", generated.RUNNERS)
+def test_single_precision(target: str, tmp_path: Path) -> None:
+    source = generate_source(ROBOTS["double_pendulum"](), target, list(ALL), precision="single")
+    check(target, source.functions, source.files, "double_pendulum", tmp_path, precision="single", large=False)
+
+
+@pytest.mark.parametrize("target", [t for t in generated.RUNNERS if TARGETS[t].splits])
+def test_long_functions_are_cut_into_parts(target: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(views, "LONGEST_PART", 60)
+    source = generate_source(ROBOTS["panda"](), target, ("inverse_dynamics", "gravity"))
+    assert any("part_3" in text for text in source.files.values())
+    check(target, source.functions, source.files, "panda", tmp_path)

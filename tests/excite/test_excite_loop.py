@@ -1,0 +1,426 @@
+"""The loop closed: a trajectory is designed, a robot runs it in MuJoCo, and what its log shows is what was promised.
+
+The robot is not the one that the trajectory is designed for: its bodies weigh something else, it has friction, and in
+some tests its joints cog and stick, which no model says.  Torques are MuJoCo's, so are the truths.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.special import digamma, polygamma
+from scipy.stats import chi2
+
+import echelon as ec
+from echelon.base.model import BaseModel
+from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.excite.problem.task import task_of
+from echelon.excite.problem.trajectory import Fourier, Trajectory
+from echelon.excite.solve.design import Design, designed
+from echelon.identification.result import Identification
+from echelon.setup.setup import Setup
+from support.paths import ROOT
+from support.simulated_models import Drive, Part
+from support.simulated_robots import GUESSED, TRUE, Motion, System
+from support.simulated_systems import joint_forces
+
+Floats = npt.NDArray[np.float64]
+
+PERIOD, RATE, SEEDS = 6.0, 200.0, 200
+NOISE = np.array([0.5, 0.5, 0.5, 0.1, 0.1, 0.05])
+POSITION = np.array([2.0, 1.5, 2.0, 2.0, 2.0, 2.0])
+VELOCITY = np.array([2.0, 2.0, 2.0, 3.0, 3.0, 3.0])
+ACCELERATION = 15.0
+EFFORT = np.array([80.0, 100.0, 50.0, 20.0, 15.0, 10.0])
+JOINTS = tuple(f"j{k}" for k in range(1, 7))
+ENCODER = 1e-6
+"""Noise of the positions, rad."""
+UNMODELLED = 0.3
+"""Cogging and sticking as a share of the dry friction."""
+
+_X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+_FRICTION = [{"type": "viscous", "at": "all"}, {"type": "coulomb", "at": "all"}]
+
+
+def _by_name(values: Floats) -> dict[str, float]:
+    return dict(zip(JOINTS, values.tolist(), strict=True))
+
+
+def _arm() -> System:
+    position = {name: [-value, value] for name, value in _by_name(POSITION).items()}
+    limits = {"velocity": _by_name(VELOCITY), "acceleration": ACCELERATION, "jerk": "none", "effort": _by_name(EFFORT)}
+    return System(
+        "excited arm",
+        (
+            Part("column", "", (0, 0, 0.3), "j1", _Z, 4.0, 0.3),
+            Part("upper", "column", (0.05, 0.05, 0.1), "j2", _Y, 3.0, 0.4),
+            Part("elbow", "upper", (0, 0, 0.4), "j3", _Y, 2.0, 0.3),
+            Part("fore", "elbow", (0.15, 0, 0.05), "j4", _X, 1.2, 0.2),
+            Part("wrist", "fore", (0.2, 0, 0), "j5", _Y, 0.8, 0.15),
+            Part("hand", "wrist", (0.1, 0, 0), "j6", _X, 0.6, 0.12),
+        ),
+        {
+            name: Drive(viscous, coulomb)
+            for name, viscous, coulomb in zip(
+                JOINTS, (1.5, 2.0, 1.0, 0.3, 0.2, 0.1), (1.2, 2.0, 0.8, 0.2, 0.15, 0.1), strict=True
+            )
+        },
+        tuple(NOISE.tolist()),
+        "mjcf",
+        {
+            "effects": _FRICTION,
+            "log": {"time": "time", "position": "q_{n}", "output": "tau_{n}"},
+            "preparation": {"delays": dict.fromkeys(JOINTS, 0)},
+            "identification": {"physical": False, "essential": "none"},
+            "excitation": {
+                "harmonics": 5,
+                "duration": PERIOD,
+                "rate": RATE,
+                "noise": _by_name(NOISE),
+                "limits": {"position": position, **limits},
+            },
+        },
+        "csv",
+        joint_forces,
+    )
+
+
+ARM = _arm()
+
+
+@dataclass(frozen=True)
+class Known:
+    """The set-up, with guessed bodies, and the truth; its files go when the process ends."""
+
+    setup: Setup
+    base: BaseModel
+    truth: Floats
+    design: Design
+    kept: object
+
+
+@cache
+def known() -> Known:
+    kept = TemporaryDirectory()
+    setup = ARM.load(Path(kept.name))
+    with TemporaryDirectory() as folder:
+        base, standard = ARM.truth(Path(folder))
+    return Known(setup, base, base.values(standard), designed(task_of(setup, setup.excitation)), kept)
+
+
+@cache
+def excited(seed: int = 1, starts: int = 1) -> ExcitingTrajectory:
+    return ec.exciting_trajectory(known().setup, seed=seed, starts=starts)
+
+
+# -- motions to compare with -------------------------------------------------------------------------------------------
+
+
+def random_motion(seed: int) -> Trajectory:
+    """Of the same family, from rest to rest, and as large as the limits allow."""
+    design = known().design
+    return design.trajectory(design.problem.start(np.random.default_rng(seed), 0.98))
+
+
+def sines(shift: int) -> Trajectory:
+    """What is done by hand: each joint swings at a frequency of its own, as far as its limits allow."""
+    basis = Fourier(PERIOD, len(JOINTS))
+    coefficients = np.zeros((basis.size, len(JOINTS)))
+    for j in range(len(JOINTS)):
+        k = 1 + (j + shift) % len(JOINTS)
+        rate = 2 * np.pi * k / PERIOD
+        coefficients[2 * k, j] = 0.98 * min(POSITION[j], VELOCITY[j] / rate, ACCELERATION / rate**2)
+    return Trajectory(JOINTS, ("rad",) * len(JOINTS), basis, coefficients)
+
+
+def others() -> Iterator[tuple[str, Trajectory]]:
+    yield from ((f"random {seed}", random_motion(seed)) for seed in range(6))
+    yield from ((f"sines {shift}", sines(shift)) for shift in (0, 4, 5))
+
+
+# -- what a motion shows, from regressors and from torques -------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Regressors and exact torques of a motion, in units of the noise."""
+
+    W: Floats
+    y: Floats
+
+    @property
+    def information(self) -> Floats:
+        found: Floats = self.W.T @ self.W
+        return found
+
+    def estimates(self, seeds: int, first: int = 0) -> Floats:
+        """Plain least squares with other noise each time, shape (seeds, r)."""
+        rng = np.random.default_rng(first)
+        Q, R = np.linalg.qr(self.W)
+        seen = np.stack([Q.T @ (self.y + rng.standard_normal(len(self.y))) for _ in range(seeds)], axis=1)
+        found: Floats = np.linalg.solve(R, seen).T
+        return found
+
+    def errors(self, estimates: Floats) -> Floats:
+        """Root mean square of prediction errors, in units of the noise, for each estimate."""
+        found: Floats = np.sqrt(np.mean((self.y[:, None] - self.W @ estimates.T) ** 2, axis=0))
+        return found
+
+
+def rows(trajectory: Trajectory, periods: int = 1) -> Rows:
+    """MuJoCo's torques along a motion that is followed exactly; dry friction at rest is nobody's to know, so ours."""
+    t = np.arange(round(PERIOD * RATE) * periods) / RATE
+    states = trajectory.states(t)
+    smooth = replace(ARM, drives={name: replace(drive, coulomb=0.0) for name, drive in ARM.drives.items()})
+    dry = np.sign(states[1]) * [drive.coulomb for drive in ARM.drives.values()]
+    y = ARM.inverse(smooth.mjcf(TRUE), *states) + dry
+    W = known().base.regressor(*states) / NOISE[:, None]
+    return Rows(W.reshape(-1, W.shape[2]), (y / NOISE).ravel())
+
+
+def log_det(F: Floats) -> float:
+    return float(np.linalg.slogdet(F)[1])
+
+
+def scaled_condition(F: Floats) -> float:
+    size = np.sqrt(np.diag(F))
+    return float(np.sqrt(np.linalg.cond(F / np.outer(size, size))))
+
+
+# -- a robot that runs a trajectory ------------------------------------------------------------------------------------
+
+
+def followed(trajectory: Trajectory, periods: int = 1, unmodelled: float = 0.0) -> Motion:
+    """Forward dynamics under feed-forward of the guessed robot and feedback; torques are those of the motors."""
+    model = mujoco.MjModel.from_xml_string(ARM.mjcf(TRUE))
+    data = mujoco.MjData(model)
+    step, seconds = model.opt.timestep, periods * PERIOD
+    q, qd, qdd = trajectory.states(np.arange(2 * round(seconds / step) + 1) * step / 2)
+    forward = ARM.inverse(ARM.mjcf(GUESSED), q, qd, qdd)
+    dry = unmodelled * np.array([drive.coulomb for drive in ARM.drives.values()])
+
+    def control(_: Any, state: Any) -> None:
+        k = round(2 * state.time / step)
+        state.ctrl[:] = forward[k] + EFFORT * (5 * (q[k] - state.qpos) + 0.3 * (qd[k] - state.qvel))
+        stick = np.exp(-((state.qvel / 0.1) ** 2)) * np.tanh(state.qvel / 0.005)
+        state.qfrc_applied[:] = dry * (np.sin(20 * state.qpos) - stick)
+
+    data.qpos[:], data.qvel[:] = q[0], qd[0]
+    kept = []
+    mujoco.set_mjcb_control(control)
+    try:
+        for k in range(round(seconds / step)):
+            if k % round(1 / RATE / step) == 0:
+                mujoco.mj_forward(model, data)
+                kept.append((data.time, data.qpos.copy(), data.qvel.copy(), data.qacc.copy(), data.ctrl.copy()))
+            mujoco.mj_step(model, data)
+    finally:
+        mujoco.set_mjcb_control(None)
+    return Motion(*(np.array(values) for values in zip(*kept, strict=True)))
+
+
+def identified(
+    folder: Path, motion: Motion, fresh: Motion | None = None, seed: int = 0, **settings: Any
+) -> Identification:
+    """What comes of a noisy log, of which nothing is held out; ``fresh`` is predicted, without noise."""
+    setup = known().setup.with_settings(holdout=0.0, **settings)
+    log = ARM.log(motion, folder / f"run{seed}", setup.mechanism, seed, ENCODER)
+    unseen = [] if fresh is None else [ARM.log(fresh, folder / "fresh", setup.mechanism, None)]
+    return ec.identify(setup, [log], validate_on=unseen)
+
+
+# -- what was promised -------------------------------------------------------------------------------------------------
+
+
+def test_deviations_are_those_that_were_predicted() -> None:
+    """Over repeated noise: each variance, the volume of the ellipsoid, and no bias."""
+    found, seen = excited(), rows(excited().trajectory)
+    assert found.safe
+    predicted, truth, r = np.array(found.conditioning.std), known().truth, known().base.rank
+    estimates = seen.estimates(SEEDS)
+    squares = (SEEDS - 1) * estimates.var(axis=0, ddof=1) / predicted**2
+    low, high = chi2.interval(1 - 1e-4, SEEDS - 1)
+    assert ((low < squares) & (squares < high)).all(), squares / (SEEDS - 1)
+    # log det of a sample covariance: a sum of logarithms of chi-squared numbers with ever fewer degrees of freedom
+    half = (SEEDS - 1 - np.arange(r)) / 2
+    expected = np.sum(digamma(half) + np.log(2 / (SEEDS - 1))) - found.conditioning.log_det
+    assert abs(log_det(np.cov(estimates.T)) - expected) < 4 * np.sqrt(np.sum(polygamma(1, half)))
+    assert np.abs((estimates.mean(axis=0) - truth) / predicted * np.sqrt(SEEDS)).max() < 4.5
+
+
+def test_a_log_gives_intervals_of_the_predicted_size(tmp_path: Path) -> None:
+    """A fifth of the rows are left after filters, and no information is lost: the noise that is left is smaller.
+
+    Classical intervals take neighbours of that noise for independent and come out a tenth too narrow; those of batches
+    of time scatter, and are right in the middle.
+    """
+    motion = followed(excited().trajectory)
+    predicted = np.array(excited().conditioning.std)
+    batches = identified(tmp_path, motion).estimate
+    ratio = batches.std / predicted
+    assert 0.9 < np.median(ratio) < 1.2
+    assert ratio.min() > 0.5
+    assert ratio.max() < 2.0
+    classical = identified(tmp_path, motion, intervals="classical").estimate.std / predicted
+    assert classical.min() > 0.8
+    assert classical.max() < 1.2
+    # neither filters nor the way in which the robot follows cost more than a few per cent of what was promised
+    errors = (batches.values - known().truth) / predicted
+    assert np.mean(errors**2) == pytest.approx(1, abs=0.7)
+
+
+def test_the_robot_stays_near_the_trajectory() -> None:
+    """Otherwise its log would not be one of the trajectory that was designed."""
+    motion, trajectory = followed(excited().trajectory, unmodelled=UNMODELLED), excited().trajectory
+    assert np.abs(motion.q - trajectory(motion.time)).max() < 0.05
+    assert (np.abs(motion.q) < 1.02 * POSITION).all()
+    assert (np.abs(motion.qd) < 1.1 * VELOCITY).all()
+    assert (np.abs(motion.y) < EFFORT).all()
+
+
+# -- better than others ------------------------------------------------------------------------------------------------
+
+
+def test_better_than_random_motions_and_sines() -> None:
+    """With the same limits, noise and duration."""
+    held_out = [rows(random_motion(seed)) for seed in (100, 101)]
+
+    def judged(trajectory: Trajectory) -> tuple[float, float, float]:
+        seen = rows(trajectory)
+        estimates = seen.estimates(20)
+        error = np.sqrt(np.mean([fresh.errors(estimates) ** 2 for fresh in held_out]))
+        return log_det(seen.information), scaled_condition(seen.information), float(error)
+
+    best = [judged(excited(seed).trajectory) for seed in range(2)]
+    rest = {name: judged(trajectory) for name, trajectory in others()}
+    volume, condition, error = (np.array(values) for values in zip(*best, strict=True))
+    volumes, conditions, errors = (np.array(values) for values in zip(*rest.values(), strict=True))
+    # log det of F is −2 Σ log of the deviations along its axes: smaller by a seventh than the best of the others
+    assert volume.min() > volumes.max() + 0.3 * known().base.rank, rest
+    assert condition.max() < np.median(conditions)
+    assert error.max() < errors.min(), rest
+    assert error.mean() < 0.75 * errors.mean()
+
+
+@pytest.mark.slow
+def test_better_with_unmodelled_effects(tmp_path: Path) -> None:
+    """The whole way: forward dynamics, joints that cog and stick, noisy logs, filters; fresh motions are predicted."""
+    fresh = followed(random_motion(99), unmodelled=UNMODELLED)
+    scores: dict[str, list[float]] = {"excited": [], "random": [], "sines": []}
+    for seed in range(4):
+        motions = {"excited": excited(seed).trajectory, "random": random_motion(seed), "sines": sines(seed)}
+        for kind, trajectory in motions.items():
+            (folder := tmp_path / f"{kind}{seed}").mkdir()
+            found = identified(folder, followed(trajectory, unmodelled=UNMODELLED), fresh, seed)
+            errors = np.array([score.rms for score in found.validations[1].scores]) / NOISE
+            scores[kind].append(float(np.sqrt(np.mean(errors**2))))
+    # what no model says is left in every prediction, so the advantage is smaller than without
+    assert max(scores["excited"]) < 1.05 * min(scores["random"] + scores["sines"]), scores
+    assert np.mean(scores["excited"]) < 0.95 * np.mean(scores["random"]), scores
+    assert np.mean(scores["excited"]) < 0.95 * np.mean(scores["sines"]), scores
+
+
+# -- complementing what is known ---------------------------------------------------------------------------------------
+
+
+def complement(first: Floats, seed: int, **changes: Any) -> Floats:
+    """Information of a trajectory that is designed to complement other information."""
+    found = ec.exciting_trajectory(known().setup, prior_information=first, seed=seed, **changes)
+    seen = rows(found.trajectory).information
+    # what is shown is both together
+    assert found.conditioning.log_det == pytest.approx(log_det(first + seen), rel=1e-9)
+    return seen
+
+
+@pytest.mark.slow
+def test_a_complement_is_better_than_a_repetition() -> None:
+    for seed in range(2):
+        first = rows(excited(seed).trajectory).information
+        assert log_det(first + complement(first, seed + 10, starts=1)) > log_det(2 * first) + 0.1 * len(first)
+
+
+@pytest.mark.slow
+def test_a_complement_is_better_than_another_design() -> None:
+    """By little, since every good trajectory shows everything, and only with several starts: optima are local."""
+    gains = []
+    for seed in range(3):
+        first, another = (rows(excited(k, starts=4).trajectory).information for k in (seed, seed + 10))
+        gains.append(log_det(first + complement(first, seed + 10, starts=4)) - log_det(first + another))
+    assert np.mean(gains) > 0.5
+    assert min(gains) > -1
+
+
+@pytest.mark.slow
+def test_a_complement_of_a_one_sided_log() -> None:
+    """The wrist was moved long and the arm hardly: variances come out smaller if that is known."""
+    design = known().design
+    rest, x = design.problem.at_rest, design.trajectory(random_motion(5).coefficients).coefficients.copy()
+    x[:, :3] = rest[:, :3] + 0.05 * (x - rest)[:, :3]
+    first = 20 * rows(design.trajectory(x)).information
+    for seed in range(2):
+        options: dict[str, Any] = {"seed": seed, "criterion": "a_optimal", "starts": 4}
+        alone = rows(ec.exciting_trajectory(known().setup, **options).trajectory).information
+        both = complement(first, **options)
+        ratio = np.diag(np.linalg.inv(first + alone)) / np.diag(np.linalg.inv(first + both))
+        assert ratio.mean() > 1.1
+
+
+def test_information_of_a_log_is_that_of_its_trajectory(tmp_path: Path) -> None:
+    """Filters and decimation take away rows and noise alike."""
+    log = ARM.log(followed(excited().trajectory), tmp_path / "run", known().base.mechanism, 0, ENCODER)
+    ratio = np.diag(ec.information_of_logs(known().setup, [log])) / np.diag(rows(excited().trajectory).information)
+    assert ratio == pytest.approx(1, abs=0.15)
+
+
+# -- more data ---------------------------------------------------------------------------------------------------------
+
+
+def test_repetitions_shrink_deviations_by_their_root() -> None:
+    predicted = np.array(excited().conditioning.std)
+    spread = rows(excited().trajectory, 4).estimates(SEEDS).std(axis=0, ddof=1)
+    low, high = np.sqrt(np.array(chi2.interval(1 - 1e-4, SEEDS - 1)) / (SEEDS - 1))
+    ratio = 2 * spread / predicted
+    assert ((low < ratio) & (ratio < high)).all(), ratio
+
+
+@pytest.mark.slow
+def test_logs_of_repetitions(tmp_path: Path) -> None:
+    """Four periods in one log: half the deviations; not exactly, because filters spoil the ends of short logs more."""
+    once, often = (
+        identified(tmp_path, followed(excited().trajectory, periods), seed=periods, intervals="classical")
+        for periods in (1, 4)
+    )
+    assert np.median(once.estimate.std / often.estimate.std) == pytest.approx(2, rel=0.1)
+    errors = (often.estimate.values - known().truth) / (np.array(excited().conditioning.std) / 2)
+    assert np.mean(errors**2) == pytest.approx(1, abs=0.7)
+
+
+# -- the example -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_page_shows_what_the_example_prints() -> None:
+    """The same words, and numbers that differ no more than those of two platforms."""
+    script = ROOT / "examples" / "excite" / "closed_loop.py"
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
+    page = (ROOT / "docs" / "excitation-loop.md").read_text(encoding="utf-8")
+    quoted = re.search(r"^```text\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert quoted is not None
+    number = re.compile(r"\d+\.\d+")
+    assert number.sub("", quoted[1]).split() == number.sub("", done.stdout).split()
+    shown, printed = (np.array([float(some) for some in number.findall(text)]) for text in (quoted[1], done.stdout))
+    assert printed == pytest.approx(shown, rel=0.15)
+    excited_, random_, sines_ = printed[:-1].reshape(3, -1)
+    assert (excited_[2:5] < 0.6 * np.minimum(random_, sines_)[2:5]).all()

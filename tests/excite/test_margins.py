@@ -1,0 +1,230 @@
+"""Margins that hold at every time: against ten thousand samples per second, and against spikes between samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from echelon.errors import InputError
+from echelon.excite.problem.state_limits import MotionLimit, StateLimits
+from echelon.excite.problem.trajectory import Basis, Fourier, Splines, Trajectory
+from echelon.excite.verify import margins as cells
+from echelon.excite.verify.margins import ACTIVE, Margin, motion_margins, reach, state_margins
+from echelon.program.function import Argument, Function
+from echelon.program.tape import Program, Scalar
+from support.excitation_cases import Floats, all_limits, families, random_motion
+
+RATE = 10_000
+FAMILIES = ("fourier at rest", "bspline at rest", "sum at rest")
+
+
+def moving(basis: Basis, like: StateLimits, size: float, seed: int = 0) -> Trajectory:
+    return random_motion(basis, len(like.function.arguments[0].labels), seed, size)
+
+
+def reached(motion: Trajectory, limits: StateLimits) -> tuple[Floats, Floats]:
+    """The least and the largest of ten thousand samples per second, without smoothing."""
+    sharp = StateLimits(limits.labels, limits.units, limits.low, limits.high, limits.function, limits.uniform)
+    values = sharp.values(*motion.states(motion.times(RATE)))
+    return values.min(axis=0), values.max(axis=0)
+
+
+@cache
+def limits_of(case: int) -> StateLimits:
+    return all_limits()[case][1]
+
+
+# -- functions of the state --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("case", range(3))
+def test_bounds_contain_all_samples(case: int, name: str) -> None:
+    limits = limits_of(case)
+    motion = moving(families(2.0)[name], limits, 0.15)
+    least, largest = reach(motion, limits)
+    low, high = reached(motion, limits)
+    slack = 1e-9 * np.maximum(np.abs(low), np.abs(high))
+    assert np.all(least <= low + slack)
+    assert np.all(largest >= high - slack)
+
+
+@pytest.mark.parametrize("case", [1, 2])
+def test_bounds_are_sharp_where_limits_are_near(case: int) -> None:
+    """Within a thousandth of the range, or a quarter of the room, whichever is more."""
+    limits = limits_of(case)
+    motion = moving(families(2.0)["fourier at rest"], limits, 0.1)
+    low, high = reached(motion, limits)
+    near = StateLimits(limits.labels, limits.units, low - 1e-4, high + 1e-4, limits.function, limits.uniform)
+    least, largest = reach(motion, near)
+    allowed = 1.05e-3 * (near.high - near.low) + 1e-4
+    assert np.all(low - least <= allowed)
+    assert np.all(largest - high <= allowed)
+    far = StateLimits(limits.labels, limits.units, low - 50, high + 50, limits.function, limits.uniform)
+    least, largest = reach(motion, far)
+    assert np.all(low - least <= 0.25 * 50 + 0.2)
+    assert np.all(largest - high <= 0.25 * 50 + 0.2)
+    assert all(margin.kept for margin in state_margins(motion, far))
+
+
+def test_margins_of_states_carry_their_limits() -> None:
+    limits = limits_of(2)
+    motion = moving(families(2.0)["fourier at rest"], limits, 0.1)
+    found, (least, largest) = state_margins(motion, limits), reach(motion, limits)
+    assert [m.label for m in found] == list(limits.labels)
+    np.testing.assert_array_equal([(m.low, m.high) for m in found], np.column_stack([limits.low, limits.high]))
+    np.testing.assert_array_equal([(m.least, m.largest) for m in found], np.column_stack([least, largest]))
+
+
+def function_of(make: Callable[..., Scalar], arguments: str = "q") -> StateLimits:
+    """A recorded function of one coordinate with limits ±2."""
+    program = Program()
+    inputs = {name: program.input(f"{name}[q1]") for name in arguments.split()}
+    node = make(**inputs).node
+    given = tuple(Argument(name, (x.node,), ("q1",), ("rad",)) for name, x in inputs.items())
+    function = Function("f", program, given, {(0,): node}, (("f",),))
+    return StateLimits(("f",), ("1",), np.array([-2.0]), np.array([2.0]), function, {})
+
+
+def sweep(rate: float = 1.0, harmonics: int = 1) -> Trajectory:
+    """q = sin(2π·rate·t) over one second."""
+    coefficients = np.zeros((1 + 2 * harmonics, 1))
+    coefficients[2 * round(rate) - 1] = 1.0
+    return Trajectory(("q1",), ("rad",), Fourier(1.0, harmonics), coefficients)
+
+
+SPIKES = [0.3, 0.1234567, -0.77777]
+
+
+@pytest.mark.parametrize("centre", SPIKES)
+@pytest.mark.parametrize("width", [1e-2, 1e-4])
+def test_narrow_spikes_are_found(centre: float, width: float) -> None:
+    """1/(1 + ((q − c)/w)²) reaches 1 for a moment shorter than any step of a usual grid."""
+
+    def spike(q: Scalar) -> Scalar:
+        x = (q - Fraction(centre)) * Fraction(1 / width)
+        return 1 / (1 + x * x)
+
+    limits, motion = function_of(spike), sweep()
+    samples = limits.values(*motion.states(np.linspace(0, 1, 51)))
+    assert samples.max() < (0.5 if width < 1e-3 else 1.0)  # samples do not see it
+    _, largest = reach(motion, limits)
+    assert 1.0 - 1e-9 <= largest[0] <= 1.3
+
+
+@pytest.mark.parametrize("arguments", ["qd", "qdd", "q qd qdd"])
+def test_spikes_of_rates_are_found(arguments: str) -> None:
+    def spike(**state: Scalar) -> Scalar:
+        total = sum(list(state.values())[1:], next(iter(state.values())))
+        x = 30 * (total - 1)
+        return 1 / (1 + x * x)
+
+    limits, motion = function_of(spike, arguments), sweep()
+    _, largest = reach(motion, limits)
+    assert 1.0 - 1e-9 <= largest[0] <= 1.3
+
+
+def test_functions_that_jump() -> None:
+    """Dry friction: its sign takes all values, and a trajectory that turns meets all of them."""
+    limits = function_of(lambda qd: qd.sign() * 3, "qd")
+    (margin,) = state_margins(sweep(), limits)
+    assert (margin.least, margin.largest) == pytest.approx((-3, 3))
+    assert not margin.kept
+
+
+def test_poles_are_beyond_all_limits() -> None:
+    """1/(q − 1/2) has no bound, and nothing is said to be kept."""
+    (margin,) = state_margins(sweep(), function_of(lambda q: 1 / (q - 1 / 2)))
+    assert margin.least == -np.inf
+    assert margin.largest == np.inf
+    assert not margin.kept
+
+
+def test_first_cells_may_be_coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One cell at first is enough: it is halved until it says enough."""
+    motion, limits = sweep(3.0, 3), function_of(lambda q: (4 * q).sin() * q)
+    expected = reached(motion, limits)
+    for count in (1e-9, 100):
+        monkeypatch.setattr(cells, "PER_PERIOD", count)
+        least, largest = reach(motion, limits)
+        assert expected[0][0] - 0.4 <= least[0] <= expected[0][0] + 1e-9
+        assert expected[1][0] - 1e-9 <= largest[0] <= expected[1][0] + 0.4
+
+
+# -- the motion itself -------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.sampled_from(sorted(families())), st.integers(0, 3), st.integers(0, 2**32 - 1))
+def test_margins_of_motions_contain_all_samples(name: str, order: int, seed: int) -> None:
+    motion = random_motion(families(2.0)[name], 3, seed)
+    weights = np.random.default_rng(seed).normal(size=3)
+    values = motion(motion.times(RATE), order) @ weights
+    span = np.ptp(values)
+    limit = MotionLimit("m", "rad", order, weights, values.min() - 0.01 * span, values.max() + 0.01 * span)
+    (margin,) = motion_margins(motion, [limit])
+    assert margin.least <= values.min()
+    assert margin.largest >= values.max()
+    # sharp within a thousandth of the range of the limit
+    assert max(values.min() - margin.least, margin.largest - values.max()) <= 1.01e-3 * (limit.high - limit.low)
+    assert margin.kept
+    assert margin.label == f"{limit.kind} of m"
+
+
+@pytest.mark.parametrize("ends", [(-np.inf, 5.0), (-5.0, np.inf)])
+def test_limits_with_one_end(ends: tuple[float, float]) -> None:
+    (margin,) = motion_margins(sweep(), [MotionLimit("q1", "rad", 0, np.ones(1), *ends)])
+    assert margin.margin == pytest.approx(4.0, abs=0.01)
+    assert margin.relative == pytest.approx(0.8, abs=0.01)
+
+
+def test_peaks_between_samples_count() -> None:
+    """Amplitude 1 is reached between samples of the grid; a limit just below it is broken."""
+    motion = sweep(3.0, 3)
+    for level, kept in ((0.99999, False), (1.01, True)):
+        (margin,) = motion_margins(motion, [MotionLimit("q1", "rad", 0, np.ones(1), -level, level)])
+        assert margin.kept is kept
+
+
+@pytest.mark.parametrize("degree", [2, 3, 4])
+def test_splines_of_low_degree_are_refused(degree: int) -> None:
+    """Their accelerations or jerks jump at breaks, where no curvature bounds them."""
+    with pytest.raises(InputError, match="degree"):
+        Splines((0.0, 1.0, 2.0), degree)
+
+
+def test_coordinates_at_rest() -> None:
+    still = Trajectory(("q1",), ("rad",), Fourier(1.0, 1), np.array([[0.3], [0.0], [0.0]]))
+    (margin,) = motion_margins(still, [MotionLimit("q1", "rad", 0, np.ones(1), 0.0, 1.0)])
+    assert (margin.least, margin.largest) == (0.3, 0.3)
+    least, largest = reach(still, function_of(lambda q: 2 * q))
+    np.testing.assert_allclose([least[0], largest[0]], 0.6, rtol=1e-12)
+
+
+# -- one margin --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ends", [(np.nan, np.nan), (0.0, np.nan), (np.nan, 0.0)])
+def test_what_is_not_known_is_not_kept(ends: tuple[float, float]) -> None:
+    assert not Margin("f", "m", -1.0, 1.0, *ends).kept
+
+
+def test_what_margins_say() -> None:
+    inside = Margin("f", "m", -1.0, 3.0, -0.5, 2.0)
+    assert (inside.margin, inside.relative, inside.kept, inside.active) == (0.5, 0.125, True, False)
+    near = Margin("f", "m", 0.0, 10.0, 1.0, 10.0 - 0.5 * ACTIVE * 10)
+    assert near.active
+    beyond = Margin("f", "m", -1.0, 1.0, -2.0, 0.0)
+    assert (beyond.margin, beyond.kept, beyond.active) == (-1.0, False, False)
+    below = Margin("f", "m", -np.inf, 4.0, -100.0, 3.0)
+    assert (below.margin, below.relative) == (1.0, 0.25)
+    above = Margin("f", "m", -2.0, np.inf, -1.0, np.inf)
+    assert (above.margin, above.relative) == (1.0, 0.5)
+    free = Margin("f", "m", -np.inf, np.inf, -1.0, 1.0)
+    assert free.kept

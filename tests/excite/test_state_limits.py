@@ -1,0 +1,255 @@
+"""Limits of torques and of points: values against Pinocchio and hand-made kinematics, slopes against differences."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import echelon as ec
+from echelon.base.model import BaseModel
+from echelon.dynamics.kinematics import Kinematics
+from echelon.errors import InputError
+from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_limits
+from echelon.excite.problem.optimisation import Problem, beyond
+from echelon.excite.problem.state_limits import MotionLimit, PointLimit, StateConstraint, StateLimits, point_limits
+from echelon.excite.problem.trajectory import Fourier
+from echelon.mechanism.mechanism import Mechanism
+from echelon.program.function import Argument, Function
+from echelon.program.tape import Program
+from support.excitation_cases import Floats, all_limits, points, slopes_by_state, torques, tx40_standard, ur10
+from support.float_regressor import float_regressor, random_states, standard_vector
+from support.paths import EXAMPLES
+from support.robot_files import has_pinocchio, pinocchio_model, pinocchio_state, robot_file
+
+STATE = ("q", "qd", "qdd")
+
+
+# -- torques -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not has_pinocchio(), reason="Pinocchio is not installed")
+def test_torques_are_pinocchios() -> None:
+    import pinocchio as pin
+
+    mechanism, model = ur10(), pinocchio_model(robot_file("ur10_robot"), False)
+    state = random_states(mechanism, 8)
+    found = torques(mechanism, standard_vector(mechanism)).values(*state)
+    data = model.createData()
+    states = [pinocchio_state(mechanism, model, *(x[k] for x in state)) for k in range(8)]
+    expected = np.array([s.to_ours(pin.rnea(model, data, s.q, s.v, s.a)) for s in states])
+    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_torques_with_friction() -> None:
+    """Joint side of a coupled wrist: the regressor times the parameters."""
+    mechanism, standard = tx40_standard()
+    state = random_states(mechanism, 8)
+    expected = float_regressor(mechanism, *state) @ standard
+    found = torques(mechanism, standard)
+    np.testing.assert_allclose(found.values(*state), expected, atol=1e-11 * np.abs(expected).max())
+    assert found.labels[:2] == ("torque of j1", "torque of j2")
+    assert found.units[0] == "N·m"
+    np.testing.assert_allclose(found.high, 0.9 * (100 + np.arange(6)))
+    np.testing.assert_array_equal(found.low, -found.high)
+
+
+def test_torques_of_motors() -> None:
+    """What a motor gives times its ratios is what its joints need: Tᵀ τ_m = τ, without friction."""
+    mechanism = ec.load(EXAMPLES / "tx40.yaml")
+    _, standard = tx40_standard()
+    standard[60:] = 0
+    ratios = np.diag([32.0, 32, 45, -48, 45, 32])
+    ratios[5, 4] = 32
+    limits = [EffortLimit(f"m{k + 1}", "N·m", 1.0) for k in range(6)]
+    found = effort_limits(mechanism, limits, EffortModel(standard), 0.0, None)
+    state = random_states(mechanism, 5)
+    joints = torques(mechanism, standard).values(*state)
+    np.testing.assert_allclose(found.values(*state) @ ratios, joints, atol=1e-11 * np.abs(joints).max())
+
+
+def test_forces_of_slides() -> None:
+    cart = ec.load(EXAMPLES / "cart_pole.yaml")
+    standard = np.random.default_rng(0).normal(size=len(cart.parameters))
+    found = effort_limits(cart, [EffortLimit(cart.velocities[0], "N", 5.0)], EffortModel(standard), 0.2, None)
+    assert found.labels == (f"force of {cart.velocities[0]}",)
+    assert (found.low[0], found.high[0]) == (-4.0, 4.0)
+
+
+@pytest.mark.parametrize("smooth", [None, 0.2])
+def test_slopes_of_torques(smooth: float | None) -> None:
+    mechanism, standard = tx40_standard()
+    check_slopes(torques(mechanism, standard, smooth=smooth), mechanism)
+
+
+def test_smoothed_torques_differ_near_standstill_only() -> None:
+    mechanism, standard = tx40_standard()
+    sharp, smooth = torques(mechanism, standard), torques(mechanism, standard, smooth=0.01)
+    q, qd, qdd = random_states(mechanism, 6)
+    qd = np.sign(qd) * np.maximum(np.abs(qd), 0.3)
+    qd[:, 5] = 2.0 * np.sign(qd[:, 4])  # nor does the wrist's motor stand still
+    np.testing.assert_allclose(smooth.values(q, qd, qdd), sharp.values(q, qd, qdd), atol=1e-9)
+    assert np.abs(smooth.values(q, 0.01 * qd, qdd) - sharp.values(q, 0.01 * qd, qdd)).max() > 0.05
+
+
+def test_torques_need_a_prior_model() -> None:
+    mechanism, standard = tx40_standard()
+    standard[3] = np.nan
+    with pytest.raises(InputError, match=rf"need a prior model; {mechanism.parameters[3]} have no values"):
+        torques(mechanism, standard)
+
+
+def check_slopes(limits: StateConstraint, mechanism: Mechanism) -> None:
+    state = dict(zip(STATE, random_states(mechanism, 4), strict=True))
+
+    def values(**moved: Floats) -> Floats:
+        return limits.values(moved["q"], moved["qd"], moved["qdd"])
+
+    found = limits.slopes(*state.values())
+    size = max(np.abs(part).max() for part in found if part is not None)
+    for part, name in zip(found, STATE, strict=True):
+        expected = slopes_by_state(values, state, name)
+        if part is None:
+            np.testing.assert_allclose(expected, 0, atol=1e-11 * size)
+        else:
+            assert part.shape == expected.shape
+            np.testing.assert_allclose(part, expected, atol=1e-8 * size)
+
+
+# -- points ------------------------------------------------------------------------------------------------------------
+
+
+def test_points_are_where_frames_take_them() -> None:
+    mechanism = ur10()
+    names = [body.name for body in mechanism.bodies]
+    q, qd, qdd = random_states(mechanism, 6)
+    found = point_limits(mechanism, points())
+    frames = Kinematics(mechanism).frames(q)
+    for k, limit in enumerate(points()):
+        place = frames[:, names.index(limit.body)]
+        expected = (place[..., :3] @ np.array(limit.point) + place[..., 3]) @ np.array(limit.direction)
+        np.testing.assert_allclose(found.values(q, qd, qdd)[:, k], expected, atol=1e-13)
+    assert found.labels == ("z of wrist", "slanted of elbow", "z of shoulder")
+    assert found.units == ("m",) * 3
+    np.testing.assert_array_equal(found.low, [0.1, -np.inf, -1])
+    np.testing.assert_array_equal(found.high, [1.2, 0.5, 1])
+
+
+def test_slopes_of_points() -> None:
+    check_slopes(point_limits(ur10(), points()), ur10())
+    found = point_limits(ur10(), points()).slopes(*random_states(ur10(), 2))
+    assert found[1] is None
+    assert found[2] is None
+
+
+def test_points_of_open_geometry(tmp_path: Path) -> None:
+    arm = ec.load(EXAMPLES / "stanford.yaml")
+    limit = PointLimit("y", arm.bodies[-1].name, (0.0, 0.0, 0.1), (0.0, 1.0, 0.0), 0, 1)
+    with pytest.raises(InputError, match="d2"):
+        point_limits(arm, [limit])
+    q, qd, qdd = random_states(arm, 3)
+    stated = tmp_path / "stanford.yaml"
+    stated.write_text((EXAMPLES / "stanford.yaml").read_text().replace("d2: null", "d2: 0.2"))
+    frames = Kinematics(arm, {"d2": 0.2}).frames(q)[:, -1]
+    found = point_limits(ec.load(stated), [limit]).values(q, qd, qdd)[:, 0]
+    np.testing.assert_allclose(found, frames[:, 1, 2] * 0.1 + frames[:, 1, 3], atol=1e-14)
+
+
+def test_points_need_a_body() -> None:
+    limit = PointLimit("z", "wrist_3_lnk", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0, 1)
+    with pytest.raises(InputError, match=r"no body 'wrist_3_lnk'.*wrist_3_link"):
+        point_limits(ur10(), [limit])
+
+
+# -- intervals ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", range(3))
+@pytest.mark.parametrize("size", [0.0, 1e-3, 0.3])
+def test_enclosures_hold(case: int, size: float) -> None:
+    """Values anywhere in boxes of states, without smoothing; more boxes than are worked on together."""
+    mechanism, limits = all_limits()[case]
+    rng = np.random.default_rng(0)
+    centres = dict(zip(STATE, random_states(mechanism, 300), strict=True))
+    low, high = limits.enclosures({name: (x - size, x + size) for name, x in centres.items()})
+    sharp = StateLimits(limits.labels, limits.units, limits.low, limits.high, limits.function, limits.uniform)
+    assert low.shape == (300, len(limits.labels))
+    for _ in range(20):
+        inside = [x + size * rng.choice([-1, 1, rng.uniform(-1, 1)], x.shape) for x in centres.values()]
+        values = sharp.values(*inside)
+        slack = 1e-11 * np.abs(values).max()
+        assert np.all(values >= low - slack)
+        assert np.all(values <= high + slack)
+    if size == 0:
+        np.testing.assert_allclose(high, low, atol=1e-9 * np.abs(values).max())
+
+
+def with_zeros() -> StateLimits:
+    """Limits of five functions of (q1, q2), of which the first, the third and the last are structurally zero."""
+    program = Program()
+    x, y = program.input("x"), program.input("y")
+    argument = Argument("q", (x.node, y.node), ("q1", "q2"), ("rad", "rad"))
+    labels = ("none", "sum", "nothing", "product", "zero")
+    # not in the order of the rows, either
+    function = Function("mixed", program, (argument,), {(3,): (x * y).node, (1,): (x + y).node}, (labels,))
+    high = np.array([1.0, 5, 1, 20, 1])
+    return StateLimits(labels, ("",) * 5, -high, high, function, {})
+
+
+def test_functions_that_vanish_keep_their_places() -> None:
+    limits = with_zeros()
+    q = np.array([[3.0, 5.0], [-1.0, 4.0]])
+    expected = [[0, 8, 0, 15, 0], [0, 3, 0, -4, 0]]
+    np.testing.assert_array_equal(limits.values(q, 0 * q, 0 * q), expected)
+    low, high = limits.enclosures(dict.fromkeys(STATE, (q, q)))
+    np.testing.assert_allclose(low, expected, atol=1e-12)
+    np.testing.assert_allclose(high, expected, atol=1e-12)
+    by_q, by_qd, by_qdd = limits.slopes(q, 0 * q, 0 * q)
+    assert by_qd is None
+    assert by_qdd is None
+    assert by_q is not None
+    np.testing.assert_array_equal(by_q[0], [[0, 0], [1, 1], [0, 0], [5, 3], [0, 0]])
+
+
+def test_a_limit_is_broken_where_it_is_although_others_vanish() -> None:
+    """The sum reaches 8, beyond its 5; taken for one of its neighbours it would seem to be kept."""
+    limits = with_zeros()
+    box = np.array([[2.9, 4.9]]), np.array([[3.1, 5.1]])
+    low, high = limits.enclosures(dict.fromkeys(STATE, box))
+    assert (low[0, 1], high[0, 1]) == (pytest.approx(7.8), pytest.approx(8.2))
+    assert (low[0, 3], high[0, 3]) == (pytest.approx(2.9 * 4.9), pytest.approx(3.1 * 5.1))
+    np.testing.assert_array_equal(low[0] > limits.high, [False, True, False, False, False])
+
+
+# -- other constraints -------------------------------------------------------------------------------------------------
+
+
+def test_tightened_bounds() -> None:
+    inner, basis = point_limits(ur10(), points()), Fourier(1.0, 1)
+    problem = Problem(basis, 6, None, None, (), (inner,), np.zeros(6))  # type: ignore[arg-type]
+    first = problem.tightened([np.array([0.1, 0.0, 0.2])], [np.array([0.0, 0.3, 0.0])])
+    second = first.tightened([np.array([0.1, 0.0, 0.0])], [np.array([0.0, 0.1, 0.0])])
+    assert second.constraints == (inner,)
+    low, high = (end.reshape(-1, 3)[0] for end in second.bounds)
+    np.testing.assert_allclose(low, [0.3, -np.inf, -0.8])
+    np.testing.assert_allclose(high, [1.2, 0.1, 1.0])
+    x = np.random.default_rng(1).normal(size=problem.size)
+    values = inner.values(*second.state(x))
+    np.testing.assert_array_equal(second.violations(x)[0], beyond(values, low, high))
+
+
+def test_what_limits_of_the_motion_are_called() -> None:
+    limits = [MotionLimit("j3", "rad", order, np.ones(1), -1, 1) for order in range(4)]
+    expected = ["position of j3", "velocity of j3", "acceleration of j3", "jerk of j3"]
+    assert [limit.label for limit in limits] == expected
+
+
+def test_base_parameters_give_the_same_torques() -> None:
+    """An identity: what base parameters say of torques is what the standard ones say."""
+    base: BaseModel = ec.base_parameters(ur10())
+    standard = standard_vector(ur10())
+    state = random_states(ur10(), 4)
+    expected = base.predict(*state, base.B_float() @ standard)
+    found = torques(ur10(), standard).values(*state)
+    np.testing.assert_allclose(found, expected, atol=1e-11 * np.abs(expected).max())

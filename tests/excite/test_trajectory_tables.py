@@ -1,0 +1,153 @@
+"""Tables of trajectories: CSV and Parquet, our own and those of others."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from echelon.errors import InputError
+from echelon.excite.files.read_trajectory import read_trajectory
+from echelon.excite.files.write_trajectory import write_trajectory
+from echelon.excite.problem.trajectory import Trajectory
+from support.trajectory_motions import NAMES, SPEED, UNITS, WAVE, T, smooth
+
+# -- our own -----------------------------------------------------------------------------------------------------------
+
+COLUMNS = ["t", "q_j1", "q_slider", "qd_j1", "qd_slider", "qdd_j1", "qdd_slider"]
+
+
+def test_csv_holds_every_digit(tmp_path: Path) -> None:
+    there = smooth(1.0)
+    write_trajectory(there, tmp_path / "run.csv", 300, repeats=2)
+    with (tmp_path / "run.csv").open(newline="") as stream:
+        header, *rows = csv.reader(stream)
+    assert header == COLUMNS
+    found = np.array(rows, dtype=float)
+    t = np.arange(601) / 300
+    np.testing.assert_array_equal(found, np.column_stack([t, there(t), there(t, 1), there(t, 2)]))
+
+
+def test_names_with_commas_are_quoted(tmp_path: Path) -> None:
+    names = ('left, "upper"', "b")
+    there = Trajectory(names, UNITS, smooth().basis, smooth().coefficients)
+    write_trajectory(there, tmp_path / "run.csv", 100)
+    assert read_trajectory(tmp_path / "run.csv", names, UNITS).coordinates == names
+
+
+def test_parquet_states_units(tmp_path: Path) -> None:
+    there = smooth(1.0)
+    write_trajectory(there, tmp_path / "run.parquet", 300)
+    table = pq.read_table(tmp_path / "run.parquet")
+    units = {field.name: field.metadata[b"unit"].decode() for field in table.schema}
+    expected = ["s", "rad", "m", "rad/s", "m/s", "rad/s²", "m/s²"]
+    assert units == dict(zip(COLUMNS, expected, strict=True))
+    t = np.arange(301) / 300
+    expected_values = np.column_stack([t, there(t), there(t, 1), there(t, 2)])
+    np.testing.assert_array_equal(np.column_stack([table[name] for name in COLUMNS]), expected_values)
+
+
+def test_units_of_parquet_are_compared(tmp_path: Path) -> None:
+    write_trajectory(smooth(), tmp_path / "run.parquet", 100)
+    with pytest.raises(InputError, match="column 'q_slider': is in m; needs rad"):
+        read_trajectory(tmp_path / "run.parquet", NAMES, ("rad", "rad"))
+    t = np.arange(9.0)
+    fields = [pa.field("t", pa.float64()), pa.field("j1", pa.float64(), metadata={b"unit": b"deg"})]
+    pq.write_table(pa.table([t, t], schema=pa.schema(fields)), tmp_path / "own.parquet")
+    with pytest.raises(InputError, match="column 'j1': is in deg; needs rad"):
+        read_trajectory(tmp_path / "own.parquet", ["j1"], ["rad"])
+
+
+# -- those of others ---------------------------------------------------------------------------------------------------
+
+
+def table(path: Path, columns: dict[str, Any]) -> Path:
+    rows = zip(*columns.values(), strict=True)
+    path.write_text("\n".join([",".join(columns), *(",".join(map(repr, map(float, row))) for row in rows)]) + "\n")
+    return path
+
+
+def wave(**others: Any) -> dict[str, Any]:
+    return {"t": T + 17.5, "j1": WAVE, "slider": 1 - WAVE} | others
+
+
+def without(*names: str) -> dict[str, Any]:
+    return {name: values for name, values in wave().items() if name not in names}
+
+
+def with_value(name: str, row: int, value: float) -> dict[str, Any]:
+    values = wave()[name].copy()
+    values[row] = value
+    return wave(**{name: values})
+
+
+@pytest.mark.parametrize("prefix", ["", "q_"])
+def test_tables_of_others(tmp_path: Path, prefix: str) -> None:
+    """Times start anywhere; names with a prefix or without; derivatives of some coordinates only."""
+    there = wave()
+    columns = {"slider": there["slider"], "t": there["t"], "j1": there["j1"]}
+    columns = {name if name == "t" else prefix + name: values for name, values in columns.items()}
+    path = table(tmp_path / "run.csv", columns | {"qd_slider": -SPEED})
+    found = read_trajectory(path, NAMES, UNITS)
+    assert found.duration == pytest.approx(0.49)
+    np.testing.assert_allclose(found(T), np.column_stack([WAVE, 1 - WAVE]), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found(T, 1), np.column_stack([SPEED, -SPEED]), rtol=0, atol=1e-5)
+
+
+def test_steps_need_not_be_equal(tmp_path: Path) -> None:
+    t = np.sort(np.random.default_rng(0).uniform(size=300))
+    found = read_trajectory(table(tmp_path / "run.csv", {"t": t, "a": np.sin(t)}), ["a"], ["rad"])
+    middle = np.linspace(0.2, 0.8, 50) * found.duration
+    np.testing.assert_allclose(found(middle, 2)[:, 0], -np.sin(middle + t[0]), atol=1e-4)
+
+
+def test_a_coordinate_at_rest_contradicts_nothing(tmp_path: Path) -> None:
+    """Differences of what is zero but for rounding say nothing."""
+    rest, wobble = np.full(50, np.pi), 1e-13 * (-1.0) ** np.arange(50)
+    columns = {"t": T + 1e4, "j1": rest, "slider": WAVE, "qd_j1": wobble, "qdd_j1": 0 * T, "qdd_slider": -36 * WAVE}
+    found = read_trajectory(table(tmp_path / "run.csv", columns), NAMES, UNITS)
+    assert np.abs(found(T, 1)[:, 0]).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("columns", "problem"),
+    [
+        (without("t"), "column 't': the column of times is missing; there are 'j1', 'slider'"),
+        (without("slider"), "coordinate 'slider': no column 'q_slider' or 'slider'; there are 't', 'j1'"),
+        (wave(j3=WAVE, tau=WAVE), "columns: there is no coordinate for 'j3', 'tau'; .* of 'j1', 'slider'"),
+        (wave(qd_j3=SPEED), "columns: there is no coordinate for 'qd_j3'"),
+        (
+            {"t": T, "q_j1": WAVE, "slider": WAVE},
+            "coordinate 'slider': no column 'q_slider' or 'slider'; there are 't', 'q_j1', 'slider'",
+        ),
+        (with_value("t", 7, 17.5), r"column 't', row 7: 17.5 s follows 17.56 s; times must rise"),
+        (with_value("t", 7, 17.56), r"column 't', row 7: 17.56 s follows 17.56 s"),
+        (with_value("t", 3, np.nan), "column 't', row 3: nan is not a finite number"),
+        (with_value("slider", 4, np.inf), "column 'slider', row 4: inf is not a finite number"),
+        (wave(qd_j1=np.where(T == 0.25, np.nan, SPEED)), "column 'qd_j1', row 25: nan is no finite"),
+        ({name: values[:5] for name, values in wave().items()}, "holds 5 samples; a trajectory needs at least 6"),
+        (wave(qd_j1=1.3 * SPEED), r"column 'qd_j1': its velocities are not those of the positions, .* 23 %"),
+        (wave(qd_slider=SPEED), "column 'qd_slider': its velocities .* 200 %"),
+        (wave(qd_slider=0 * SPEED), "column 'qd_slider': its velocities .* 100 %"),
+        (wave(qdd_j1=-WAVE), "column 'qdd_j1': its accelerations are not those of the positions"),
+    ],
+)
+def test_tables_that_are_wrong(columns: dict[str, Any], problem: str, tmp_path: Path) -> None:
+    path = table(tmp_path / "run.csv", columns)
+    with pytest.raises(InputError, match=rf"run\.csv: {problem}"):
+        read_trajectory(path, NAMES, UNITS)
+
+
+def test_small_differences_of_derivatives_are_taken(tmp_path: Path) -> None:
+    found = read_trajectory(table(tmp_path / "run.csv", wave(qd_j1=1.1 * SPEED)), NAMES, UNITS)
+    np.testing.assert_allclose(found(T, 1)[:, 0], SPEED, atol=1e-5)
+
+
+def test_six_samples_are_enough(tmp_path: Path) -> None:
+    found = read_trajectory(table(tmp_path / "run.csv", {n: v[:6] for n, v in wave().items()}), NAMES, UNITS)
+    np.testing.assert_allclose(found(T[:6])[:, 0], WAVE[:6], atol=1e-14)

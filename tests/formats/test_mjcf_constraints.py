@@ -1,0 +1,94 @@
+"""Equality constraints of MJCF as they are read, against the constraint Jacobian of MuJoCo at random closed states."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.symbol_values import known_values
+from echelon.regressor.loops.closed_motion import ClosureValues
+from support.mjcf_models import random_model
+from support.mujoco_loops import Array, Equalities, null_space
+
+_DIGITS = 1e-9
+
+
+@pytest.fixture(autouse=True)
+def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Constraints are read; whether the program finds its own way to close them is not asked."""
+    monkeypatch.setattr("echelon.formats.builder.close", lambda mechanism, *_, **__: mechanism)
+
+
+def read(text: str) -> Mechanism:
+    return RobotFile.of(text.encode(), "robot.xml").mechanism(ReadingOptions(tolerance=0))
+
+
+def coordinates(model: Any) -> tuple[list[str], list[str]]:
+    """What the package calls MuJoCo's positions and velocities."""
+    positions, velocities = [], []
+    for k in range(model.njnt):
+        name, count = model.joint(k).name, len(model.joint(k).qpos0)
+        ball = {1: "", 4: name, 7: f"{name}.r"}[count]
+        moved = [f"{name}.t{c}" for c in "xyz"] if count == 7 else [] if ball else [name]
+        positions += moved + [f"{ball}.{c}" for c in "wxyz" if ball]
+        velocities += moved + [f"{ball}.{c}" for c in "xyz" if ball]
+    return positions, velocities
+
+
+def allowed(mechanism: Mechanism, model: Any, q: Array) -> tuple[Array, Array]:
+    """How far the closures are open, and a basis of the motions that closures, couplings and held joints allow."""
+    positions, velocities = coordinates(model)
+    at = dict(zip(positions, q, strict=True))
+    place = {name: k for k, name in enumerate(mechanism.velocities)}
+    followed = np.zeros((len(velocities), len(place)))
+    for row, name in enumerate(velocities):
+        if name in place:
+            followed[row, place[name]] = 1.0
+    for coupling in mechanism.couplings:
+        for name, function in coupling.terms:
+            slope = function.floats(at[name], known_values(mechanism))[1]
+            followed[velocities.index(coupling.coordinate), place[name]] += slope
+    if not mechanism.closures:
+        return np.zeros(0), np.linalg.qr(followed)[0]
+    closures = ClosureValues(mechanism)
+    values, jacobian = closures.at(np.array([[at[name] for name in mechanism.positions]]))
+    free = null_space(jacobian[0][:, : len(place)] / closures.units[: len(place)])
+    return values[0], np.linalg.qr(followed @ free)[0]
+
+
+def check(text: str, seed: int, states: int = 2) -> int:
+    """The same motions are allowed at random closed states; returns how many directions of them there are."""
+    mechanism, equalities = read(text), Equalities(text)
+    rng, freedoms = np.random.default_rng(seed), 0
+    q = equalities.closed(equalities.model.qpos0)
+    assert np.abs(equalities.at(q)[0]).max(initial=0.0) < _DIGITS
+    for _ in range(states):
+        q = equalities.walk(rng, 5, q)
+        values, jacobian = equalities.at(q)
+        assert np.abs(values).max(initial=0.0) < _DIGITS
+        expected = null_space(jacobian)
+        opening, found = allowed(mechanism, equalities.model, q)
+        assert np.abs(opening).max(initial=0.0) < _DIGITS
+        assert found.shape == expected.shape
+        np.testing.assert_allclose(found @ found.T, expected @ expected.T, atol=1e-7)
+        freedoms = found.shape[1]
+    return freedoms
+
+
+UNCLOSED = {2, 7, 8, 9, 12, 13, 15, 16, 17, 18, 21, 25, 26, 33, 38}
+"""Seeds of models with more constraints than they have freedoms."""
+
+
+@pytest.mark.parametrize("seed", sorted(set(range(40)) - UNCLOSED))
+def test_loops_allow_the_motions_that_mujoco_allows(seed: int) -> None:
+    check(random_model(seed, loops=True), seed)
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_couplings_allow_the_motions_that_mujoco_allows(seed: int) -> None:
+    check(random_model(seed, loops=False), seed)

@@ -1,0 +1,28 @@
+"""Links of URDF files that are fixed to others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.robot_file import open_robot
+from echelon.mechanism.mechanism import GROUND
+from echelon.mechanism.symbol_values import known_values, placement_matrix
+from support.robot_files import pinocchio_model, robot_file
+
+
+@pytest.mark.parametrize("name", ["panda", "talos_full_v2", "romeo"])
+def test_fixed_links_are_where_pinocchio_has_them(name: str) -> None:
+    pin = pytest.importorskip("pinocchio")
+    built = open_robot(robot_file(name)).built(ReadingOptions(tolerance=0, symbolic=False))
+    robot, model = built.mechanism, pinocchio_model(robot_file(name), False)
+    frames = {frame.name: frame for frame in model.frames if frame.type == pin.BODY}
+    riders = {link: rider for link, rider in built.riders.items() if link in frames}
+    assert len(riders) > 2
+    for link, rider in riders.items():
+        known = known_values(robot) | {symbol.name: symbol.value or 0.0 for symbol in rider.symbols}
+        expected = frames[link].placement
+        if rider.body != GROUND:
+            expected = frames[robot.bodies[rider.body].name].placement.inverse() * expected
+        np.testing.assert_allclose(placement_matrix(rider.placement, known), expected.homogeneous, atol=1e-9)

@@ -1,0 +1,67 @@
+"""Delays between positions and torques, found by the model: planted ones come back, absent ones are not invented."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import echelon as ec
+from echelon.identification.survey import with_delays
+from echelon.logs.preparation.choices import chosen
+from echelon.logs.preparation.settings import Preparation
+from echelon.logs.recording import Segment
+from support.paths import ROOT
+
+RATE, COUNT = 500.0, 6000
+VALUES = [0.31, 0.9, 0.01, 0.07, 0.25, -0.02]
+
+
+@pytest.fixture(scope="module")
+def base() -> ec.BaseModel:
+    return ec.base_parameters(ec.load(ROOT / "examples" / "double_pendulum.yaml"))
+
+
+def run(base: ec.BaseModel, delay: float, noise: float = 0.02, seed: int = 0) -> Segment:
+    """A swing whose torques come late by so many seconds."""
+    rates, phases = np.array([[2.1, 5.3], [3.7, 6.1]]), np.array([[0.2, 1.9], [0.7, 2.3]])
+
+    def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        angle = t[:, None, None] * rates + phases
+        parts = (np.sin(angle), rates * np.cos(angle), -(rates**2) * np.sin(angle))
+        q, qd, qdd = (part.sum(axis=1) for part in parts)
+        return q, qd, qdd
+
+    t = np.arange(COUNT) / RATE
+    y = base.predict(*motion(t - delay), VALUES)
+    y = y + noise * y.std(axis=0) * np.random.default_rng(seed).normal(size=y.shape)
+    return Segment("run.csv", 0.0, RATE, {"q": motion(t)[0], "y": y})
+
+
+@pytest.mark.parametrize("delay", [-0.0113, -0.004, 0.0027, 0.008, 0.0165])
+def test_a_planted_delay_is_found(base: ec.BaseModel, delay: float) -> None:
+    segment = run(base, delay)
+    found = with_delays(replace(prepared(base, segment), delays=None), [segment], base)
+    assert found.delays is not None
+    assert set(found.delays) == {"j1", "j2"}
+    assert all(value == pytest.approx(delay, abs=3e-4) for value in found.delays.values())
+    assert f"{1e3 * found.delays['j1']:.2g} ms" in found.reasons["delays"]
+
+
+def test_none_is_invented(base: ec.BaseModel) -> None:
+    for seed in range(3):
+        segment = run(base, 0.0, noise=0.1, seed=seed)
+        found = with_delays(replace(prepared(base, segment), delays=None), [segment], base)
+        assert found.delays == {}
+        assert "none" in found.reasons["delays"]
+
+
+def test_stated_delays_stay(base: ec.BaseModel) -> None:
+    segment = run(base, 0.01)
+    stated = replace(prepared(base, segment), delays={"j1": 0.002})
+    assert with_delays(stated, [segment], base) is stated
+
+
+def prepared(base: ec.BaseModel, segment: Segment) -> Preparation:
+    return chosen(Preparation(), [segment], base.mechanism)

@@ -1,0 +1,232 @@
+"""Priors, known values, and data that leave directions open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from echelon.errors import InputError
+from echelon.identification.estimators.errors_in_variables import tls
+from echelon.identification.estimators.estimate import Estimate, direction_text, open_directions
+from echelon.identification.estimators.fixed_parameters import Substitution, fixed
+from echelon.identification.estimators.huber import huber
+from echelon.identification.estimators.least_squares import irls, minimum_norm, ols, wls
+from echelon.identification.estimators.ridge import ridge
+from support.estimation_problems import NOISE, TRUTH, Floats, assert_same, dense, line, serial, unseen
+from support.observation_rows import ArrayRows
+
+# -- ridge -------------------------------------------------------------------------------------------------------------
+
+
+def covariance_of_prior() -> Floats:
+    root = np.random.default_rng(9).standard_normal((9, 9))
+    return np.asarray(root @ root.T + np.eye(9))
+
+
+def test_ridge_is_the_posterior() -> None:
+    rows, prior, P = serial(samples=12), TRUTH + 0.3, covariance_of_prior()
+    estimate = ridge(rows.observation(), rows.units, prior, spread=P, weight=2.5, noise=NOISE)
+    W, y, _ = dense(rows, 1 / NOISE)
+    precision = W.T @ W + 2.5 * np.linalg.inv(P)
+    np.testing.assert_allclose(estimate.covariance, np.linalg.inv(precision), rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(estimate.values, prior + np.linalg.solve(precision, W.T @ (y - W @ prior)), rtol=1e-7)
+    effective = np.trace(W @ np.linalg.inv(precision) @ W.T)
+    assert estimate.diagnostics["effective_parameters"] == pytest.approx(effective)
+    assert estimate.degrees == pytest.approx(len(y) - effective)
+    before = np.diagonal(P) / 2.5
+    np.testing.assert_allclose(
+        estimate.diagnostics["from_data"], 1 - np.diagonal(np.linalg.inv(precision)) / before, atol=1e-9
+    )
+
+
+def log_evidence(W: Floats, y: Floats, prior: Floats, P: Floats, weight: float, variance: float = 1.0) -> float:
+    covariance = variance * np.eye(len(y)) + W @ P @ W.T / weight
+    return float(multivariate_normal(W @ prior, covariance).logpdf(y))
+
+
+def test_ridge_maximises_the_evidence() -> None:
+    rows, prior, P = serial(samples=12), TRUTH + 0.3, np.diag(np.linspace(0.5, 2, 9)) ** 2
+    W, y, _ = dense(rows, 1 / NOISE)
+    estimate = ridge(rows.observation(), rows.units, prior, spread=np.linspace(0.5, 2, 9), noise=NOISE)
+    found = estimate.diagnostics
+    assert found["log_evidence"] == pytest.approx(log_evidence(W, y, prior, P, found["weight"]))
+    for factor in (0.8, 1.25):
+        assert log_evidence(W, y, prior, P, found["weight"] * factor) < found["log_evidence"]
+    assert not found["weight_at_bound"]
+
+
+def test_ridge_estimates_the_noise_with_the_evidence() -> None:
+    rows, prior, P = serial(samples=12, noise=np.full(3, 0.3)), TRUTH + 0.3, np.eye(9)
+    W, y, _ = dense(rows)
+    for weight in ("evidence", 3.0):
+        found = ridge(rows.observation(), rows.units, prior, spread=P, weight=weight).diagnostics  # type: ignore[arg-type]
+        at, variance = found["weight"], found["deviation"] ** 2
+        assert found["log_evidence"] == pytest.approx(log_evidence(W, y, prior, P, at, variance))
+        for factor in (0.8, 1.25):
+            assert log_evidence(W, y, prior, P, at, variance * factor) < found["log_evidence"]
+        if weight != "evidence":
+            assert at == pytest.approx(weight)
+
+
+def test_ridge_by_cross_validation() -> None:
+    rows, prior = serial(samples=12), TRUTH + 0.3
+    W, y, _ = dense(rows, 1 / NOISE)
+
+    def score(weight: float) -> float:
+        hat = W @ np.linalg.solve(W.T @ W + weight * np.eye(9), W.T)
+        rest = y - W @ prior - hat @ (y - W @ prior)
+        return float(rest @ rest / (len(y) - np.trace(hat)) ** 2)
+
+    found = ridge(rows.observation(), rows.units, prior, spread=np.ones(9), weight="gcv", noise=NOISE).diagnostics
+    assert score(found["weight"]) < min(score(0.9 * found["weight"]), score(1.1 * found["weight"]))
+    assert found["chosen_by"] == "gcv"
+
+
+def test_ridge_lies_between_the_prior_and_the_data() -> None:
+    rows, prior = serial(), TRUTH + 1.0
+    strong = ridge(rows.observation(), rows.units, prior, weight=1e14, noise=NOISE)
+    weak = ridge(rows.observation(), rows.units, prior, weight=1e-12, noise=NOISE)
+    np.testing.assert_allclose(strong.values, prior, atol=1e-6)
+    assert_same(weak, wls(rows.observation(), rows.units, NOISE))
+
+
+def test_ridge_with_a_perfect_prior_trusts_it() -> None:
+    rows = serial()
+    found = ridge(rows.observation(), rows.units, wls(rows.observation(), rows.units, NOISE).values, noise=NOISE)
+    assert found.diagnostics["weight_at_bound"]
+
+
+def test_ridge_takes_what_the_data_leave_open_from_the_prior() -> None:
+    rows = unseen()
+    with pytest.raises(InputError, match=r"parameter 'p4'.*give the spread"):
+        ridge(rows.observation(), rows.units, np.zeros(4))
+    estimate = ridge(rows.observation(), rows.units, [0, 0, 0, 7.0], spread=[9, 9, 9, 0.5], weight=1)
+    assert estimate.values[3] == 7
+    assert estimate.std[3] == pytest.approx(0.5)
+    assert estimate.diagnostics["from_data"][3] == pytest.approx(0, abs=1e-12)
+    assert estimate.diagnostics["condition"] is None
+
+
+def test_ridge_refuses_impossible_priors() -> None:
+    rows = line()
+    for spread, message in (([1, 0, 1], "positive"), (-np.eye(3), "positive definite"), (np.ones((3, 3)), "definite")):
+        with pytest.raises(InputError, match=message):
+            ridge(rows.observation(), rows.units, np.zeros(3), spread=spread)
+    with pytest.raises(InputError, match="spread has shape"):
+        ridge(rows.observation(), rows.units, np.zeros(3), spread=[1.0])
+    for weight in (-1.0, np.nan, "best"):
+        with pytest.raises(InputError, match="expected a positive number, 'evidence' or 'gcv'"):
+            ridge(rows.observation(), rows.units, np.zeros(3), weight=weight)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="3 finite numbers"):
+        ridge(rows.observation(), rows.units, [np.nan] * 3)
+
+
+# -- data that leave directions open -----------------------------------------------------------------------------------
+
+
+def test_open_directions_are_named() -> None:
+    rows = unseen()
+    directions = open_directions(rows.observation().combined())
+    np.testing.assert_allclose(rows.matrices[0] @ directions.T, 0, atol=1e-12)
+    texts = {direction_text(some, rows.layout.parameters) for some in directions}
+    assert "p4" in texts
+    assert texts - {"p4"} <= {"p3 − 2·p1 + p2", "−2·p1 + p2 + p3", "p1 − 0.5·p2 − 0.5·p3"}
+
+
+@pytest.mark.parametrize("method", [ols, irls, tls])
+def test_what_the_data_leave_open_is_an_error(method: Callable[..., Estimate]) -> None:
+    rows = unseen()
+    with pytest.raises(InputError, match=r"determine 2 of 4 parameters; nothing changes along .*p4.*ridge\(\)"):
+        method(rows.observation(), rows.units)
+
+
+def test_minimum_norm_is_the_pseudo_inverse_of_scaled_columns() -> None:
+    rows = unseen()
+    W, y = rows.matrices[0], rows.y[0]
+    estimate = minimum_norm(rows.observation(), rows.units)
+    norms = np.linalg.norm(W, axis=0) + (np.arange(4) == 3)
+    np.testing.assert_allclose(estimate.values, np.linalg.pinv(W / norms, rcond=1e-10) @ y / norms, atol=1e-12)
+    np.testing.assert_allclose(W @ estimate.values, W[:, :2] @ np.linalg.lstsq(W[:, :2], y)[0], atol=1e-12)
+    assert np.isinf(estimate.std).all()
+    assert estimate.degrees == 28
+    assert len(estimate.diagnostics["open"]) == 2
+
+
+def test_minimum_norm_of_determined_data_is_least_squares() -> None:
+    rows = serial()
+    assert_same(minimum_norm(rows.observation(), rows.units), ols(rows.observation(), rows.units))
+    first = ArrayRows([np.column_stack([rows.matrices[0], np.zeros(len(rows.y[0]))])], rows.y[:1])
+    estimate = minimum_norm(first.observation(), first.units)
+    assert np.isinf(estimate.std).tolist() == [False] * 9 + [True]
+    alone = ols(ArrayRows(rows.matrices[:1], rows.y[:1]).observation(), rows.units)
+    np.testing.assert_allclose(estimate.covariance[:9, :9], alone.covariance, rtol=1e-7, atol=1e-13)
+    assert estimate.degrees == alone.degrees
+    twice = ArrayRows([np.column_stack([rows.matrices[0][:, :1], rows.matrices[0]])], rows.y[:1])
+    doubled = minimum_norm(twice.observation(), twice.units)
+    np.testing.assert_allclose(doubled.std, [np.inf, np.inf, *alone.std[1:]], rtol=1e-7)
+    np.testing.assert_allclose(doubled.values[:2], alone.values[0] / 2, rtol=1e-7)
+
+
+# -- known values ------------------------------------------------------------------------------------------------------
+
+
+def test_known_values_move_to_the_right() -> None:
+    rows = serial()
+    names = rows.layout.parameters
+    substitution = fixed(names, rows.units, {"p2": -1.0, "p8": -4.0})
+    estimate = substitution.restored(irls(substitution.observation(rows.observation()), substitution.unknown_units))
+    kept = [k for k in range(9) if k not in (1, 7)]
+    W, y, _ = dense(rows, estimate.diagnostics["weights"])
+    values = np.linalg.lstsq(W[:, kept], y - W[:, 1] * -1 - W[:, 7] * -4)[0]
+    np.testing.assert_allclose(estimate.values[kept], values, rtol=1e-9)
+    assert estimate.values[1] == -1
+    assert estimate.std[7] == 0
+    assert estimate.parameters == names
+    assert estimate.diagnostics["known"] == ["p2", "p8"]
+    assert (estimate.std[kept] <= irls(rows.observation(), rows.units).std[kept] * 1.05).all()
+
+
+def test_rows_and_observations_of_unknowns_agree() -> None:
+    rows = serial(seconds=0.02)
+    substitution = fixed(rows.layout.parameters, rows.units, {"p2": -1.0, "p4": 2.0, "p5": 0.5})
+    assert substitution.unknowns == ("p1", "p3", "p6", "p7", "p8", "p9")
+    changed = substitution.rows(rows)
+    observation = changed.observation()
+    assert observation.layout == changed.layout
+    again = np.zeros((6, 6))
+    for block in changed.blocks():
+        for matrix, columns in zip(block.matrices, changed.layout.columns, strict=True):
+            again[np.ix_(columns, columns)] += matrix.T @ matrix
+    R = observation.combined().R
+    np.testing.assert_allclose(R.T @ R, again, atol=1e-10)
+    assert_same(huber(changed, clip=50.0, tolerance=1e-10), irls(observation, changed.units), 1e-7)
+
+
+def test_open_directions_stay_open_when_restored() -> None:
+    rows = unseen()
+    substitution = fixed(rows.layout.parameters, rows.units, {"p3": 0.0})
+    estimate = substitution.restored(
+        minimum_norm(substitution.observation(rows.observation()), substitution.unknown_units)
+    )
+    assert np.isinf(estimate.std).tolist() == [False, False, False, True]
+    assert not np.isnan(estimate.covariance).any()
+
+
+def test_substitutions_refuse_what_does_not_fit() -> None:
+    rows = serial()
+    names, units = rows.layout.parameters, rows.units
+    with pytest.raises(InputError, match=r"parameter 'p22': there is no such parameter; did you mean p2"):
+        fixed(names, units, {"p22": 1.0})
+    with pytest.raises(InputError, match="nothing is left"):
+        fixed(names, units, dict.fromkeys(names, 0.0))
+    with pytest.raises(InputError, match="not a finite number"):
+        fixed(names, units, {"p2": np.nan})
+    other = fixed(("a", "b"), ("kg", "kg"), {"a": 1.0})
+    with pytest.raises(InputError, match="other parameters"):
+        other.observation(rows.observation())
+    with pytest.raises(InputError, match="not one of the unknowns"):
+        other.restored(ols(rows.observation(), units))
+    assert isinstance(other, Substitution)

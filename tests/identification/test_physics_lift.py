@@ -1,0 +1,76 @@
+"""Lifts: bodies that exist and have exactly the given base parameters, for set-ups of all kinds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import echelon as ec
+from echelon.base.model import BaseModel
+from echelon.errors import InputError
+from echelon.identification.physics.bounds import Bounds, roles
+from echelon.identification.physics.feasibility import physical_lift
+from echelon.identification.physics.pseudo_inertia import divergence, is_physical
+from support.physical_robots import model, robot
+
+SETUPS = {
+    "rotor": """
+modified_dh:
+  - {joint: revolute}
+  - {joint: revolute, alpha: pi/2, a: 3/10}
+rotors: [{name: rotor2, on: j1, drives: 100*j2, axis: z, frame: {xyz: [1/10, 0, 0]}}]
+effects: [{type: spring, at: j1}, {type: asymmetric_coulomb, at: all}, {type: stribeck, at: j2, velocity: 1/10}]
+""",
+    "wrist": """
+modified_dh:
+  - {joint: revolute}
+  - {joint: revolute, alpha: pi/2, a: 3/10}
+  - {joint: revolute, alpha: pi/4, a: 1/10}
+outputs: [{wrench: j3}, {joint: j2}]
+""",
+}
+
+
+def described(tmp_path: Any, name: str) -> BaseModel:
+    file = tmp_path / f"{name}.yaml"
+    file.write_text(f"echelon: 1\nname: {name}\n{SETUPS[name]}")
+    return ec.base_parameters(ec.load(file))
+
+
+@pytest.mark.parametrize("name", [*SETUPS, "floating_tree", "gripper_coupled", "loops/four_bar", "tx40", "ur10"])
+def test_lift_has_exactly_the_given_values(tmp_path: Any, name: str) -> None:
+    base = described(tmp_path, name) if name in SETUPS else model(name)[0]
+    role = roles(base.mechanism)
+    rng = np.random.default_rng(15)
+    truth = robot(role, rng)
+    values = base.values(truth)
+    for prior in (None, robot(role, rng)):
+        standard = physical_lift(base, values, prior=prior)
+        assert np.allclose(base.values(standard), values, rtol=1e-12, atol=1e-12)
+        assert is_physical(role.blocks(standard)).all()
+        assert (standard[list(role.positive)] >= 0).all()
+    assert divergence(role.blocks(physical_lift(base, values, prior=truth)), role.blocks(truth)).max() < 1e-5
+
+
+def test_lift_refuses_what_no_robot_has() -> None:
+    base, role = model("panda")
+    values = base.values(robot(role, np.random.default_rng(16)))
+    place = base.pivots.index("ZZ7")
+    with pytest.raises(InputError, match=r"differs most in \[ZZ7\]"):
+        physical_lift(base, np.where(np.arange(43) == place, -10 * values, values))
+    with pytest.raises(InputError, match="expected 43"):
+        physical_lift(base, values[:-1])
+    with pytest.raises(InputError, match="finite"):
+        physical_lift(base, np.where(np.arange(43) == place, np.nan, values))
+    with pytest.raises(InputError, match="within the bounds"):
+        physical_lift(base, values, bounds=Bounds(parameters={"M7": (50.0, 60.0)}))
+
+
+def test_rotors_and_springs_have_signs(tmp_path: Any) -> None:
+    base = described(tmp_path, "rotor")
+    role = roles(base.mechanism)
+    positive = [base.parameters[c] for c in role.positive]
+    assert len(positive) == 6, positive
+    assert {base.parameters[c][:2] for c in role.free} == {"Ps", "Fs"}

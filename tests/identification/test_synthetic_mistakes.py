@@ -1,0 +1,187 @@
+"""What is said when a simulated robot's log is poor, or not what the set-up says it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from echelon.errors import InputError
+from echelon.identification.identify import identify
+from echelon.identification.result import Identification
+from echelon.logs.finding import Finding
+from support.simulated_models import Floats
+from support.simulated_motions import RATE, fourier
+from support.simulated_robots import TRUE, Motion, System
+from support.simulated_systems import SYSTEMS, motion_of
+
+ARM = SYSTEMS["arm"]
+GOOD = "The model predicts every output well on data that the fit did not see"
+
+
+def found(motion: Motion, folder: Path, system: System = ARM) -> Identification:
+    """What identification of the arm makes of a noisy log of a motion."""
+    setup = ARM.load(folder)
+    return identify(setup, [system.log(motion, folder / "run", setup.mechanism)])
+
+
+def of_kind(result: Identification, kind: str) -> list[Finding]:
+    return [finding for finding in result.findings if finding.kind == kind]
+
+
+def test_a_good_log_gives_no_finding(tmp_path: Path) -> None:
+    result = found(motion_of(ARM), tmp_path)
+    assert result.findings == ()
+    assert result.verdict.startswith(GOOD)
+
+
+def test_faults_of_a_log_that_only_validates_are_named(tmp_path: Path) -> None:
+    setup, motion = ARM.load(tmp_path), motion_of(ARM)
+    holed = motion.y.copy()
+    holed[200:220, 1] = np.nan
+    good = ARM.log(motion, tmp_path / "good", setup.mechanism)
+    bad = ARM.log(replace(motion, y=holed), tmp_path / "bad", setup.mechanism)
+    (fault,) = of_kind(identify(setup, [good], [bad]), "not finite")
+    assert str(bad) in fault.where
+
+
+# -- poor excitation ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory: pytest.TempPathFactory) -> tuple[Identification, Floats, Floats]:
+    """A log in which the third joint does not move; with the truth and the exact reduced regressor."""
+    folder = tmp_path_factory.mktemp("still")
+    q, qd, qdd = fourier(np.random.default_rng(11), 5, 0.9)
+    q[:, 2], qd[:, 2], qdd[:, 2] = 0.3, 0, 0
+    motion = Motion(np.arange(len(q)) / RATE, q, qd, qdd, ARM.inverse(ARM.mjcf(TRUE), q, qd, qdd))
+    result = found(motion, folder)
+    (folder / "true").mkdir()
+    base, standard = ARM.truth(folder / "true")
+    return result, base.values(standard), base.regressor(q, qd, qdd)
+
+
+def test_open_combinations_are_counted(still: tuple[Identification, Floats, Floats]) -> None:
+    result, _, X = still
+    # of a joint that rests, dry friction takes whatever torque there is, so its rows say nothing
+    rows = X[:, [0, 1, 3, 4]].reshape(-1, X.shape[2])
+    scales = np.linalg.norm(rows, axis=0)
+    singular = np.linalg.svd(rows / np.where(scales == 0, 1, scales), compute_uv=False)
+    rank = int(np.sum(singular > 1e-9 * singular[0]))
+    assert result.conditioning.rank == rank < result.base.rank
+    assert sum(direction.singular_value == 0 for direction in result.conditioning.weak) == result.base.rank - rank
+    said = [finding.text for finding in of_kind(result, "conditioning")]
+    assert sum(f"the data determine {rank} of 42 base parameters" in text for text in said) == 1
+
+
+def test_open_combinations_are_named_with_advice(still: tuple[Identification, Floats, Floats]) -> None:
+    result = still[0]
+    advice = [direction.advice for direction in result.conditioning.weak]
+    for friction in ("Fv3", "Fc3"):
+        said = f"the data do not show {friction}: move j3 at more different speeds, in both directions"
+        assert said in advice
+    assert all("j3" in some for some in advice)
+    assert {finding.text for finding in of_kind(result, "conditioning")} >= set(advice[:10])
+    (constant,) = of_kind(result, "constant")
+    assert "'j3'" in constant.where
+
+
+def test_what_is_determined_is_right(still: tuple[Identification, Floats, Floats]) -> None:
+    result, truth, _ = still
+    determined = result.conditioning.independent_share > 0
+    assert 5 < determined.sum() < len(truth)
+    errors = (result.estimate.values - truth)[determined] / result.estimate.std[determined]
+    assert np.abs(errors).max() < 6
+    assert np.mean(errors**2) < 3
+    open_ = ~determined
+    assert np.abs((result.estimate.values - truth)[open_]).max() > 0.05
+
+
+# -- logs that are not what they should be -----------------------------------------------------------------------------
+
+
+def _turned(k: int) -> Floats:
+    return np.where(np.arange(5) == k, -1.0, 1.0)
+
+
+def _stranger(_: Motion) -> Motion:
+    """Torques of a robot of another build: twice as long, with other axes."""
+    axes = {
+        "j1": (1.0, 0.0, 0.0),
+        "j2": (0.0, 0.0, 1.0),
+        "j3": (1.0, 0.0, 0.0),
+        "j4": (0.0, 1.0, 0.0),
+        "j5": (0.0, 0.0, 1.0),
+    }
+    parts = tuple(
+        replace(part, axis=axes[part.joint], at=(2 * part.at[0], 2 * part.at[1], 2 * part.at[2])) for part in ARM.parts
+    )
+    states = fourier(np.random.default_rng(5), 5, 0.9)
+    other = replace(ARM, parts=parts)
+    return Motion(np.arange(len(states[0])) / RATE, *states, other.inverse(other.mjcf(), *states))
+
+
+MISTAKES: dict[str, Callable[[Motion], Motion]] = {
+    "sign of a torque": lambda m: replace(m, y=m.y * _turned(1)),
+    "sign of a position": lambda m: replace(m, q=m.q * _turned(1)),
+    "exchanged positions": lambda m: replace(m, q=m.q[:, [0, 2, 1, 3, 4]]),
+    "exchanged torques": lambda m: replace(m, y=m.y[:, [0, 2, 1, 3, 4]]),
+    "exchanged torques of the hand": lambda m: replace(m, y=m.y[:, [0, 1, 2, 4, 3]]),
+    "another robot": _stranger,
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_mistakes_are_not_physical(name: str, tmp_path: Path) -> None:
+    """Least squares would have 42 numbers for anything, but they are those of no robot, and predict badly."""
+    result = found(MISTAKES[name](motion_of(ARM)), tmp_path)
+    (finding,) = of_kind(result, "feasibility")
+    assert "no physical robot has the estimated base parameters" in finding.text
+    assert result.feasibility is not None
+    assert result.feasibility.feasible is False
+    assert result.feasibility.distance > 5
+    assert not result.verdict.startswith(GOOD)
+    assert min(score.r2 for v in result.validations if v.role == "validation" for score in v.scores) < 0.9
+
+
+def test_torques_that_have_nothing_to_do_with_the_motion(tmp_path: Path) -> None:
+    motion = motion_of(ARM)
+    result = found(replace(motion, y=np.random.default_rng(0).normal(size=motion.y.shape)), tmp_path)
+    (finding,) = of_kind(result, "stranger")
+    assert "is this log of another robot, or are columns exchanged" in finding.text
+    assert "cannot be trusted" in result.verdict
+
+
+def test_degrees_for_radians_are_refused(tmp_path: Path) -> None:
+    motion = motion_of(ARM)
+    with pytest.raises(InputError, match=r"are they in degrees \(unit: deg\)"):
+        found(replace(motion, q=np.degrees(motion.q)), tmp_path)
+
+
+def test_torques_that_are_all_zero_are_refused(tmp_path: Path) -> None:
+    motion, silent = motion_of(ARM), replace(ARM, noise=(0.5, 0.8, 0.0, 0.05, 0.03))
+    y = motion.y * [1, 1, 0, 1, 1]
+    with pytest.raises(InputError, match="'j3': all its measured values are zero"):
+        found(replace(motion, y=y), tmp_path, silent)
+
+
+def test_a_robot_with_fewer_joints_is_refused(tmp_path: Path) -> None:
+    motion = motion_of(ARM)
+    fewer = replace(motion, q=motion.q[:, :4], y=motion.y[:, :4])
+    folder = tmp_path / "arm"
+    folder.mkdir()
+    setup = ARM.load(folder)
+    rows = np.column_stack([fewer.time, fewer.q, fewer.y])
+    head = ",".join(["time", *(f"q_{k}" for k in range(1, 5)), *(f"tau_{k}" for k in range(1, 5))])
+    log = folder / "run.csv"
+    np.savetxt(log, rows, delimiter=",", header=head, comments="")
+    with pytest.raises(InputError, match="there is no column 'q_5'"):
+        identify(setup, [log])
+
+
+def test_too_few_samples_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="60 samples are too few"):
+        found(motion_of(ARM).at(slice(0, 60)), tmp_path)

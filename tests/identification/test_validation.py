@@ -1,0 +1,358 @@
+"""Scores, residuals, traces, verdicts and what is held out, against closed forms and direct computation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import example as case
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+from scipy.stats import chi2, kstest
+
+import echelon as ec
+from echelon.identification.correlation import LAGS, Correlations, CorrelationSums
+from echelon.identification.rows.plan import split
+from echelon.identification.rows.rows import ModelRows
+from echelon.identification.validation import Score, Trace, TraceKeeper, Validation, thinned, validate
+from echelon.identification.verdict import Grade, grade, overall_verdict, verdict
+from echelon.logs.recording import Samples
+from support.observation_rows import ArrayRows
+
+
+def direct(e: np.ndarray, present: np.ndarray, lag: int) -> float:
+    """Autocorrelation over the pairs that there are, by its definition."""
+    centred = np.where(present, e - e[present].mean(), 0)
+    pairs = np.sum(present[lag:] & present[: len(e) - lag])
+    return float(np.sum(centred[lag:] * centred[: len(e) - lag]) / pairs / np.mean(centred[present] ** 2))
+
+
+def correlations(times: np.ndarray, residuals: np.ndarray, lags: int = LAGS) -> Correlations:
+    """Of one stretch of rows."""
+    sums = CorrelationSums(lags)
+    sums.add(times, residuals)
+    return sums.result()
+
+
+# -- residuals --------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000), st.integers(1, 60), st.floats(0, 0.6), st.floats(0, 2e9))
+@case(1, 7, 0.0, 0.0)
+@case(2, 60, 0.0, 0.0)
+def test_autocorrelations_across_holes_and_blocks(seed: int, block: int, lost: float, start: float) -> None:
+    rng = np.random.default_rng(seed)
+    e = np.cumsum(rng.normal(size=150)) + 5
+    present = rng.uniform(size=150) >= lost
+    present[:2] = True
+    t = start + 0.01 * np.arange(150)
+    sums = CorrelationSums(lags=40)
+    rows = np.flatnonzero(present)
+    # the time between samples is learnt from the first block: it needs neighbours
+    for some in [rows[:2], *np.split(rows[2:], range(block, len(rows) - 2, block))]:
+        sums.add(t[some], e[some], "one")
+    found = sums.result()
+    assert found.step == pytest.approx(0.01, rel=1e-3)
+    for lag in (1, 2, 17, 40):
+        assert found.values[lag] == pytest.approx(direct(e, present, lag), abs=1e-8)
+
+
+def test_no_pair_reaches_across_segments() -> None:
+    e = np.random.default_rng(1).normal(size=60)
+    t = 0.1 * np.arange(60)
+    sums = CorrelationSums(lags=8)
+    sums.add(t[:25], e[:25], 0)
+    sums.add(t[25:], e[25:], 1)
+    found = sums.result()
+    centred = e - e.mean()
+    inside = np.sum(centred[3:25] * centred[:22]) + np.sum(centred[28:] * centred[25:57])
+    assert found.pairs[3] == 22 + 32
+    assert found.values[3] == pytest.approx(inside / 54 / np.mean(centred**2))
+
+
+def test_a_long_hole_costs_no_memory() -> None:
+    e = np.random.default_rng(2).normal(size=40)
+    t = np.concatenate([np.arange(20), 1e9 + np.arange(20)])
+    found = correlations(t, e, lags=10)
+    assert found.pairs[4] == 16 + 16
+
+
+@pytest.mark.parametrize("a", [0.0, 0.5, 0.95])
+def test_correlation_time_of_an_autoregressive_process(a: float) -> None:
+    """1 + 2 Σ aᵏ = (1 + a)/(1 − a)."""
+    e = lfilter([1], [1, -a], np.random.default_rng(3).normal(size=200_000))
+    found = correlations(0.002 * np.arange(len(e)), e)
+    assert found.time == pytest.approx(0.002 * (1 + a) / (1 - a), rel=0.08)
+
+
+def test_ljung_box_by_its_formula_and_its_level() -> None:
+    rng = np.random.default_rng(4)
+    e = rng.normal(size=120)
+    c = e - e.mean()
+    r = np.array([c[k:] @ c[: 120 - k] / (c @ c) for k in range(1, 21)])
+    statistic = 120 * 122 * np.sum(r**2 / (120 - np.arange(1, 21)))
+    assert correlations(np.arange(120.0), e).whiteness() == pytest.approx(chi2.sf(statistic, 20))
+    # p-values of white noise are uniform, with holes too
+    t = np.flatnonzero(rng.uniform(size=900) > 0.3).astype(float)
+    p = [correlations(t, rng.normal(size=len(t)), lags=30).whiteness() for _ in range(300)]
+    assert kstest(p, "uniform").pvalue > 1e-3
+    assert correlations(t, np.sin(0.3 * t)).whiteness() < 1e-10
+
+
+# -- scores -----------------------------------------------------------------------------------------------------------
+
+
+def example(seed: int = 6, rows: int = 400, **options: object) -> tuple[np.ndarray, np.ndarray, ArrayRows]:
+    rng = np.random.default_rng(seed)
+    W = rng.normal(size=(rows, 2, 3))
+    y = W @ [1.0, -2.0, 0.5] + [0.1, 0.5] * rng.normal(size=(rows, 2)) + [10.0, -1000.0]
+    return W, y, ArrayRows.of(W, y, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seconds", [None, 0.0137, 0.1])
+def test_scores_are_those_of_all_rows_at_once(seconds: float | None) -> None:
+    values, prior = np.array([1.1, -2.0, 0.4]), np.zeros(3)
+    keep = np.random.default_rng(7).uniform(size=(400, 2)) > 0.2
+    W, y, rows = example(seconds=seconds, keep=keep)
+    found = validate(rows, values, role="validation", prior_values=prior)
+    for output, (score, of_prior) in enumerate(zip(found.scores, found.prior_scores, strict=True)):
+        measured = y[keep[:, output], output]
+        for some, parameters in ((score, values), (of_prior, prior)):
+            e = measured - (W[keep[:, output], output] @ parameters)
+            assert some.rows == len(e)
+            assert some.rms == pytest.approx(np.sqrt(np.mean(e**2)))
+            assert some.bias == pytest.approx(e.mean())
+            assert some.percent == pytest.approx(100 * some.rms / np.ptp(measured))
+            assert some.r2 == pytest.approx(1 - np.sum(e**2) / np.sum((measured - measured.mean()) ** 2), rel=1e-9)
+            assert some.whiteness == pytest.approx(correlations(np.flatnonzero(keep[:, output]), e).whiteness())
+    assert found.source == "arrays"
+    np.testing.assert_array_equal(found.traces[0].measured, y[keep[:, 0], 0])
+    np.testing.assert_allclose(found.traces[1].predicted, W[keep[:, 1], 1] @ values)
+    assert not found.traces[1].prior.any()  # type: ignore[union-attr]
+
+
+def test_r2_of_a_small_signal_on_a_large_offset() -> None:
+    """Sums of squares would lose all digits here."""
+    signal = np.random.default_rng(8).normal(size=300)
+    W = np.stack([np.ones(300), signal], axis=1)[:, None]
+    rows = ArrayRows.of(W, (1e9 + 1e-3 * signal)[:, None], seconds=0.05)
+    score = validate(rows, [1e9, 0.5e-3], role="validation").scores[0]
+    assert score.r2 == pytest.approx(0.75, abs=1e-3)
+
+
+def test_a_perfect_model_and_a_constant_output() -> None:
+    W = np.random.default_rng(9).normal(size=(50, 2, 2))
+    y = W @ [1.0, 2.0]
+    y[:, 1] = 3.0
+    found = validate(ArrayRows.of(W, y), [1.0, 2.0], role="identification")
+    assert found.scores[0].r2 == pytest.approx(1)
+    assert np.isnan(found.scores[1].r2)
+    assert "Nothing can be said of joint2" in found.verdict
+
+
+@pytest.mark.parametrize(
+    ("values", "role", "message"),
+    [([1.0], "validation", "expected 3"), ([1.0, np.nan, 0], "validation", "finite"), ([1, 2, 3], "test", "role")],
+)
+def test_wrong_calls_are_refused(values: list[float], role: str, message: str) -> None:
+    with pytest.raises(ec.InputError, match=message):
+        validate(example()[2], values, role=role)
+
+
+def test_no_rows_are_refused() -> None:
+    rows = ArrayRows.of(np.zeros((0, 1, 1)), np.zeros((0, 1)))
+    with pytest.raises(ec.InputError, match="no rows"):
+        validate(rows, [0.0], role="validation")
+
+
+def test_a_fit_carries_over_to_the_held_out_end_of_its_log() -> None:
+    """From samples to verdict, with a model that is right."""
+    base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
+    rng = np.random.default_rng(12)
+    t = np.linspace(0, 20, 2001)[:, None]
+    rate, phase = np.array([[1.3, 2.9], [3.7, 1.7]])[:, None], np.array([[0.3, 1.0], [2.0, 0.1]])[:, None]
+    q = np.sin(rate * t + phase).sum(axis=0)
+    qd, qdd = (rate * np.cos(rate * t + phase)).sum(axis=0), -(rate**2 * np.sin(rate * t + phase)).sum(axis=0)
+    truth = np.array([0.4, 1.0, 0.1, 0.05, 0.3, -0.02])
+    y = base.predict(q, qd, qdd, truth) + 0.05 * rng.normal(size=(2001, 2))
+    fit, rest = split(Samples("log", 0.0, 100.0, q, qd, qdd, y), 0.3)
+    rows, unseen = ModelRows.of(base, [fit]), ModelRows.of(base, [rest])
+    values = rows.observation().combined().solve()
+    seen = validate(rows, values, role="identification")
+    found = validate(unseen, values, role="validation", prior_values=1.2 * truth, identification=seen)
+    assert [s.rows for s in found.scores] == [601, 601]
+    for score in found.scores:
+        assert score.rms == pytest.approx(0.05, rel=0.1)
+        assert score.correlation_time == pytest.approx(0.01, rel=0.5)
+        assert score.whiteness > 1e-3
+    assert "carries over" in found.verdict
+    assert "beats the prior model on every output" in found.verdict
+    assert "not white" not in found.verdict
+    assert found.traces[0].time[0] == pytest.approx(14.0)
+
+
+# -- traces -----------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 1000), st.integers(1, 3000), st.integers(1, 500), st.integers(60, 400))
+def test_traces_keep_all_peaks_and_invent_nothing(seed: int, count: int, block: int, limit: int) -> None:
+    rng = np.random.default_rng(seed)
+    rows = np.stack([np.arange(float(count)), *rng.standard_cauchy((2, count)), rng.normal(size=count)], axis=1)
+    keeper = TraceKeeper(limit)
+    for start in range(0, count, block):
+        keeper.add(rows[start : start + block])
+    kept = keeper.rows(4)
+    np.testing.assert_array_equal(kept, rows[kept[:, 0].astype(int)])
+    assert (np.diff(kept[:, 0]) > 0).all()
+    for column in (rows[:, 1], rows[:, 2], rows[:, 1] - rows[:, 2]):
+        assert {column.argmin(), column.argmax()} <= set(kept[:, 0].astype(int))
+    if count <= limit:
+        assert len(kept) == count
+    assert len(kept) <= limit or len(kept) <= 6 * (1 + count // block)
+
+
+def test_thinning_halves() -> None:
+    rows = np.random.default_rng(10).normal(size=(12_000, 3))
+    assert 12_000 / 4 < len(thinned(rows)) <= 6000
+
+
+def test_scores_do_not_depend_on_how_much_is_kept() -> None:
+    _, _, rows = example(rows=2000, seconds=0.1)
+    full, few = (validate(rows, [1, 2, 3], role="validation", limit=limit) for limit in (10_000, 300))
+    assert full.scores == few.scores
+    assert len(full.traces[0].time) == 2000
+    assert len(few.traces[0].time) <= 300
+    assert few.traces[0].measured.max() == full.traces[0].measured.max()
+
+
+# -- verdicts ---------------------------------------------------------------------------------------------------------
+
+
+def score(output: str = "j1", rms: float = 1.0, r2: float = 0.99, bias: float = 0.0, white: float = 0.5) -> Score:
+    return Score(output, "N·m", 100, rms, 1.0, r2, bias, 0.01, white)
+
+
+def judged(*scores: Score, prior: Sequence[Score] = (), role: str = "validation") -> Validation:
+    empty = np.zeros(0)
+    return Validation(
+        "run2", role, scores, tuple(prior), tuple(Trace("j1", "", empty, empty, empty) for _ in scores), ""
+    )
+
+
+@pytest.mark.parametrize(
+    ("r2", "expected"),
+    [(0.99, Grade.GOOD), (0.95, Grade.USABLE), (0.3, Grade.POOR), (-0.1, Grade.USELESS), (np.nan, None)],
+)
+def test_grades(r2: float, expected: Grade | None) -> None:
+    assert grade(score(r2=r2)) is expected
+
+
+def test_verdict_names_what_is_bad() -> None:
+    text = verdict(judged(score("j1"), score("j2", r2=-0.5), score("j3", r2=0.95)))
+    assert "j1 (R² 0.99) well; j3 (R² 0.95) usably; j2 (R² -0.5) worse than a constant would" in text
+    assert "biased for j1 (0.7 N·m)" in verdict(judged(score(bias=0.7)))
+    assert "biased" not in verdict(judged(score(bias=0.3)))
+    assert "not white for any output" in verdict(judged(score(white=1e-5)))
+    assert "not white" not in verdict(judged(score(white=0.2)))
+
+
+def test_verdict_compares_with_the_fit_and_the_prior() -> None:
+    fitted = judged(score("j1"), score("j2"), role="identification")
+    assert "larger than on the data it was fitted to for j2 (2 times)" in verdict(
+        judged(score("j1"), score("j2", rms=2.0)), fitted
+    )
+    assert "carries over" in verdict(judged(score("j1"), score("j2", rms=1.4)), fitted)
+    assert "carries over" not in verdict(fitted, fitted)
+    better = judged(score("j1"), score("j2"), prior=[score("j1", rms=3.0), score("j2", rms=0.5)])
+    assert "beats the prior model on j1, which is better on j2" in verdict(better)
+    assert "like the prior" in verdict(judged(score(), prior=[score(rms=1.01)]))
+    assert "on every output" in verdict(judged(score(), prior=[score(rms=2)]))
+
+
+def test_unseen_data_decide() -> None:
+    fitted = judged(score(r2=0.999), role="identification")
+    poor = judged(score(r2=0.5, rms=2.0))
+    assert "poor" in overall_verdict([fitted, poor])
+    assert "stays open whether it carries over" in overall_verdict([fitted])
+    assert "predicts every output well" in overall_verdict([fitted, judged(score())])
+    assert "prior model predicts better" in overall_verdict([judged(score(), prior=[score(rms=0.5)])])
+    assert "no output varied" in overall_verdict([judged(score(r2=np.nan))])
+
+
+def test_an_output_that_hardly_moves_is_judged_by_its_residual() -> None:
+    fitted = judged(score("j1"), score("j2"), role="identification")
+    quiet = judged(score("j1"), score("j2", r2=0.4, rms=1.1))
+    assert "R² of j2 is low because the output varies little here" in verdict(quiet, fitted)
+    assert overall_verdict([fitted, quiet]).startswith("The model predicts every output well")
+    # larger residuals are no excuse, nor is a fit that was poor itself
+    assert "poor" in overall_verdict([fitted, judged(score("j1"), score("j2", r2=0.4, rms=2.0))])
+    assert "cannot be trusted" in overall_verdict([fitted, judged(score("j1"), score("j2", r2=-0.1))])
+    poor = judged(score("j1"), score("j2", r2=0.4), role="identification")
+    assert "poor" in overall_verdict([poor, quiet])
+
+
+def test_the_verdict_of_an_overfitted_model() -> None:
+    """Twenty parameters from thirty rows of noise."""
+    rng = np.random.default_rng(11)
+    W, y = rng.normal(size=(60, 1, 20)), rng.normal(size=(60, 1))
+    fit, rest = ArrayRows.of(W[:30], y[:30]), ArrayRows.of(W[30:], y[30:])
+    values = fit.observation().combined().solve()
+    seen = validate(fit, values, role="identification")
+    assert "overfitted" in validate(rest, values, role="validation", identification=seen).verdict
+
+
+# -- what is held out -------------------------------------------------------------------------------------------------
+
+
+class Mean:
+    """A moving average that keeps every second sample."""
+
+    factor, reach = 2, 5
+
+    def kept(self, count: int) -> np.ndarray:
+        return np.arange(0, count, 2)
+
+    def apply(self, values: np.ndarray) -> np.ndarray:
+        return values[::2]
+
+
+def samples(source: str = "a", count: int = 100, **options: object) -> Samples:
+    ramp = np.arange(float(count))[:, None]
+    plain = Samples(source, 5.0, 10.0, ramp, ramp, ramp, ramp, {"j1": ramp[:, 0]}, moving=ramp > 20)
+    return replace(plain, **options)  # type: ignore[arg-type]
+
+
+def test_split_by_time_shares_no_measured_value() -> None:
+    whole = samples(reduction=Mean(), first=3, stop=98)
+    fit, held = split(whole, 0.3)
+    cut = 3 + int(0.7 * 95)
+    assert (len(fit), len(held)) == (cut, 100 - cut)
+    assert (fit.first, fit.stop) == (3, cut)
+    assert (held.first, held.stop) == (0, 98 - cut)
+    assert held.start == pytest.approx(5.0 + cut / 10)
+    for some, start in ((fit, 0), (held, cut)):
+        rows = np.arange(start, start + len(some))
+        np.testing.assert_array_equal(some.q[:, 0], rows)
+        np.testing.assert_array_equal(some.y[:, 0], rows)  # type: ignore[index]
+        np.testing.assert_array_equal(some.inputs["j1"], rows)
+        np.testing.assert_array_equal(some.moving[:, 0], rows > 20)  # type: ignore[index]
+
+
+@given(st.floats(0.05, 0.95), st.integers(0, 4))
+def test_split_keeps_the_share(share: float, guard: int) -> None:
+    fit, held = split(samples(count=1000), share, guard)
+    assert len(held) == pytest.approx(1000 * share, abs=1)
+    assert len(fit) + len(held) == 1000
+    assert held.first == guard
+
+
+def test_what_cannot_be_split_is_refused() -> None:
+    with pytest.raises(ec.InputError, match="4 samples cannot be split"):
+        split(samples(count=4), guard=3)
+    with pytest.raises(ec.InputError, match="share"):
+        split(samples(), 1.0)

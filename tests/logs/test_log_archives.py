@@ -1,0 +1,146 @@
+"""Logs in files of NumPy and MATLAB."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import scipy.io
+from scipy.sparse import issparse
+
+from echelon.errors import InputError
+from echelon.logs.files.mat_file import Group, MatFile, Unread, Value, variables
+from echelon.logs.files.numpy_file import NpzFile
+from echelon.logs.files.open_log import open_log
+from support.log_tables import joined, same, text
+
+RANDOM = np.random.default_rng(5)
+MATLAB = Path(scipy.io.__file__).parent / "matlab" / "tests" / "data"
+
+
+def test_arrays_of_an_archive(tmp_path: Path) -> None:
+    path = tmp_path / "run.npz"
+    q, cube = RANDOM.normal(size=(2, 10, 2))[0], RANDOM.normal(size=(10, 2, 2)).astype(np.float32)
+    records = np.zeros(10, dtype=[("x", ">i4"), ("v", "f8", (2,)), ("label", "U3"), ("deep", [("y", "?")])])
+    records["x"], records["v"], records["deep"]["y"] = np.arange(10), q, True
+    np.savez(
+        path, t=np.arange(10), q=q, cube=cube, records=records, gear=np.ones(3), turned=q.T, label=np.array(["a"] * 10),
+        rate=100.0, objects=np.array([{}] * 10), wide=np.zeros((10, 5000)), day=np.zeros(10, "datetime64[s]"),
+    )  # fmt: skip
+    log = NpzFile(path)
+    expected = {
+        "t": np.arange(10), "q[0]": q[:, 0], "q[1]": q[:, 1],
+        **{f"cube[{j}][{k}]": cube[:, j, k] for j in range(2) for k in range(2)},
+        "records.x": np.arange(10), "records.v[0]": q[:, 0], "records.v[1]": q[:, 1], "records.deep.y": np.ones(10),
+    }  # fmt: skip
+    same(joined(log), expected)
+    same(joined(log, rows=3), expected)
+    for name, problem in {
+        "gear": "has 3 rows where most arrays of the file have 10",
+        "turned[0]": "has 2 rows where most arrays of the file have 10; transpose it",
+        "label": "holds text, not real numbers",
+        "rate": "is a single value, not a value per row",
+        "objects": "holds Python objects, not real numbers",
+        "wide[0]": "has 5000 columns; at most 4096 are read",
+        "day": "holds dates or spans of time",
+        "q": r"has 2 columns; name one of them, such as 'q\[0\]'",
+    }.items():
+        with pytest.raises(InputError, match=rf"column '{name.replace('[', chr(92) + '[')}': {problem}"):
+            list(log.tables([name]))
+
+
+@pytest.mark.parametrize(
+    ("array", "names"),
+    [
+        (np.arange(5.0), ("0",)),
+        (np.arange(15).reshape(5, 3), ("0", "1", "2")),
+        (np.asfortranarray(np.arange(15).reshape(5, 3)), ("0", "1", "2")),
+        (np.arange(20).reshape(5, 2, 2), ("0[0]", "0[1]", "1[0]", "1[1]")),
+        (np.zeros(5, dtype=[("t", "f8"), ("q", "f4", (2,))]), ("t", "q[0]", "q[1]")),
+    ],
+)
+def test_a_single_array(array: npt.NDArray[Any], names: tuple[str, ...], tmp_path: Path) -> None:
+    np.save(tmp_path / "run.npy", array)
+    log = NpzFile(tmp_path / "run.npy")
+    assert log.names == names
+    found = np.column_stack(list(joined(log, rows=2).values()))
+    if array.dtype.names is None:
+        np.testing.assert_array_equal(found, array.reshape(5, -1))
+
+
+def test_pickles_are_never_loaded(tmp_path: Path) -> None:
+    np.save(tmp_path / "run.npy", np.array([{}, {}]), allow_pickle=True)
+    with pytest.raises(InputError, match="pickled Python objects, which are not loaded: they can run code"):
+        NpzFile(tmp_path / "run.npy")
+    np.savez(tmp_path / "run.npz", a=np.array([{}, {}]), b="x")
+    with pytest.raises(InputError, match=r"no arrays of numbers.*: 'a' holds Python objects.*; 'b' is a single value"):
+        NpzFile(tmp_path / "run.npz")
+
+
+def test_matlab_files(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    q = RANDOM.normal(size=(10, 3))
+    content: dict[str, Any] = {"t": np.arange(10.0), "column": q[:, :1], "q": q, "gear": np.ones(3), "rate": 5.0}
+    expected = {"t": np.arange(10), "column": q[:, 0], "q[0]": q[:, 0], "q[1]": q[:, 1], "q[2]": q[:, 2]}
+    cell = np.empty(2, dtype=object)
+    cell[:] = [np.arange(10) * 2.0, "text"]
+    content |= {"log": {"tau": q[:, 1], "deep": {"f": q[:, :2]}}, "cell": cell, "empty": np.zeros((0, 0))}
+    expected |= {
+        "log.tau": q[:, 1],
+        "log.deep.f[0]": q[:, 0],
+        "log.deep.f[1]": q[:, 1],
+        "cell[0]": np.arange(10) * 2,
+    }
+    scipy.io.savemat(path, content, format="5")
+    log = MatFile(path)
+    same(joined(log), expected)
+    same(joined(log, rows=4), expected)
+    with pytest.raises(InputError, match=r"column 'gear': has 3 rows where most arrays of the file have 10"):
+        list(log.tables(["gear"]))
+
+
+def same_as_scipy(found: Value, expected: Any) -> bool:
+    """Whether a value of a MAT file is what scipy makes of it."""
+    if isinstance(found, Unread):
+        return expected.dtype.kind not in "biuf" or expected.dtype.names is not None or issparse(expected)
+    if not isinstance(found, Group):
+        return found.shape == expected.shape and np.array_equal(found, expected, equal_nan=True)
+    flat = [tuple(entry) if found.fields else (entry,) for entry in expected.ravel(order="F")]
+    members = [member for entry in flat for member in entry]
+    return (expected.dtype.names or ()) == found.fields and all(
+        same_as_scipy(own, other) for own, other in zip(found.members, members, strict=True)
+    )
+
+
+def matlab_files() -> list[Path]:
+    """Of versions 5 to 7; without names that scipy changes or refuses, and a struct that it fills with nothing."""
+    strange = ("nasty_duplicate_fieldnames", "bad_miutf8_array_name", "test_empty_struct")
+    starts = {path: path.read_bytes()[:520] for path in sorted(MATLAB.glob("*.mat")) if path.stem not in strange}
+    return [path for path, start in starts.items() if 0 not in start[:4] and b"\x89HDF" not in start]
+
+
+@pytest.mark.parametrize("path", matlab_files(), ids=lambda path: path.stem)
+@pytest.mark.filterwarnings("ignore")
+def test_files_that_matlab_wrote(path: Path) -> None:
+    """The files with which scipy tests its own reader, where it brings them along."""
+    try:
+        expected = {name: value for name, value in scipy.io.loadmat(path).items() if not name.startswith("__")}
+    except Exception:
+        with pytest.raises(InputError):
+            MatFile(path)
+        return
+    found = dict(variables(path.read_bytes()))
+    assert all(same_as_scipy(found[name], value) for name, value in expected.items() if name != "None")
+
+
+def test_other_versions_of_matlab_files_say_how_to_save_them(tmp_path: Path) -> None:
+    header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n"
+    scipy.io.savemat(tmp_path / "old.mat", {"q": np.arange(10.0)}, format="4")
+    old = (tmp_path / "old.mat").read_bytes()
+    for content, version in ((header, "7.3"), (header[512:], "7.3"), (old, "4")):
+        problem = rf"version {version}, which is not read; save it in MATLAB with  save\(…, '-v7'\)"
+        with pytest.raises(InputError, match=problem):
+            open_log(text(tmp_path, content, "run.mat"))

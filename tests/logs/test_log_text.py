@@ -1,0 +1,129 @@
+"""Text as logs: separators, headings, comments, gaps and numbers, with pyarrow and without."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from echelon.errors import InputError
+from echelon.logs.files.csv_file import CsvFile
+from echelon.logs.files.open_log import read_table
+from support.log_tables import joined, same, text
+
+
+@pytest.fixture(params=["pyarrow", "numpy"])
+def parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Text is parsed with pyarrow, and as if it were not installed."""
+    if request.param == "numpy":
+        monkeypatch.setitem(sys.modules, "pyarrow", None)
+    return str(request.param)
+
+
+@pytest.mark.usefixtures("parser")
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ("t,q\n0,1.5\n1,-2e-3\n", {"t": [0, 1], "q": [1.5, -0.002]}),
+        ("0,1.5\n1,2\n", {"0": [0, 1], "1": [1.5, 2]}),
+        ("0,1.5\n1,2", {"0": [0, 1], "1": [1.5, 2]}),
+        ("t;q\r\n0,25;1,5\r\n1;2\r\n", {"t": [0.25, 1], "q": [1.5, 2]}),
+        ("t;q\n0.25;1.5\n", {"t": [0.25], "q": [1.5]}),
+        ("t\tq\n0,5\t1\n", {"t": [0.5], "q": [1]}),
+        ("t q\n  0   1.5\n 1\t2 \n", {"t": [0, 1], "q": [1.5, 2]}),
+        ("1,5 2,5\n3,5 4\n", {"0": [1.5, 3.5], "1": [2.5, 4]}),
+        ("\ufefft,q\n0,1\n", {"t": [0], "q": [1]}),
+        ("\ufeff0,1\n2,3\n", {"0": [0, 2], "1": [1, 3]}),
+        ('"time, s","joint ""1"""\n0,"1.5"\n', {"time, s": [0], 'joint "1"': [1.5]}),
+        ('time "joint 1"\n0 1.5\n', {"time": [0], "joint 1": [1.5]}),
+        ("# a log\n#\n# t q\n0 1\n", {"t": [0], "q": [1]}),
+        ("# recorded today by me\n0 1\n", {"0": [0], "1": [1]}),
+        ("# robot\nt,q\n0,1\n# pause\n\n1,2\n", {"t": [0, 1], "q": [1, 2]}),
+        ("t,q\n0,\n1,nan\n2,NA\n,3\n", {"t": [0, 1, 2, np.nan], "q": [np.nan, np.nan, np.nan, 3]}),
+        ("t,on\n0,true\n1,False\n", {"t": [0, 1], "on": [1, 0]}),
+        ("t,q\n0,inf\n1,-Infinity\n+2,+.5\n", {"t": [0, 1, 2], "q": [np.inf, -np.inf, 0.5]}),
+        ("t,,q\n0,1,2\n", {"t": [0], "1": [1], "q": [2]}),
+        ("q\n1.5\n\n2.5\n", {"q": [1.5, 2.5]}),
+        ("1.5\n2.5\n", {"0": [1.5, 2.5]}),
+    ],
+)
+def test_layouts_of_text(content: str, expected: dict[str, list[float]], tmp_path: Path) -> None:
+    log = CsvFile(text(tmp_path, content))
+    assert log.names == tuple(expected)
+    same(joined(log), expected)
+    same(joined(log, rows=1), expected)
+
+
+@pytest.mark.usefixtures("parser")
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ("t,q\n0,1\n1,AUTO\n", r"line 3, column 'q': 'AUTO' is not a number"),
+        (
+            "t,q\n2026-03-01 12:00:00,1\n",
+            r"column 't': '2026-03-01 12:00:00' is not a number; times have to be in seconds",
+        ),
+        ("t,q\n0,1_000\n", r"line 2, column 'q': '1_000' is not a number"),
+        ("t,q\n0,0x10\n", r"line 2, column 'q': '0x10' is not a number"),
+        ("t;q\n0;1.234,5\n", r"line 2, column 'q': '1.234,5' is not a number"),
+        ("# log\nt,q\n0,1\n\n2\n", r"line 5: has 1 cell where the file has 2 columns"),
+        ("t,q\n0,1\n0,1,\n", r"line 3: has 3 cells where the file has 2 columns"),
+        ("t q\n0 1\n0 1 2\n", r"line 3: has 3 cells where the file has 2 columns"),
+        ("t,q,t\n0,1,2\n", r"line 1, column 't': columns 0 and 2 have the same name"),
+        ("t,q\n", "holds the names of columns but no numbers"),
+        ("# nothing\n\n", "holds no numbers: all lines are blank or comments"),
+        ("t,q\n0,1\n".encode("utf-16"), "is UTF-16 text; save it as UTF-8"),
+        ("t,Gelenk °\n0,1\n".encode("latin-1"), r"line 1: byte 0xb0 is not UTF-8 text"),
+        (b"t,q\n0,1\n\0\0", "is not text"),
+        ("t,q\r0,1\r", "carriage returns inside lines"),
+        ("1" * (2 << 20), "has more than 1,048,576 bytes in a line"),
+    ],
+)
+def test_text_that_is_no_log(content: str | bytes, problem: str, tmp_path: Path) -> None:
+    path = text(tmp_path, content)
+    with pytest.raises(InputError, match=problem) as caught:
+        read_table(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+@pytest.mark.usefixtures("parser")
+def test_text_that_nobody_asks_for_may_stand_beside_numbers(tmp_path: Path) -> None:
+    path = text(tmp_path, "t,mode,q\n" + "".join(f"{k},AUTO,{k / 8}\n" for k in range(100)))
+    same(read_table(path, ["q", "t"]).columns, {"q": np.arange(100) / 8, "t": np.arange(100)})
+    with pytest.raises(InputError, match=r"line 2, column 'mode': 'AUTO' is not a number"):
+        read_table(path)
+
+
+@pytest.mark.usefixtures("parser")
+def test_lines_are_counted_over_pieces(tmp_path: Path) -> None:
+    path = text(tmp_path, "# log\nt,q\n" + "0,1\n" * 50 + "# pause\n" + "0,1\n" * 20 + "0,x\n")
+    with pytest.raises(InputError, match=r"line 74, column 'q': 'x' is not a number"):
+        list(CsvFile(path).tables(rows=7))
+
+
+NUMBERS = st.floats(allow_nan=True, allow_infinity=True) | st.integers(-(10**30), 10**30)
+STYLES = {"repr": repr, "short": lambda value: f"{value:.3g}", "exponent": lambda value: f"{value:+.17E}"}
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    rows=st.lists(st.tuples(NUMBERS, NUMBERS, st.none() | NUMBERS), min_size=1, max_size=12),
+    delimiter=st.sampled_from([",", ";", "\t", ", "]),
+    style=st.sampled_from(sorted(STYLES)),
+    newline=st.sampled_from(["\n", "\r\n"]),
+)
+def test_numbers_are_read_as_python_reads_them(
+    parser: str, rows: list[tuple[Any, ...]], delimiter: str, style: str, newline: str, tmp_path: Path
+) -> None:
+    cells = [["" if value is None else STYLES[style](value) for value in row] for row in rows]
+    if delimiter in (";", "\t"):
+        cells = [[cell.replace(".", ",") for cell in row] for row in cells]
+    content = newline.join(delimiter.join(row) for row in [["a", "b", "c"], *cells]) + newline
+    found = read_table(text(tmp_path, content, f"{parser}.csv")).columns
+    expected = np.array([[float(cell.replace(",", ".") or "nan") for cell in row] for row in cells])
+    np.testing.assert_array_equal(np.column_stack([found["a"], found["b"], found["c"]]), expected)

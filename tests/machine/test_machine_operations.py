@@ -1,0 +1,182 @@
+"""Every operation of a program, done by a kernel, against NumPy; results of all forms."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from echelon.machine.kernel import Kernel
+from echelon.machine.target import Target, host
+from echelon.program.function import Function
+from echelon.program.operations import FUNCTIONS, Op
+from echelon.program.scalar import Scalar
+from support.small_kernels import LANES, FloatArray, by_numpy, function, same_bits
+
+SPECIAL = np.array([0.0, -0.0, 1.0, -1.0, 0.5, -2.5, 5e-324, 1e-200, 1e200, np.inf, -np.inf, np.nan])
+PAIRS = np.array(list(itertools.product(SPECIAL, SPECIAL)))
+NUMBERS = np.concatenate([SPECIAL, np.random.default_rng(1).normal(0, 3, 100)])[:, None]
+
+UNARY: dict[Op, Callable[[Scalar], Scalar]] = {op: lambda x, op=op: x.program.function(op, x) for op in FUNCTIONS}
+UNARY[Op.NEG] = lambda x: -x
+EXACT = (Op.NEG, Op.SQRT, Op.ABS, Op.SIGN)
+"""Functions whose results are rounded correctly everywhere."""
+
+
+@pytest.mark.parametrize("op", UNARY, ids=lambda op: op.name)
+@pytest.mark.parametrize("uniform", [False, True], ids=["varying", "uniform"])
+@pytest.mark.filterwarnings("ignore:invalid value", "ignore:divide by zero", "ignore:overflow")
+def test_unary(op: Op, uniform: bool, target: Target) -> None:
+    """Also of uniform arguments, whose functions are computed once for all samples."""
+    if uniform:
+        made = function(lambda _, x: [UNARY[op](x[0])], {"free": 0}, {"x": 1})
+        run = Kernel(made, target=target)
+        rows = [{"free": np.zeros((1, 0)), "x": row} for row in NUMBERS]
+        found, expected = (np.concatenate([f(values) for values in rows]) for f in (run, lambda v: by_numpy(made, v)))
+    else:
+        made = function(lambda x: [UNARY[op](x[0])], {"x": 1})
+        found, expected = Kernel(made, target=target)({"x": NUMBERS}), by_numpy(made, {"x": NUMBERS})
+    if op in EXACT:
+        np.testing.assert_array_equal(found, expected)
+    else:
+        np.testing.assert_array_max_ulp(found, expected, 4)
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(expected))
+
+
+def test_sign_and_absolute_value_at_zero(target: Target) -> None:
+    made = function(lambda x: [x[0].sign(), abs(x[0]), -x[0]], {"x": 1})
+    found = Kernel(made, target=target)({"x": [[0.0], [-0.0], [np.nan]]})
+    assert (found[:2, 0] == 0).all()
+    assert not np.signbit(found[:2, 1]).any()
+    assert np.signbit(found[:2, 2]).tolist() == [True, False]
+    assert np.isnan(found[2]).all()
+
+
+BINARY: dict[str, Callable[[Scalar, Scalar], Scalar]] = {
+    "add": lambda a, b: a + b,
+    "subtract": lambda a, b: a - b,
+    "multiply": lambda a, b: a * b,
+    "divide": lambda a, b: a / b,
+}
+
+
+@pytest.mark.parametrize("name", BINARY)
+@pytest.mark.filterwarnings("ignore:invalid value", "ignore:divide by zero", "ignore:overflow")
+def test_binary(name: str, target: Target) -> None:
+    """Of two columns, of a column and a uniform value on either side, and of a column and a constant."""
+    made = function(lambda x: [BINARY[name](x[0], x[1])], {"x": 2})
+    assert same_bits(Kernel(made, target=target)({"x": PAIRS}), by_numpy(made, {"x": PAIRS}))
+    op = BINARY[name]
+    mixed = function(lambda x, p: [op(x[0], p[0]), op(p[0], x[0]), op(x[0], 3), op(3, x[0])], {"x": 1}, {"p": 1})
+    run = Kernel(mixed, target=target)
+    for value in SPECIAL:
+        values = {"x": NUMBERS, "p": [value]}
+        assert same_bits(run(values), by_numpy(mixed, values))
+
+
+def test_constants_are_rounded_once(target: Target) -> None:
+    """Exact constants that no double holds."""
+    exact = [Fraction(1, 3), Fraction("0.1"), Fraction("1e-30"), Fraction("123456789.123456789123456789"), 2**70 + 1]
+    made = function(lambda x: [x[0] * value for value in exact], {"x": 1})
+    assert Kernel(made, target=target)({"x": [1.0]}).tolist() == [list(map(float, exact))]
+
+
+STEPS: dict[str, Callable[[Scalar, Scalar], Scalar]] = {
+    "add": lambda a, b: a + b,
+    "subtract": lambda a, b: a - b,
+    "multiply by a sine": lambda a, b: a * b.sin(),
+    "negate": lambda a, _: -a,
+    "cosine": lambda a, _: a.cos(),
+    "absolute value": lambda a, _: abs(a),
+}
+
+
+def programs(operations: int) -> st.SearchStrategy[Function]:
+    """Random programs on three columns and two uniform values; each operation may use all earlier results."""
+    steps = st.tuples(st.sampled_from(sorted(STEPS)), st.integers(0, 10**6), st.integers(0, 10**6))
+
+    def build(chosen: list[tuple[str, int, int]]) -> Function:
+        def record(x: list[Scalar], p: list[Scalar]) -> list[Scalar]:
+            made = [*x, *p, x[0].program.constant(2)]
+            for step, i, j in chosen:
+                made.append(STEPS[step](made[i % len(made)], made[j % len(made)]))
+            return made[:: max(1, len(made) // 17)]
+
+        return function(record, {"x": 3}, {"p": 2})
+
+    return st.lists(steps, min_size=1, max_size=operations).map(build)
+
+
+@settings(max_examples=25)
+@given(programs(40), st.sampled_from(LANES))
+def test_random_programs(made: Function, lanes: int) -> None:
+    rng = np.random.default_rng(3)
+    values = {"x": rng.uniform(-2, 2, (11, 3)), "p": rng.uniform(-2, 2, 2)}
+    expected = by_numpy(made, values)
+    scale = 1 + np.abs(expected).max()
+    np.testing.assert_allclose(Kernel(made, target=host(lanes))(values), expected, rtol=0, atol=1e-11 * scale)
+
+
+# -- forms of results ----------------------------------------------------------------------------------------------
+
+
+def sample_values(made: Function, samples: int) -> dict[str, FloatArray]:
+    rng = np.random.default_rng(5)
+    return {a.name: rng.normal(size=len(a) if a.uniform else (samples, len(a))) for a in made.arguments}
+
+
+def tensor(x: list[Scalar], p: list[Scalar]) -> dict[tuple[int, ...], Scalar]:
+    """Some entries of an array with four axes, in an order of their own."""
+    return {(1, 0, 2, 1): x[0] * p[0], (0, 1, 0, 0): x[1], (1, 1, 2, 1): x[0] * p[0], (0, 0, 1, 1): p[1]}
+
+
+FORMS: dict[str, Function] = {
+    "inputs": function(lambda x: [x[2], x[0], x[1], x[0]], {"x": 3}),
+    "constants": function(lambda x: [x[0].program.constant(k) for k in (3, -1, 0)], {"x": 2}),
+    "uniform values": function(lambda _, p: [p[0], p[0] * p[1], p[1].sin(), p[0]], {"x": 1}, {"p": 2}),
+    "one node many times": function(lambda x: [x[0] * x[1]] * 19, {"x": 2}),
+    "all kinds": function(lambda x, p: [x[0], p[0], x[0] + p[0], x[0].program.one, x[0] + p[0]], {"x": 1}, {"p": 1}),
+    "no entries": function(lambda _: {}, {"x": 2}, shape=(3, 2)),
+    "no results": function(lambda _: {}, {"x": 2}, shape=(0,)),
+    "a scalar": function(lambda x: {(): x[0] * x[1]}, {"x": 2}, shape=()),
+    "four axes": function(tensor, {"x": 2}, {"p": 2}, shape=(2, 2, 3, 2)),
+    "zeros first": function(lambda x: {(0, 21): x[0] + 1, (1, 22): x[0]}, {"x": 1}, shape=(2, 23)),
+    "zeros last": function(lambda x: {(0, 0): x[0] + 1, (1, 1): x[0]}, {"x": 1}, shape=(2, 23)),
+    "one of many columns": function(lambda x: {(50,): x[0] * 2}, {"x": 1}, shape=(101,)),
+    "no columns": function(lambda _, p: [p[0] + 1, p[1]], {"x": 0}, {"p": 2}),
+    "no varying arguments": function(lambda p: [p[0] + 1, p[1]], {}, {"p": 2}),
+    "no arguments at all": function(lambda: {}, {}, shape=(2,)),
+}
+
+
+@pytest.mark.parametrize("sparse", [False, True], ids=["dense", "sparse"])
+@pytest.mark.parametrize("made", FORMS.values(), ids=FORMS.keys())
+@pytest.mark.usefixtures("any_size")
+def test_forms_of_results(made: Function, sparse: bool, target: Target) -> None:
+    values = sample_values(made, 21)
+    expected = by_numpy(made, values)
+    if sparse:
+        columns = [expected[:, *index] for index in made.entries]
+        expected = np.array(columns).reshape(len(columns), len(expected)).T.copy()
+    run = Kernel(made, sparse=sparse, target=target)
+    assert run.shape == expected.shape[1:]
+    # a new array and one that holds other numbers
+    for out in (None, np.full(expected.shape, 7.0)):
+        np.testing.assert_allclose(run(values, out), expected, rtol=1e-15)
+
+
+@pytest.mark.parametrize("width", [1, 3, 4, 7, 8, 16, 19])
+@pytest.mark.usefixtures("any_size")
+def test_rows_of_every_width(width: int, target: Target) -> None:
+    """Dense rows, and rows with a structural zero at every place but one."""
+    dense = function(lambda x: [x[0] * k for k in range(1, width + 1)], {"x": 1})
+    x = np.arange(1.0, 22.0)[:, None]
+    np.testing.assert_array_equal(Kernel(dense, target=target)({"x": x}), x * np.arange(1, width + 1))
+    place = width // 2
+    single = function(lambda x: {(place,): x[0] * x[0]}, {"x": 1}, shape=(width,))
+    np.testing.assert_array_equal(Kernel(single, target=target)({"x": x}), x * x * (np.arange(width) == place))

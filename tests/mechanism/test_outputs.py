@@ -1,0 +1,150 @@
+"""Commands replace what they wrote themselves, and nothing that a user made."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from echelon.cli import destination
+from support.writing_commands import COMMANDS, OUTPUTS, call, contents, workplace
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(workplace(tmp_path / "work"))
+    monkeypatch.setenv("ECHELON_STATE", str(tmp_path / "state"))
+    return Path.cwd()
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_may_run_twice_but_edited_files_stay(folder: Path, name: str) -> None:
+    before = contents(folder)
+    for _ in range(2):
+        done = call(*COMMANDS[name])
+        assert (done.returncode, done.stderr) == (0, "")
+        after = contents(folder)
+        assert after.keys() - before.keys() == OUTPUTS[name]
+        assert {file: after[file] for file in before} == before
+    edited = sorted(OUTPUTS[name])[-1]
+    with (folder / edited).open("ab") as stream:
+        stream.write(b"mine\n")
+    refused = call(*COMMANDS[name])
+    assert refused.returncode == 2
+    assert f"{edited}: the file is there already, and is not as an earlier command wrote it" in refused.stderr
+    assert "--force" in refused.stderr
+    assert contents(folder) == {**after, edited: after[edited] + b"mine\n"}
+
+
+@pytest.mark.parametrize("name", ["derive", "generate", "predict", "check-trajectory"])
+def test_force_replaces(folder: Path, name: str) -> None:
+    for file in OUTPUTS[name]:
+        (folder / file).write_text("somebody's")
+    assert call(*COMMANDS[name]).returncode == 2
+    assert {(folder / file).read_text() for file in OUTPUTS[name]} == {"somebody's"}
+    assert call(*COMMANDS[name], "--force").returncode == 0
+    assert "somebody's" not in {(folder / file).read_text() for file in OUTPUTS[name]}
+    assert call(*COMMANDS[name]).returncode == 0  # now they are the command's own
+
+
+@pytest.mark.parametrize("name", sorted(OUTPUTS["identify"]))
+def test_a_set_is_refused_for_one_file_of_a_user(folder: Path, name: str) -> None:
+    (folder / name).write_text("somebody's")
+    before = contents(folder)
+    done = call(*COMMANDS["identify"])
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"echelon: {name}: ")
+    assert contents(folder) == before
+
+
+def test_a_set_is_refused_for_a_directory_in_its_way(folder: Path) -> None:
+    (folder / "identified.urdf").mkdir()
+    before = contents(folder)
+    done = call(*COMMANDS["identify"], "--force")
+    assert (done.returncode, done.stderr) == (2, "echelon: identified.urdf: is a directory; name a file\n")
+    assert contents(folder) == before
+
+
+READ = {
+    "robot": ("derive", "slide.yaml", "-o", "slide.yaml"),
+    "its other name": ("derive", "slide.yaml", "-o", "link.yaml"),
+    "log": ("predict", "earlier/model.json", "run.csv", "-o", "run.csv"),
+    "claims": ("audit", "slide.yaml", "claims.txt", "-o", "claims.txt"),
+    "prior": ("check-trajectory", "slide.yaml", "motion.csv", "--prior", "slide.yaml", "-o", "slide.yaml"),
+}
+
+
+@pytest.mark.parametrize("case", READ)
+def test_inputs_stay(folder: Path, case: str) -> None:
+    (folder / "link.yaml").symlink_to("slide.yaml")
+    before = contents(folder)
+    assert call(*READ[case]).returncode == 2
+    assert contents(folder) == before
+
+
+OWN_INPUTS = {
+    "claims": (("derive", "slide.yaml", "--json", "-o", "set.json"), ("audit", "slide.yaml", "set.json"), "set.json"),
+    "a file that a file names": (
+        ("identify", "slide.yaml", "run.csv", "-o", "."),
+        ("derive", "setup.yaml"),
+        "identified.urdf",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", OWN_INPUTS)
+def test_even_an_output_stays_where_it_is_read(folder: Path, case: str) -> None:
+    make, use, file = OWN_INPUTS[case]
+    (folder / "setup.yaml").write_text("echelon: 1\nrobot: {file: identified.urdf}\n")
+    assert call(*make).returncode == 0
+    before = contents(folder)
+    done = call(*use, "-o", file)
+    assert (done.returncode, done.stderr.split("; ")[0]) == (2, f"echelon: {file}: this command reads the file")
+    assert contents(folder) == before
+    assert call(*use, "-o", file, "--force").returncode == 0
+    assert contents(folder)[file] != before[file]
+
+
+def test_what_is_empty_or_moved_or_copied(folder: Path) -> None:
+    (folder / "set.txt").touch()  # as mktemp makes it: nothing is lost
+    assert call(*COMMANDS["derive"]).returncode == 0
+    shutil.copy(folder / "set.txt", folder / "copy.txt")  # a copy is its owner's
+    assert call("derive", "slide.yaml", "-o", "copy.txt").returncode == 2
+    os.replace(folder / "copy.txt", folder / "set.txt")  # the same as before
+    assert call(*COMMANDS["derive"]).returncode == 0
+
+
+def test_options_may_change_between_runs(folder: Path) -> None:
+    for form in ("text", "json", "latex", "text"):
+        assert call("derive", "slide.yaml", "--format", form, "-o", "set").returncode == 0
+    assert (folder / "set").read_text().startswith("slide: 2 base parameters")
+
+
+def test_without_a_place_for_digests_files_are_written_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ECHELON_STATE", str(folder / "slide.yaml"))
+    done = call(*COMMANDS["derive"])
+    assert done.returncode == 0
+    assert done.stderr.endswith("; to replace these files later will need --force\n")
+    assert call(*COMMANDS["derive"]).returncode == 2
+    assert call(*COMMANDS["derive"], "--force").returncode == 0
+
+
+def test_digests_are_private_and_few(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(destination, "_MOST_PATHS", 3)
+    for k in range(5):
+        for content in (b"one", b"two"):
+            destination.remember(folder / f"{k}", content)
+    records = sorted((destination.state_folder() / "written").iterdir())
+    assert len(records) == 3
+    assert {record.stat().st_mode & 0o777 for record in records} == {0o600}
+    assert {len(record.read_text().split()) for record in records} == {2}
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_damaged_digest_counts_as_none() -> None:
+    assert call(*COMMANDS["derive"]).returncode == 0
+    for record in (destination.state_folder() / "written").iterdir():
+        record.write_bytes(b"\xff\x00garbage")
+    assert call(*COMMANDS["derive"]).returncode == 2

@@ -1,0 +1,157 @@
+"""Random points of a field: relations that hold for all real inputs hold at every sample, and no others do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from echelon.errors import DegenerateSampleError
+from echelon.exact.elimination import rank
+from echelon.exact.field import PrimeField, Residues
+from echelon.exact.numbers import surd
+from echelon.program.sampling import FieldSampler
+from echelon.program.tape import Program, Scalar
+from support.strategies import FIELDS, SMALL_FIELD
+
+Relation = Callable[[Program, Scalar, Scalar], Scalar]  # of states x and y
+HALF, ROOT2 = Fraction(1, 2), surd(0, 1, 0, 0)
+
+
+def turned(p: Program, a: Scalar, b: Scalar) -> Scalar:
+    """sin(a + b) by the addition theorem."""
+    return p.sin(a) * p.cos(b) + p.cos(a) * p.sin(b)
+
+
+def doubled(p: Program, a: Scalar) -> Scalar:
+    """sin 2a by the addition theorem."""
+    return turned(p, a, a)
+
+
+IDENTITIES: dict[str, Relation] = {
+    "circle": lambda p, x, _: p.sin(x) * p.sin(x) + p.cos(x) * p.cos(x) - 1,
+    "odd and even": lambda p, x, _: (p.sin(-x) + p.sin(x)) * 2 + p.cos(-x) - p.cos(x),
+    "double angle": lambda p, x, _: p.sin(2 * x) - doubled(p, x),
+    "half angle": lambda p, x, _: p.sin(x) - doubled(p, x / 2),
+    "sum": lambda p, x, y: p.sin(x + y) - turned(p, x, y),
+    "sum of multiples": lambda p, x, y: p.sin(x / 3 - y) - turned(p, x / 3, -y),
+    "coupling": lambda p, x, _: p.sin(Fraction(3, 7) * x) - turned(p, x / 7, Fraction(2, 7) * x),
+    "large multiple": lambda p, x, _: p.sin(10_000_000 * x) - doubled(p, 5_000_000 * x),
+    "large and small multiples": lambda p, x, _: (p.sin(2 * x) - doubled(p, x)) * p.sin(x / 1000),
+    "angle that cancels": lambda p, x, y: p.sin(x + y - x - y) + p.cos((x + y) - y - x) - 1,
+    "product": lambda p, x, y: p.sin(2 * (x * y)) - doubled(p, x * y),
+    "product and sum": lambda p, x, y: p.sin(x - x * y) - turned(p, x, -(x * y)),
+    "irrational multiple": lambda p, x, _: p.sin(x * ROOT2 + x) - turned(p, x * ROOT2, x),
+    "function": lambda p, x, _: p.sin(2 * p.sin(x)) - doubled(p, p.sin(x)),
+    "constant": lambda p, x, _: p.sin(x + 1) - turned(p, x, p.one),
+    "half of a constant": lambda p, _, __: p.sin(p.one) - doubled(p, p.constant(HALF)),
+}
+
+DIFFERENCES: dict[str, Relation] = {
+    "sine and angle": lambda p, x, _: p.sin(x) - x,
+    "sine and cosine": lambda p, x, _: p.sin(x) - p.cos(x),
+    "two angles": lambda p, x, y: p.cos(x) - p.cos(y),
+    "two multiples": lambda p, x, _: p.cos(x) - p.cos(2 * x),
+    "tangent of the half": lambda p, x, _: p.sin(x) - 2 * x / (1 + x * x),
+    "irrational multiple": lambda p, x, _: p.cos(x) - p.cos(x * ROOT2),
+    "shift": lambda p, x, _: p.cos(x) - p.cos(x + 1),
+}
+
+
+def sample(relation: Relation, field: PrimeField, states: int = 20) -> Residues:
+    program = Program()
+    x, y = program.input("x"), program.input("y")
+    result = relation(program, x, y)
+    values: Residues = FieldSampler(program, [result.node]).evaluate(field, np.random.default_rng(0), states, {})
+    assert values.shape == (1, 1, states)
+    return values.ravel()
+
+
+@pytest.mark.parametrize("field", FIELDS, ids=["small", "large"])
+@pytest.mark.parametrize("relation", IDENTITIES.values(), ids=IDENTITIES.keys())
+def test_identities_hold(relation: Relation, field: PrimeField) -> None:
+    assert not sample(relation, field).any()
+
+
+@pytest.mark.parametrize("relation", DIFFERENCES.values(), ids=DIFFERENCES.keys())
+def test_other_relations_do_not_hold(relation: Relation) -> None:
+    values = sample(relation, SMALL_FIELD)
+    assert values.all()
+    assert len(set(values.tolist())) == len(values)
+
+
+Columns = Callable[[Program, Scalar, Scalar], list[Scalar]]  # of a state x and a symbol a
+
+SPANS: dict[str, tuple[Columns, int]] = {
+    "shifts": (lambda p, x, _: [p.sin(x), p.cos(x), p.sin(x + 1), p.cos(x - Fraction("0.7853"))], 2),
+    "symbols as shifts": (lambda p, x, a: [p.sin(x), p.cos(x), p.sin(x + a), p.cos(x - 2 * a), p.sin(x - a * a)], 2),
+    "squares": (lambda p, x, _: [p.sin(x) * p.sin(x), p.cos(x) * p.cos(x), p.cos(2 * x), p.one], 2),
+    "screw": (lambda p, x, _: [x, p.sin(x), p.cos(x), x * x, x * p.sin(x)], 5),
+    "constants": (lambda p, x, a: [p.sin(a), p.cos(a * a), p.sin(p.constant(2)), p.one, (x - x)], 1),
+}
+
+
+@pytest.mark.parametrize(("columns", "expected"), SPANS.values(), ids=SPANS.keys())
+def test_ranks(columns: Columns, expected: int) -> None:
+    program = Program()
+    x, a = program.input("x"), program.input("a", "symbol")
+    outputs = [scalar.node for scalar in columns(program, x, a)]
+    sampler, rng = FieldSampler(program, outputs), np.random.default_rng(1)
+    geometry = {name: SMALL_FIELD.draw(rng, (1,)) for name in sampler.symbols}
+    matrix = sampler.evaluate(SMALL_FIELD, rng, 10, geometry)[:, 0]
+    assert rank(matrix, SMALL_FIELD) == expected
+
+
+@pytest.mark.parametrize("field", FIELDS, ids=["small", "large"])
+def test_quaternions_have_unit_norm(field: PrimeField) -> None:
+    program = Program()
+    q = [program.input(f"q{k}") for k in range(4)]
+    program.unit_groups.append(tuple(x.node for x in q))
+    norm = sum((x * x for x in q), program.zero)
+    values = FieldSampler(program, [norm.node, q[0].node, q[3].node]).evaluate(field, np.random.default_rng(2), 9, {})
+    assert (values[0] == 1).all()
+    assert len(set(values[1:].ravel().tolist())) == 18
+
+
+def geometry_sampler() -> FieldSampler:
+    program = Program()
+    d, a, unused = (program.input(name, "symbol") for name in ("d", "a", "unused"))
+    x = program.input("x")
+    outputs: list[Scalar] = [d, program.cos(a), program.sin(a) * d, x]
+    assert unused.node not in program.needed([s.node for s in outputs])
+    return FieldSampler(program, [s.node for s in outputs])
+
+
+@pytest.mark.parametrize("field", FIELDS, ids=["small", "large"])
+def test_geometry_takes_the_given_values(field: PrimeField) -> None:
+    sampler = geometry_sampler()
+    assert sampler.symbols == ["a", "d"]
+    geometry = {"d": np.array([5, 7], dtype=field.dtype), "a": np.array([0, 3], dtype=field.dtype)}
+    values = sampler.evaluate(field, np.random.default_rng(3), 4, geometry)
+    cosine, sine = -4 * field.invert(5) % field.p, 3 * field.invert(5) % field.p  # of the angle with tan a/2 = 3
+    assert values.shape == (4, 2, 4)
+    for row, expected in zip(values, ([5, 7], [1, cosine], [0, 7 * sine % field.p]), strict=False):
+        assert row.tolist() == [[e] * 4 for e in expected]
+    assert len(set(values[3].ravel().tolist())) == 8
+
+
+def test_a_singular_geometry_is_degenerate() -> None:
+    program = Program()
+    sampler = FieldSampler(program, [(1 / program.input("d", "symbol")).node])
+    with pytest.raises(DegenerateSampleError):
+        sampler.evaluate(SMALL_FIELD, np.random.default_rng(4), 2, {"d": np.array([0])})
+
+
+def test_no_outputs_and_constant_outputs() -> None:
+    program, rng = Program(), np.random.default_rng(5)
+    assert FieldSampler(program, []).evaluate(SMALL_FIELD, rng, 3, {}).shape == (0, 1, 3)
+    constant = FieldSampler(program, [program.constant(Fraction(1, 2)).node])
+    assert constant.symbols == []
+    assert constant.evaluate(SMALL_FIELD, rng, 3, {}).tolist() == [[[(SMALL_FIELD.p + 1) // 2] * 3]]
+
+
+def test_the_same_generator_gives_the_same_samples() -> None:
+    first, second = (sample(DIFFERENCES["two angles"], SMALL_FIELD) for _ in range(2))
+    assert first.tolist() == second.tolist()

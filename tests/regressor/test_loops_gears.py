@@ -1,0 +1,95 @@
+"""Gears in mechanisms with loops: ratios are numbers, or symbols with exact values."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import echelon as ec
+from support.closed_states import check, read, states
+from support.pinocchio_loops import Constrained
+
+BAR = """
+symbols: {{l1: 0.4, l2: 0.15, l3: 0.35, l4: 0.3, {symbols}}}
+gravity: [0, -9.81, 0]
+modified_dh:
+  - {{name: crank, joint: revolute}}
+  - {{name: coupler, joint: revolute, a: l2}}
+  - {{name: rocker, joint: revolute, parent: base, a: l1}}
+  - {{name: wheel, joint: revolute, parent: {carrier}, a: {offset}}}
+couplings: [{{wheel: {ratio}}}]
+loops:
+  - name: pin
+    joint: revolute
+    connects: [{carried}, rocker]
+    at: {{xyz: [l3, 0, 0]}}
+    on_second: {{xyz: [l4, 0, 0]}}
+assembly: {{crank: 1.0, coupler: -0.4816, rocker: 1.6206}}
+"""
+OUTSIDE = {"carrier": "rocker", "offset": "0.1", "carried": "coupler"}
+INSIDE = {"carrier": "coupler", "offset": "l3", "carried": "wheel"}
+
+
+def geared(ratio: str, symbols: str = "n: 1", place: dict[str, str] = OUTSIDE) -> ec.Mechanism:
+    return read(BAR.format(ratio=ratio, symbols=symbols, **place))
+
+
+def rank_in_pinocchio(mechanism: ec.Mechanism) -> int:
+    """Rank of the regressor whose columns are what one more unit of each standard parameter adds to the forces."""
+    ones = np.ones(len(mechanism.parameters))
+    models = [Constrained(mechanism, zeta) for zeta in (ones, *(ones + np.eye(len(ones))))]
+    rows = [[model.dynamics(*state)[0] for model in models] for state in zip(*states(mechanism, 20), strict=True)]
+    forces = np.array(rows).transpose(0, 2, 1).reshape(-1, len(models))
+    matrix = forces[:, 1:] - forces[:, :1]
+    singular = np.linalg.svd(matrix, compute_uv=False)
+    return int((singular > 1e-8 * singular[0]).sum())
+
+
+@pytest.mark.parametrize(
+    ("ratio", "symbols", "place", "rank"),
+    [
+        ("2*rocker", "n: 1", OUTSIDE, 10),
+        ("1/2*rocker", "n: 1", OUTSIDE, 10),
+        ("-50.7*rocker", "n: 1", OUTSIDE, 10),
+        ("n*rocker", "n: 3/4", OUTSIDE, 10),
+        ("(n + 1)*rocker", "n: -2.5", OUTSIDE, 10),
+        ("n*crank", "n: -2", INSIDE, 11),
+        ("n*crank", "n: 1/2", INSIDE, 11),
+        ("-n*crank + rocker", "n: 1/2", INSIDE, 11),
+    ],
+)
+def test_ratios_of_gears(ratio: str, symbols: str, place: dict[str, str], rank: int) -> None:
+    mechanism = geared(ratio, symbols, place)
+    check(mechanism, rank)
+    assert rank_in_pinocchio(mechanism) == rank
+
+
+def test_a_symbol_in_a_ratio_is_taken_at_its_value() -> None:
+    base = ec.base_parameters(geared("n*rocker", "n: 3/4"))
+    assert "the symbol 'n' is taken at its value everywhere" in base.reading.notes[0]
+    state = states(base.mechanism, 5)
+    full = base.standard_regressor(*state)
+    np.testing.assert_allclose(base.regressor(*state) @ base.B_float(), full, atol=1e-8 * np.abs(full).max())
+
+
+@pytest.mark.parametrize(
+    ("ratio", "symbols", "message"),
+    [
+        ("n*rocker", "n: null", "coupling of 'wheel': the ratio n is not a rational number.*exact values such as 3/2"),
+        ("n*rocker", "n: sqrt(2)", r"coupling of 'wheel': the ratio sqrt\(2\) is not a rational number"),
+        ("n*rocker", "n: {approximate: 0.3141}", "coupling of 'wheel': the ratio n is not a rational number"),
+    ],
+)
+def test_other_ratios_are_refused(ratio: str, symbols: str, message: str) -> None:
+    with pytest.raises(ec.InputError, match=message):
+        geared(ratio, symbols)
+
+
+def test_what_turns_cannot_follow_what_slides() -> None:
+    rack = BAR.replace("{{name: wheel, joint: revolute,", "{{name: wheel, joint: prismatic,")
+    with pytest.raises(ec.InputError, match="what turns cannot follow what slides: state 'wheel' as a multiple of"):
+        read(
+            rack.replace("wheel: {ratio}", "rocker: 5*wheel")
+            .replace(", rocker: 1.6206", "")
+            .format(symbols="n: 1", **OUTSIDE)
+        )

@@ -1,0 +1,64 @@
+"""Assembly modes in which the same parameters combine with different signs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import echelon as ec
+from echelon.regressor.evaluate import evaluate_floats
+from echelon.regressor.loops.assembly import Assembly
+from echelon.regressor.virtual_power import virtual_power_form
+from support.many_cranks import CRANKS, cranks, read
+
+
+@pytest.mark.parametrize(("second", "sign"), [("0.7", 1), ("-0.7", -1)])
+@pytest.mark.parametrize("numbers", [False, True])
+def test_two_cranks_turn_the_same_way_or_opposite_ways(second: str, sign: int, numbers: bool) -> None:
+    """With q2 = ±q1, the x components of what the second crank carries count with the sign."""
+    mechanism = cranks(second, numbers)
+    base = ec.base_parameters(mechanism)
+    columns = {name: k for k, name in enumerate(base.parameters)}
+    row = base.B_float()[base.pivots.index("MX1")]
+    assert row[columns["MX2"]] == sign
+    assert row[columns["M4"]] == pytest.approx(0.25 * sign)
+    assert len(set(ec.assembly_modes(mechanism))) == 1 < len(ec.assembly_modes(mechanism))
+
+
+@pytest.mark.parametrize("second", ["0.7", "-0.7"])
+def test_forces_of_the_stated_assembly_follow_from_the_base_parameters(second: str) -> None:
+    """X = X̄ B in doubles, on closed configurations near the stated one only."""
+    mechanism = cranks(second)
+    base = ec.base_parameters(mechanism)
+    states = Assembly(mechanism).random_closed_states(np.random.default_rng(3), 20, 0.2)
+    regressor = evaluate_floats(virtual_power_form(mechanism), mechanism, *states)
+    reduced = regressor[:, :, list(base.matrix.pivots)]
+    np.testing.assert_allclose(reduced @ base.B_float(), regressor, atol=1e-9)
+
+
+def test_every_combination_of_signs_is_a_mode() -> None:
+    """Three cranks with one guide: q2 = ±q1 and q3 = ±q1."""
+    text = CRANKS.replace("SECOND", "0.7").replace("first: 0.7", "first: 0.7, third: -0.7")
+    text = text.replace(
+        "  - {name: bob, parent: second, joint: {type: revolute, axis: z, origin: {xyz: [l, 0, 0]}}}\n",
+        "  - {name: third, joint: {type: revolute, axis: z, origin: {xyz: [-d, 0, 0]}}}\n",
+    ).replace(", bob]", "]")
+    again = "  - {name: far, joint: point_on_plane, axis: x, connects: [guide, third], at: {xyz: [-d, 0, 0]}, ON}\n"
+    mechanism = read(text.replace("independent:", again.replace("ON", "on_second: {xyz: [r, 0, 0]}") + "independent:"))
+    base = ec.base_parameters(mechanism)
+    assert "MX1 + MX2 − MX4" in [str(e) for e in base.expressions]
+    assert len(ec.assembly_modes(mechanism)) == 4
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("{r: 0.3, d: 0.8, l: 0.25}", "{r: {}, d: {}, l: {}}"),  # symbols without values
+        ("assembly: {first: 0.7, second: 0.7, guide: 0.229}", ""),  # the modes meet where all coordinates are zero
+    ],
+)
+def test_where_the_mode_cannot_be_told_it_is_said(change: tuple[str, str]) -> None:
+    text = CRANKS.replace("SECOND", "0.7")
+    assert change[0] in text
+    with pytest.raises(ec.InputError, match="assembled in several ways"):
+        ec.base_parameters(read(text.replace(*change)))

@@ -1,0 +1,188 @@
+"""The verifier of one file: it needs nothing but Python, accepts what is right, and says what it does not cover."""
+
+from __future__ import annotations
+
+import ast
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+
+import echelon as ec
+from echelon.mechanism.mechanism import Mechanism
+from echelon.results import echelon_verify
+from echelon.results.echelon_verify import judge
+from echelon.results.saved import to_json
+from support import textbook_arms as arms
+from support.paths import ROOT
+from support.random_mechanisms import mechanisms
+
+VALID, REFUTED, UNREADABLE, NOT_COVERED = range(4)
+
+
+def derived(text: str, tmp_path: Path) -> str:
+    """The saved set of a description."""
+    (tmp_path / "robot.yaml").write_text(text, encoding="utf-8")
+    return to_json(ec.base_parameters(ec.load(tmp_path / "robot.yaml")))
+
+
+# -- what it is -------------------------------------------------------------------------------------------------------
+
+
+def test_it_imports_nothing_but_the_standard_library() -> None:
+    tree = ast.parse(Path(echelon_verify.__file__).read_text(encoding="utf-8"))
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
+    modules = {n for i in imports for n in ([i.module] if isinstance(i, ast.ImportFrom) else [a.name for a in i.names])}
+    assert all(module and module.split(".")[0] in sys.stdlib_module_names for module in modules)
+    assert not any(isinstance(i, ast.ImportFrom) and i.level for i in imports)
+
+
+def test_the_copy_beside_the_source_is_the_one_that_is_shipped() -> None:
+    assert (ROOT / "verifier" / "echelon_verify.py").read_bytes() == Path(echelon_verify.__file__).read_bytes()
+
+
+def test_it_runs_alone(tmp_path: Path) -> None:
+    shutil.copy(ROOT / "verifier" / "echelon_verify.py", tmp_path / "check.py")
+    (tmp_path / "set.json").write_text(to_json(ec.base_parameters(arms.double_pendulum())), encoding="utf-8")
+    for target, code in (("set.json", VALID), ("check.py", UNREADABLE)):
+        command = [sys.executable, "-I", "-S", "check.py", target]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == code, done.stderr
+        assert not done.stderr
+
+
+# -- what it accepts --------------------------------------------------------------------------------------------------
+
+
+LONG = ("coupled_arm", "lwr4", "tx40")  # more than a second each
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        pytest.param(file, marks=pytest.mark.slow if file.stem in LONG else ())
+        for file in sorted((ROOT / "examples").glob("*.yaml"))
+    ],
+    ids=lambda file: file.stem,
+)
+def test_examples(file: Path) -> None:
+    code, sentence = judge(to_json(ec.base_parameters(ec.load(file))))
+    assert code == VALID, sentence
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [*arms.KINDS, arms.spherical, arms.branched, arms.free_body, arms.cartesian],
+)
+@pytest.mark.parametrize("order", ["base-to-tip", "tip-to-base"])
+def test_every_joint_type(robot: Callable[[], Mechanism], order: str) -> None:
+    code, sentence = judge(to_json(ec.base_parameters(robot(), order=order)))
+    assert code == VALID, sentence
+
+
+@settings(max_examples=8)
+@given(mechanism=mechanisms())
+def test_generated_robots(mechanism: Mechanism) -> None:
+    code, sentence = judge(to_json(ec.base_parameters(mechanism)))
+    assert code == VALID, sentence
+
+
+ARM = """
+echelon: 1
+name: arm
+symbols: {a: 0.3, b: 0.2, alpha: %s, beta: %s, n: 3}
+bodies:
+  - {name: one, joint: {type: revolute, axis: y}}
+  - {name: two, parent: one, joint: {type: revolute, axis: y, origin: {xyz: [a, 0, b], rpy: [alpha, 0, 0]}}}
+  - {name: three, parent: two, joint: {type: revolute, axis: y, origin: {xyz: [a, 0, 0], rpy: [beta, 0, 0]}}}
+"""
+ANGLES = [("0.3", "-0.3"), ("0.3", "0.4"), ("pi/6", "pi/12"), ("7*pi/12", "0.7"), ("null", "pi/4")]
+SETUPS = {
+    "friction": "effects: [{type: viscous, at: all}, {type: asymmetric_coulomb, at: all}, {type: offset, at: one}]",
+    "springs": "effects: [{type: spring, at: all}, {type: rotor_inertia, at: two, side: joint}]",
+    "gains": "effects: [{type: drive_gain, at: [one, two]}]",
+    "terms": "effects: [{parameter: P, unit: N·m, acts: [{at: one, term: 'abs(qd)*qd[two]*a + 2*q^2'}]}]",
+    "drives": "actuators: {m1: 30*one + 3*two, m2: one - two}\neffects: [{type: coulomb, at: all}]",
+    "some drives": "actuators: {m1: 30*one, m2: one - two}\noutputs: [{actuator: m2}, {actuator: three}]",
+    "sensor": "outputs: [{wrench: three, frame: {xyz: [0.1, 0, a]}}, {joint: one}]",
+    "sensor before": "outputs: [{wrench: two, fixed_to: parent, components: [tz, fx]}, {wrench: base}]",
+    "sums of rates": "effects: [{parameter: P, unit: N·m, acts: [{at: one, term: 'abs(2*qd + qd[two])'}]}]",
+    "ratios of symbols": "actuators: {m1: n*one + two, m2: one - two}\neffects: [{type: viscous, at: all}]",
+    "sum": "outputs: [{name: s, unit: N·m, sum: [{joint: one}, {joint: two, weight: -1/2}]}, {joint: three}]",
+    "mimic": "couplings: [{three: 2*one - two/3}]",
+    "rotor": "rotors: [{name: r, on: two, drives: 50*three, axis: x, frame: {rpy: [pi/2, 0, 0]}}]",
+    "no gravity": "gravity: none",
+    "any gravity": "gravity: generic",
+}
+
+
+@pytest.mark.parametrize(("alpha", "beta"), ANGLES)
+def test_stated_angles(alpha: str, beta: str, tmp_path: Path) -> None:
+    code, sentence = judge(derived(ARM % (alpha, beta), tmp_path))
+    assert code == VALID, sentence
+
+
+@pytest.mark.parametrize("case", SETUPS)
+def test_setups(case: str, tmp_path: Path) -> None:
+    code, sentence = judge(derived(ARM % ("0", "pi/2") + SETUPS[case], tmp_path))
+    assert code == VALID, sentence
+
+
+# -- what it does not -------------------------------------------------------------------------------------------------
+
+UNCOVERED = {
+    "knee": "couplings: [{three: 0.1*one^2}]",
+    "spline": "couplings: [{three: {spline: {of: one, points: [[-1, 0.5], [0, 0], [1, 0.2]]}}}]",
+    "gear of a symbol": "couplings: [{three: n*one}]",
+    "stribeck": "effects: [{type: stribeck, at: one, velocity: 0.05}]",
+    "signs together": "effects: [{parameter: P, unit: N, acts: [{at: one, term: 'sign(qd)*sign(qd[two])'}]}]",
+    "sign of a symbol": "actuators: {m1: n*one, m2: one - two}\neffects: [{type: coulomb, at: all}]",
+    "products of a sign": "effects: [{parameter: P, unit: N, acts: [{at: one, term: 'sign(qd)^2'}]}]",
+    "one side": "effects: [{parameter: P, unit: N, acts: [{at: one, term: 'sign(qd^2 + 1)'}]}]",
+}
+
+
+@pytest.mark.parametrize("case", UNCOVERED)
+def test_what_is_not_covered_is_not_called_valid(case: str, tmp_path: Path) -> None:
+    code, sentence = judge(derived(ARM % ("0", "pi/2") + UNCOVERED[case], tmp_path))
+    assert (code, sentence.startswith("NOT checked")) == (NOT_COVERED, True), sentence
+
+
+@pytest.mark.parametrize("angle", ["pi/5", "1/3"])
+def test_angles_that_are_not_covered(angle: str, tmp_path: Path) -> None:
+    code, sentence = judge(derived(ARM % (angle, "0.7"), tmp_path))
+    assert (code, angle in sentence) == (NOT_COVERED, True), sentence
+
+
+def test_it_can_be_read_in_half_an_hour() -> None:
+    lines = Path(echelon_verify.__file__).read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 250
+    assert max(map(len, lines)) <= 140
+
+
+def test_loops_are_not_covered() -> None:
+    saved = to_json(ec.base_parameters(ec.load(ROOT / "examples" / "loops" / "parallelogram.yaml")))
+    assert judge(saved) == (NOT_COVERED, "NOT checked: not covered here: closed loops")
+
+
+def test_it_has_its_own_kinematics(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fault that derivation and verification share passes both: here, forgotten gravity."""
+    from echelon.regressor.steps import Recorder
+
+    monkeypatch.setattr(Recorder, "gravity", lambda recorder: recorder.zeros)
+    model = ec.base_parameters(arms.double_pendulum())
+    assert ec.verify(model).rank == 4
+    code, sentence = judge(to_json(model))
+    assert code == REFUTED
+    assert "not complete" in sentence
+
+
+def test_keys_that_stand_twice_are_refused() -> None:
+    text = to_json(ec.base_parameters(arms.double_pendulum()))
+    assert judge(text.replace('"rank"', '"rank": 5, "rank"', 1))[0] == REFUTED
+    assert judge(json.dumps({**json.loads(text), "extra": 1}))[0] == NOT_COVERED

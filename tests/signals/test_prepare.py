@@ -1,0 +1,343 @@
+"""Preparation of logs: states, samples, windows and automatic settings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pyarrow import parquet
+from scipy.spatial.transform import Rotation
+
+import echelon as ec
+from echelon.errors import InputError
+from echelon.logs.preparation.choices import chosen
+from echelon.logs.preparation.prepare import PreparationPlan, at_rate, prepare, rubs, speed_rows
+from echelon.logs.preparation.settings import Preparation
+from echelon.logs.recording import Segment
+from support.measured_logs import measured
+from support.paths import ROOT
+
+RATE = 500.0
+OPEN = Preparation()
+FIXED = Preparation(cutoff=30.0, output_cutoff=8.0, decimation=(12,), still=0.0, delays={})
+
+FRICTION = """
+effects:
+  - {type: viscous, at: all}
+  - {type: coulomb, at: all}
+"""
+
+
+@pytest.fixture(scope="module")
+def pendulum(tmp_path_factory: pytest.TempPathFactory) -> ec.Mechanism:
+    """A double pendulum with dry friction."""
+    file = tmp_path_factory.mktemp("robot") / "pendulum.yaml"
+    file.write_text((ROOT / "examples" / "double_pendulum.yaml").read_text() + FRICTION)
+    return ec.load(file)
+
+
+def curves(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions of two joints with their derivatives."""
+    w = 2 * np.pi * np.array([[0.3, 0.7, 1.1], [0.4, 0.6, 1.3]])
+    a = np.array([[0.9, 0.5, 0.2], [0.7, 0.6, 0.3]])
+    angle = t[:, None, None] * w + np.arange(6).reshape(2, 3)
+    return (a * np.sin(angle)).sum(2), (a * w * np.cos(angle)).sum(2), -(a * w**2 * np.sin(angle)).sum(2)
+
+
+def simulated(base: ec.BaseModel, count: int = 12000, noise: float = 0.0, seed: int = 0) -> tuple[Segment, np.ndarray]:
+    """A log of the pendulum, and the parameters behind it."""
+    random = np.random.default_rng(seed)
+    values = random.uniform(0.5, 1.5, base.rank)
+    q, qd, qdd = curves(np.arange(count) / RATE)
+    y = base.predict(q, qd, qdd, values)
+    q = q + noise * random.standard_normal(q.shape)
+    y = y + 1000 * noise * random.standard_normal(y.shape)
+    return Segment("run.csv", 2.0, RATE, {"q": q, "y": y}), values
+
+
+# -- states and samples ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("derivative", ["central", "savitzky_golay", "fourier"])
+def test_states_are_those_of_the_motion(pendulum: ec.Mechanism, derivative: str) -> None:
+    count = 10000  # two periods of 10 s
+    q, qd, qdd = curves(np.arange(count) / RATE)
+    settings_ = replace(FIXED, derivative=derivative, period=10.0, cutoff=5.0 if derivative == "fourier" else 30.0)
+    found = prepare(Segment("run", 0.0, RATE, {"q": q}), settings_, pendulum)
+    first = round(found.start * RATE)
+    inside = slice(first, first + len(found))
+    assert len(found) > 9500
+    assert np.abs(found.q - q[inside]).max() < 1e-4
+    assert np.abs(found.qd - qd[inside]).max() < 2e-3
+    error = np.abs(found.qdd - qdd[inside])
+    assert error.max() < 5e-3 * np.abs(qdd).max()  # at the ends, where filters are not yet settled
+    assert error[100:-100].max() < 1e-3 * np.abs(qdd).max()
+    assert found.y is None
+    assert found.moving is None
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-5])
+def test_parameters_come_back_without_a_setting_made(pendulum: ec.Mechanism, noise: float) -> None:
+    base = ec.base_parameters(pendulum)
+    segment, values = simulated(base, noise=noise)
+    found = prepare(segment, chosen(OPEN, [segment], pendulum), pendulum)
+    assert found.reduction is not None
+    filters = found.reduction
+    regressor = filters.apply(base.regressor(found.q, found.qd, found.qdd))
+    keep = np.ones(regressor.shape[:2], bool) if found.moving is None else found.moving[filters.kept(len(found))]
+    estimate = np.linalg.lstsq(regressor[keep], filters.apply(found.y)[keep], rcond=None)[0]
+    assert np.abs(estimate - values).max() < (2e-3 if noise == 0 else 2e-2)
+
+
+def test_measured_velocities_are_used_where_asked_for(pendulum: ec.Mechanism) -> None:
+    q, qd, qdd = curves(np.arange(6000) / RATE)
+    segment = Segment("run", 0.0, RATE, {"q": q, "qd": 2 * qd, "qdd": 5 * qdd})
+    plain = prepare(segment, FIXED, pendulum)
+    first = prepare(segment, replace(FIXED, measured=("qd",)), pendulum)
+    both = prepare(segment, replace(FIXED, measured=("qd", "qdd")), pendulum)
+    assert np.allclose(first.qd, 2 * plain.qd, atol=2e-3)
+    assert np.allclose(first.qdd, 2 * plain.qdd, atol=0.2)
+    assert np.allclose(both.qdd, 5 * plain.qdd, atol=0.5)
+    with pytest.raises(InputError, match="the log has no qd"):
+        prepare(Segment("run", 0.0, RATE, {"q": q}), replace(FIXED, measured=("qd",)), pendulum)
+
+
+def test_delays_are_undone(pendulum: ec.Mechanism) -> None:
+    t = np.arange(6000) / RATE
+    late = np.stack([curves(t - 0.0131)[0][:, 0], curves(t)[0][:, 1]], axis=1)
+    settings_ = replace(FIXED, delays={"j1": 0.0131})
+    found = prepare(Segment("run", 0.0, RATE, {"q": curves(t)[0], "y": late}), settings_, pendulum)
+    first = round(found.start * RATE)
+    assert np.allclose(found.y, curves(t)[0][first : first + len(found)], atol=1e-4)
+    with pytest.raises(InputError, match="no output 'j7'"):
+        prepare(Segment("run", 0.0, RATE, {"q": curves(t)[0]}), replace(FIXED, delays={"j7": 0.1}), pendulum)
+
+
+def test_rows_near_rest_are_marked(pendulum: ec.Mechanism) -> None:
+    q = curves(np.arange(6000) / RATE)[0]
+    found = prepare(Segment("run", 0.0, RATE, {"q": q}), replace(FIXED, still={"j2": 0.5}), pendulum)
+    assert found.moving is not None
+    assert found.moving[:, 0].all()
+    assert np.array_equal(found.moving[:, 1], np.abs(found.qd[:, 1]) > 0.5)
+    assert 0.1 < found.moving[:, 1].mean() < 0.95
+    with pytest.raises(InputError, match="no output 'elbow'"):
+        prepare(Segment("run", 0.0, RATE, {"q": q}), replace(FIXED, still={"elbow": 0.5}), pendulum)
+
+
+def test_speeds_of_actuators_follow_the_transmission() -> None:
+    arm = ec.load(ROOT / "examples" / "coupled_arm.yaml")  # m2 = j2 + j3, m3 = j2 - j3
+    by_name = {output.name: speed_rows(arm, output, arm.velocities) for output in arm.outputs}
+    assert by_name["m2"].tolist() == [[0, 1, 1, 0, 0, 0, 0]]
+    assert by_name["m3"].tolist() == [[0, 1, -1, 0, 0, 0, 0]]
+    assert by_name["j1"].tolist() == [[1, 0, 0, 0, 0, 0, 0]]
+
+
+def test_trim_and_too_little_data(pendulum: ec.Mechanism) -> None:
+    q = curves(np.arange(6000) / RATE)[0]
+    segment = Segment("run.csv", 0.0, RATE, {"q": q})
+    plain, trimmed = (prepare(segment, replace(FIXED, trim=trim), pendulum) for trim in (0.0, 1.5))
+    assert trimmed.start == pytest.approx(plain.start + 1.5)
+    assert len(plain) - len(trimmed) == 2 * 750
+    needed = PreparationPlan(FIXED, pendulum, RATE).needed
+    short = Segment("run.csv", 0.0, RATE, {"q": q[: needed - 1]})
+    with pytest.raises(InputError, match=rf"run\.csv: .* has {needed - 1} samples.* need {needed} "):
+        prepare(short, FIXED, pendulum)
+    with pytest.raises(InputError, match="expected positions of j1, j2"):
+        prepare(Segment("run.csv", 0.0, RATE, {"q": q[:, :1]}), FIXED, pendulum)
+    with pytest.raises(InputError, match="still open"):
+        prepare(segment, OPEN, pendulum)
+
+
+def test_a_floating_base_and_balls() -> None:
+    tree = ec.load(ROOT / "examples" / "floating_tree.yaml")
+    t = np.arange(4000) / RATE
+    q = np.zeros((4000, len(tree.positions)))
+    q[:, 0], q[:, 11:] = np.sin(t), np.sin(t[:, None] + np.arange(4))
+    rate = np.array([0.3, -0.8, 0.5])  # rad/s, in the body's axes and in the parent's, since it is constant
+    turn = Rotation.from_rotvec(t[:, None] * rate).as_quat(scalar_first=True)
+    start = Rotation.from_euler("xyz", [0.4, 0.2, -0.9]).as_quat(scalar_first=True)
+    q[:, 3:7] = turn * np.where(np.random.default_rng(0).random(4000) < 0.5, 1, -1)[:, None]  # signs jump
+    spun = Rotation.from_quat(start, scalar_first=True) * Rotation.from_quat(turn, scalar_first=True)
+    q[:, 7:11] = spun.as_quat(scalar_first=True)
+    found = prepare(Segment("run", 0.0, RATE, {"q": q}), FIXED, tree)
+    assert found.q.shape[1] == len(tree.positions)
+    assert found.qd.shape[1] == found.qdd.shape[1] == len(tree.velocities)
+    first = round(found.start * RATE)
+    assert np.allclose(found.qd[:, 3:6], rate, atol=1e-3)
+    assert np.allclose(found.qd[:, 6:9], rate, atol=1e-3)  # a constant turn before changes nothing in the body's axes
+    assert np.allclose(found.qdd[:, 3:9], 0, atol=2e-2)
+    assert np.allclose(found.qd[:, 0], np.cos(t)[first : first + len(found)], atol=1e-4)
+    assert np.allclose(np.linalg.norm(found.q[:, 3:7], axis=1), 1, atol=1e-14)
+
+
+def test_with_loops_the_independent_coordinates_are_enough() -> None:
+    bar = ec.load(ROOT / "examples" / "loops" / "four_bar.yaml")
+    t = np.arange(4000) / RATE
+    crank = 0.3 * np.sin(2 * t)
+    q = np.stack([crank, np.zeros_like(t), np.ones_like(t)], axis=1)
+    whole, few = (prepare(Segment("run", 0.0, RATE, {"q": some}), FIXED, bar) for some in (q, q[:, :1]))
+    assert whole.q.shape[1] == whole.qdd.shape[1] == 1
+    assert np.array_equal(whole.qd, few.qd)
+
+
+# -- periods -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_mean_period_has_less_noise(pendulum: ec.Mechanism) -> None:
+    period, periods = 10.0, 6
+    t = np.arange(int(periods * period * RATE)) / RATE
+    q, qd, _ = curves(t)
+    noise = 1e-3 * np.random.default_rng(0).standard_normal((2, *q.shape))
+    segment = Segment("run", 0.0, RATE, {"q": q + noise[0], "y": qd + noise[1]})
+    settings_ = chosen(Preparation(average=True), [segment], pendulum)
+    assert settings_.period == pytest.approx(period, rel=1e-4)
+    assert "6 times" in settings_.reasons["period"]
+    settings_ = replace(settings_, period=period)
+    one = prepare(segment, settings_, pendulum)
+    assert one.stop is not None
+    assert one.stop - one.first == round(period * RATE)
+    assert one.start + one.first / one.rate == pytest.approx(0.0, abs=1e-9)
+    deviation = np.std(one.y[one.first : one.stop] - qd[: round(period * RATE)])
+    assert deviation == pytest.approx(1e-3 / np.sqrt(periods), rel=0.1)
+
+
+# -- settings from the data --------------------------------------------------------------------------------------------
+
+
+def test_everything_is_chosen_with_a_reason(pendulum: ec.Mechanism) -> None:
+    segment, _ = simulated(ec.base_parameters(pendulum), noise=1e-4)
+    found = chosen(OPEN, [segment], pendulum)
+    assert 3 < found.cutoff < 30
+    assert 5 < found.output_cutoff < 20
+    assert found.decimation is not None
+    assert 8 < np.prod(found.decimation) < 40
+    assert set(found.still) == {"j1", "j2"}
+    assert all(1e-4 < value < 0.1 for value in found.still.values())
+    assert found.delays == {}
+    assert (found.rate, found.chosen_at) == (None, RATE)
+    assert set(found.reasons) == {"cutoff", "output_cutoff", "decimation", "still"}
+    assert f"{found.cutoff:.3g} Hz" in found.reasons["cutoff"]
+    assert chosen(found, [segment], pendulum) == found
+
+
+def test_what_is_given_stays(pendulum: ec.Mechanism) -> None:
+    segment, _ = simulated(ec.base_parameters(pendulum), noise=1e-4)
+    given_ = Preparation(cutoff=17.0, output_cutoff=6.0, decimation=(3,), still=0.2, delays={"j1": 0.01})
+    assert replace(chosen(given_, [segment], pendulum), chosen_at=None) == given_
+    only = chosen(Preparation(decimation=(10, 10), output_filter="chebyshev"), [segment], pendulum)
+    assert only.output_cutoff == float("inf")
+    assert chosen(Preparation(decimation=(100,)), [segment], pendulum).output_cutoff == pytest.approx(2.0)
+    staged = chosen(Preparation(output_cutoff=1.2, output_filter="chebyshev"), [segment] * 9, pendulum)
+    assert max(staged.decimation) <= 12
+
+
+def test_dry_friction_decides_what_is_still(pendulum: ec.Mechanism) -> None:
+    smooth = ec.load(ROOT / "examples" / "double_pendulum.yaml")
+    segment, _ = simulated(ec.base_parameters(pendulum), noise=1e-4)
+    assert chosen(OPEN, [segment], smooth).still == 0.0
+    assert all(rubs(pendulum, output) for output in pendulum.outputs)
+    assert not any(rubs(smooth, output) for output in smooth.outputs)
+
+
+def test_logs_of_another_rate_get_rows_as_dense(pendulum: ec.Mechanism) -> None:
+    segment, _ = simulated(ec.base_parameters(pendulum), noise=1e-4)
+    found = chosen(
+        OPEN, [segment, replace(segment, rate=RATE / 7, signals={"q": segment.signals["q"][:500]})], pendulum
+    )
+    assert found.chosen_at == RATE
+    for ratio in (0.2, 0.5, 1.0, 3.0):
+        moved = at_rate(found, ratio * RATE)
+        before, after = (np.prod(some.decimation) for some in (found, moved))
+        assert after == max(1, round(before * ratio))
+        assert moved.output_cutoff <= min(found.output_cutoff, ratio * RATE / after / 2)
+        assert moved.cutoff in (found.cutoff, np.inf)
+        assert at_rate(moved, RATE * ratio) == moved or ratio != 1.0
+
+
+def test_choices_that_cannot_be_made(pendulum: ec.Mechanism) -> None:
+    random = np.random.default_rng(0)
+    rest = Segment("run.csv", 0.0, RATE, {"q": 1 + 1e-5 * random.standard_normal((4000, 2))})
+    with pytest.raises(InputError, match=r"run\.csv: nothing moves"):
+        chosen(OPEN, [rest], pendulum)
+    with pytest.raises(InputError, match="at least 64"):
+        chosen(OPEN, [Segment("run.csv", 0.0, RATE, {"q": np.zeros((30, 2))})], pendulum)
+    with pytest.raises(InputError, match="no data"):
+        chosen(OPEN, [], pendulum)
+
+
+# -- real logs ---------------------------------------------------------------------------------------------------------
+
+
+def real(file: str, positions: list[str], outputs: list[str], rate: float, time: str = "") -> Segment:
+    """A log on a uniform clock."""
+    table = parquet.read_table(measured(file))
+    values = np.stack([table[name].to_numpy() for name in positions + outputs], axis=1)
+    if time:
+        stamps = table[time].to_numpy()
+        uniform = np.arange(stamps[0], stamps[-1], 1 / rate)
+        values = np.stack([np.interp(uniform, stamps, column) for column in values.T], axis=1)
+    return Segment(file, 0.0, rate, {"q": values[:, : len(positions)], "y": values[:, len(positions) :]})
+
+
+def numbered(name: str, count: int) -> list[str]:
+    return [f"{name}_{k + 1}" for k in range(count)]
+
+
+SLIDER = """
+echelon: 1
+name: slider
+gravity: [0, 0, -9.81]
+modified_dh:
+  - {joint: prismatic, alpha: pi/2}
+effects:
+  - {type: viscous, at: all}
+  - {type: coulomb, at: all}
+  - {type: offset, at: all}
+"""
+
+PANDA = ("panda_1khz/panda_gaz_exciting_1kHz.parquet", numbered("q_rad", 7), numbered("tau_J_Nm", 7), 1000.0, "t_s")
+ARMS = ("double_pendulum/A0_20220812_061157-PM.parquet", ["pos1", "pos2"], ["tau1", "tau2"], 300.0, "time")
+LWR = ("kuka_lwr4/lwr4_measurements_1.parquet", numbered("q_rad", 7), numbered("tau_Nm", 7), 200.0)
+TX40 = ("staubli_tx40/tx40_5kHz.parquet", numbered("q_motor_rad", 6), numbered("tau_motor_Nm", 6), 5000.0)
+
+
+@pytest.mark.parametrize(
+    ("robot", "log", "cutoffs", "output_cutoffs"),
+    [  # experts used 5, 15, none (filtered by the publishers) and 100 Hz; 5, 15, and 20 Hz over both sides
+        ("panda.yaml", PANDA, (1.2, 15), (2.5, 10)),
+        ("double_pendulum.yaml", ARMS, (5, 40), (5, 20)),
+        ("panda.yaml", LWR, (20, np.inf), (1, 15)),
+        ("tx40.yaml", TX40, (50, 500), (10, 40)),
+    ],
+    ids=["panda", "double pendulum", "lwr4", "tx40"],
+)
+def test_choices_for_real_logs(robot: str, log: tuple, cutoffs: tuple, output_cutoffs: tuple) -> None:
+    segment = real(*log)
+    mechanism = ec.load(ROOT / "examples" / robot)
+    found = chosen(OPEN, [segment], mechanism)
+    assert cutoffs[0] <= found.cutoff <= cutoffs[1]
+    assert output_cutoffs[0] <= found.output_cutoff <= output_cutoffs[1]
+    assert np.prod(found.decimation) == pytest.approx(0.4 * segment.rate / found.output_cutoff, rel=0.3)
+    samples = prepare(segment, found, mechanism)
+    assert len(samples) > 0.9 * len(segment)
+    assert samples.moving is None or samples.moving.mean() > 0.8
+
+
+def test_the_published_parameters_of_a_drive(tmp_path: Path) -> None:
+    """EMPS (Janot, Gautier, Brunot 2019): mass, friction and offset, with no setting made by hand."""
+    segment = real("emps/data_emps.parquet", ["q_meas_m"], ["force_N"], 1000.0)
+    (tmp_path / "slider.yaml").write_text(SLIDER)
+    mechanism = ec.load(tmp_path / "slider.yaml")
+    base = ec.base_parameters(mechanism)
+    settings_ = chosen(OPEN, [segment], mechanism)
+    assert 40 < settings_.cutoff < 200
+    assert 5 < settings_.output_cutoff < 60
+    found = prepare(segment, settings_, mechanism)
+    filters = found.reduction
+    regressor = filters.apply(base.regressor(found.q, found.qd, found.qdd))[:, 0]
+    names = [expression.name for expression in base.expressions]
+    estimate = dict(zip(names, np.linalg.lstsq(regressor, filters.apply(found.y)[:, 0], rcond=None)[0], strict=True))
+    published = {"M1": 95.1089, "Fv1": 203.5034, "Fc1": 20.3935, "Fo1": -3.1648}
+    assert estimate == pytest.approx(published, rel=0.01)

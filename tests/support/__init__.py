@@ -1,0 +1,1 @@
+"""Oracles, builders and data that tests share."""

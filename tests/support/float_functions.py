@@ -1,0 +1,28 @@
+"""Functions of robots in plain double precision."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy.typing as npt
+
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.symbol_values import symbol_values
+from echelon.program.function import Function
+from echelon.program.schedule import FloatArithmetic
+from support.small_kernels import FloatArray, by_numpy
+
+
+def evaluate(
+    function: Function,
+    mechanism: Mechanism,
+    values: Mapping[str, npt.ArrayLike],
+    arithmetic: FloatArithmetic | None = None,
+) -> FloatArray:
+    """A function's result, shape (samples, ...), from the values of its arguments by name.
+
+    The symbols are the mechanism's own unless they are given.
+    """
+    symbols = [a for a in function.arguments if a.name == "symbols" and a.name not in values]
+    own = {a.name: list(symbol_values(mechanism, a.labels).values()) for a in symbols}
+    return by_numpy(function, {**values, **own}, arithmetic)

@@ -1,0 +1,251 @@
+"""An identification with known ingredients: a real model, its true outputs, noise, and results as a fit would give."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from html.parser import HTMLParser
+
+import numpy as np
+import numpy.typing as npt
+
+import echelon as ec
+from echelon.identification.conditioning import Conditioning, Direction
+from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.physics.feasibility import Feasibility
+from echelon.identification.physics.fit import PhysicalFit
+from echelon.identification.result import Identification
+from echelon.identification.validation import Score, Trace, Validation
+from echelon.logs.finding import Finding, Severity
+from echelon.logs.preparation.settings import Preparation
+from support.paths import EXAMPLES
+
+Floats = npt.NDArray[np.float64]
+
+
+@cache
+def base_of(robot: str) -> ec.BaseModel:
+    return ec.base_parameters(ec.load(EXAMPLES / f"{robot}.yaml"))
+
+
+def bodies(base: ec.BaseModel, rng: np.random.Generator) -> Floats:
+    """Standard parameters of a robot that can exist: light solid bodies, friction where there is any."""
+    columns = base.mechanism.columns
+    zeta = np.abs(rng.normal(1.0, 0.2, len(columns)))
+    for start in base.mechanism.first_column.values():
+        mass, centre = rng.uniform(0.5, 3.0), rng.uniform(-0.1, 0.1, 3)
+        tensor = np.diag(rng.uniform(0.6, 1.0, 3)) * 0.01 * mass
+        ten = ec.convert([mass, *centre, *tensor[np.triu_indices(3)]], "urdf", "echelon")
+        kinds = [p.kind for p in columns if p.body is not None and p.body == columns[start].body]
+        zeta[start : start + len(kinds)] = [ten[k] for k in kinds if k is not None]
+    return zeta
+
+
+def motion(base: ec.BaseModel, time: Floats, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
+    n = len(base.mechanism.velocities)
+    q, qd, qdd = (np.zeros((len(time), n)) for _ in range(3))
+    for harmonic in range(1, 5):
+        a, b = rng.normal(0, 1.0 / harmonic, (2, n))
+        w = 2 * np.pi * 0.11 * harmonic
+        s, c = np.sin(w * time)[:, None], np.cos(w * time)[:, None]
+        q += a * s + b * c
+        qd += w * (a * c - b * s)
+        qdd += -w * w * (a * s + b * c)
+    return q, qd, qdd
+
+
+def score(trace: Trace, predicted: Floats) -> Score:
+    r = trace.measured - predicted
+    spread = trace.measured.var()
+    r2 = 1 - (r**2).mean() / spread if spread > 0 else float("nan")
+    rms = float(np.sqrt((r**2).mean()))
+    percent = 100 * rms / max(float(np.ptp(trace.measured)), 1e-300)
+    return Score(trace.output, trace.unit, len(r), rms, percent, float(r2), float(r.mean()), 0.013, 0.2)
+
+
+def validation(
+    base: ec.BaseModel,
+    values: Floats,
+    zeta: Floats,
+    source: str,
+    role: str,
+    samples: int,
+    rng: np.random.Generator,
+    prior: bool = True,
+) -> Validation:
+    time = np.arange(samples) / 250.0
+    state = motion(base, time, rng)
+    truth = base.predict(*state, base.values(zeta))
+    noise = rng.normal(0, 0.02 * truth.std(axis=0) + 1e-3, truth.shape)
+    predicted = base.predict(*state, values)
+    before = base.predict(*state, 0.8 * base.values(zeta))
+    traces = tuple(
+        Trace(o.name, o.unit, time, truth[:, k] + noise[:, k], predicted[:, k], before[:, k] if prior else None)
+        for k, o in enumerate(base.mechanism.outputs)
+    )
+    scores = tuple(score(t, t.predicted) for t in traces)
+    prior_scores = tuple(score(t, t.prior) for t in traces if t.prior is not None)
+    words = f"All {len(traces)} outputs are predicted within 3 % of their range."
+    return Validation(source, role, scores, prior_scores, traces, words)
+
+
+def estimate_of(base: ec.BaseModel, values: Floats, std: Floats, rows: int) -> Estimate:
+    outputs = tuple(o.name for o in base.mechanism.outputs)
+    m = len(outputs)
+    return Estimate(
+        "irls", base.pivots, base.units, values, np.diag(std**2), outputs, np.full(m, 0.05), (rows,) * m,
+        float(m * rows - len(values)), {"iterations": 6, "condition": 84.2},
+    )  # fmt: skip
+
+
+def conditioning_of(base: ec.BaseModel, rng: np.random.Generator) -> Conditioning:
+    r = base.rank
+    values = np.logspace(0, -2.3, r)
+    weights = tuple((name, w) for name, w in zip(base.pivots[:3], (0.83, -0.5, 0.21), strict=False))
+    weak = (Direction(float(values[-1]), weights, "Move joints 1 and 2 at the same time, and faster."),)
+    return Conditioning(742.0, 199.5, values, r, rng.uniform(0.03, 1.0, r), weak)
+
+
+def physical_of(base: ec.BaseModel, zeta: Floats) -> PhysicalFit:
+    units = tuple(c.unit for c in base.mechanism.columns)
+    margins = {b.name: 0.1 + 0.05 * k for k, b in enumerate(base.mechanism.bodies)}
+    return PhysicalFit(
+        base.parameters, units, zeta, base.values(zeta), 104.0, 101.0, margins, "panda.urdf", 1e-3, "optimal",
+        {"solver": "clarabel", "iterations": 14},
+    )  # fmt: skip
+
+
+FINDINGS = (
+    Finding(Severity.WARNING, "gap", "run1.parquet, 12.31 s", "0.4 s are missing; the log was cut in two there."),
+    Finding(Severity.NOTE, "jitter", "run1.parquet", "Time stamps jitter by 0.3 ms; the log was resampled to 250 Hz."),
+    Finding(Severity.WARNING, "saturation", "run2.parquet, j2", "212 samples are at the limit of 87 N·m; left out."),
+)
+
+PREPARATION = Preparation(
+    cutoff=24.0,
+    output_cutoff=20.0,
+    decimation=(5,),
+    still={"j1": 0.02, "j2": 0.01},
+    delays={"j1": 0.004},
+    rate=250.0,
+    reasons={"cutoff": "99.9 % of the motion's power lies below 8 Hz; three times that.", "rate": "that of the log"},
+)
+
+
+def identification(robot: str = "double_pendulum", samples: int = 2500, seed: int = 1) -> Identification:
+    """Everything there is: two logs, a prior, essential parameters, a physical fit and findings."""
+    base, rng = base_of(robot), np.random.default_rng(seed)
+    zeta = bodies(base, rng)
+    truth = base.values(zeta)
+    std = 0.004 * np.abs(truth) + 1e-4
+    values = truth + rng.normal(0, 1, len(truth)) * std
+    essential = np.where(np.abs(values) > 4 * std, values, 0.0)
+    return Identification(
+        base,
+        ("run1.parquet",),
+        PREPARATION,
+        estimate_of(base, values, std, samples),
+        replace(estimate_of(base, essential, std, samples), method="irls, essential"),
+        conditioning_of(base, rng),
+        Feasibility(False, "An exact separating vector was verified in rational arithmetic.",
+                    nearest=truth, distance=1.7),
+        physical_of(base, zeta),
+        (
+            validation(base, values, zeta, "run1.parquet", "identification", samples, rng),
+            validation(base, values, zeta, "run2.parquet", "validation", samples, rng),
+        ),
+        FINDINGS,
+        "physical",
+        {"seed": 2015, "versions": {"echelon": "0.1", "numpy": "2.3"}, "estimator": "irls"},
+        f"The model predicts unseen motions of all {len(base.mechanism.outputs)} joints within 3 % of their range.",
+    )  # fmt: skip
+
+
+def bare(robot: str = "double_pendulum", samples: int = 400) -> Identification:
+    """The least there can be: no data kept back, no prior, no physical fit, nothing found."""
+    full = identification(robot, samples)
+    first = full.validations[0]
+    lone = replace(first, prior_scores=(), traces=tuple(replace(t, prior=None) for t in first.traces), verdict="")
+    return replace(
+        full, essential=None, feasibility=None, physical=None, validations=(lone,), findings=(),
+        predict_with="estimate", preparation=Preparation(),
+        conditioning=replace(full.conditioning, weak=()), settings={}, verdict="",
+    )  # fmt: skip
+
+
+# -- pages and hostile names -------------------------------------------------------------------------------------------
+
+HOSTILE = (
+    "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>\n</script><!-- 🦾 \u202eمرحبا {{ 7 * 7 }} %{y} $x$ &lt;"
+)
+
+
+class Page(HTMLParser):
+    """Elements, attributes and texts of a page; a script's content is text."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+        self.text: list[str] = []
+        self.open: list[str] = []
+        self._inside = ""
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        self._inside = tag
+        if tag == "script":
+            self.scripts.append("")
+        if tag not in ("meta", "input", "br"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+        self._inside = ""
+
+    def handle_data(self, data: str) -> None:
+        if self._inside == "script":
+            self.scripts[-1] += data
+        else:
+            self.text.append(data)
+
+    @property
+    def words(self) -> str:
+        return " ".join(" ".join(self.text).split())
+
+
+def hostile(run: Identification) -> Identification:
+    """The same with names that try to break out, wherever a name can stand."""
+    mechanism = run.base.mechanism
+    bodies = tuple(
+        replace(b, name=f"{HOSTILE}{k}", label=f"<b>{k}", joint=replace(b.joint, name=HOSTILE))
+        for k, b in enumerate(mechanism.bodies)
+    )
+    other = replace(mechanism, name=HOSTILE, bodies=bodies)
+    matrix = replace(run.base.matrix, parameters=other.parameters)
+    base = ec.BaseModel(other, matrix, run.base.certificate, run.base.reading, run.base.seed)
+
+    def dirty(validation):
+        scores = tuple(replace(s, output=f"{HOSTILE}{k}", unit=HOSTILE) for k, s in enumerate(validation.scores))
+        traces = tuple(replace(t, output=f"{HOSTILE}{k}", unit=HOSTILE) for k, t in enumerate(validation.traces))
+        return replace(validation, source=HOSTILE, verdict=HOSTILE, scores=scores, prior_scores=scores, traces=traces)
+
+    assert run.physical is not None
+    assert run.feasibility is not None
+    weak = tuple(replace(d, advice=HOSTILE, weights=((base.pivots[0], 1.0),)) for d in run.conditioning.weak)
+    margins = {body.name: 1.0 for body in bodies}
+    return replace(
+        run, base=base, logs=(HOSTILE,), verdict=HOSTILE, settings={HOSTILE: HOSTILE},
+        findings=(Finding(Severity.WARNING, HOSTILE, HOSTILE, HOSTILE),),
+        validations=tuple(dirty(v) for v in run.validations),
+        estimate=replace(run.estimate, method=HOSTILE, units=(HOSTILE,) * run.base.rank, diagnostics={HOSTILE: 1}),
+        conditioning=replace(run.conditioning, weak=weak),
+        feasibility=replace(run.feasibility, evidence=HOSTILE),
+        physical=replace(run.physical, parameters=other.parameters, margins=margins, prior=HOSTILE, status=HOSTILE),
+        preparation=replace(run.preparation, still={HOSTILE: 1.0}, reasons={"still": HOSTILE}),
+    )  # fmt: skip

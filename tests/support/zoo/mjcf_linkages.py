@@ -1,0 +1,100 @@
+"""Linkages as MJCF files, closed by connects and welds."""
+
+from __future__ import annotations
+
+from support.zoo.case import Case
+from support.zoo.mjcf_text import INERTIA
+
+MJCF_LINKAGES = {
+    "rod, connects at both ends": Case(
+        3,
+        17,
+        """
+<mujoco model="m"><compiler angle="degree"/><option gravity="0 0 -9.81"/><worldbody>
+<body name="thigh" pos="0 0 1"><joint name="hip" axis="0 1 0"/>
+  INERTIA
+  <body name="shank" pos="0 0 -0.4"><joint name="knee" axis="0 1 0"/>
+    INERTIA
+    <body name="foot" pos="0 0 -0.42"><joint name="ankle" axis="0 1 0"/>
+      INERTIA</body></body></body>
+<body name="rod" pos="0.05 0.02 0.9"><freejoint name="rod"/>
+  INERTIA</body></worldbody><equality>
+  <connect body1="rod" body2="thigh" anchor="0 0 0"/><connect body1="rod" body2="foot" anchor="0.03 0 -0.7"/>
+  </equality><actuator><motor joint="hip"/><motor joint="knee"/></actuator></mujoco>
+""".replace("INERTIA", INERTIA),
+    ),
+    "rod, welds": Case(
+        1,
+        8,
+        """
+<mujoco model="m"><compiler angle="degree"/><option gravity="0 0 -9.81"/><worldbody>
+<body name="a"><joint name="a" axis="0 1 0"/>
+  INERTIA<body name="b" pos="0.3 0 0">
+  <joint name="b" axis="0 1 0"/>INERTIA
+<body name="c" pos="0.1 0 -0.35"><joint name="c" axis="0 1 0"/>
+  INERTIA</body></body></body>
+<body name="d" pos="0.1 0 -0.4"><joint name="d" axis="0 1 0"/>
+  INERTIA</body></worldbody><equality>
+  <weld body1="c" body2="d"/></equality></mujoco>
+""".replace("INERTIA", INERTIA),
+    ),
+    "four bar connect to world": Case(
+        1,
+        8,
+        """
+<mujoco model="m"><compiler angle="degree"/><option gravity="0 0 -9.81"/><worldbody>
+<body name="a"><joint name="a" axis="0 1 0"/>
+  INERTIA<body name="b" pos="0.3 0 0.1">
+  <joint name="b" axis="0 1 0"/>INERTIA
+<body name="c" pos="0.1 0 -0.35"><joint name="c" axis="0 1 0"/>
+  INERTIA</body></body></body></worldbody>
+  <equality><connect body1="c" anchor="0.2 0 0.05"/></equality></mujoco>
+""".replace("INERTIA", INERTIA),
+    ),
+    "sarrus mjcf": Case(
+        1,
+        5,
+        """
+<mujoco model="m"><compiler angle="degree"/><option gravity="0 0 -9.81"/><worldbody>
+<body name="a1" pos="0.3 0 0"><joint name="a1" axis="0 1 0"/>
+  INERTIA<body name="a2" pos="0.2 0 0.3">
+  <joint name="a2" axis="0 1 0"/>INERTIA
+<body name="top" pos="-0.2 0 0.3"><joint name="top" axis="0 1 0"/>
+  INERTIA</body></body></body>
+<body name="b1" pos="0 0.3 0"><joint name="b1" axis="1 0 0"/>
+  INERTIA<body name="b2" pos="0 0.2 0.3">
+  <joint name="b2" axis="1 0 0"/>INERTIA
+  </body></body></worldbody><equality><connect body1="b2" body2="top" anchor="0.05 -0.2 0.3"/>
+  <connect body1="b2" body2="top" anchor="-0.05 -0.2 0.3"/></equality></mujoco>
+""".replace("INERTIA", INERTIA),
+    ),
+    "door hung by two connects": Case(
+        1,
+        1,
+        """
+<mujoco model="m"><compiler angle="degree"/><option gravity="0 0 -9.81"/><worldbody>
+  <body name="door" pos="0.1 0.2 1"><freejoint name="door"/>
+  INERTIA</body></worldbody><equality>
+  <connect body1="door" anchor="0 0 0.5"/><connect body1="door" anchor="0 0 -0.5"/></equality></mujoco>
+""".replace("INERTIA", INERTIA),
+    ),
+    "scissors mjcf": Case(
+        1,
+        5,
+        """
+<mujoco model="m"><compiler angle="degree"/><option gravity="0 0 -9.81"/><worldbody>
+<body name="s1"><joint name="s1" axis="0 1 0"/>
+  INERTIA</body>
+<body name="foot" pos="0.4 0 0"><joint name="slide" type="slide" axis="1 0 0"/>
+  INERTIA
+ <body name="s2"><joint name="s2" axis="0 1 0"/>
+   INERTIA</body></body>
+<body name="top" pos="0 0 0.3"><joint name="up" type="slide" axis="0 0 1"/>
+  INERTIA
+ <body name="wheel" pos="0.4 0 0"><joint name="w" type="slide" axis="1 0 0"/>
+   INERTIA</body></body></worldbody><equality>
+   <connect body1="s1" body2="s2" anchor="0.2 0 0.15"/><connect body1="s1" body2="wheel" anchor="0.4 0 0.3"/>
+   <connect body1="s2" body2="top" anchor="-0.4 0 0.3"/></equality><actuator><motor joint="up"/></actuator></mujoco>
+""".replace("INERTIA", INERTIA),
+    ),
+}
