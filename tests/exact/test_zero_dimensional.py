@@ -332,7 +332,7 @@ def test_a_solver_repeats_itself_with_other_coefficients_and_primes(variables, b
     solver.solve(build(Ring(SMALL_FIELD, variables, 2))[0], SMALL_FIELD)
     systems = [(build(Ring(field, variables, SAMPLES, 5))[0], field) for field in PRIMES]
     expected = [solve(system, variables, field) for system, field in systems]
-    monkeypatch.setattr(Solver, "_explored", None)
+    monkeypatch.setattr("echelon.exact.zero_dimensional._explore", None)
     for (system, field), solutions in zip(systems, expected, strict=True):
         assert list(map(as_set, solver.solve(system, field).points)) == list(map(as_set, solutions.points))
 
@@ -379,7 +379,7 @@ def test_roots_of_one_polynomial(roots, irreducible, field):
 def test_large_batches_are_solved_in_parts(monkeypatch):
     system, _ = dyad(Ring(SMALL_FIELD, 4, SAMPLES))
     whole = solve(system, 4, SMALL_FIELD)
-    monkeypatch.setattr("echelon.exact.zero_dimensional._TOGETHER", 5)
+    monkeypatch.setattr("echelon.exact.zero_dimensional._ENTRIES", 1000)
     parts = solve(system, 4, SMALL_FIELD)
     assert list(map(as_set, whole.points)) == list(map(as_set, parts.points))
 
