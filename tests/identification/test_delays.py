@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -42,7 +40,7 @@ def run(base: ec.BaseModel, delay: float, noise: float = 0.02, seed: int = 0) ->
 @pytest.mark.parametrize("delay", [-0.0113, -0.004, 0.0027, 0.008, 0.0165])
 def test_a_planted_delay_is_found(base: ec.BaseModel, delay: float) -> None:
     segment = run(base, delay)
-    found = with_delays(replace(prepared(base, segment), delays=None), [segment], base)
+    found = with_delays(prepared(base, segment).model_copy(update={"delays": None}), [segment], base)
     assert found.delays is not None
     assert set(found.delays) == {"j1", "j2"}
     assert all(value == pytest.approx(delay, abs=3e-4) for value in found.delays.values())
@@ -52,14 +50,14 @@ def test_a_planted_delay_is_found(base: ec.BaseModel, delay: float) -> None:
 def test_none_is_invented(base: ec.BaseModel) -> None:
     for seed in range(3):
         segment = run(base, 0.0, noise=0.1, seed=seed)
-        found = with_delays(replace(prepared(base, segment), delays=None), [segment], base)
+        found = with_delays(prepared(base, segment).model_copy(update={"delays": None}), [segment], base)
         assert found.delays == {}
         assert "none" in found.reasons["delays"]
 
 
 def test_stated_delays_stay(base: ec.BaseModel) -> None:
     segment = run(base, 0.01)
-    stated = replace(prepared(base, segment), delays={"j1": 0.002})
+    stated = prepared(base, segment).model_copy(update={"delays": {"j1": 0.002}})
     assert with_delays(stated, [segment], base) is stated
 
 

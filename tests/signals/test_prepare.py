@@ -64,7 +64,9 @@ def simulated(base: ec.BaseModel, count: int = 12000, noise: float = 0.0, seed: 
 def test_states_are_those_of_the_motion(pendulum: ec.Mechanism, derivative: str) -> None:
     count = 10000  # two periods of 10 s
     q, qd, qdd = curves(np.arange(count) / RATE)
-    settings_ = replace(FIXED, derivative=derivative, period=10.0, cutoff=5.0 if derivative == "fourier" else 30.0)
+    settings_ = FIXED.model_copy(
+        update={"derivative": derivative, "period": 10.0, "cutoff": 5.0 if derivative == "fourier" else 30.0}
+    )
     found = prepare(Segment("run", 0.0, RATE, {"q": q}), settings_, pendulum)
     first = round(found.start * RATE)
     inside = slice(first, first + len(found))
@@ -95,35 +97,37 @@ def test_measured_velocities_are_used_where_asked_for(pendulum: ec.Mechanism) ->
     q, qd, qdd = curves(np.arange(6000) / RATE)
     segment = Segment("run", 0.0, RATE, {"q": q, "qd": 2 * qd, "qdd": 5 * qdd})
     plain = prepare(segment, FIXED, pendulum)
-    first = prepare(segment, replace(FIXED, measured=("qd",)), pendulum)
-    both = prepare(segment, replace(FIXED, measured=("qd", "qdd")), pendulum)
+    first = prepare(segment, FIXED.model_copy(update={"measured": ("qd",)}), pendulum)
+    both = prepare(segment, FIXED.model_copy(update={"measured": ("qd", "qdd")}), pendulum)
     assert np.allclose(first.qd, 2 * plain.qd, atol=2e-3)
     assert np.allclose(first.qdd, 2 * plain.qdd, atol=0.2)
     assert np.allclose(both.qdd, 5 * plain.qdd, atol=0.5)
     with pytest.raises(InputError, match="the log has no qd"):
-        prepare(Segment("run", 0.0, RATE, {"q": q}), replace(FIXED, measured=("qd",)), pendulum)
+        prepare(Segment("run", 0.0, RATE, {"q": q}), FIXED.model_copy(update={"measured": ("qd",)}), pendulum)
 
 
 def test_delays_are_undone(pendulum: ec.Mechanism) -> None:
     t = np.arange(6000) / RATE
     late = np.stack([curves(t - 0.0131)[0][:, 0], curves(t)[0][:, 1]], axis=1)
-    settings_ = replace(FIXED, delays={"j1": 0.0131})
+    settings_ = FIXED.model_copy(update={"delays": {"j1": 0.0131}})
     found = prepare(Segment("run", 0.0, RATE, {"q": curves(t)[0], "y": late}), settings_, pendulum)
     first = round(found.start * RATE)
     assert np.allclose(found.y, curves(t)[0][first : first + len(found)], atol=1e-4)
     with pytest.raises(InputError, match="no output 'j7'"):
-        prepare(Segment("run", 0.0, RATE, {"q": curves(t)[0]}), replace(FIXED, delays={"j7": 0.1}), pendulum)
+        prepare(
+            Segment("run", 0.0, RATE, {"q": curves(t)[0]}), FIXED.model_copy(update={"delays": {"j7": 0.1}}), pendulum
+        )
 
 
 def test_rows_near_rest_are_marked(pendulum: ec.Mechanism) -> None:
     q = curves(np.arange(6000) / RATE)[0]
-    found = prepare(Segment("run", 0.0, RATE, {"q": q}), replace(FIXED, still={"j2": 0.5}), pendulum)
+    found = prepare(Segment("run", 0.0, RATE, {"q": q}), FIXED.model_copy(update={"still": {"j2": 0.5}}), pendulum)
     assert found.moving is not None
     assert found.moving[:, 0].all()
     assert np.array_equal(found.moving[:, 1], np.abs(found.qd[:, 1]) > 0.5)
     assert 0.1 < found.moving[:, 1].mean() < 0.95
     with pytest.raises(InputError, match="no output 'elbow'"):
-        prepare(Segment("run", 0.0, RATE, {"q": q}), replace(FIXED, still={"elbow": 0.5}), pendulum)
+        prepare(Segment("run", 0.0, RATE, {"q": q}), FIXED.model_copy(update={"still": {"elbow": 0.5}}), pendulum)
 
 
 def test_speeds_of_actuators_follow_the_transmission() -> None:
@@ -137,7 +141,7 @@ def test_speeds_of_actuators_follow_the_transmission() -> None:
 def test_trim_and_too_little_data(pendulum: ec.Mechanism) -> None:
     q = curves(np.arange(6000) / RATE)[0]
     segment = Segment("run.csv", 0.0, RATE, {"q": q})
-    plain, trimmed = (prepare(segment, replace(FIXED, trim=trim), pendulum) for trim in (0.0, 1.5))
+    plain, trimmed = (prepare(segment, FIXED.model_copy(update={"trim": trim}), pendulum) for trim in (0.0, 1.5))
     assert trimmed.start == pytest.approx(plain.start + 1.5)
     assert len(plain) - len(trimmed) == 2 * 750
     needed = PreparationPlan(FIXED, pendulum, RATE).needed
@@ -194,7 +198,7 @@ def test_a_mean_period_has_less_noise(pendulum: ec.Mechanism) -> None:
     settings_ = chosen(Preparation(average=True), [segment], pendulum)
     assert settings_.period == pytest.approx(period, rel=1e-4)
     assert "6 times" in settings_.reasons["period"]
-    settings_ = replace(settings_, period=period)
+    settings_ = settings_.model_copy(update={"period": period})
     one = prepare(segment, settings_, pendulum)
     assert one.stop is not None
     assert one.stop - one.first == round(period * RATE)
@@ -225,7 +229,7 @@ def test_everything_is_chosen_with_a_reason(pendulum: ec.Mechanism) -> None:
 def test_what_is_given_stays(pendulum: ec.Mechanism) -> None:
     segment, _ = simulated(ec.base_parameters(pendulum), noise=1e-4)
     given_ = Preparation(cutoff=17.0, output_cutoff=6.0, decimation=(3,), still=0.2, delays={"j1": 0.01})
-    assert replace(chosen(given_, [segment], pendulum), chosen_at=None) == given_
+    assert chosen(given_, [segment], pendulum).model_copy(update={"chosen_at": None}) == given_
     only = chosen(Preparation(decimation=(10, 10), output_filter="chebyshev"), [segment], pendulum)
     assert only.output_cutoff == float("inf")
     assert chosen(Preparation(decimation=(100,)), [segment], pendulum).output_cutoff == pytest.approx(2.0)

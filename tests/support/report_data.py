@@ -247,5 +247,5 @@ def hostile(run: Identification) -> Identification:
         conditioning=replace(run.conditioning, weak=weak),
         feasibility=replace(run.feasibility, evidence=HOSTILE),
         physical=replace(run.physical, parameters=other.parameters, margins=margins, prior=HOSTILE, status=HOSTILE),
-        preparation=replace(run.preparation, still={HOSTILE: 1.0}, reasons={"still": HOSTILE}),
+        preparation=run.preparation.model_copy(update={"still": {HOSTILE: 1.0}, "reasons": {"still": HOSTILE}}),
     )  # fmt: skip

@@ -307,8 +307,7 @@ def _plan(setup: Setup, base: BaseModel, logs: Paths) -> Plan:
     for path in (path for log in logs for path in log_paths(log)):
         for piece in read_log(path, setup.mechanism, setup.columns, rate=setup.preparation.rate, outputs=False):
             segments += piece.segments
-    preparation = chosen(setup.preparation, segments, setup.mechanism)
-    return Plan(base, setup.columns, replace(preparation, delays=setup.preparation.delays or {}))
+    return Plan(base, setup.columns, chosen(setup.preparation, segments, setup.mechanism))
 
 
 def _samples(plan: Plan, logs: Paths) -> list[Samples]:

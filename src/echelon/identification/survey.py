@@ -48,14 +48,14 @@ def with_delays(preparation: Preparation, segments: Sequence[Segment], base: Bas
     if preparation.delays is not None:
         return preparation
     tried = np.linspace(-_LONGEST, _LONGEST, 2 * _STEPS + 1)
-    squares = _residuals(replace(preparation, delays={}), segments, base, tried)
+    squares = _residuals(preparation.model_copy(update={"delays": {}}), segments, base, tried)
     delay, gain = _best(tried, squares)
     if gain < _GAIN:
         text = f"none: no common delay would remove {_GAIN:.0%} of the residuals' squares"
-        return replace(preparation, delays={}, reasons={**preparation.reasons, "delays": text})
+        return preparation.model_copy(update={"delays": {}, "reasons": {**preparation.reasons, "delays": text}})
     found = {output.name: delay for output in base.mechanism.outputs}
     text = f"outputs are {1e3 * delay:.2g} ms behind positions: undoing it removes {gain:.0%} of the residuals' squares"
-    return replace(preparation, delays=found, reasons={**preparation.reasons, "delays": text})
+    return preparation.model_copy(update={"delays": found, "reasons": {**preparation.reasons, "delays": text}})
 
 
 def _residuals(preparation: Preparation, segments: Sequence[Segment], base: BaseModel, delays: Floats) -> Floats:
@@ -161,7 +161,8 @@ def survey(setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequenc
     if max(len(paths), len(unseen)) > _LOGS:
         text = f"only the first {_LOGS} of {len(paths)} fitted logs and of {len(unseen)} others were examined"
         findings.append(Finding(Severity.NOTE, "survey", "", text))
-    preparation = replace(chosen(setup.preparation, segments, setup.mechanism), delays=setup.preparation.delays)
+    preparation = chosen(setup.preparation, segments, setup.mechanism)
+    preparation = preparation.model_copy(update={"delays": setup.preparation.delays})
     preparation = with_delays(preparation, segments, base)
     return Survey(preparation, tuple(columns), tuple(findings))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields
 from math import isfinite, isinf
 from typing import Any
 
@@ -190,7 +189,7 @@ def _links(run: Identification) -> Context:
 def _preparation(run: Identification) -> Context:
     """Every setting with its reason, and what is needed to repeat the run."""
     return {
-        "settings": [_setting(run.preparation, field.name) for field in fields(Preparation) if field.name != "reasons"],
+        "settings": [_setting(run.preparation, name) for name in Preparation.model_fields if name != "reasons"],
         "diagnostics": _json(run.estimate.diagnostics),
         "repeat": _json(run.settings),
         "certificate": str(run.base.certificate),

@@ -135,7 +135,7 @@ def identification_document(result: Identification) -> dict[str, Any]:
         validations=[record_of(ValidationRecord, validation) for validation in result.validations],
         logs=_logs(result),
         columns=settings.pop("columns", []),
-        preparation={key: _number_or_text(value) for key, value in asdict(result.preparation).items()},
+        preparation={key: _number_or_text(value) for key, value in result.preparation},
         settings=settings,
         base=to_dict(result.base),
     )

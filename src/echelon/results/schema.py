@@ -10,9 +10,8 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic import BaseModel as Schema
 
-from echelon.choices import Values
+from echelon.choices import Derivative, FilterKind, Values
 from echelon.errors import InputError
-from echelon.logs.preparation.settings import Derivative, FilterKind
 
 SCHEMA_NAME: Literal["echelon.base-model/1"] = "echelon.base-model/1"
 

@@ -1,7 +1,6 @@
 """Set-ups: a robot description with what its logs mean, how they are prepared, and what is fitted or designed.
 
-The sections of a file are declared once, as data models (:mod:`echelon.formats.schema`), and used as they are; the
-preparation becomes that of the logs.
+The sections of a file are declared once, as data models (:mod:`echelon.formats.schema`), and used as they are.
 """
 
 from __future__ import annotations
@@ -9,37 +8,21 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile, open_robot
+from echelon.formats.schema.schema_excite import ExcitationEntry
+from echelon.formats.schema.schema_log import IdentificationEntry, PreparationEntry
 from echelon.logs.columns.column_map import ColumnMap
-from echelon.logs.preparation.settings import Preparation
 from echelon.mechanism.mechanism import Mechanism
 from echelon.seeds import DEFAULT_SEED
 from echelon.setup.columns import stated_columns
-
-if TYPE_CHECKING:  # the library of schemas takes long to import
-    from echelon.formats.schema.robot_schema import RobotDescription
-    from echelon.formats.schema.schema_excite import ExcitationEntry
-    from echelon.formats.schema.schema_log import IdentificationEntry
 
 _ASSUMED = (
     "the robot file states no friction, so every joint got viscous and Coulomb friction and an offset; a set-up file "
     "with 'robot' and 'effects' can say otherwise"
 )
-
-
-def _default_settings() -> IdentificationEntry:
-    from echelon.formats.schema.schema_log import IdentificationEntry
-
-    return IdentificationEntry.model_validate({})
-
-
-def _default_excitation() -> ExcitationEntry:
-    from echelon.formats.schema.schema_excite import ExcitationEntry
-
-    return ExcitationEntry.model_validate({})
 
 
 @dataclass(frozen=True)
@@ -54,7 +37,8 @@ class Setup:
     columns : tuple of ColumnMap
         What columns mean, for one or several kinds of logs; none where the file does not say, then the columns' names
         must speak for themselves.
-    preparation : Preparation
+    preparation : PreparationEntry
+        How logs become samples; what is None is chosen from the data.
     settings : IdentificationEntry
         What is fitted, and how: the section ``identification``.
     prior : Mechanism, optional
@@ -71,12 +55,12 @@ class Setup:
     source: str
     mechanism: Mechanism
     columns: tuple[ColumnMap, ...] = ()
-    preparation: Preparation = field(default_factory=Preparation)
-    settings: IdentificationEntry = field(default_factory=_default_settings)
+    preparation: PreparationEntry = field(default_factory=PreparationEntry.model_construct)
+    settings: IdentificationEntry = field(default_factory=IdentificationEntry.model_construct)
     prior: Mechanism | None = None
     robot_file: RobotFile | None = None
     assumed: tuple[str, ...] = ()
-    excitation: ExcitationEntry = field(default_factory=_default_excitation)
+    excitation: ExcitationEntry = field(default_factory=ExcitationEntry.model_construct)
     seed: int = DEFAULT_SEED
 
     def with_settings(self, **changes: Any) -> Setup:
@@ -145,14 +129,9 @@ def _described(file: RobotFile, options: ReadingOptions) -> Setup:
         file.source,
         mechanism,
         tuple(stated_columns(log, mechanism, document, f"log[{k}]" if listed else "log") for k, log in enumerate(logs)),
-        _preparation(robot),
+        robot.preparation,
         entry,
         stated,
         file.robot,
         excitation=robot.excitation,
     )
-
-
-def _preparation(robot: RobotDescription) -> Preparation:
-    stated = robot.preparation
-    return Preparation(**{name: getattr(stated, name) for name in type(stated).model_fields})

@@ -56,7 +56,7 @@ def information_of_logs(setup: Setup, logs: Sequence[str | os.PathLike[str]]) ->
     paths = [path for log in logs for path in log_paths(log)]
     found = survey(setup, base, paths)
     # a row for every sample: filters average what decimation leaves out, so that counting rows would count too few
-    whole = replace(found.preparation, output_cutoff=inf, decimation=())
+    whole = found.preparation.model_copy(update={"output_cutoff": inf, "decimation": ()})
     rows = Plan(base, setup.columns, whole).rows(paths)
     return information_of(rows.observation(), entry.noise)
 

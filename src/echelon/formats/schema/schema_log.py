@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
-from echelon.choices import Estimator, Values
+from echelon.choices import Criterion, Derivative, Estimator, FilterKind, Values
 from echelon.formats.schema.schema_geometry import Model
 from echelon.formats.schema.schema_types import (
     AS_LIST,
@@ -18,7 +18,6 @@ from echelon.formats.schema.schema_types import (
     mapping_or_expression,
     refusal,
 )
-from echelon.logs.preparation.settings import Derivative, FilterKind
 
 _Triples = tuple[tuple[float, float, float], tuple[float, float, float]]
 
@@ -231,7 +230,7 @@ class IdentificationEntry(Model):
     )
     physical: Flag = Field(True, description="Fit a physically consistent robot as well.", examples=[False])
     predict: Values = Field("estimate", description="Which values predictions use.", examples=["physical"])
-    essential: Literal["bic", "f-test", "relative_std", "none"] = Field(
+    essential: Literal[Criterion, "none"] = Field(
         "bic", description="Criterion that eliminates parameters.", examples=["bic"]
     )
     prior: PriorEntry = Field(PriorEntry.model_construct(), description="Prior values.")

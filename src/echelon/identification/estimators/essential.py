@@ -21,11 +21,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 
 from echelon.arrays import Floats
+from echelon.choices import Criterion
 from echelon.errors import InputError
 from echelon.hints import nearest_of
 from echelon.identification.estimators.estimate import Estimate, Solution, augmented, estimate_of, inverse_triangle
@@ -93,8 +94,6 @@ class Submodel:
         kept = self.kept[:place] + self.kept[place + 1 :]
         return Submodel(kept, upper_triangle(np.delete(self.triangle, place, axis=1)), self.rows)
 
-
-Criterion = Literal["bic", "f-test", "relative_std"]
 
 RATIO = 10.0
 """Multiple of the smallest relative standard deviation from which on a parameter is dropped; customary are 10 to 30."""

@@ -9,7 +9,7 @@ band needs are redundant.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite, prod
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, locating
+from echelon.formats.schema.schema_log import PreparationEntry
 from echelon.logs.columns.quantities import motion_of, quaternion_columns, signal_names
 from echelon.logs.preparation.prepare import RATES_ALIKE, WORTH, decimation_stages, rubs, speed_rows
 from echelon.logs.preparation.settings import Preparation
@@ -39,13 +40,13 @@ ROWS = 10
 """Rows per parameter that decimation leaves at least."""
 
 
-def chosen(preparation: Preparation, segments: Sequence[Segment], mechanism: Mechanism) -> Preparation:
+def chosen(preparation: PreparationEntry, segments: Sequence[Segment], mechanism: Mechanism) -> Preparation:
     """Settings with every None filled in from the data, and the reasons; of several rates that of the longest."""
-    data = _Data(preparation, _checked(segments, mechanism), mechanism)
-    made = preparation
+    data = _Data(_checked(segments, mechanism), mechanism)
+    made = Preparation(**dict(preparation))
     for choose in (_period, _cutoff, _output_cutoff, _decimation, _still):
         made = choose(data, made)
-    return replace(made, delays={} if made.delays is None else made.delays, chosen_at=data.rate)
+    return made.model_copy(update={"delays": made.delays or {}, "chosen_at": data.rate})
 
 
 def _checked(segments: Sequence[Segment], mechanism: Mechanism) -> tuple[Segment, ...]:
@@ -60,7 +61,6 @@ def _checked(segments: Sequence[Segment], mechanism: Mechanism) -> tuple[Segment
 class _Data:
     """What choices look at."""
 
-    preparation: Preparation
     segments: tuple[Segment, ...]
     mechanism: Mechanism
 
@@ -104,7 +104,7 @@ class _Data:
 
 
 def _reasoned(made: Preparation, name: str, value: object, reason: str) -> Preparation:
-    return replace(made, **{name: value}, reasons={**made.reasons, name: reason})  # type: ignore[arg-type]
+    return made.model_copy(update={name: value, "reasons": {**made.reasons, name: reason}})
 
 
 def _period(data: _Data, made: Preparation) -> Preparation:

@@ -8,7 +8,7 @@ friction, rows near rest are left out, because the direction of friction is unkn
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, inf, isfinite, log, prod
 
@@ -216,7 +216,7 @@ def at_rate(preparation: Preparation, rate: float) -> Preparation:
     )
     if factor > 1 and output_cutoff is not None and isfinite(output_cutoff):
         output_cutoff = min(output_cutoff, PASSED * rate / factor / 2)
-    return replace(preparation, cutoff=cutoff, output_cutoff=output_cutoff, decimation=stages)
+    return preparation.model_copy(update={"cutoff": cutoff, "output_cutoff": output_cutoff, "decimation": stages})
 
 
 def decimation_stages(factor: int, kind: str) -> tuple[int, ...]:
