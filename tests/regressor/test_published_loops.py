@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -57,3 +58,12 @@ def test_a_set_with_frames_that_follow_is_saved_and_verified(tmp_path: Path) -> 
     saved.write_text(to_json(base), encoding="utf-8")
     done = CliRunner().invoke(app, ["verify", str(saved)])
     assert "valid, 30 base parameters" in done.output
+
+
+@pytest.mark.slow
+def test_representatives_are_not_what_rounding_leaves_of_a_column() -> None:
+    """Frames that follow are moved by 1e-16; no coefficient is of the size of its inverse, nor shown if of its size."""
+    base = ec.base_parameters(load(next(m for m in PUBLISHED if m.name == "cassie_like" and not m.floating)))
+    assert np.abs(base.B_float()).max() < 100
+    assert base.hidden > 0
+    assert not any("e-" in str(expression) for expression in base.expressions)

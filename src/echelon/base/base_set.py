@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import Enum
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from echelon.base.expression import Expression, collect
-from echelon.base.matrix import BaseMatrix
+from echelon.base.matrix import BaseMatrix, Row
 
 if TYPE_CHECKING:
     import sympy
@@ -69,7 +69,7 @@ class BaseSet(ABC):
         decimals = [self.parameters[c] for c in self.matrix.numbers.columns] if self.matrix.numbers else []
         return tuple(
             collect(name, unit, [(self.parameters[c], value) for c, value in sorted(row.items())], decimals)
-            for name, unit, row in zip(self.pivots, self.units, self.matrix.rows, strict=True)
+            for name, unit, row in zip(self.pivots, self.units, self._shown_rows, strict=True)
         )
 
     @cached_property
@@ -93,6 +93,11 @@ class BaseSet(ABC):
         from echelon.base.pseudo_inverse import pseudo_inverse
 
         return pseudo_inverse(self.matrix, metric, self._formulas({}))
+
+    @property
+    def _shown_rows(self) -> Sequence[Row]:
+        """Rows of B with the coefficients that people read."""
+        return self.matrix.rows
 
     def _formulas(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """What constants of B stand for, as sympy expressions, where they are not symbols; with values put in."""

@@ -10,6 +10,7 @@ from echelon.base.certificate import certify
 from echelon.base.closed_form import base_matrix
 from echelon.base.linear_base import LinearBase, linear_base_parameters
 from echelon.base.model import BaseModel
+from echelon.base.numeric_rank import firm_first
 from echelon.base.order import column_order
 from echelon.base.own import own_answer
 from echelon.base.reading_report import report_reading
@@ -117,6 +118,8 @@ def base_parameters(
     recorded = virtual_power_form(mechanism)
     answer = own_answer(mechanism, rng, recorded, generic=generic)
     own, structure = answer.mechanism, answer.structure
+    if own.closed_at:  # frames were moved by rounding
+        columns = firm_first(own, columns, structure.rank, rng)
     matrix = base_matrix(own, structure, columns, rng, budget, progress)
     progress("certificate")
     forms = structure.on_curves(recorded if own is mechanism else virtual_power_form(own))

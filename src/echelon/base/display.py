@@ -132,6 +132,8 @@ def _robot_facts(model: BaseModel) -> list[tuple[str, str]]:
         found.append(("stated values", model.special.text("robot")))
     if model.matrix.numbers:
         found.append(("numbers", numbers_text(model, model.matrix.numbers)))
+    if model.hidden:
+        found.append(("not shown", f"{model.hidden} coefficients below 1e-12, from frames that were moved by rounding"))
     if model.reading.snaps:
         found.append(("read as exact", snap_summary(model)))
     if model.reading.mimics is not None:

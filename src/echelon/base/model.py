@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -13,13 +13,14 @@ from echelon.arrays import Floats
 from echelon.base.base_set import BaseSet, Identifiability, classify
 from echelon.base.certificate import Certificate
 from echelon.base.evaluation import Evaluation, Logs
-from echelon.base.matrix import BaseMatrix, sympy_number
+from echelon.base.matrix import BaseMatrix, Row, sympy_number
 from echelon.base.own import at_values
 from echelon.base.pseudo_inverse import Metric, lift, metric_matrix, pseudo_inverse_floats
 from echelon.base.reading_report import ReadingReport
 from echelon.base.value_relations import SpecialValues
 from echelon.errors import InputError
 from echelon.exact.expressions import PI
+from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import stated_values
 from echelon.mechanism.symbol_values import characteristic_length, symbol_values
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
     import sympy
 
     from echelon.base.symbolic import Form, SymbolicRegressor
+
+
+_MOVED = 1e-12  # a coefficient that frames moved by 1e-16 can cause
 
 
 @dataclass(frozen=True, repr=False)
@@ -80,7 +84,22 @@ class BaseModel(BaseSet, Evaluation, Logs):
     @cached_property
     def classification(self) -> dict[str, Identifiability]:
         """For every standard parameter, what the outputs say about it, at the stated values of the symbols."""
-        return classify(self.matrix if self.generic else at_values(self.matrix, stated_values(self.mechanism)))
+        shown = replace(self.matrix, rows=tuple(self._shown_rows))
+        return classify(shown if self.generic else at_values(shown, stated_values(self.mechanism)))
+
+    @property
+    def _shown_rows(self) -> Sequence[Row]:
+        """Rows of B without what is only there because frames were moved by rounding."""
+        return [{c: v for c, v in row.items() if not self._is_moved(v)} for row in self.matrix.rows]
+
+    def _is_moved(self, coefficient: RationalFunction) -> bool:
+        number = coefficient.numerator.number if coefficient.is_polynomial else None
+        return bool(self.mechanism.closed_at) and number is not None and abs(float(number)) < _MOVED
+
+    @property
+    def hidden(self) -> int:
+        """Number of coefficients below 1e-12, from frames that were moved by rounding, that no expression shows."""
+        return sum(self._is_moved(c) for row in self.matrix.rows for c in row.values())
 
     # -- B in other forms --------------------------------------------------------------------------------------
 

@@ -48,6 +48,7 @@ _ROUNDS = 8  # of drawing, where states outside a function's domain are left out
 _ROUNDING = float(np.finfo(np.float64).eps)
 _SINGLE_TO_DOUBLE = _ROUNDING / float(np.finfo(np.float32).eps)
 _NOISE = 1e4  # times the rounding: what is smaller is nothing else
+_FIRM = 1e-7  # what is left of a column of size 1 that is surely independent of others
 _NOISE_AT_CLOSED_STATES = 1e-3
 """Columns smaller than this part of the largest are not scaled up: states are closed to 1e-12 only."""
 
@@ -144,6 +145,26 @@ def ranks_of_matrix(matrix: Floats, tolerances: Sequence[float] = TOLERANCES, *,
 
         diagonal = np.abs(np.diag(qr(triangle, mode="r", pivoting=True)[0]))
     return NumericRanks(columns, rows, tuple(tolerances), _fractions(singular), _fractions(diagonal))
+
+
+def firm_first(mechanism: Mechanism, order: Sequence[int], rank: int, rng: np.random.Generator) -> tuple[int, ...]:
+    """An order of columns in which those that depend on earlier ones up to rounding come last.
+
+    Where frames were moved by rounding, a column that is zero in truth may be tiny and yet independent; as a
+    representative it would give others coefficients of the size of 1/rounding.  The order stays where columns that are
+    independent in double precision are not as many as the rank.
+    """
+    matrix = _sampled(mechanism, order, rng, None, None, None)
+    basis, firm = np.zeros((0, len(matrix))), list[int]()
+    for column, vector in zip(order, matrix.T, strict=True):
+        for _ in range(2):  # twice is enough for orthogonality (Kahan)
+            vector = vector - basis.T @ (basis @ vector)
+        size = np.linalg.norm(vector)
+        if size > _FIRM:
+            basis, firm = np.vstack([basis, vector / size]), [*firm, column]
+    if len(firm) != rank:
+        return tuple(order)
+    return (*firm, *(column for column in order if column not in set(firm)))
 
 
 def _sampled(
