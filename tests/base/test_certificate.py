@@ -130,7 +130,7 @@ def test_the_bound_knows_multiples_of_angles() -> None:
     assert geared.log10_error < -30
 
 
-EXAMPLES = sorted((ROOT / "examples").glob("*.*"))
+EXAMPLES = sorted((ROOT / "examples").glob("*.*ml"))
 LOOPS = ROOT / "examples" / "loops"
 
 

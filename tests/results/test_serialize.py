@@ -27,7 +27,7 @@ from support.paths import ROOT
 
 FOLDER = ROOT / "examples"
 EXAMPLES = [
-    *sorted(FOLDER.glob("*.*")),
+    *sorted(FOLDER.glob("*.*ml")),
     *(FOLDER / "loops" / f"{n}.yaml" for n in ("parallelogram", "sr400", "bennett")),
 ]
 

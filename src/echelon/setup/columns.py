@@ -39,17 +39,15 @@ class _Columns:
         return ColumnMap(
             None if log.time is None else self._channel(log.time, f"{self.path}.time", {}),
             log.rate,
-            self._channels(log.position, "position", positions, self.drives),
-            self._channels(log.velocity, "velocity", velocities, self.drives),
-            self._channels(log.acceleration, "acceleration", velocities, self.drives),
-            self._channels(log.output, "output", outputs, self.drives),
-            self._channels(log.reference, "reference", positions, self.drives),
-            self._channels(log.input, "input", velocities, self.drives),
+            self._channels(log.position, "position", positions),
+            self._channels(log.velocity, "velocity", velocities),
+            self._channels(log.acceleration, "acceleration", velocities),
+            self._channels(log.output, "output", outputs),
+            self._channels(log.reference, "reference", positions),
+            self._channels(log.input, "input", velocities),
         )
 
-    def _channels(
-        self, columns: Columns | None, key: str, names: Sequence[str], drives: Sequence[str]
-    ) -> dict[str, Channel]:
+    def _channels(self, columns: Columns | None, key: str, names: Sequence[str]) -> dict[str, Channel]:
         """The channels of one quantity by coordinate, output or drive; what is stated by name comes before all."""
         if columns is None:
             return {}
@@ -59,11 +57,11 @@ class _Columns:
         for name, entry in columns.items():
             path = f"{self.path}.{key}.{name}"
             if name in (EVERY, DRIVES):
-                found |= dict(self._filled(entry, path, names if name == EVERY else drives))
+                found |= dict(self._filled(entry, path, names if name == EVERY else self.drives))
         for name, entry in columns.items():
             path = f"{self.path}.{key}.{name}"
             if name not in (EVERY, DRIVES):
-                valid = [*names, *drives]
+                valid = [*names, *self.drives]
                 if name not in valid:
                     problem = f"there is no such coordinate, output or drive{nearest_of(name, [*valid, EVERY, DRIVES])}"
                     raise self.document.error(path, problem)

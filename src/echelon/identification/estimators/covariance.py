@@ -24,7 +24,8 @@ from echelon.identification.rows.rows import RowBlock, Rows
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import column_norms
 
-_METHODS = ("ols", "wls", "irls", "huber")
+BATCHED = ("ols", "wls", "irls", "huber")
+"""Estimators whose covariance can come from batches of time."""
 _BY_FACTORS = ("ols", "wls", "irls")
 _ALL = 1e-9
 
@@ -33,8 +34,8 @@ def clustered(
     rows: Rows, estimate: Estimate, *, seconds: float | None = None, clusters: int = 40, jackknife: bool = True
 ) -> Estimate:
     """The same estimate with a covariance from batches of time."""
-    if estimate.method not in _METHODS:
-        raise InputError(f"the covariance of '{estimate.method}' has no batches; expected one of {', '.join(_METHODS)}")
+    if estimate.method not in BATCHED:
+        raise InputError(f"the covariance of '{estimate.method}' has no batches; expected one of {', '.join(BATCHED)}")
     if (estimate.parameters, estimate.outputs) != (rows.layout.parameters, rows.layout.outputs):
         raise InputError("the rows have other parameters or outputs than the estimate")
     length = _length(rows, clusters) if seconds is None else float(seconds)

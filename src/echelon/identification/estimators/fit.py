@@ -10,7 +10,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.identification.estimators.covariance import clustered, clustered_by
+from echelon.identification.estimators.covariance import BATCHED, clustered, clustered_by
 from echelon.identification.estimators.errors_in_variables import instrumental, tls
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.estimators.fixed_parameters import fixed
@@ -23,9 +23,6 @@ from echelon.observe.observation import Observation
 
 if TYPE_CHECKING:
     from echelon.formats.schema.schema_log import IdentificationEntry
-
-_CLUSTERED = ("ols", "wls", "irls", "huber")
-"""Estimators whose covariance can come from batches of time."""
 
 
 def fitted(
@@ -45,7 +42,7 @@ def fitted(
         prior = None if prior is None else prior[rest.matrix.any(axis=1)]
         instruments = None if instruments is None else rest.rows(instruments)
     estimate = _estimated(settings, rows, observation, prior, instruments)
-    if settings.intervals == "clustered" and estimate.method in _CLUSTERED:
+    if settings.intervals == "clustered" and estimate.method in BATCHED:
         by_factors = len(batches) > 1 and estimate.method != "huber"
         estimate = clustered_by(batches, rows.units, estimate) if by_factors else clustered(rows, estimate)
     return estimate if rest is None else rest.restored(estimate)
