@@ -146,7 +146,7 @@ def test_bad_luck_is_outvoted(monkeypatch: pytest.MonkeyPatch) -> None:
             raise drawn
         return drawn
 
-    monkeypatch.setattr("echelon.base.structure._dependent_columns", draw)
+    monkeypatch.setattr("echelon.base.structure.dependent_columns", draw)
     found = ec.base_structure(arms.modified_dh("pendulum", "R 0 0 0"))
     assert found.by_robot == true
 

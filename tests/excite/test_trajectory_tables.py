@@ -129,7 +129,7 @@ def test_a_coordinate_at_rest_contradicts_nothing(tmp_path: Path) -> None:
         (with_value("t", 7, 17.56), r"column 't', row 7: 17.56 s follows 17.56 s"),
         (with_value("t", 3, np.nan), "column 't', row 3: nan is not a finite number"),
         (with_value("slider", 4, np.inf), "column 'slider', row 4: inf is not a finite number"),
-        (wave(qd_j1=np.where(T == 0.25, np.nan, SPEED)), "column 'qd_j1', row 25: nan is no finite"),
+        (wave(qd_j1=np.where(T == 0.25, np.nan, SPEED)), "column 'qd_j1', row 25: nan is not a finite"),
         ({name: values[:5] for name, values in wave().items()}, "holds 5 samples; a trajectory needs at least 6"),
         (wave(qd_j1=1.3 * SPEED), r"column 'qd_j1': its velocities are not those of the positions, .* 23 %"),
         (wave(qd_slider=SPEED), "column 'qd_slider': its velocities .* 200 %"),

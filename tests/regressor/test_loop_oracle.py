@@ -123,7 +123,8 @@ def test_rounded_geometry_is_an_error_and_no_answer() -> None:
 
 
 def test_the_oracle_shares_nothing_with_the_package() -> None:
-    code = "import sys, loop_readers, loop_oracle; print(any(name.split('.')[0] == 'echelon' for name in sys.modules))"
+    modules = "sys, support.loop_readers, support.loop_oracle"
+    code = f"import {modules}; print(any(name.split('.')[0] == 'echelon' for name in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], cwd=TESTS, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
 

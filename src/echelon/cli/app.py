@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 from echelon.cli.options import Command, with_parameters
-from echelon.cli.screen import be_verbose
+from echelon.cli.screen import set_verbosity
 
 
 class _Commands(TyperGroup):
@@ -43,8 +43,7 @@ class _Application(typer.Typer):
 
 def _with_verbosity(command: Command) -> Command:
     def run(verbose: bool, **given: Any) -> Any:
-        if verbose:
-            be_verbose()
+        set_verbosity(verbose)
         return command(**given)
 
     own = signature(command, eval_str=True).parameters.values()

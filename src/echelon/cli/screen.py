@@ -17,9 +17,9 @@ _NOT_ASCII = re.compile(r"[^\n\x20-\x7e]")
 _state = {"verbose": False}
 
 
-def be_verbose() -> None:
-    """From now on every step is a line on standard error, also in a pipe."""
-    _state["verbose"] = True
+def set_verbosity(verbose: bool) -> None:
+    """Choose whether every step of this command is a line on standard error, also in a pipe."""
+    _state["verbose"] = verbose
 
 
 def show(text: str) -> None:
