@@ -25,7 +25,7 @@ from echelon.exact.numbers import Rational
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.curves import CurveSampler
-from echelon.regressor.loops.positions import Pose
+from echelon.regressor.loops.moving import Pose
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 Dependence = dict[int, tuple[int, ...]]

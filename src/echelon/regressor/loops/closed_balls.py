@@ -23,7 +23,7 @@ from echelon.program.balls import BallArithmetic, ball
 from echelon.program.schedule import Schedule
 from echelon.program.tape import Program
 from echelon.regressor.loops.closures import Loops
-from echelon.regressor.loops.positions import Layout
+from echelon.regressor.loops.moving import Layout
 
 Values = dict[str, Any]
 """Balls by the names of coordinates or freedoms."""

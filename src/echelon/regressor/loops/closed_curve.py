@@ -17,7 +17,8 @@ from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 from echelon.program.schedule import Schedule, SeriesArithmetic
 from echelon.regressor.loops.exponentials import Exponentials
-from echelon.regressor.loops.positions import MovingCoordinates, Pose, Positions
+from echelon.regressor.loops.moving import MovingCoordinates, Pose
+from echelon.regressor.loops.positions import Positions
 
 OfSeries = Callable[[Residues], Residues]
 """From local coordinates (samples, coordinates, order) to the equations (samples, equations, order), or to their

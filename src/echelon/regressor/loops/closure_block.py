@@ -20,7 +20,8 @@ import numpy as np
 from echelon.arrays import Integers
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.zero_dimensional import Solutions, Solver
-from echelon.regressor.loops.positions import Pose, Positions, Recorded
+from echelon.regressor.loops.moving import Pose
+from echelon.regressor.loops.positions import Positions, Recorded
 
 _SEED, _LARGEST = 2016, 1 << 15  # of the directions of planes
 _QUATERNION = 4

@@ -21,7 +21,7 @@ from echelon.mechanism.joint import Motion
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.placement import Placement
 from echelon.program.tape import Scalar
-from echelon.regressor.loops.positions import Pose
+from echelon.regressor.loops.moving import Pose
 from echelon.regressor.probes import Probes
 from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, transposed
 from echelon.regressor.steps import Recorder, Step, into_frame

@@ -27,8 +27,9 @@ from echelon.regressor.loops.closed_curve import ClosedCurve
 from echelon.regressor.loops.closed_regions import REAL_STATES, closed_regions
 from echelon.regressor.loops.closures import Loops
 from echelon.regressor.loops.exponentials import Exponentials
+from echelon.regressor.loops.moving import Layout, Pose
 from echelon.regressor.loops.poses import PoseFinder
-from echelon.regressor.loops.positions import Constants, Layout, Pose, Positions, Recorded
+from echelon.regressor.loops.positions import Constants, Positions, Recorded
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 _LOST = 2  # coefficients that are not known of accelerations

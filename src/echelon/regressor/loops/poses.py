@@ -18,7 +18,8 @@ from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.regressor.loops.closed_curve import choose
 from echelon.regressor.loops.closure_block import ClosureBlock
 from echelon.regressor.loops.closures import Accepts
-from echelon.regressor.loops.positions import Pose, Positions
+from echelon.regressor.loops.moving import Pose
+from echelon.regressor.loops.positions import Positions
 
 _ROUNDS = 40
 _MOST_TRIES = 1024
