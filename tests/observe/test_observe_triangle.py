@@ -106,3 +106,14 @@ def test_parts_of_any_length(count: int) -> None:
     for cut in (0, count // 3, count):
         np.testing.assert_allclose(upper_triangle(rows[:cut], rows[cut:]), whole, atol=1e-12 * np.abs(whole).max())
     np.testing.assert_array_equal(upper_triangle(rows[:0]), np.zeros((6, 6)))
+
+
+@pytest.mark.parametrize("exponent", [-160, -245, -300, -320])
+def test_columns_that_all_but_vanish(exponent: int) -> None:
+    """As those of a Stribeck effect whose velocity is far below all that were measured."""
+    rows = np.random.default_rng(4).standard_normal((900, 5))
+    rows[:, 1] *= 10.0**exponent
+    rows[:, 3] = 10.0 ** (exponent * np.random.default_rng(5).uniform(0.5, 1, 900))
+    R = upper_triangle(rows)
+    assert np.isfinite(R).all()
+    np.testing.assert_allclose((R.T @ R)[::2, ::2], (rows.T @ rows)[::2, ::2], rtol=0, atol=1e-10)

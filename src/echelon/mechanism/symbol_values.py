@@ -13,6 +13,7 @@ from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism, setup_expressions, setup_placements, setup_ratios
 from echelon.mechanism.placement import Placement
+from echelon.program.text import phase_symbols
 
 
 def symbol_values(
@@ -94,6 +95,8 @@ def symbol_roles(mechanism: Mechanism) -> SymbolRoles:
     translations, others = _expressions(mechanism)
     everything = translations + others
     angles = {symbol_of(g) for e in everything for g in e.generators() if is_trigonometric(g)}
+    terms = [action.term for effect in mechanism.effects for action in effect.actions]
+    angles |= {name for term in terms for name in phase_symbols(term) if name in mechanism.symbols}
     lengths = {s for e in translations for s in e.symbols()} - angles
     foreign = {g for e in others for g in e.generators() if not is_trigonometric(g)}
     homogeneous = all(_is_length(e, lengths) for e in translations) and not _mixes_dimensions(mechanism)

@@ -16,24 +16,22 @@ that constant is not looked for: such relations count as unknown.
 from __future__ import annotations
 
 from echelon.errors import UnknownRelationsError
-from echelon.exact.angle import STEPS_PER_HALF_TURN
 from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.numbers import cosine_of_turn, sine_of_turn
+from echelon.exact.numbers import Number
 from echelon.program.operations import Op
 from echelon.program.scalar import Scalar, square_root
 from echelon.program.tape import Program
 
 
-def turned(op: Op, rest: Scalar, steps: int) -> Scalar:
-    """A circular function of an angle plus a number of steps of 15°."""
+def turned(op: Op, rest: Scalar, cosine: Number, sine: Number) -> Scalar:
+    """A circular function of an angle plus one whose cosine and sine are given."""
     program = rest.program
-    if not steps % (2 * STEPS_PER_HALF_TURN):
+    if cosine == 1:
         return program.function(op, rest)
     c, s = program.cos(rest), program.sin(rest)
-    c_turn, s_turn = cosine_of_turn(steps), sine_of_turn(steps)
-    cosine, sine = c * c_turn - s * s_turn, s * c_turn + c * s_turn
-    return sine / cosine if op is Op.TAN else cosine if op is Op.COS else sine
+    whole_cosine, whole_sine = c * cosine - s * sine, s * cosine + c * sine
+    return whole_sine / whole_cosine if op is Op.TAN else whole_cosine if op is Op.COS else whole_sine
 
 
 _LARGEST_MULTIPLE = 24

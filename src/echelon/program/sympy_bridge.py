@@ -17,7 +17,7 @@ from typing import Any
 
 from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN
-from echelon.exact.numbers import Number, Rational, parse_decimal, parts_of
+from echelon.exact.numbers import Number, Rational, cosine_of_turn, parse_decimal, parts_of, sine_of_turn
 from echelon.program.circular import turned
 from echelon.program.compound import COMPOUND
 from echelon.program.operations import FUNCTIONS, Op
@@ -171,7 +171,7 @@ class _Reader:
     def _circular(self, name: str, argument: Any) -> Scalar:
         """Sine, cosine or tangent, with multiples of 15° in the argument turned by exactly."""
         steps, rest = _split_turn(argument)
-        return turned(SUPPORTED[name], self.read(rest), steps)
+        return turned(SUPPORTED[name], self.read(rest), cosine_of_turn(steps), sine_of_turn(steps))
 
 
 def _split_turn(argument: Any) -> tuple[int, Any]:

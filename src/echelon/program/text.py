@@ -8,12 +8,15 @@ syntax tree; nothing is ever evaluated as code.
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from fractions import Fraction
+from math import tan
 
 from echelon.errors import InputError, shortened
-from echelon.exact.angle import STEPS_PER_HALF_TURN
+from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.expressions import PI, parse_angle
-from echelon.exact.numbers import parse_decimal
+from echelon.exact.numbers import cosine_of_turn, parse_decimal, sine_of_turn
 from echelon.exact.syntax import expression_tree
 from echelon.program.circular import turned
 from echelon.program.compound import COMPOUND
@@ -30,8 +33,14 @@ _SHOWN_NAMES = 12
 _CIRCULAR = (Op.SIN, Op.COS, Op.TAN)
 
 
-def record_expression(text: str, names: Mapping[str, Scalar], where: str, program: Program) -> Scalar:
-    """Record an expression.
+_PHASE = 10**9
+"""Largest denominator of the tangent of half a rounded phase, which is so exact to the precision of doubles."""
+
+
+def record_expression(
+    text: str, names: Mapping[str, Scalar], where: str, program: Program, *, rounded_phases: bool = False
+) -> Scalar:
+    """Record an expression; phases of sin and cos that have no exact sine stay functions, or are rounded.
 
     >>> program = Program()
     >>> y = record_expression("0.5*qd[j5] + abs(qd[j5])", {"qd[j5]": program.input("qd[j5]")}, "friction", program)
@@ -43,7 +52,7 @@ def record_expression(text: str, names: Mapping[str, Scalar], where: str, progra
         raise InputError(f"'{shown}': an expression has at most {_LONGEST} characters", element=where)
     source = text.strip().replace("^", "**")
     try:
-        return _Recorder(source, names, program).record(expression_tree(source))
+        return _Recorder(source, names, program, rounded_phases).record(expression_tree(source))
     except InputError as error:
         raise InputError(f"in '{shown}': {error.problem}", element=where) from None
     except (SyntaxError, RecursionError):
@@ -55,8 +64,8 @@ def record_expression(text: str, names: Mapping[str, Scalar], where: str, progra
 
 
 class _Recorder:
-    def __init__(self, text: str, names: Mapping[str, Scalar], program: Program) -> None:
-        self.text, self.names, self.program = text, names, program
+    def __init__(self, text: str, names: Mapping[str, Scalar], program: Program, rounded: bool) -> None:
+        self.text, self.names, self.program, self.rounded = text, names, program, rounded
 
     def record(self, node: ast.expr) -> Scalar:
         match node:
@@ -100,23 +109,33 @@ class _Recorder:
             return square_root(self.record(argument))
         if op not in _CIRCULAR:
             return self.program.function(op, self.record(argument))
-        steps, rest = 0, self.program.zero
+        half_turns, radians, rest = Fraction(), Fraction(), self.program.zero
         for sign, term in _terms(argument):
-            if PI not in self.names and any(isinstance(n, ast.Name) and n.id == PI for n in ast.walk(term)):
-                steps += sign * self._steps(term)
-            else:
+            constant = self._constant(term)
+            if constant is None:
                 rest = rest + sign * self.record(term)
-        return turned(op, rest, steps)
+            else:
+                half_turns, radians = half_turns + sign * constant.half_turns, radians + sign * constant.radians
+        phase = Angle(half_turns, (), radians)
+        steps = phase.half_turns * STEPS_PER_HALF_TURN
+        if self.rounded and (phase.radians or steps.denominator > 1):
+            return turned(op, rest, *_rounded(phase.value))
+        if phase.radians:
+            rest = rest + self.program.constant(phase.radians)
+        return turned(op, rest, cosine_of_turn(int(steps)), sine_of_turn(int(steps)))
 
-    def _steps(self, term: ast.expr) -> int:
-        """A multiple of π as steps of 15°."""
-        try:
+    def _constant(self, term: ast.expr) -> Angle | None:
+        """A term that is a number of radians or a part of π."""
+        names = {n.id for n in ast.walk(term) if isinstance(n, ast.Name)} - self.names.keys()
+        if PI not in names and any(isinstance(n, ast.Name | ast.Subscript) for n in ast.walk(term)):
+            return None
+        with suppress(ValueError):
             angle = parse_angle(self._source(term))
             steps = angle.half_turns * STEPS_PER_HALF_TURN
-            if steps.denominator == 1 and not angle.parts and not angle.radians:
-                return int(steps)
-        except ValueError:
-            pass
+            if not angle.parts and (self.rounded or steps.denominator == 1):
+                return angle
+        if PI not in names:
+            return None
         raise InputError(f"'{self._source(term)}' is not a multiple of pi/12")
 
     def _index(self, inner: ast.expr) -> str:
@@ -150,3 +169,19 @@ def _terms(node: ast.expr) -> list[tuple[int, ast.expr]]:
         case ast.UnaryOp(op=ast.USub(), operand=operand):
             return [(-sign, term) for sign, term in _terms(operand)]
     return [(1, node)]
+
+
+def _rounded(angle: float) -> tuple[Fraction, Fraction]:
+    """A rational point of the circle as near to an angle as doubles are."""
+    t = Fraction(tan(angle / 2)).limit_denominator(_PHASE)
+    return (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
+
+
+def phase_symbols(text: str) -> Iterator[str]:
+    """Names that stand for angles: alone in a term of the argument of a circular function, perhaps with a factor."""
+    circular = {op.name.lower() for op in _CIRCULAR}
+    for call in ast.walk(expression_tree(text.strip().replace("^", "**"))):
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in circular and call.args:
+            for _, term in _terms(call.args[0]):
+                names = [n.id for n in ast.walk(term) if isinstance(n, ast.Name)]
+                yield from names if len(names) == 1 else ()

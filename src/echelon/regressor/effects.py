@@ -31,7 +31,7 @@ class EffectRecorder:
         names["i"] = program.input(f"i[{action.at}]")
         for name in self.mechanism.symbols:
             names.setdefault(name, program.input(name, "symbol"))
-        return record_expression(action.term, names, f"effect '{effect.parameter}'", program)
+        return record_expression(action.term, names, f"effect '{effect.parameter}'", program, rounded_phases=True)
 
     def _all_states(self) -> dict[str, Scalar]:
         """Positions, velocities and accelerations of all coordinates and actuators, by the names used in terms."""
