@@ -225,7 +225,7 @@ def panda() -> Section:
     own, other = log("panda_1khz/panda_gaz_exciting_1kHz.parquet"), log("panda_30hz/panda_exciting.parquet")
     held, whole = ec.identify(setup, [own]), ec.identify(setup, [own], [other])
     scores = whole.validations[1].scores
-    apart = " · ".join(f"{s.explained:.3f}" for s in scores)
+    apart = " · ".join(f"{s.r2_without_bias:.3f}" for s in scores)
     independent = "R² of an independent fit: 0.998 · 0.9999 · 0.9999 · 0.9985 · 0.997 · 0.997 · 0.969"
     lines = [
         summary("Panda", "last 30 % of the log", held.validations[1].scores, independent),
@@ -242,7 +242,7 @@ def first_joint(setup: ec.Setup, whole: ec.Identification, other: Path) -> str:
     free = ("Fv1", "Fo1")
     known = {name: value for name, value in ours.items() if name not in free}
     # as it was prepared to be predicted: a log of 30 Hz is not decimated
-    prepared = replace(setup, preparation=replace(whole.preparation, decimation=()))
+    prepared = replace(setup, preparation=whole.preparation.model_copy(update={"decimation": ()}))
     found = ec.identify(changed(prepared, known=known, holdout=0.0, essential="none"), [other])
     theirs = values(found)
     before, after = whole.validations[1].scores[0], found.validations[0].scores[0]
