@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import ctypes
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -83,9 +82,8 @@ def test_predict_command(result: Result, tmp_path: Path) -> None:
         rows = list(csv.DictReader(file))
     (samples,) = result.model.plan.samples(log, outputs=False)
     exact = result.base.predict(samples.q, samples.qd, samples.qdd, result.model.values)
-    for (times, values), output in zip(
-        rows_taken(replace(samples, moving=None), exact), result.base.mechanism.outputs, strict=True
-    ):
+    times, predicted, _ = rows_taken(samples, exact)
+    for values, output in zip(predicted.T, result.base.mechanism.outputs, strict=True):
         np.testing.assert_allclose([float(row["time"]) for row in rows], times, atol=1e-9)
         assert_same(np.array([float(row[f"{output.name}.predicted"]) for row in rows]), values)
     scores = json.loads(done.stdout)["outputs"].values()

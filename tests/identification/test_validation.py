@@ -240,7 +240,7 @@ def score(output: str = "j1", rms: float = 1.0, r2: float = 0.99, bias: float = 
 def judged(*scores: Score, prior: Sequence[Score] = (), role: str = "validation") -> Validation:
     empty = np.zeros(0)
     return Validation(
-        "run2", role, scores, tuple(prior), tuple(Trace("j1", "", empty, empty, empty) for _ in scores), ""
+        "run2", role, scores, tuple(prior), tuple(Trace("j1", "", empty, empty, empty) for _ in scores), "", scores
     )
 
 

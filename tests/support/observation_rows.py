@@ -107,6 +107,10 @@ class ArrayRows:
             **named,  # type: ignore[arg-type]
         )
 
+    def scored(self) -> Iterator[RowBlock]:
+        """All rows, which are all fitted."""
+        return self.blocks()
+
     def blocks(self) -> Iterator[RowBlock]:
         """All rows, in the order of time."""
         start = min((some[0] for some in self.times if some.size), default=0.0)

@@ -86,7 +86,7 @@ def validation(
     scores = tuple(score(t, t.predicted) for t in traces)
     prior_scores = tuple(score(t, t.prior) for t in traces if t.prior is not None)
     words = f"All {len(traces)} outputs are predicted within 3 % of their range."
-    return Validation(source, role, scores, prior_scores, traces, words)
+    return Validation(source, role, scores, prior_scores, traces, words, scores)
 
 
 def estimate_of(base: ec.BaseModel, values: Floats, std: Floats, rows: int) -> Estimate:

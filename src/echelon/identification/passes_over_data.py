@@ -20,7 +20,7 @@ from echelon.identification.cluster import each, summed
 from echelon.identification.rows.batches import BATCHES, Batch, grouped, joined, total
 from echelon.identification.rows.ingest import MEMORY, Ingested, KeptRows, PredictedRows, chained, ingest
 from echelon.identification.rows.plan import Part, Plan
-from echelon.identification.rows.rows import Rows
+from echelon.identification.rows.rows import Rows, ScoredRows
 from echelon.identification.validation import LIMIT, Validation, validate
 from echelon.observe.observation import Observation
 
@@ -122,7 +122,7 @@ class _Judged:
     limit: int
     parted: bool
 
-    def validation(self, rows: Rows, values: Floats, prior: Floats | None, task: Task) -> Validation:
+    def validation(self, rows: ScoredRows, values: Floats, prior: Floats | None, task: Task) -> Validation:
         path, part, role = task
         found = validate(rows, values, role=role, prior_values=prior, identification=self.reference, limit=self.limit)
         return replace(found, source=f"{path} ({part} part)" if self.parted and part != "all" else str(path))

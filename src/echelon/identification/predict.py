@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -81,12 +81,11 @@ def predict_log(plan: Plan, values: npt.ArrayLike, path: str | Path) -> Predicti
     times, predicted, measured = [], [], []
     for samples in plan.samples(path, outputs=False):
         whole = model.predict(samples, values)
-        everywhere = replace(samples, moving=None)
-        rows = rows_taken(everywhere, whole)
-        times.append(rows[0][0])
-        predicted.append(np.stack([found for _, found in rows], axis=1))
+        time, rows, _ = rows_taken(samples, whole)
+        times.append(time)
+        predicted.append(rows)
         if samples.y is not None:
-            measured.append(np.stack([found for _, found in rows_taken(everywhere, samples.y)], axis=1))
+            measured.append(rows_taken(samples, samples.y)[1])
     if not any(len(time) for time in times):
         raise InputError("nothing of this log is left after its preparation", source=str(path))
     outputs = plan.base.mechanism.outputs

@@ -85,8 +85,8 @@ def _beginning(segment: Segment, count: int) -> Segment:
 def _late(samples: Samples, y: Floats, output: int, delays: Floats) -> Floats:
     """An output's rows with every delay undone, shape (rows, delays)."""
     moved = np.stack([shifted(y, delay * samples.rate) for delay in delays], axis=1)
-    alone = samples if samples.moving is None else replace(samples, moving=samples.moving[:, [output]])
-    return rows_taken(alone, moved[:, None])[0][1]
+    _, rows, moving = rows_taken(samples, moved)
+    return rows if moving is None else rows[moving[:, output]]
 
 
 def _inner(samples: Samples, longest: float) -> Samples:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.correlation import LAGS, CorrelationSums
-from echelon.identification.rows.rows import RowBlock, Rows
+from echelon.identification.rows.rows import RowBlock, Rows, ScoredRows
 from echelon.identification.verdict import verdict
 
 LIMIT = 200_000
@@ -146,6 +146,8 @@ class Validation:
     traces : tuple of Trace
     verdict : str
         In words.
+    moving : tuple of Score
+        Of the model on the rows a fit takes, which are all but those near standstill, where friction has no direction.
     """
 
     source: str
@@ -154,10 +156,11 @@ class Validation:
     prior_scores: tuple[Score, ...]
     traces: tuple[Trace, ...]
     verdict: str
+    moving: tuple[Score, ...]
 
 
 def validate(
-    rows: Rows,
+    rows: ScoredRows,
     values: npt.ArrayLike,
     *,
     role: str,
@@ -172,21 +175,25 @@ def validate(
     zeta = _checked(rows, values, "values")
     prior = None if prior_values is None else _checked(rows, prior_values, "prior_values")
     tallies = [_Tally(prior is not None, limit, lags) for _ in rows.layout.outputs]
+    moving = [_Tally(False, 0, lags) for _ in rows.layout.outputs]
     sources: dict[str, None] = {}
-    for block in rows.blocks():
+    for block in rows.scored():
         sources.setdefault(block.source)
-        for output, tally in enumerate(tallies):
-            tally.add(block, output, rows.layout.columns[output], zeta, prior)
+        fitted = block.fitted
+        for output, columns in enumerate(rows.layout.columns):
+            tallies[output].add(block, output, columns, zeta, prior)
+            moving[output].add(fitted, output, columns, zeta, None)
     if not any(tally.count for tally in tallies):
         raise InputError("there are no rows to predict: filters, gaps or slow motion left nothing")
-    named = list(zip(tallies, rows.layout.outputs, rows.output_units, strict=True))
+    outputs = list(zip(rows.layout.outputs, rows.output_units, strict=True))
     found = Validation(
         ", ".join(sources),
         role,
-        tuple(tally.score(0, output, unit) for tally, output, unit in named),
-        () if prior is None else tuple(tally.score(1, output, unit) for tally, output, unit in named),
-        tuple(tally.trace(output, unit) for tally, output, unit in named),
+        tuple(tally.score(0, *output) for tally, output in zip(tallies, outputs, strict=True)),
+        () if prior is None else tuple(tally.score(1, *output) for tally, output in zip(tallies, outputs, strict=True)),
+        tuple(tally.trace(*output) for tally, output in zip(tallies, outputs, strict=True)),
         "",
+        tuple(tally.score(0, *output) for tally, output in zip(moving, outputs, strict=True)),
     )
     return replace(found, verdict=verdict(found, identification))
 
@@ -201,7 +208,7 @@ class _Tally:
         models = 2 if prior else 1
         self._squares, self._bias = np.zeros(models), np.zeros(models)
         self._correlations = [CorrelationSums(lags) for _ in range(models)]
-        self._trace = TraceKeeper(limit)
+        self._limit, self._trace = limit, TraceKeeper(limit)
 
     def add(self, block: RowBlock, output: int, columns: tuple[int, ...], values: Floats, prior: Floats | None) -> None:
         """Take in an output's rows of a block."""
@@ -217,7 +224,8 @@ class _Tally:
             self._squares[k] += residual @ residual
             self._bias[k] += residual.sum()
             self._correlations[k].add(times, residual, where)
-        self._trace.add(np.stack([times, y, *predicted], axis=1))
+        if self._limit:
+            self._trace.add(np.stack([times, y, *predicted], axis=1))
 
     def _measure(self, y: Floats) -> None:
         """Mean and spread of what is measured, merged without cancellation (Chan, Golub and LeVeque 1983)."""

@@ -316,6 +316,7 @@ class ValidationRecord(_Finite):
     source: str
     role: Literal["identification", "validation"]
     scores: list[ScoreRecord]
+    moving: list[ScoreRecord] = Field(description="The same without rows near standstill.")
     prior_scores: list[ScoreRecord]
     verdict: str
 

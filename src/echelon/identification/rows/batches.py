@@ -14,7 +14,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.rows.rows import RowBlock, stacked
 from echelon.observe.observation import Observation
@@ -83,7 +82,7 @@ class Batcher:
         for begins in pairwise(zip(*bounds, strict=True)):
             cuts = [slice(first, last) for first, last in zip(*begins, strict=True)]
             if any(cut.stop > cut.start for cut in cuts):
-                yield _cut(block, cuts)
+                yield block.taken(cuts)
 
     def add(self, source: str, start: float, stop: float, observation: Observation) -> None:
         """Take in the factors of rows that lie within one batch."""
@@ -104,13 +103,6 @@ class Batcher:
         if there is not None:
             batch = replace(there + batch, seconds=batch.stop - there.start)
         self._found[number] = batch
-
-
-def _cut(block: RowBlock, cuts: Sequence[slice]) -> RowBlock:
-    def some(parts: Sequence[Floats]) -> tuple[Floats, ...]:
-        return tuple(part[cut] for part, cut in zip(parts, cuts, strict=True))
-
-    return RowBlock(block.source, block.segment, some(block.times), some(block.matrices), some(block.y))
 
 
 def grouped(batches: Sequence[Batch], count: int) -> list[Batch]:

@@ -55,11 +55,15 @@ class KeptRows:
         return sum(map(_bytes, self.kept))
 
     def blocks(self) -> Iterator[RowBlock]:
+        """The rows that are fitted, in the order of time."""
+        return (block.fitted for block in self.kept)
+
+    def scored(self) -> Iterator[RowBlock]:
         """All rows, in the order of time."""
         return iter(self.kept)
 
     def observation(self) -> Observation:
-        """The R-factors of all rows."""
+        """The R-factors of the rows that are fitted."""
         return ModelRows.factored(self.layout, self.kept)
 
 
@@ -91,22 +95,26 @@ class PredictedRows:
         return self.model.output_units
 
     def blocks(self) -> Iterator[RowBlock]:
+        """The rows that are fitted, in the order of time."""
+        return (block.fitted for block in self.scored())
+
+    def scored(self) -> Iterator[RowBlock]:
         """All rows, in the order of time."""
         numbering = Numbering()
         for samples in prefetched(self.model.source()):
             yield self._block(samples, numbering.of(samples))
 
     def observation(self) -> Observation:
-        """The R-factors of all rows."""
+        """The R-factors of the rows that are fitted."""
         return ModelRows.factored(self.layout, self.blocks())
 
     def _block(self, samples: Samples, segment: int) -> RowBlock:
         assert samples.y is not None
-        measured = rows_taken(samples, samples.y)
-        predicted = [rows_taken(samples, self.model.predict(samples, some)) for some in self.values]
-        times, y = zip(*measured, strict=True)
-        matrices = tuple(np.stack([rows for _, rows in output], axis=1) for output in zip(*predicted, strict=True))
-        return RowBlock(samples.source, segment, times, matrices, y)
+        times, y, moving = rows_taken(samples, samples.y)
+        predicted = [rows_taken(samples, self.model.predict(samples, some))[1] for some in self.values]
+        matrices = tuple(np.stack(predicted, axis=2).transpose(1, 0, 2))
+        flags = None if moving is None else tuple(moving.T)
+        return RowBlock(samples.source, segment, (times,) * len(matrices), matrices, tuple(y.T), flags)
 
 
 def ingest(plan: Plan, path: Path, count: int, memory: int = 0) -> Ingested:
@@ -134,7 +142,7 @@ class _Ingestion:
                     yield from self._blocks_of(part, piece)
 
     def factor(self, block: RowBlock) -> None:
-        for piece in self.batcher.pieces(block):
+        for piece in self.batcher.pieces(block.fitted):
             ends = [time for times in piece.times if times.size for time in (times[0], times[-1])]
             self.batcher.add(block.source, min(ends), max(ends), observed(self._model.layout, piece))
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial, reduce
 from queue import Empty, Full, Queue
 from threading import Event, Thread
@@ -22,7 +22,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
+from echelon.arrays import Flags, Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.logs.recording import Samples
@@ -91,6 +91,21 @@ class RowBlock:
     times: tuple[Floats, ...]  # shape (k_i,); for each output, the times of its rows, s
     matrices: tuple[Floats, ...]  # shape (k_i, n_i); for each output, the columns layout.columns[i] of the regressor
     y: tuple[Floats, ...]  # shape (k_i,); for each output, the measured values
+    moving: tuple[Flags, ...] | None = None  # shape (k_i,); for each output, rows that are fitted; all if None
+
+    @property
+    def fitted(self) -> RowBlock:
+        """The rows that are fitted: without those near standstill, which are scored alone."""
+        return self if self.moving is None else replace(self.taken(self.moving), moving=None)
+
+    def taken(self, some: Sequence[Flags | slice]) -> RowBlock:
+        """Some rows of every output."""
+        times, matrices, y = (
+            tuple(part[cut] for part, cut in zip(parts, some, strict=True))
+            for parts in (self.times, self.matrices, self.y)
+        )
+        moving = None if self.moving is None else tuple(part[cut] for part, cut in zip(self.moving, some, strict=True))
+        return RowBlock(self.source, self.segment, times, matrices, y, moving)
 
 
 class Rows(Protocol):
@@ -112,11 +127,19 @@ class Rows(Protocol):
         ...
 
     def blocks(self) -> Iterator[RowBlock]:
-        """All rows, in the order of time, log after log."""
+        """The rows that are fitted, in the order of time, log after log."""
         ...
 
     def observation(self) -> Observation:
-        """The R-factors of all rows."""
+        """The R-factors of the rows that are fitted."""
+        ...
+
+
+class ScoredRows(Rows, Protocol):
+    """Rows with those near standstill, which leave the fit but never the score."""
+
+    def scored(self) -> Iterator[RowBlock]:
+        """All rows, in the order of time, log after log."""
         ...
 
 
@@ -155,6 +178,10 @@ class ModelRows:
         return layout_of(measured(self.base.function("regressor")))[0]
 
     def blocks(self) -> Iterator[RowBlock]:
+        """The rows that are fitted, in the order of time, log after log."""
+        return (block.fitted for block in self.scored())
+
+    def scored(self) -> Iterator[RowBlock]:
         """All rows, in the order of time, log after log."""
         numbering = Numbering()
         for samples in prefetched(self.source()):
@@ -211,13 +238,10 @@ class ModelRows:
             entries, y = reduction.apply(entries), reduction.apply(y)
         places = low + kept
         inside = (places >= max(start, samples.first)) & (places < stop)
-        times, matrices, values = [], [], []
-        for output, columns in enumerate(self._columns):
-            used = inside if samples.moving is None else inside & samples.moving[places, output]
-            times.append(samples.start + places[used] / samples.rate)
-            matrices.append(entries[np.ix_(used, columns)])
-            values.append(y[used, output])
-        return RowBlock(samples.source, segment, tuple(times), tuple(matrices), tuple(values))
+        times = (samples.start + places[inside] / samples.rate,) * len(self._columns)
+        matrices = tuple(entries[np.ix_(inside, columns)] for columns in self._columns)
+        moving = None if samples.moving is None else tuple(samples.moving[places[inside]].T)
+        return RowBlock(samples.source, segment, times, matrices, tuple(y[inside].T), moving)
 
     def _entries(self, samples: Samples, low: int, high: int) -> Floats:
         """Entries of the regressor, shape (high − low, entries)."""
@@ -261,21 +285,19 @@ class Numbering:
         return self._segment
 
 
-def rows_taken(samples: Samples, values: Floats) -> list[tuple[Floats, Floats]]:
-    """What is left of signals, one for each output, where rows are: filtered like both sides, at the rows' times."""
+def rows_taken(samples: Samples, values: Floats) -> tuple[Floats, Floats, Flags | None]:
+    """Times of rows, signals (rows, …) filtered like both sides, and which of them are fitted (rows, outputs)."""
     reduction, stop = samples.reduction, len(samples) if samples.stop is None else samples.stop
     kept = np.arange(len(samples)) if reduction is None else reduction.kept(len(samples))
     reduced = values if reduction is None else reduction.apply(values)
     inside = (kept >= samples.first) & (kept < stop)
-    found = []
-    for output in range(values.shape[1]):
-        used = inside if samples.moving is None else inside & samples.moving[kept, output]
-        found.append((samples.start + kept[used] / samples.rate, reduced[used, output]))
-    return found
+    moving = None if samples.moving is None else samples.moving[kept[inside]]
+    return samples.start + kept[inside] / samples.rate, reduced[inside], moving
 
 
 def observed(layout: Layout, block: RowBlock) -> Observation:
-    """The R-factors of a block of rows."""
+    """The R-factors of the rows of a block that are fitted."""
+    block = block.fitted
     pairs = zip(block.matrices, block.y, strict=True)
     factors = tuple(upper_triangle(np.column_stack([matrix, y])) for matrix, y in pairs)
     return Observation(layout, factors, tuple(len(y) for y in block.y))
