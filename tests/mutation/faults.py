@@ -1,6 +1,6 @@
 """All faults."""
 
-from mutation import base, exact, formats, mechanism, program, regressor
+from mutation import base, data, estimation, exact, formats, mechanism, numerics, program, regressor
 from mutation.fault import Fault
 
 FAULTS: tuple[Fault, ...] = (
@@ -10,4 +10,7 @@ FAULTS: tuple[Fault, ...] = (
     *base.FAULTS,
     *mechanism.FAULTS,
     *formats.FAULTS,
+    *numerics.FAULTS,
+    *data.FAULTS,
+    *estimation.FAULTS,
 )
