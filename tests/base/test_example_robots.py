@@ -15,7 +15,7 @@ import echelon as ec
 from echelon.formats.reading_options import ANGLE_TOLERANCE, PRECISION
 from support import ball_rank as truth
 from support import ball_rank_of_urdf as urdf_truth
-from support.robot_files import has_pinocchio, pinocchio_model, robot_file, robot_files
+from support.robot_files import pinocchio_model, robot_file, robot_files
 
 PUBLISHED = {
     "a1": (68, 94),
@@ -47,8 +47,6 @@ def load(file: Path, floating: bool, **options: object) -> ec.Mechanism:
 
 
 def test_all_files_are_there() -> None:
-    if not robot_files():
-        pytest.skip("the example-robot-data package is not installed")
     # 69 URDFs, of which ur3.urdf is empty
     assert len(robot_files()) == 68
 
@@ -93,8 +91,6 @@ def svd(file: Path, floating: bool) -> tuple[int, float]:
 
 
 def compare(name: str, floating: bool) -> None:
-    if not has_pinocchio():
-        pytest.skip("Pinocchio is not installed")
     file = robot_file(name)
     found, gap = svd(file, floating)
     reading = load(file, floating).reading

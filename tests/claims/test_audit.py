@@ -14,7 +14,7 @@ from echelon.claims.result import Agreement
 from support.float_regressor import float_regressor, random_states
 from support.paths import EXAMPLES
 from support.published_sets import RX90_FILE, base, rows
-from support.robot_files import has_pinocchio, robot_file
+from support.robot_files import robot_file
 
 PUMA_FILE = str(EXAMPLES / "puma560.yaml")
 
@@ -169,8 +169,6 @@ def independent_columns(w: npt.NDArray[np.float64]) -> list[int]:
 def test_rounded_angles_of_a_file_explain_small_differences() -> None:
     """The xArm's file has 1.5708 for π/2; Pinocchio takes it literally, and its base set shows it."""
     file = robot_file("xarm7")
-    if not has_pinocchio():
-        pytest.skip("Pinocchio is not installed")
     claims, count = numeric_claims(file, 6)
     assert count == 43
     intended = ec.audit(ec.load(file), claims)
@@ -182,8 +180,6 @@ def test_rounded_angles_of_a_file_explain_small_differences() -> None:
 
 @pytest.mark.parametrize(("name", "rank"), [("ur10_robot", 36), ("panda", 51)])
 def test_decimals_of_a_numeric_program(name: str, rank: int) -> None:
-    if not has_pinocchio():
-        pytest.skip("Pinocchio is not installed")
     file = robot_file(name)
     claims, count = numeric_claims(file, 6)
     assert count == rank

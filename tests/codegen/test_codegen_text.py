@@ -34,6 +34,7 @@ from support import generated_code as generated
 from support import textbook_arms as arms
 from support.command_line import run
 from support.paths import ROOT, TESTS
+from support.system_tools import tool
 
 GOLDENS = TESTS / "goldens/codegen"
 HOSTILE = '*/ system("x")\n#if 0 \\ ??/ """ \'\'\' %} {{ 1/0 }} ${x} /* =# #= \u202e // \\'
@@ -167,7 +168,7 @@ def test_refused(arguments: dict[str, object], message: str) -> None:
 
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_cuda_compiles(precision: str, tmp_path: Path) -> None:
-    nvcc = generated.tool("nvcc")
+    nvcc = tool("nvcc")
     source = generate_source(pendulum(), "cuda", list(FUNCTIONS), precision=precision)
     (tmp_path / "a.cu").write_text(source.files["double_pendulum.cu"])
     done = subprocess.run(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import echelon as ec
@@ -11,8 +12,6 @@ from echelon.mechanism.mechanism import Mechanism
 from support.float_functions import evaluate
 from support.float_regressor import FloatArray, random_states, standard_vector
 from support.robot_files import pinocchio_model, pinocchio_state, robot_file
-
-pin = pytest.importorskip("pinocchio", reason="Pinocchio is not installed")
 
 CASES = [("ur10_robot", False), ("panda", False), ("kinova", False), ("a1", True), ("romeo", True), ("tiago", False)]
 SAMPLES = 2

@@ -6,14 +6,13 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import echelon as ec
 from echelon.base.model import BaseModel
 from support.float_regressor import FloatArray, random_states, standard_vector
 from support.robot_files import PinocchioState, pinocchio_model, pinocchio_state, robot_file
-
-pin = pytest.importorskip("pinocchio", reason="Pinocchio is not installed")
 
 SAMPLES = 9
 FIXED = ("ur10_robot", "panda", "xarm7", "z1")

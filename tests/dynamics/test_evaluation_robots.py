@@ -12,7 +12,7 @@ from echelon.dynamics.evaluator import Evaluator
 from echelon.dynamics.functions import robot_function
 from support.float_regressor import random_states
 from support.pinocchio_regressor import pinocchio_regressor
-from support.robot_files import has_pinocchio, pinocchio_model, robot_file, robot_files
+from support.robot_files import pinocchio_model, robot_file, robot_files
 
 FEW = 7
 """Files with more moving joints are slow: compiling takes some seconds."""
@@ -34,16 +34,12 @@ def cases() -> list[object]:
 
 
 def test_some_files_are_fast() -> None:
-    if not robot_files():
-        pytest.skip("the example-robot-data package is not installed")
     assert sum(joints(name) <= FEW for name in robot_files()) > 20
 
 
 @pytest.mark.parametrize("floating", [False, True])
 @pytest.mark.parametrize("name", cases())
 def test_regressors_equal_pinocchio(name: str, floating: bool) -> None:
-    if not has_pinocchio():
-        pytest.skip("Pinocchio is not installed")
     # nothing is snapped, so both programs see the numbers of the file; Pinocchio ignores mimic elements
     mechanism = ec.load(robot_file(name), floating=floating, tolerance=0, independent_mimics=True)
     state = random_states(mechanism, SAMPLES)

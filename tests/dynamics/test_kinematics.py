@@ -17,7 +17,7 @@ from support.excitation_cases import Floats, slopes_by_state
 from support.float_regressor import random_states
 from support.paths import EXAMPLES
 from support.random_mechanisms import mechanisms
-from support.robot_files import has_pinocchio, pinocchio_model, pinocchio_state, robot_file
+from support.robot_files import pinocchio_model, pinocchio_state, robot_file
 from support.textbook_poses import pose_of
 
 ROBOTS = [
@@ -35,7 +35,6 @@ def loaded(name: str, floating: bool) -> Mechanism:
     return ec.load(robot_file(name), floating=floating, tolerance=0, independent_mimics=True)
 
 
-@pytest.mark.skipif(not has_pinocchio(), reason="Pinocchio is not installed")
 @pytest.mark.parametrize(("name", "floating"), ROBOTS)
 def test_frames_are_pinocchios(name: str, floating: bool) -> None:
     import pinocchio as pin

@@ -19,8 +19,6 @@ from echelon.excite.problem.trajectory import Fourier, Trajectory
 from echelon.excite.verify.clearance_bounds import least_clearances
 from support.shaped_robots import Floats, motion, planar, random_arm, spheres
 
-pytest.importorskip("mujoco")
-
 
 @pytest.mark.parametrize("seed", range(8))
 def test_no_sample_is_below_the_bound(seed: int) -> None:

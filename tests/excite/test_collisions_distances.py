@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -11,8 +12,6 @@ from echelon.excite.problem.robot_shapes import mesh_shape
 from echelon.excite.problem.shapes import Kind, Shape, plane_gaps
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
 from support.shaped_robots import Floats
-
-mujoco = pytest.importorskip("mujoco")
 
 
 def floating(*shapes: tuple[Kind, tuple[float, ...]]) -> tuple[Shape, ...]:

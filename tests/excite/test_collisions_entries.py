@@ -13,8 +13,6 @@ from echelon.excite.problem.shapes import Kind
 from echelon.excite.problem.stated_shapes import entry_shapes
 from support.shaped_robots import planar
 
-pytest.importorskip("mujoco")
-
 
 def test_entries() -> None:
     mechanism = planar()

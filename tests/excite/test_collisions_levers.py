@@ -9,8 +9,6 @@ from echelon.excite.problem.clearance import clearance_of
 from echelon.excite.verify.clearance_bounds import MotionBounds
 from support.shaped_robots import motion, planar, random_arm, spheres
 
-pytest.importorskip("mujoco")
-
 
 @pytest.mark.parametrize("seed", range(4))
 def test_levers_bound_speeds(seed: int) -> None:

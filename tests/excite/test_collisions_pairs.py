@@ -22,8 +22,6 @@ from echelon.mechanism.joint import rotation
 from support.shaped_robots import motion, planar, spheres
 from support.textbook_arms import body, place, tree
 
-pytest.importorskip("mujoco")
-
 
 def test_neighbours_are_not_checked() -> None:
     mechanism = planar(4)

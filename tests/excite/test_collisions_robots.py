@@ -7,6 +7,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -15,10 +16,8 @@ from echelon.errors import InputError
 from echelon.excite.problem.clearance import Clearance, clearance_of
 from echelon.excite.problem.robot_shapes import read_geometry
 from echelon.formats.robot_file import open_robot
-from support.robot_files import has_pinocchio, robot_file
+from support.robot_files import robot_file
 from support.shaped_robots import ARM, Floats
-
-mujoco = pytest.importorskip("mujoco")
 
 
 def brute(clearance: Clearance, model: Any, data: Any, geoms: dict[str, int]) -> Floats:
@@ -76,7 +75,6 @@ def test_urdf_arm_as_mujoco_has_it() -> None:
     assert np.mean(values < 1.0) > 0.3
 
 
-@pytest.mark.skipif(not has_pinocchio(), reason="Pinocchio is not installed")
 def test_urdf_arm_as_coal_has_it() -> None:
     import pinocchio as pin
 

@@ -15,8 +15,6 @@ from echelon.excite.solve.design import start_pose
 from support.robot_files import robot_file
 from support.shaped_robots import planar
 
-pytest.importorskip("mujoco")
-
 LIMITS = ResolvedLimits((), (), np.array([-1.5, -1.0]), np.array([1.5, 1.0]), ("rad", "rad"), ())
 OPEN = np.full(2, np.nan)
 

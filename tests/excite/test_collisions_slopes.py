@@ -5,15 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 import echelon as ec
 from echelon.excite.problem.clearance import Clearance, clearance_of
 from echelon.excite.problem.robot_shapes import read_geometry
 from echelon.formats.robot_file import open_robot
 from support.shaped_robots import ARM, Floats, planar, spheres
-
-pytest.importorskip("mujoco")
 
 
 def differences(clearance: Clearance, q: Floats, step: float) -> Floats:

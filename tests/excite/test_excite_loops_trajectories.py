@@ -17,7 +17,6 @@ FOUR_BAR = {"limits": {"velocity": 5, "acceleration": 50, "jerk": "none"}, "dura
 
 
 def test_a_trajectory_of_a_four_bar_beats_random_motions() -> None:
-    pytest.importorskip("casadi")
     setup = ec.load_setup(LOOPS / "four_bar.yaml")
     found = ec.exciting_trajectory(setup, **FOUR_BAR)
     assert found.safe
@@ -35,7 +34,6 @@ def test_a_trajectory_of_a_four_bar_beats_random_motions() -> None:
 
 
 def test_torque_limits_hold_with_loops() -> None:
-    pytest.importorskip("casadi")
     setup = ec.load_setup(LOOPS / "four_bar.xml")
     limits = {**FOUR_BAR["limits"], "effort": 1.5}  # type: ignore[dict-item]
     found = ec.exciting_trajectory(setup, **{**FOUR_BAR, "limits": limits})
@@ -52,7 +50,6 @@ def test_torque_limits_hold_with_loops() -> None:
 
 
 def test_a_parallelogram_starts_where_it_is_not_flat() -> None:
-    pytest.importorskip("casadi")
     found = ec.exciting_trajectory(ec.load_setup(LOOPS / "parallelogram.yaml"), **FOUR_BAR)
     assert found.safe
     q = found.trajectory(np.linspace(0, 6, 2000))
@@ -77,7 +74,6 @@ def test_a_floating_base_with_loops_is_refused() -> None:
 
 def test_clearances_hold_with_loops() -> None:
     """A post that the coupler would sweep over: capsules' distances from the frames of the closed motion."""
-    pytest.importorskip("casadi")
     setup = ec.load_setup(LOOPS / "four_bar.yaml")
     post, radius, length = np.array([0.25, 0.31, 0.0]), 0.01, 0.3
     shape = {"body": "coupler", "capsule": radius, "from": [0, 0, 0], "to": [length, 0, 0]}

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 import pytest
 
 import echelon as ec
@@ -16,8 +17,6 @@ from support.paths import EXAMPLES
 from support.pinocchio_regressor import pinocchio_regressor
 from support.resampled_motions import resampled
 from support.robot_files import pinocchio_model, robot_file
-
-pin = pytest.importorskip("pinocchio", reason="Pinocchio is not installed")
 
 Floats = npt.NDArray[np.float64]
 NEAR = 0.98
@@ -146,7 +145,8 @@ CLEARANCE = 0.03
 
 @pytest.mark.parametrize(("stated", "rate"), [("by the file", 10_000), ("by the set-up", 1000)])
 def test_distances_by_mujoco_keep_the_clearance(tmp_path: Path, stated: str, rate: float) -> None:
-    mujoco = pytest.importorskip("mujoco")
+    import mujoco
+
     file = tmp_path / "arm.xml"
     collisions: dict[str, Any] = {"clearance": CLEARANCE}
     text = ARM

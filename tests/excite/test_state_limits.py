@@ -21,7 +21,7 @@ from echelon.program.tape import Program
 from support.excitation_cases import Floats, all_limits, points, slopes_by_state, torques, tx40_standard, ur10
 from support.float_regressor import float_regressor, random_states, standard_vector
 from support.paths import EXAMPLES
-from support.robot_files import has_pinocchio, pinocchio_model, pinocchio_state, robot_file
+from support.robot_files import pinocchio_model, pinocchio_state, robot_file
 
 STATE = ("q", "qd", "qdd")
 
@@ -29,7 +29,6 @@ STATE = ("q", "qd", "qdd")
 # -- torques -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.skipif(not has_pinocchio(), reason="Pinocchio is not installed")
 def test_torques_are_pinocchios() -> None:
     import pinocchio as pin
 

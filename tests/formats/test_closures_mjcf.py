@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -15,8 +16,6 @@ from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from support.loop_frames import frames, residual
 from support.textbook_poses import Array
-
-mujoco = pytest.importorskip("mujoco")
 
 INERTIA = '<inertial pos="0.05 -0.02 0.11" mass="1.3" diaginertia="0.021 0.017 0.012"/>'
 TREE = f"""<mujoco><compiler angle="degree"/><worldbody>

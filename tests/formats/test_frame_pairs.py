@@ -84,7 +84,6 @@ def test_a_pair_is_a_weld_of_both_frames(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("unclosed")
 def test_sites_of_mjcf_meet(tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
     file = """<mujoco><compiler angle="radian"/><worldbody><site name="hook" pos="0.2 0 0" euler="0 0 0.4"/>
       <body name="a"><joint name="qa" axis="0 1 0"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
         <body name="arm" pos="0.1 0 0"><site name="tip" pos="0.2 0.5 0"/><site name="a"/><site/></body></body>

@@ -21,9 +21,6 @@ from echelon.formats.reading_options import ReadingOptions
 from support.mjcf_models import INERTIA, mechanism_of, model, read
 from support.paths import EXAMPLES
 
-pytest.importorskip("mujoco")
-
-
 # -- numbers -----------------------------------------------------------------------------------------------------------
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
 from echelon.mechanism.mechanism import Mechanism
 from support.float_regressor import float_regressor, random_states, standard_vector
 from support.mjcf_models import INERTIA, mechanism_of, model, read
-
-mujoco = pytest.importorskip("mujoco")
 
 MODELS = {
     "hinges with odd orientations": model(

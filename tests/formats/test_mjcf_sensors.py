@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -11,8 +12,6 @@ import echelon as ec
 from echelon.mechanism.mechanism import Mechanism
 from support.float_regressor import float_regressor, random_states, standard_vector
 from support.mjcf_models import INERTIA, model
-
-mujoco = pytest.importorskip("mujoco")
 
 BODIES = f"""
     <body name="a" pos="0.1 0 0.2" euler="10 20 30"><joint name="a" axis="0 1 0"/>{INERTIA}

@@ -14,7 +14,8 @@ from support.robot_files import pinocchio_model, robot_file
 
 @pytest.mark.parametrize("name", ["panda", "talos_full_v2", "romeo"])
 def test_fixed_links_are_where_pinocchio_has_them(name: str) -> None:
-    pin = pytest.importorskip("pinocchio")
+    import pinocchio as pin
+
     built = open_robot(robot_file(name)).built(ReadingOptions(tolerance=0, symbolic=False))
     robot, model = built.mechanism, pinocchio_model(robot_file(name), False)
     frames = {frame.name: frame for frame in model.frames if frame.type == pin.BODY}

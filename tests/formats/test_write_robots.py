@@ -17,7 +17,7 @@ from echelon.formats.writers.robot_writer import WrittenRobot, identified_robot
 from echelon.formats.writers.urdf_writer import generated_urdf
 from echelon.mechanism.mechanism import Mechanism
 from support.float_regressor import float_regressor, random_states
-from support.robot_files import has_pinocchio, robot_file
+from support.robot_files import robot_file
 from support.written_robots import (
     EXACT,
     assert_near,
@@ -46,8 +46,6 @@ def test_written_urdf_in_pinocchio_and_read_again(name: str, floating: bool) -> 
     assert geometry(again) == geometry(mechanism)
     assert_near(standard(again), values, 1e-14)
     states = random_states(mechanism, 2)
-    if not has_pinocchio():
-        return
     found = pinocchio_efforts(mechanism, written.text, states, floating)
     assert_near(found, float_regressor(mechanism, *states) @ values, 1e-12)
 
@@ -221,8 +219,6 @@ def test_bad_values_are_refused_by_name() -> None:
     ],
 )
 def test_files_of_other_robots_and_other_files_are_refused(name: str, text: str, problem: str, tmp_path: Path) -> None:
-    if "mujoco" in text:
-        pytest.importorskip("mujoco")
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=problem):
         identified_robot(pendulum(), solid(1, 0.1), open_robot(tmp_path / name))

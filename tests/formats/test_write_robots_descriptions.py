@@ -15,7 +15,6 @@ from echelon.formats.writers.robot_writer import identified_robot
 from echelon.mechanism.mechanism import Mechanism
 from support.float_regressor import float_regressor, random_states
 from support.paths import EXAMPLES
-from support.robot_files import has_pinocchio
 from support.written_robots import (
     EXACT,
     assert_near,
@@ -118,8 +117,7 @@ def test_urdf_of_a_description_in_pinocchio_and_read_again(name: str) -> None:
     again = reread(written, replace(EXACT, floating=floating, gravity=gravity))
     assert again.velocities == rigid.velocities
     assert_near(float_regressor(again, *states) @ standard(again), expected, 1e-11)
-    if has_pinocchio():
-        assert_near(pinocchio_efforts(again, written.text, states, floating), expected, 1e-12)
+    assert_near(pinocchio_efforts(again, written.text, states, floating), expected, 1e-12)
 
 
 @pytest.mark.parametrize(

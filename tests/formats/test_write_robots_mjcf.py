@@ -41,7 +41,8 @@ MJCFS = {
 
 
 def mujoco_efforts(text: str, states: tuple[np.ndarray, ...], folder: Path) -> np.ndarray:
-    mujoco = pytest.importorskip("mujoco")
+    import mujoco
+
     (folder / "simulated.xml").write_text(text)
     model = mujoco.MjModel.from_xml_path(str(folder / "simulated.xml"))
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
@@ -69,13 +70,11 @@ def check_mjcf(file: Path, folder: Path) -> WrittenRobot:
 @pytest.mark.filterwarnings("ignore:compiler attribute")
 @pytest.mark.parametrize("name", MJCFS)
 def test_written_mjcf_in_mujoco_and_read_again(name: str, tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
     (tmp_path / "in.xml").write_text(MJCFS[name])
     check_mjcf(tmp_path / "in.xml", tmp_path)
 
 
 def test_written_example_is_the_example_elsewhere(tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
     file = EXAMPLES / "two_link.xml"
     written = check_mjcf(file, tmp_path)
     kept = [line for line in file.read_text().splitlines() if "<inertial" not in line]
@@ -83,7 +82,6 @@ def test_written_example_is_the_example_elsewhere(tmp_path: Path) -> None:
 
 
 def test_includes_are_put_in_place_with_their_comments(tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "arm.xml").write_text(
         f"""<mujocoinclude><!-- an arm --><body name="a"><joint name="j"/>{BODY}
@@ -99,7 +97,6 @@ def test_includes_are_put_in_place_with_their_comments(tmp_path: Path) -> None:
 
 
 def test_missing_includes_stay_where_they_are(tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
     body = f'<body name="a"><joint name="j"/>{BODY}<geom type="mesh" mesh="gone"/></body>'
     text = f'<mujoco><include file="assets.xml"/><worldbody>{body}</worldbody></mujoco>'
     (tmp_path / "in.xml").write_text(text)
@@ -112,7 +109,6 @@ def test_missing_includes_stay_where_they_are(tmp_path: Path) -> None:
 
 
 def test_attached_models_are_written_out(tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
     (tmp_path / "child.xml").write_text(
         f"""<mujoco><compiler angle="radian"/><worldbody><body name="c" euler="0.123456789 0.2 0.3">
         <joint name="j" axis="1 2 3" ref="0.123456789"/>{BODY}<geom size="0.1"/></body></worldbody></mujoco>"""
@@ -128,7 +124,8 @@ def test_attached_models_are_written_out(tmp_path: Path) -> None:
 
 
 def test_drives_of_mjcf_become_attributes_of_joints(tmp_path: Path) -> None:
-    mujoco = pytest.importorskip("mujoco")
+    import mujoco
+
     (tmp_path / "in.xml").write_text(
         f"""<mujoco><default><joint damping="9" stiffness="4"/></default><worldbody><body name="a">
         <joint name="j" axis="0 1 0"/>{BODY}
@@ -159,7 +156,8 @@ def test_drives_of_mjcf_become_attributes_of_joints(tmp_path: Path) -> None:
 
 
 def test_held_joints_keep_next_to_no_mass(tmp_path: Path) -> None:
-    mujoco = pytest.importorskip("mujoco")
+    import mujoco
+
     (tmp_path / "in.xml").write_text(
         f"""<mujoco><worldbody><body name="a"><joint name="j"/>{BODY}<body name="b" pos="0 1 0"><joint name="k"/>{BODY}
         </body></body></worldbody><equality><joint joint1="k" polycoef="0.3 0 0 0 0"/></equality></mujoco>"""

@@ -14,6 +14,7 @@ from typing import Any
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
+import distributed
 import pytest
 
 from echelon.errors import InputError
@@ -21,7 +22,6 @@ from echelon.identification import cluster
 from echelon.identification.cluster import connect, each, versions
 from support.paths import TESTS
 
-distributed = pytest.importorskip("distributed")
 HERE = TESTS
 SCHEDULER = """
 import asyncio, sys
@@ -88,7 +88,6 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_strangers_cannot_reach_our_own_cluster() -> None:
     """Neither without keys nor with keys of their own; what speaks HTTP says nothing."""
-    pytest.importorskip("cryptography")
     with connect("1") as client:
         address = client.scheduler.address
         assert address.startswith("tls://127.0.0.1:")

@@ -21,8 +21,6 @@ from echelon.results.identified import identification_to_json
 from support.paths import TESTS
 from support.pendulum_logs import pendulum, write_logs
 
-pytest.importorskip("distributed")
-pytest.importorskip("cryptography")
 if TYPE_CHECKING:
     from distributed import Client
 

@@ -19,7 +19,8 @@ from support.physical_robots import model, observed, robot
 
 def cvxpy_fit(role: Roles, design: Any, target: Any, bodies: Any, weight: float) -> tuple[float, Any]:
     """The same problem written down in a modelling language."""
-    cp = pytest.importorskip("cvxpy")
+    import cvxpy as cp
+
     zeta = cp.Variable(role.size)
     loss = cp.sum_squares(design @ zeta - target)
     basis = [pseudo_inertia(e) for e in np.eye(10)]

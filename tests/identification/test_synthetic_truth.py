@@ -13,11 +13,12 @@ import pytest
 
 from echelon.identification.rows.rows import rows_taken
 from support.command_line import run
-from support.generated_code import compiled, tool
+from support.generated_code import compiled
 from support.simulated_models import Floats
 from support.simulated_results import FRESH, Result, assert_predicts, assert_same, params, result_of
 from support.simulated_robots import Motion, System
 from support.simulated_systems import motion_of
+from support.system_tools import tool
 
 
 @pytest.fixture(params=params())

@@ -52,7 +52,8 @@ def test_there_and_back(name: str, seed: int) -> None:
 
 
 def test_pinocchio() -> None:
-    pin = pytest.importorskip("pinocchio")
+    import pinocchio as pin
+
     for values in bodies(1):
         inertia = pin.Inertia.FromDynamicParameters(ec.convert(values, "echelon", "pinocchio"))
         np.testing.assert_allclose(inertia.toDynamicParameters(), ec.convert(values, "echelon", "pinocchio"), atol=1e-9)
@@ -65,7 +66,8 @@ def test_pinocchio() -> None:
 
 
 def test_frame_change_is_pinocchios_action() -> None:
-    pin = pytest.importorskip("pinocchio")
+    import pinocchio as pin
+
     for seed, values in enumerate(bodies(2)):
         frame = random_frame(seed)
         placement = pin.SE3(frame[:3, :3], frame[:3, 3])
@@ -76,7 +78,8 @@ def test_frame_change_is_pinocchios_action() -> None:
 
 
 def test_pinocchios_regressor_predicts_the_same_torques() -> None:
-    pin = pytest.importorskip("pinocchio")
+    import pinocchio as pin
+
     model = pin.buildSampleModelManipulator()
     rng = np.random.default_rng(3)
     q, v, a = (rng.uniform(-1, 1, model.nv) for _ in range(3))
@@ -89,7 +92,8 @@ def test_pinocchios_regressor_predicts_the_same_torques() -> None:
 
 
 def test_idyntree() -> None:
-    idyntree = pytest.importorskip("idyntree.bindings")
+    import idyntree.bindings as idyntree
+
     for values in bodies(4):
         inertia = idyntree.SpatialInertia()
         inertia.fromVector(idyntree.Vector10(ec.convert(values, "echelon", "idyntree").tolist()))
@@ -100,7 +104,8 @@ def test_idyntree() -> None:
 
 
 def test_mujoco_compiles_the_same_principal_axes() -> None:
-    mujoco = pytest.importorskip("mujoco")
+    import mujoco
+
     values = bodies(5)
     full = ec.convert(values, "echelon", "mujoco_full")
     text = "".join(

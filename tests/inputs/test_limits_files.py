@@ -15,7 +15,7 @@ from echelon.formats.robot_file import open_robot
 from echelon.formats.stated_limits import StatedLimits, stated_limits
 from support.mjcf_models import INERTIA, model
 from support.paths import ROOT
-from support.robot_files import has_pinocchio, pinocchio_model, robot_file, robot_files
+from support.robot_files import pinocchio_model, robot_file, robot_files
 from support.textbook_poses import Z, pose_of, turned
 
 LIMIT = "<limit lower='-1.5' upper='2' velocity='3' effort='40'/>"
@@ -122,7 +122,6 @@ def test_coupled_joints_count_without_the_offset_of_their_coupling(tmp_path: Pat
 
 
 def test_couplings_by_polynomials_and_tendons_count_without_their_offsets(tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
     joints = "".join(
         f'<body><joint name="{name}" type="slide" range="-1 2"/><geom size="0.1"/></body>' for name in "abc"
     )
@@ -151,7 +150,6 @@ def test_chains_of_couplings_count_without_their_offsets(tmp_path: Path) -> None
         np.testing.assert_allclose(pose_of(mechanism, 2, {"j3": end}), turned(Z, stated), atol=1e-12)
 
 
-@pytest.mark.skipif(not has_pinocchio(), reason="needs Pinocchio")
 @pytest.mark.parametrize("name", sorted(robot_files()))
 def test_pinocchio_reads_the_same(name: str) -> None:
     file = robot_file(name)
@@ -206,7 +204,8 @@ def test_balls_have_no_limits(tmp_path: Path, joint: str) -> None:
 
 def test_a_range_of_mjcf_means_the_same_pose(tmp_path: Path) -> None:
     """With a reference position and a coupling, an end of the range is where MuJoCo has the body at that end."""
-    mujoco = pytest.importorskip("mujoco")
+    import mujoco
+
     text = mjcf(
         'type="hinge" axis="0 0 1" range="-60 45" ref="30"',
         tail='<equality><joint joint1="j2" joint2="j1" polycoef="0.2 2 0 0 0"/></equality>',
@@ -240,7 +239,8 @@ def test_a_range_of_mjcf_means_the_same_pose(tmp_path: Path) -> None:
     ],
 )
 def test_efforts_of_mjcf_are_what_the_simulation_reaches(tmp_path: Path, joint: str, actuators: str) -> None:
-    mujoco = pytest.importorskip("mujoco")
+    import mujoco
+
     text = mjcf(f'type="hinge" axis="0 1 0" {joint}', actuators)
     found = limits_of(tmp_path, text)
     theirs = mujoco.MjModel.from_xml_string(text)

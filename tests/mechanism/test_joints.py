@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -19,8 +20,6 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import turn
 from support import textbook_arms as arms
 from support.float_regressor import float_regressor, random_states
-
-ca = pytest.importorskip("casadi", reason="CasADi is not installed")
 
 VALUES = {"a": "0.3", "b": "-0.45", "c": "0.2", "h": "0.05", "g": "9.81"}
 OFFSET = np.array([0.3, -0.45, 0.2])
@@ -237,7 +236,8 @@ NATIVE: dict[str, tuple[tuple[Step, ...], Callable[[Any], Any]]] = {
 
 @pytest.mark.parametrize("kind", NATIVE)
 def test_native_joint(kind: str) -> None:
-    pin = pytest.importorskip("pinocchio", reason="Pinocchio is not installed")
+    import pinocchio as pin
+
     steps, make = NATIVE[kind]
     mechanism = chain(steps, kind)
     zeta = np.random.default_rng(6).uniform(-1, 1, 30)

@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import echelon as ec
@@ -21,8 +22,6 @@ from support.float_regressor import float_regressor, random_states
 from support.paths import EXAMPLES
 from support.pinocchio_regressor import ORDER, pinocchio_regressor
 from support.robot_files import pinocchio_model, robot_file
-
-pin = pytest.importorskip("pinocchio", reason="Pinocchio is not installed")
 
 TURNED = 3e-8
 """Held angles are next to those that are asked for."""

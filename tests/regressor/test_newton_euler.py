@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,8 +17,6 @@ from echelon.regressor.virtual_power import virtual_power_form
 from support.float_regressor import FloatArray, float_regressor, random_states, standard_vector
 from support.random_mechanisms import mechanisms
 from support.robot_files import pinocchio_model, pinocchio_state, robot_file
-
-pin = pytest.importorskip("pinocchio", reason="Pinocchio is not installed")
 
 ROBOTS = ("ur10_robot", "panda", "so100", "a1", "z1", "kinova", "romeo", "talos_full_v2", "icub", "g1_29dof_rev_1_0")
 # joints that are continuous or prismatic, beside kinova's and panda's

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from echelon.report.preview import preview_html
-from support.browser import Browser, check_buttons, needs_browser, plots
+from support.browser import Browser, check_buttons, plots
 from support.preview_pages import broken, hostile, trajectory
-
-pytestmark = needs_browser
 
 # virtual time runs timers, but hardly draws frames: these come from timers too
 BROWSER = Browser("window.requestAnimationFrame = (step) => setTimeout(() => step(performance.now()), 16);")

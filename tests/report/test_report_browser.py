@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from echelon.report.report import report_html
-from support.browser import Browser, check_buttons, needs_browser, plots
+from support.browser import Browser, check_buttons, plots
 from support.report_data import bare, hostile, identification
-
-pytestmark = needs_browser
 
 BROWSER = Browser()
 DRIVER = """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,19 +11,16 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pytest
 
 from support.report_data import Page
+from support.system_tools import CHROMIUM, tool
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync", "--hide-scrollbars", "--enable-logging=stderr", "--v=0",
     "--virtual-time-budget=15000",
 )  # fmt: skip
 GUARD = "window.alert = () => console.error('an alert');"
-
-needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 
 
 @dataclass(frozen=True)
@@ -35,10 +31,9 @@ class Browser:
 
     def browse(self, folder: Path, html: str, *flags: str) -> tuple[str, list[str]]:
         """The document after its scripts have run, and what the console says."""
-        assert CHROMIUM is not None
         file = folder / "page.html"
         file.write_text(html.replace("<head>", f"<head><script>{GUARD}{self.script}</script>", 1), encoding="utf-8")
-        command = [CHROMIUM, *FLAGS, f"--user-data-dir={folder / 'profile'}", *flags, file.as_uri()]
+        command = [tool(*CHROMIUM), *FLAGS, f"--user-data-dir={folder / 'profile'}", *flags, file.as_uri()]
         done = subprocess.run(command, capture_output=True, timeout=120, check=True)
         said = [line for line in done.stderr.decode(errors="replace").splitlines() if "CONSOLE" in line]
         return done.stdout.decode(), said

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
-import shutil
 import subprocess
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,11 +13,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pytest
 
 from echelon.program.function import Function
 from echelon.program.schedule import FloatArithmetic, Schedule
 from support.paths import TESTS
+from support.system_tools import tool
 
 Floats = npt.NDArray[Any]
 Call = Callable[[Function, Mapping[str, Floats]], Floats]
@@ -40,14 +39,6 @@ def reference(function: Function, values: Mapping[str, Floats]) -> Floats:
         for index, row in zip(function.entries, rows, strict=True):
             result[(slice(None), *index)] = row
     return result
-
-
-def tool(name: str) -> str:
-    """The path of a program, or skip."""
-    found = shutil.which(name)
-    if found is None:
-        pytest.skip(f"{name} is not installed")
-    return found
 
 
 def compiled(command: list[str], library: Path) -> ctypes.CDLL:
@@ -195,13 +186,14 @@ def python(build: Build) -> Call:
 
 
 def jax(build: Build) -> Call:
-    found = pytest.importorskip("jax")
-    found.config.update("jax_enable_x64", build.precision == "double")
+    import jax as library
+
+    library.config.update("jax_enable_x64", build.precision == "double")
     loaded = module(build.folder / f"{build.robot}_jax.py")
 
     def call(function: Function, values: Mapping[str, Floats]) -> Floats:
         axes = tuple(None if a.uniform else 0 for a in function.arguments)
-        batch = found.jit(found.vmap(getattr(loaded, function.name), in_axes=axes))
+        batch = library.jit(library.vmap(getattr(loaded, function.name), in_axes=axes))
         result = np.asarray(batch(*(np.asarray(values[a.name], build.dtype) for a in function.arguments)))
         assert result.dtype == build.dtype
         return result
@@ -210,7 +202,6 @@ def jax(build: Build) -> Call:
 
 
 def casadi(build: Build) -> Call:
-    pytest.importorskip("casadi")
     loaded = module(build.folder / f"{build.robot}_casadi.py")
 
     def call(function: Function, values: Mapping[str, Floats]) -> Floats:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import numpy.typing as npt
-import pytest
-
-mujoco = pytest.importorskip("mujoco")
 
 Array = npt.NDArray[np.float64]
 

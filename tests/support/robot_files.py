@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sysconfig
 from dataclasses import dataclass
 from functools import cache
@@ -11,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pytest
 
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
@@ -23,7 +21,7 @@ EMPTY = ("ur3",)
 
 @cache
 def robot_files() -> dict[str, Path]:
-    """All valid URDF files by stem (anymal occurs twice); empty if the package is not installed."""
+    """All valid URDF files by stem (anymal occurs twice)."""
     root = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
     files: dict[str, Path] = {}
     for file in sorted(root.glob("*/*/*.urdf")):
@@ -34,14 +32,7 @@ def robot_files() -> dict[str, Path]:
 
 
 def robot_file(name: str) -> Path:
-    """One file, or skip."""
-    if name not in robot_files():
-        pytest.skip(f"the example-robot-data package with '{name}' is not installed")
     return robot_files()[name]
-
-
-def has_pinocchio() -> bool:
-    return importlib.util.find_spec("pinocchio") is not None
 
 
 @cache

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from echelon.conventions import PER_BODY
 from echelon.formats.reading_options import ReadingOptions
@@ -50,7 +49,8 @@ def assert_near(found: np.ndarray, expected: np.ndarray, tolerance: float) -> No
 
 def pinocchio_efforts(mechanism: Mechanism, text: str, states: tuple[np.ndarray, ...], floating: bool) -> np.ndarray:
     """Pinocchio's inverse dynamics of a URDF text at our states, in our coordinates."""
-    pin = pytest.importorskip("pinocchio", reason="Pinocchio is not installed")
+    import pinocchio as pin
+
     model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer()) if floating else pin.buildModelFromXML(text)
     gravity = mechanism.gravity
     model.gravity.linear = np.array([0.0] * 3 if gravity is None else [float(part.number) for part in gravity])
