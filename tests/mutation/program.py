@@ -121,8 +121,8 @@ FAULTS = (
     ),
     Fault(
         "program/circular.py",
-        "s * c_turn + c * s_turn",
-        "s * c_turn - c * s_turn",
+        "s * cosine + c * sine",
+        "s * cosine - c * sine",
         "sines of turned angles",
         "program/test_sympy_bridge.py::test_there_and_back",
     ),
