@@ -38,7 +38,7 @@ def rms(validation: Validation) -> list[float]:
 
 def overall(validation: Validation) -> float:
     """Over all rows but those near standstill, as published."""
-    rows, rms = (np.array([getattr(score, name) for score in validation.moving]) for name in ("rows", "rms"))
+    rows, rms = (np.array([getattr(score.moving, name) for score in validation.scores]) for name in ("rows", "rms"))
     return float(np.sqrt(rows @ np.square(rms) / rows.sum()))
 
 
@@ -119,8 +119,8 @@ def test_tx40_needs_its_coupled_wrist(tx40: tuple[Setup, Identification]) -> Non
     setup, coupled = tx40
     without = identify(changed(setup, known=dict.fromkeys(("Iam6", "fvm6", "fsm6"), 0.0)), [measured(TX40)])
     for joint in (4, 5):
-        assert coupled.validations[0].moving[joint].r2 > 0.97
-        assert without.validations[0].moving[joint].r2 < 0.93
+        assert coupled.validations[0].scores[joint].moving.r2 > 0.97
+        assert without.validations[0].scores[joint].moving.r2 < 0.93
 
 
 # -- double pendulum ---------------------------------------------------------------------------------------------------

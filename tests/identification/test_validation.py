@@ -17,10 +17,20 @@ import echelon as ec
 from echelon.identification.correlation import LAGS, Correlations, CorrelationSums
 from echelon.identification.rows.plan import split
 from echelon.identification.rows.rows import ModelRows
-from echelon.identification.validation import Score, Trace, TraceKeeper, Validation, thinned, validate
+from echelon.identification.validation import (
+    Fit,
+    Score,
+    Trace,
+    TraceKeeper,
+    Validation,
+    fit,
+    pooled,
+    thinned,
+    validated,
+)
 from echelon.identification.verdict import Grade, grade, overall_verdict, verdict
 from echelon.logs.recording import Samples
-from support.observation_rows import ArrayRows
+from support.observation_rows import ArrayRows, fit_of, judged_rows
 
 
 def direct(e: np.ndarray, present: np.ndarray, lag: int) -> float:
@@ -118,7 +128,7 @@ def test_scores_are_those_of_all_rows_at_once(seconds: float | None) -> None:
     values, prior = np.array([1.1, -2.0, 0.4]), np.zeros(3)
     keep = np.random.default_rng(7).uniform(size=(400, 2)) > 0.2
     W, y, rows = example(seconds=seconds, keep=keep)
-    found = validate(rows, values, role="validation", prior_values=prior)
+    found = judged_rows(rows, values, prior, role="validation")
     for output, (score, of_prior) in enumerate(zip(found.scores, found.prior_scores, strict=True)):
         measured = y[keep[:, output], output]
         for some, parameters in ((score, values), (of_prior, prior)):
@@ -128,7 +138,8 @@ def test_scores_are_those_of_all_rows_at_once(seconds: float | None) -> None:
             assert some.bias == pytest.approx(e.mean())
             assert some.percent == pytest.approx(100 * some.rms / np.ptp(measured))
             assert some.r2 == pytest.approx(1 - np.sum(e**2) / np.sum((measured - measured.mean()) ** 2), rel=1e-9)
-            assert some.whiteness == pytest.approx(correlations(np.flatnonzero(keep[:, output]), e).whiteness())
+        e = measured - W[keep[:, output], output] @ values
+        assert score.whiteness == pytest.approx(correlations(np.flatnonzero(keep[:, output]), e).whiteness())
     assert found.source == "arrays"
     np.testing.assert_array_equal(found.traces[0].measured, y[keep[:, 0], 0])
     np.testing.assert_allclose(found.traces[1].predicted, W[keep[:, 1], 1] @ values)
@@ -140,7 +151,7 @@ def test_r2_of_a_small_signal_on_a_large_offset() -> None:
     signal = np.random.default_rng(8).normal(size=300)
     W = np.stack([np.ones(300), signal], axis=1)[:, None]
     rows = ArrayRows.of(W, (1e9 + 1e-3 * signal)[:, None], seconds=0.05)
-    score = validate(rows, [1e9, 0.5e-3], role="validation").scores[0]
+    score = judged_rows(rows, [1e9, 0.5e-3], role="validation").scores[0]
     assert score.r2 == pytest.approx(0.75, abs=1e-3)
 
 
@@ -148,25 +159,28 @@ def test_a_perfect_model_and_a_constant_output() -> None:
     W = np.random.default_rng(9).normal(size=(50, 2, 2))
     y = W @ [1.0, 2.0]
     y[:, 1] = 3.0
-    found = validate(ArrayRows.of(W, y), [1.0, 2.0], role="identification")
+    found = judged_rows(ArrayRows.of(W, y), [1.0, 2.0], role="identification")
     assert found.scores[0].r2 == pytest.approx(1)
     assert np.isnan(found.scores[1].r2)
     assert "Nothing can be said of joint2" in found.verdict
 
 
-@pytest.mark.parametrize(
-    ("values", "role", "message"),
-    [([1.0], "validation", "expected 3"), ([1.0, np.nan, 0], "validation", "finite"), ([1, 2, 3], "test", "role")],
-)
-def test_wrong_calls_are_refused(values: list[float], role: str, message: str) -> None:
+@pytest.mark.parametrize(("values", "message"), [([1.0], "expected 6"), ([np.nan] * 6, "finite")])
+def test_wrong_values_are_refused(values: list[float], message: str) -> None:
+    rows = ModelRows.of(ec.base_parameters(ec.load("examples/double_pendulum.yaml")), [])
     with pytest.raises(ec.InputError, match=message):
-        validate(example()[2], values, role=role)
+        validated(rows, [], {"model": np.array(values)}, role="validation")
+
+
+def test_a_wrong_role_is_refused() -> None:
+    with pytest.raises(ec.InputError, match="role"):
+        judged_rows(example()[2], [1, 2, 3], role="test")
 
 
 def test_no_rows_are_refused() -> None:
     rows = ArrayRows.of(np.zeros((0, 1, 1)), np.zeros((0, 1)))
     with pytest.raises(ec.InputError, match="no rows"):
-        validate(rows, [0.0], role="validation")
+        judged_rows(rows, [0.0], role="validation")
 
 
 def test_a_fit_carries_over_to_the_held_out_end_of_its_log() -> None:
@@ -179,11 +193,12 @@ def test_a_fit_carries_over_to_the_held_out_end_of_its_log() -> None:
     qd, qdd = (rate * np.cos(rate * t + phase)).sum(axis=0), -(rate**2 * np.sin(rate * t + phase)).sum(axis=0)
     truth = np.array([0.4, 1.0, 0.1, 0.05, 0.3, -0.02])
     y = base.predict(q, qd, qdd, truth) + 0.05 * rng.normal(size=(2001, 2))
-    fit, rest = split(Samples("log", 0.0, 100.0, q, qd, qdd, y), 0.3)
-    rows, unseen = ModelRows.of(base, [fit]), ModelRows.of(base, [rest])
+    first, rest = split(Samples("log", 0.0, 100.0, q, qd, qdd, y), 0.3)
+    rows = ModelRows.of(base, [first])
     values = rows.observation().combined().solve()
-    seen = validate(rows, values, role="identification")
-    found = validate(unseen, values, role="validation", prior_values=1.2 * truth, identification=seen)
+    models = {"model": values, "prior": 1.2 * truth}
+    seen = validated(rows, [first], models, role="identification")
+    found = validated(rows, [rest], models, role="validation", identification=seen)
     assert [s.rows for s in found.scores] == [601, 601]
     for score in found.scores:
         assert score.rms == pytest.approx(0.05, rel=0.1)
@@ -193,6 +208,38 @@ def test_a_fit_carries_over_to_the_held_out_end_of_its_log() -> None:
     assert "beats the prior model on every output" in found.verdict
     assert "not white" not in found.verdict
     assert found.traces[0].time[0] == pytest.approx(14.0)
+
+
+def test_scores_of_logs_pool_to_those_of_all_their_rows() -> None:
+    rng = np.random.default_rng(13)
+    y, guess = 5 + rng.normal(size=(2, 300))
+    parts = [fit(y[a:b], guess[a:b]) for a, b in ((0, 50), (50, 50), (50, 300))]
+    whole = fit(y, guess)
+    for name in Fit.__dataclass_fields__:
+        assert getattr(parts[0] + parts[1] + parts[2], name) == pytest.approx(getattr(whole, name))
+    assert (parts[0] + parts[2]).r2 == pytest.approx(1 - np.sum((y - guess) ** 2) / np.sum((y - y.mean()) ** 2))
+    logs = [Validation("a", "validation", (Score("j1", "N·m", some, some, some),)) for some in (parts[0], parts[2])]
+    assert pooled(logs).scores[0].r2 == pytest.approx(whole.r2)
+    assert pooled(logs[:1]) is logs[0]
+
+
+def test_rows_near_rest_and_samples_without_a_filter_are_scored() -> None:
+    """Scores of all rows, of those that move, and of all samples; the noise of a sensor is what is white in it."""
+    base = ec.base_parameters(ec.load("examples/double_pendulum.yaml"))
+    rng = np.random.default_rng(14)
+    q, qd, qdd = np.sin(0.01 * np.arange(400)[:, None] + rng.normal(size=(3, 1, 2)))
+    truth = np.array([0.4, 1.0, 0.1, 0.05, 0.3, -0.02])
+    moving = rng.uniform(size=(400, 2)) > 0.4
+    clean = base.predict(q, qd, qdd, truth)
+    y = clean + np.where(moving, 0.1, 0.5) * rng.normal(size=clean.shape)
+    some = Samples("log", 0.0, 100.0, q, qd, qdd, y, reduction=Mean(), first=2, stop=398, moving=moving)  # type: ignore[arg-type]
+    found = validated(ModelRows.of(base, []), [some], {"model": truth}, role="validation").scores
+    for k, score in enumerate(found):
+        raw = (y - clean)[2:398, k]
+        assert score.raw.rms == pytest.approx(np.sqrt(np.mean(raw**2)))
+        assert score.whole.rms == pytest.approx(np.sqrt(np.mean(raw[::2] ** 2)))
+        assert score.moving.rms == pytest.approx(np.sqrt(np.mean(raw[::2][moving[2:398:2, k]] ** 2)))
+        assert score.noise == pytest.approx(score.raw.rms, rel=0.3)
 
 
 # -- traces -----------------------------------------------------------------------------------------------------------
@@ -223,7 +270,7 @@ def test_thinning_halves() -> None:
 
 def test_scores_do_not_depend_on_how_much_is_kept() -> None:
     _, _, rows = example(rows=2000, seconds=0.1)
-    full, few = (validate(rows, [1, 2, 3], role="validation", limit=limit) for limit in (10_000, 300))
+    full, few = (judged_rows(rows, [1, 2, 3], role="validation", limit=limit) for limit in (10_000, 300))
     assert full.scores == few.scores
     assert len(full.traces[0].time) == 2000
     assert len(few.traces[0].time) <= 300
@@ -234,13 +281,14 @@ def test_scores_do_not_depend_on_how_much_is_kept() -> None:
 
 
 def score(output: str = "j1", rms: float = 1.0, r2: float = 0.99, bias: float = 0.0, white: float = 0.5) -> Score:
-    return Score(output, "N·m", 100, rms, 1.0, r2, bias, 0.01, white)
+    found = fit_of(rms, r2, bias)
+    return Score(output, "N·m", found, found, found, 0.0, 0.01, white)
 
 
 def judged(*scores: Score, prior: Sequence[Score] = (), role: str = "validation") -> Validation:
     empty = np.zeros(0)
     return Validation(
-        "run2", role, scores, tuple(prior), tuple(Trace("j1", "", empty, empty, empty) for _ in scores), "", scores
+        "run2", role, scores, tuple(prior), (), tuple(Trace("j1", "", empty, empty, empty) for _ in scores)
     )
 
 
@@ -300,10 +348,10 @@ def test_the_verdict_of_an_overfitted_model() -> None:
     """Twenty parameters from thirty rows of noise."""
     rng = np.random.default_rng(11)
     W, y = rng.normal(size=(60, 1, 20)), rng.normal(size=(60, 1))
-    fit, rest = ArrayRows.of(W[:30], y[:30]), ArrayRows.of(W[30:], y[30:])
-    values = fit.observation().combined().solve()
-    seen = validate(fit, values, role="identification")
-    assert "overfitted" in validate(rest, values, role="validation", identification=seen).verdict
+    few, rest = ArrayRows.of(W[:30], y[:30]), ArrayRows.of(W[30:], y[30:])
+    values = few.observation().combined().solve()
+    seen = judged_rows(few, values, role="identification")
+    assert "overfitted" in judged_rows(rest, values, role="validation", identification=seen).verdict
 
 
 # -- what is held out -------------------------------------------------------------------------------------------------

@@ -141,7 +141,8 @@ def test_numbers_that_are_none() -> None:
     first, second = run.validations
     broken = np.full(300, nan)
     traces = (replace(first.traces[0], measured=broken), replace(first.traces[1], predicted=np.full(300, inf)))
-    scores = tuple(replace(s, rms=inf, percent=nan, r2=nan, bias=nan, whiteness=nan) for s in first.scores)
+    lost = replace(first.scores[0].whole, rms=inf, bias=nan, deviation=0.0, low=nan)
+    scores = tuple(replace(s, whole=lost, raw=lost, whiteness=nan) for s in first.scores)
     r = run.base.rank
     dirty = replace(
         run,

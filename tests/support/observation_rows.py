@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from echelon.identification.rows.rows import RowBlock
+from echelon.identification.validation import Fit, Predicted, Validation, validate
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import upper_triangle
@@ -107,10 +109,6 @@ class ArrayRows:
             **named,  # type: ignore[arg-type]
         )
 
-    def scored(self) -> Iterator[RowBlock]:
-        """All rows, which are all fitted."""
-        return self.blocks()
-
     def blocks(self) -> Iterator[RowBlock]:
         """All rows, in the order of time."""
         start = min((some[0] for some in self.times if some.size), default=0.0)
@@ -137,3 +135,26 @@ class ArrayRows:
         pairs = zip(self.matrices, self.y, strict=True)
         factors = tuple(upper_triangle(np.column_stack([matrix, y])) for matrix, y in pairs)
         return Observation(self.layout, factors, tuple(len(some) for some in self.y))
+
+
+def judged_rows(
+    rows: ArrayRows, values: npt.ArrayLike, prior: npt.ArrayLike | None = None, **options: Any
+) -> Validation:
+    """Validation of a model with given parameters on rows."""
+    models = {"model": values, **({} if prior is None else {"prior": prior})}
+    outputs = list(zip(rows.layout.outputs, rows.output_units, strict=True))
+    return validate(_signals(rows, list(models.values())), outputs, tuple(models), **options)
+
+
+def _signals(rows: ArrayRows, models: Sequence[npt.ArrayLike]) -> Iterator[Predicted]:
+    values = np.array(models, dtype=float).T
+    for block in rows.blocks():
+        guesses = tuple(M @ values[list(some)] for M, some in zip(block.matrices, rows.layout.columns, strict=True))
+        moving = tuple(np.ones(len(y), dtype=bool) for y in block.y)
+        yield Predicted(block.source, block.segment, block.times, block.y, guesses, moving)
+
+
+def fit_of(rms: float, r2: float, bias: float = 0.0, rows: int = 100, percent: float = 1.0) -> Fit:
+    """A fit with given figures, of values around zero."""
+    deviation = 0.0 if np.isnan(r2) else rms / np.sqrt(1 - r2) if r2 < 1 else 1.0
+    return Fit(rows, rms, bias, 0.0, deviation, 0.0, 100 * rms / percent)

@@ -15,7 +15,7 @@ from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.result import Identification
-from echelon.identification.validation import Score, Trace, Validation
+from echelon.identification.validation import Score, Trace, Validation, fit
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.preparation.settings import Preparation
 from support.paths import EXAMPLES
@@ -55,12 +55,8 @@ def motion(base: ec.BaseModel, time: Floats, rng: np.random.Generator) -> tuple[
 
 
 def score(trace: Trace, predicted: Floats) -> Score:
-    r = trace.measured - predicted
-    spread = trace.measured.var()
-    r2 = 1 - (r**2).mean() / spread if spread > 0 else float("nan")
-    rms = float(np.sqrt((r**2).mean()))
-    percent = 100 * rms / max(float(np.ptp(trace.measured)), 1e-300)
-    return Score(trace.output, trace.unit, len(r), rms, percent, float(r2), float(r.mean()), 0.013, 0.2)
+    found = fit(trace.measured, predicted)
+    return Score(trace.output, trace.unit, found, found, found, 0.01, 0.013, 0.2)
 
 
 def validation(
@@ -86,7 +82,7 @@ def validation(
     scores = tuple(score(t, t.predicted) for t in traces)
     prior_scores = tuple(score(t, t.prior) for t in traces if t.prior is not None)
     words = f"All {len(traces)} outputs are predicted within 3 % of their range."
-    return Validation(source, role, scores, prior_scores, traces, words, scores)
+    return Validation(source, role, scores, prior_scores, (), traces, words)
 
 
 def estimate_of(base: ec.BaseModel, values: Floats, std: Floats, rows: int) -> Estimate:

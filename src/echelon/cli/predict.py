@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,9 @@ from echelon.cli.destination import Destination
 from echelon.cli.screen import json_text, show, steps
 from echelon.errors import InputError, MissingExtraError
 from echelon.identification.predict import Prediction, predict_log
-from echelon.results.identified import load_identified
+from echelon.identification.validation import Score
+from echelon.logs.finding import counted
+from echelon.results.identified import load_identified, score_record
 
 SUMMARY = "echelon.prediction/1"
 _FORMATS = (".csv", ".parquet")
@@ -32,18 +34,19 @@ def run_predict(model: Path, log: Path, output: Destination | None, *, as_json: 
     if as_json:
         show(json_text(summary))
         return
-    for name, score in summary["outputs"].items():
-        show(f"{name}: {found.time.size} samples{_fit(score)}")
+    for score in found.scores:
+        show(f"{score.output}: {_fit(score)}")
+    rows = len(found.time)
+    unknown = rows - int(np.isfinite(found.predicted).all(axis=1).sum())
+    show(f"{counted(rows, 'row')} predicted" + f", {unknown} of them unknown: faulty, or between gaps" * bool(unknown))
     if output is not None:
         show(f"wrote {output.path}")
 
 
-def _fit(score: Mapping[str, Any]) -> str:
-    """How well an output fits, where it was measured; R² where it varies."""
-    if score["rms"] is None:
-        return ""
-    explained = "no R², because it does not vary" if score["r2"] is None else f"R² {score['r2']:.4f}"
-    return f" rms {score['rms']:.4g} {score['unit']}, {explained}"
+def _fit(score: Score) -> str:
+    """How well an output fits, after the filter of both sides and as it was measured; R² where it varies."""
+    explained = f"R² {score.r2:.4f}, unfiltered {score.raw.r2:.4f}" if isfinite(score.r2) else "no R²: it does not vary"
+    return f"rms {score.rms:.4g} {score.unit} ({score.percent:.2f} % of its range), {explained}"
 
 
 def _columns(found: Prediction) -> dict[str, Any]:
@@ -59,7 +62,7 @@ def _csv(found: Prediction) -> str:
     columns = _columns(found)
     names = ",".join(f'"{name.replace(chr(34), chr(34) * 2)}"' if set(name) & set(',"\n') else name for name in columns)
     rows = (",".join(map(repr, row)) for row in np.column_stack(list(columns.values())).tolist())
-    return "\n".join([names, *rows]) + "\n"
+    return "\n".join([names, *rows]).replace("nan", "") + "\n"
 
 
 def _parquet(found: Prediction) -> bytes:
@@ -74,14 +77,15 @@ def _parquet(found: Prediction) -> bytes:
 
 
 def _summary(found: Prediction, output: Path | None) -> dict[str, Any]:
-    scores = {
-        name: {"unit": unit, "rms": rms, "r2": r2}
-        for name, unit, rms, r2 in zip(found.outputs, found.units, *found.scores(), strict=True)
+    scores = {score.output: score for score in found.scores}
+    outputs = {
+        name: {"unit": unit, **({} if name not in scores else score_record(scores[name]))}
+        for name, unit in zip(found.outputs, found.units, strict=True)
     }
     return {
         "schema": SUMMARY,
         "source": found.source,
         "samples": int(found.time.size),
-        "outputs": scores,
+        "outputs": outputs,
         "file": None if output is None else str(output),
     }

@@ -29,7 +29,7 @@ from echelon.identification.result import Identification, fit_findings, limited
 from echelon.identification.rows.ingest import MEMORY
 from echelon.identification.rows.plan import Plan
 from echelon.identification.survey import Survey, survey
-from echelon.identification.validation import Validation
+from echelon.identification.validation import Models, Validation
 from echelon.identification.verdict import overall_verdict
 from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import Finding, Severity
@@ -120,8 +120,11 @@ def identify(
         )
 
         step("validating")
-        predicting = _predicting(settings, estimate, reduced, physical)
-        validations = _validations(data, predicting, prior_base, unseen_logs)
+        models = {"model": _predicting(settings, estimate, reduced, physical)}
+        models |= {} if prior_base is None else {"prior": prior_base}
+        plain = _without_friction(base, observation, noise)
+        models |= {} if plain is None else {"plain": plain}
+        validations = _validations(data, models, unseen_logs)
 
     findings = [Finding(Severity.NOTE, "assumed", setup.source, text) for text in setup.assumed]
     findings += [*surveyed.findings, *(() if prior is None else prior.findings)]
@@ -261,16 +264,32 @@ def _predicting(
     return values
 
 
-def _validations(
-    data: PassesOverData, values: Floats, prior: Floats | None, unseen_logs: Sequence[Path]
-) -> tuple[Validation, ...]:
+def _without_friction(base: BaseModel, observation: Observation, noise: Floats) -> Floats | None:
+    """Base parameters of a model fitted without friction, offsets and springs, shape (r,); None if there are none."""
+    mechanism = base.mechanism
+    inertial = {e.parameter for e in mechanism.effects if all("qdd" in action.term for action in e.actions)}
+    kept = [
+        k
+        for k, p in enumerate(base.matrix.pivots)
+        if mechanism.columns[p].body is not None or mechanism.parameters[p] in inertial
+    ]
+    if not kept or len(kept) == base.rank:
+        return None
+    triangle = observation.select(kept).combined(_weights(noise))
+    found = np.zeros(base.rank)
+    scales = np.where(triangle.scales == 0, 1.0, triangle.scales)
+    found[kept] = np.linalg.lstsq(triangle.R / scales, triangle.qty, rcond=None)[0] / scales
+    return found
+
+
+def _validations(data: PassesOverData, models: Models, unseen_logs: Sequence[Path]) -> tuple[Validation, ...]:
     seen: list[Task] = [(path, "first", "identification") for path in data.paths]
     unseen: list[Task] = [(path, "all", "validation") for path in unseen_logs]
     if data.plan.holdout:
         unseen = [(path, "last", "validation") for path in data.paths]
-    first = list(data.validations(values, prior, seen))
+    first = list(data.validations(models, seen))
     reference = first[0] if len(first) == 1 else None
-    return (*first, *data.validations(values, prior, unseen, reference))
+    return (*first, *data.validations(models, unseen, reference))
 
 
 def _record(setup: Setup, plan: Plan, surveyed: Survey) -> dict[str, Any]:

@@ -1,7 +1,12 @@
-"""Predictions of a log: what an identified model says the outputs were."""
+"""Predictions of a log: what an identified model says the outputs were, row by row of the log.
+
+States are known on the clocks of the log's stretches; what is predicted there is interpolated to the log's own time
+stamps.  The scores are those of validation: of the same log they are the same numbers.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,24 +16,30 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.identification.rows.plan import Plan
-from echelon.identification.rows.rows import rows_taken
-
-_ROUNDINGS = 64.0  # of a constant, that filters leave
+from echelon.identification.rows.rows import ModelRows
+from echelon.identification.validation import Score, validated
+from echelon.logs.preparation.prepare import at_rate
+from echelon.logs.preparation.states import needed, states, usable
+from echelon.logs.read_log import LogPiece, read_log
+from echelon.logs.recording import Samples, Segment
 
 
 @dataclass(frozen=True, repr=False)
 class Prediction:
-    """Predicted outputs of a log, after the filter of both sides.
+    """Predicted outputs of a log, at every row of it.
 
     Attributes
     ----------
     source : str
     outputs, units : tuple of str
     time : array of shape (N,)
-        s.
+        Time stamps of the log, s.
     predicted : array of shape (N, m)
+        nan where nothing can be predicted: in rows that were left out as faulty, or in a stretch that is too short.
     measured : array of shape (N, m), optional
-        Where the log has outputs; filtered like the prediction.
+        As logged, where the log has outputs.
+    scores : tuple of Score
+        One per output, where the log has outputs; those of :func:`echelon.identify` for the same log.
     """
 
     source: str
@@ -37,27 +48,14 @@ class Prediction:
     time: Floats
     predicted: Floats
     measured: Floats | None
-
-    def scores(self) -> tuple[list[float | None], list[float | None]]:
-        """Root mean square of measured − predicted, and R², of every output; None where there is nothing to explain."""
-        if self.measured is None:
-            return [None] * len(self.outputs), [None] * len(self.outputs)
-        squares = np.sum((self.measured - self.predicted) ** 2, axis=0)
-        spread = np.sum((self.measured - self.measured.mean(axis=0)) ** 2, axis=0)
-        rounding = len(self.measured) * (_ROUNDINGS * np.finfo(float).eps * np.abs(self.measured).max(axis=0)) ** 2
-        rms = np.sqrt(squares / len(self.measured))
-        r2 = [
-            None if total <= least else float(1 - part / total)
-            for part, total, least in zip(squares, spread, rounding, strict=True)
-        ]
-        return [float(value) for value in rms], r2
+    scores: tuple[Score, ...] = ()
 
     def __repr__(self) -> str:
         return f"Prediction({self.source}: {len(self.time)} samples × {len(self.outputs)} outputs)"
 
 
 def predict_log(plan: Plan, values: npt.ArrayLike, path: str | Path) -> Prediction:
-    """Predict the outputs of a log.
+    """Predict the outputs of a log, at every row of it.
 
     Parameters
     ----------
@@ -75,25 +73,57 @@ def predict_log(plan: Plan, values: npt.ArrayLike, path: str | Path) -> Predicti
     Raises
     ------
     InputError
-        If the log cannot be read, or nothing of it is left after its preparation.
+        If the log cannot be read, or nothing of it can be predicted.
     """
-    model = plan.rows([path])
-    times, predicted, measured = [], [], []
-    for samples in plan.samples(path, outputs=False):
-        whole = model.predict(samples, values)
-        time, rows, _ = rows_taken(samples, whole)
-        times.append(time)
-        predicted.append(rows)
-        if samples.y is not None:
-            measured.append(rows_taken(samples, samples.y)[1])
-    if not any(len(time) for time in times):
-        raise InputError("nothing of this log is left after its preparation", source=str(path))
+    model, zeta = plan.rows([path]), np.asarray(values, dtype=float)
+    recordings, predicted = [], []
+    for piece in _pieces(plan, path):
+        recordings.append(piece.recording)
+        predicted.append(_at_rows(plan, model, zeta, piece))
+    if not any(np.isfinite(some).any() for some in predicted):
+        problem = "nothing of this log can be predicted: its stretches without gaps are too short"
+        raise InputError(problem, source=str(path))
+    measured = [some.signals["y"] for some in recordings if "y" in some.signals]
     outputs = plan.base.mechanism.outputs
     return Prediction(
         str(path),
         tuple(output.name for output in outputs),
         tuple(output.unit for output in outputs),
-        np.concatenate(times),
+        np.concatenate([some.time for some in recordings]),
         np.concatenate(predicted),
         np.concatenate(measured) if measured else None,
+        validated(model, plan.samples(path), {"model": zeta}, role="validation").scores if measured else (),
     )
+
+
+def _pieces(plan: Plan, path: str | Path) -> Iterator[LogPiece]:
+    settings = plan.preparation
+    yield from read_log(
+        path, plan.base.mechanism, plan.columns, rate=settings.rate, symbols=plan.symbols, outputs=False
+    )
+
+
+def _at_rows(plan: Plan, model: ModelRows, values: Floats, piece: LogPiece) -> Floats:
+    """Predicted outputs at the time stamps of a piece, shape (N, m)."""
+    time, outputs = piece.recording.time, plan.base.mechanism.outputs
+    found = np.full((len(time), len(outputs)), np.nan)
+    delays = [(plan.preparation.delays or {}).get(output.name, 0.0) for output in outputs]
+    for start, rate, guess in _stretches(plan, model, values, piece.segments):
+        clock = start + np.arange(len(guess)) / rate
+        rows = np.flatnonzero((time > clock[0] - 0.5 / rate) & (time < clock[-1] + 0.5 / rate))
+        for k, delay in enumerate(delays):  # what was predicted shows in an output that is late
+            found[rows, k] = np.interp(time[rows] - delay, clock, guess[:, k])
+    return found
+
+
+def _stretches(
+    plan: Plan, model: ModelRows, values: Floats, segments: Iterable[Segment]
+) -> Iterator[tuple[float, float, Floats]]:
+    """Start (s), rate (Hz) and predicted outputs (N, m) of stretches that are long enough to be differentiated."""
+    mechanism = plan.base.mechanism
+    for segment in segments:
+        piece, settings = usable(segment, mechanism), at_rate(plan.preparation, segment.rate)
+        if len(piece) >= needed(piece.rate, settings):
+            q, qd, qdd = states(piece, settings, mechanism)
+            samples = Samples(piece.source, piece.start, piece.rate, q, qd, qdd, None, piece.inputs)
+            yield piece.start, piece.rate, model.predict(samples, values)

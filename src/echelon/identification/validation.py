@@ -1,27 +1,30 @@
 """Validation: measured against predicted outputs, on data the fit did not see.
 
-To be looked at, measured and predicted outputs are thinned.  Neighbouring rows form buckets, of which the rows with the
+What counts is how well a model predicts, never how near its parameters are to others: data say nothing of what they
+cannot see.  Nothing that was left out of the fit is left out of a score: all rows of the band that was fitted count,
+and beside them are the rows that move, and all samples as they were measured, without any filter.
+
+One pass is enough, in memory that does not grow with the log: scores come from sums, which also pool those of several
+logs, and of the traces a subset with all peaks is kept.  Neighbouring rows form buckets, of which the rows with the
 extremes of what is measured, of what is predicted and of their difference stay: every peak survives, at its time, and
 no value is invented.
-
-What counts is how well a model predicts, never how near its parameters are to others: data say nothing of what they
-cannot see.  One pass over the rows is enough, in memory that does not grow with the log: scores come from sums, and of
-the traces a subset with all peaks is kept.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import reduce
 
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
+from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
 from echelon.identification.correlation import LAGS, CorrelationSums
-from echelon.identification.rows.rows import RowBlock, Rows, ScoredRows
+from echelon.identification.rows.rows import ModelRows, Numbering, prefetched, rows_taken
 from echelon.identification.verdict import verdict
+from echelon.logs.recording import Samples
 
 LIMIT = 200_000
 """Rows of an output that are kept; more than any screen shows."""
@@ -70,6 +73,14 @@ class TraceKeeper:
 ROLES = ("identification", "validation")
 """Whether the fit saw the data."""
 
+Models = Mapping[str, Floats]
+"""Parameters of the models that are compared by name: the identified one first, then those of :data:`BESIDE`."""
+BESIDE = ("prior", "plain")
+"""What the identified model is compared with: the model one had before, and one without friction, fitted alike."""
+
+_DIFFERENCES = (1.0, -4.0, 6.0, -4.0, 1.0)
+"""Fourth differences, which take away what is smooth and leave white noise, with 70 times its variance."""
+
 
 @dataclass(frozen=True)
 class Trace:
@@ -92,21 +103,93 @@ class Trace:
 
 
 @dataclass(frozen=True)
+class Fit:
+    """How well a prediction fits some rows of an output.
+
+    Attributes
+    ----------
+    rows : int
+    rms : float
+        Root mean square of measured − predicted, unit of the output.
+    bias : float
+        Mean of measured − predicted.
+    mean, deviation, low, high : float
+        Of the measured values.
+    """
+
+    rows: int
+    rms: float
+    bias: float
+    mean: float
+    deviation: float
+    low: float
+    high: float
+
+    @property
+    def r2(self) -> float:
+        """Coefficient of determination 1 − Σ(y − ŷ)² / Σ(y − ȳ)²; nan where y is constant."""
+        # a spread within rounding of a constant is none
+        varies = self.deviation > 1e-12 * abs(self.mean)
+        return 1 - (self.rms / self.deviation) ** 2 if varies else float("nan")
+
+    @property
+    def percent(self) -> float:
+        """The root mean square in per cent of the range of the measured values."""
+        return 100 * self.rms / (self.high - self.low) if self.high > self.low else float("nan")
+
+    def __add__(self, other: Fit) -> Fit:
+        """Of both sets of rows; merged without cancellation (Chan, Golub and LeVeque 1983)."""
+        if not self.rows or not other.rows:
+            return self if self.rows else other
+        rows = self.rows + other.rows
+        mine, its = self.rows / rows, other.rows / rows
+        apart = (other.mean - self.mean) ** 2
+        return Fit(
+            rows,
+            float(np.sqrt(mine * self.rms**2 + its * other.rms**2)),
+            mine * self.bias + its * other.bias,
+            mine * self.mean + its * other.mean,
+            float(np.sqrt(mine * self.deviation**2 + its * other.deviation**2 + mine * its * apart)),
+            min(self.low, other.low),
+            max(self.high, other.high),
+        )
+
+
+_NAN = float("nan")
+EMPTY = Fit(0, *(_NAN,) * 6)
+
+
+def fit(measured: Floats, predicted: Floats) -> Fit:
+    """How well a prediction fits measured values, both of shape (k,)."""
+    if not len(measured):
+        return EMPTY
+    residual = measured - predicted
+    return Fit(
+        len(measured),
+        float(np.sqrt(np.mean(residual**2))),
+        float(residual.mean()),
+        float(measured.mean()),
+        float(measured.std()),
+        float(measured.min()),
+        float(measured.max()),
+    )
+
+
+@dataclass(frozen=True)
 class Score:
     """How well a prediction fits one output.
 
     Attributes
     ----------
     output, unit : str
-    rows : int
-    rms : float
-        Root mean square of measured − predicted, unit of the output.
-    percent : float
-        The same in per cent of the range of the measured values.
-    r2 : float
-        Coefficient of determination 1 − Σ(y − ŷ)² / Σ(y − ȳ)²; nan where y is constant.
-    bias : float
-        Mean of measured − predicted.
+    whole : Fit
+        All rows, after the filter of both sides.
+    moving : Fit
+        Those of them that move: what is fitted where dry friction makes rows near rest meaningless.
+    raw : Fit
+        All samples as they were measured, without a filter.
+    noise : float
+        Standard deviation of what is white in the measured samples: the noise of the sensor.
     correlation_time : float
         Integrated autocorrelation time of the residual, s: how far it is from white.
     whiteness : float
@@ -115,23 +198,61 @@ class Score:
 
     output: str
     unit: str
-    rows: int
-    rms: float
-    percent: float
-    r2: float
-    bias: float
-    correlation_time: float
-    whiteness: float
+    whole: Fit
+    moving: Fit
+    raw: Fit
+    noise: float = _NAN
+    correlation_time: float = _NAN
+    whiteness: float = _NAN
+
+    @property
+    def rows(self) -> int:
+        """Rows after the filter of both sides."""
+        return self.whole.rows
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of measured − predicted in all rows, unit of the output."""
+        return self.whole.rms
+
+    @property
+    def percent(self) -> float:
+        """The same in per cent of the range of the measured values."""
+        return self.whole.percent
+
+    @property
+    def r2(self) -> float:
+        """Coefficient of determination over all rows; nan where y is constant."""
+        return self.whole.r2
+
+    @property
+    def bias(self) -> float:
+        """Mean of measured − predicted in all rows."""
+        return self.whole.bias
 
     @property
     def r2_without_bias(self) -> float:
         """R² of what is left when the mean of the residual is taken off, as an offset of the sensor would be."""
         return self.r2 if self.rms == 0 else 1 - (1 - self.r2) * (1 - (self.bias / self.rms) ** 2)
 
+    @property
+    def is_below_noise(self) -> bool:
+        """Whether the output varies less than its sensor's noise, so that no model can explain it."""
+        return self.whole.deviation < self.noise
+
+    def __add__(self, other: Score) -> Score:
+        """Of the rows of two logs; of times and probabilities the worse."""
+        whole, moving, raw = (getattr(self, name) + getattr(other, name) for name in ("whole", "moving", "raw"))
+        weights = (self.raw.rows, other.raw.rows)
+        noise = float(np.sqrt(np.average([self.noise**2, other.noise**2], weights=weights))) if any(weights) else _NAN
+        time = float(np.fmax(self.correlation_time, other.correlation_time))
+        white = float(np.fmin(self.whiteness, other.whiteness))
+        return Score(self.output, self.unit, whole, moving, raw, noise, time, white)
+
 
 @dataclass(frozen=True)
 class Validation:
-    """A model's predictions of one log.
+    """A model's predictions of one log, or of several.
 
     Attributes
     ----------
@@ -141,132 +262,187 @@ class Validation:
         ``"identification"`` or ``"validation"``: whether the fit saw it.
     scores : tuple of Score
         Of the model, one per output.
-    prior_scores : tuple of Score
-        Of the prior model on the same data; empty without one.
+    prior_scores, plain_scores : tuple of Score
+        Of the model one had before, and of one that was fitted without friction; empty where there is none.
     traces : tuple of Trace
     verdict : str
         In words.
-    moving : tuple of Score
-        Of the model on the rows a fit takes, which are all but those near standstill, where friction has no direction.
     """
 
     source: str
     role: str
     scores: tuple[Score, ...]
-    prior_scores: tuple[Score, ...]
-    traces: tuple[Trace, ...]
-    verdict: str
-    moving: tuple[Score, ...]
+    prior_scores: tuple[Score, ...] = ()
+    plain_scores: tuple[Score, ...] = ()
+    traces: tuple[Trace, ...] = ()
+    verdict: str = ""
+
+    def beside(self, output: str) -> dict[str, Score]:
+        """Scores of the models that it is compared with, by their names."""
+        both = {"prior": self.prior_scores, "plain": self.plain_scores}
+        return {name: score for name, scores in both.items() for score in scores if score.output == output}
+
+
+def pooled(validations: Sequence[Validation]) -> Validation:
+    """Scores over all rows of several logs together; the traces stay with their logs."""
+    first = validations[0]
+    if len(validations) == 1:
+        return first
+    scores, prior, plain = (
+        tuple(reduce(Score.__add__, scores) for scores in zip(*(getattr(v, name) for v in validations), strict=True))
+        for name in ("scores", "prior_scores", "plain_scores")
+    )
+    found = Validation(f"{len(validations)} logs together", first.role, scores, prior, plain)
+    return replace(found, verdict=verdict(found))
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """Measured and predicted outputs of one stretch of a log; of each output an array, of models a column."""
+
+    source: str
+    segment: int  # counts uninterrupted stretches
+    times: tuple[Floats, ...]  # shape (k_i,), s
+    measured: tuple[Floats, ...]  # shape (k_i,), after the filter of both sides
+    predicted: tuple[Floats, ...]  # shape (k_i, models)
+    moving: tuple[Flags, ...]  # shape (k_i,)
+    samples: tuple[tuple[Floats, Floats], ...] = ()  # shapes (N,) and (N, models): without a filter
+
+
+def predicted(model: ModelRows, samples: Iterable[Samples], values: Sequence[Floats]) -> Iterator[Predicted]:
+    """What models with given base parameters predict, beside what was measured."""
+    numbering = Numbering()
+    for some in prefetched(samples):
+        if some.y is None:
+            raise InputError("the log holds no measured outputs", source=some.source)
+        yield _predicted(model, some, some.y, values, numbering.of(some))
+
+
+def _predicted(model: ModelRows, samples: Samples, y: Floats, values: Sequence[Floats], segment: int) -> Predicted:
+    guesses = np.stack([model.predict(samples, some) for some in values], axis=2)
+    times, measured, moving = rows_taken(samples, y)
+    rows = np.stack([rows_taken(samples, guesses[:, :, k])[1] for k in range(len(values))], axis=2)
+    inside, outputs = slice(samples.first, samples.stop), range(y.shape[1])
+    flags = np.ones(measured.shape, dtype=bool) if moving is None else moving
+    return Predicted(
+        samples.source,
+        segment,
+        (times,) * len(outputs),
+        tuple(measured.T),
+        tuple(rows[:, i] for i in outputs),
+        tuple(flags.T),
+        tuple((y[inside, i], guesses[inside, i]) for i in outputs),
+    )
+
+
+def validated(
+    model: ModelRows,
+    samples: Iterable[Samples],
+    models: Models,
+    *,
+    role: str,
+    identification: Validation | None = None,
+    limit: int = LIMIT,
+) -> Validation:
+    """Scores of models with given base parameters on prepared samples."""
+    values = [_checked(model, some, name) for name, some in models.items()]
+    outputs = tuple(zip(model.layout.outputs, model.output_units, strict=True))
+    signals = predicted(model, samples, values)
+    return validate(signals, outputs, tuple(models), role=role, identification=identification, limit=limit)
 
 
 def validate(
-    rows: ScoredRows,
-    values: npt.ArrayLike,
+    signals: Iterable[Predicted],
+    outputs: Sequence[tuple[str, str]],
+    models: Sequence[str] = ("model",),
     *,
     role: str,
-    prior_values: npt.ArrayLike | None = None,
     identification: Validation | None = None,
     limit: int = LIMIT,
     lags: int = LAGS,
 ) -> Validation:
-    """Compare measured and predicted outputs."""
+    """Compare measured and predicted outputs, which are given with their units."""
     if role not in ROLES:
         raise InputError(f"role is '{role}'; expected 'identification' or 'validation'")
-    zeta = _checked(rows, values, "values")
-    prior = None if prior_values is None else _checked(rows, prior_values, "prior_values")
-    tallies = [_Tally(prior is not None, limit, lags) for _ in rows.layout.outputs]
-    moving = [_Tally(False, 0, lags) for _ in rows.layout.outputs]
+    prior = models.index("prior") if "prior" in models else None
+    tallies = [_Tally(len(models), prior, limit, lags) for _ in outputs]
     sources: dict[str, None] = {}
-    for block in rows.scored():
-        sources.setdefault(block.source)
-        fitted = block.fitted
-        for output, columns in enumerate(rows.layout.columns):
-            tallies[output].add(block, output, columns, zeta, prior)
-            moving[output].add(fitted, output, columns, zeta, None)
-    if not any(tally.count for tally in tallies):
+    for some in signals:
+        sources.setdefault(some.source)
+        for output, tally in enumerate(tallies):
+            tally.add(some, output)
+    if not any(tally.whole[0].rows for tally in tallies):
         raise InputError("there are no rows to predict: filters, gaps or slow motion left nothing")
-    outputs = list(zip(rows.layout.outputs, rows.output_units, strict=True))
-    found = Validation(
-        ", ".join(sources),
-        role,
-        tuple(tally.score(0, *output) for tally, output in zip(tallies, outputs, strict=True)),
-        () if prior is None else tuple(tally.score(1, *output) for tally, output in zip(tallies, outputs, strict=True)),
-        tuple(tally.trace(*output) for tally, output in zip(tallies, outputs, strict=True)),
-        "",
-        tuple(tally.score(0, *output) for tally, output in zip(moving, outputs, strict=True)),
-    )
+    named = list(zip(tallies, outputs, strict=True))
+    scores = {name: tuple(t.score(k, *output) for t, output in named) for k, name in enumerate(models)}
+    prior_scores, plain_scores = (scores.get(name, ()) for name in BESIDE)
+    traces = tuple(tally.trace(*output) for tally, output in named)
+    found = Validation(", ".join(sources), role, scores[models[0]], prior_scores, plain_scores, traces)
     return replace(found, verdict=verdict(found, identification))
 
 
+@dataclass
 class _Tally:
-    """What is kept of one output's rows: sums for the scores of model and prior, and a trace."""
+    """What is kept of one output's rows: sums for the scores of every model, and a trace."""
 
-    def __init__(self, prior: bool, limit: int, lags: int) -> None:
-        self.count = 0
-        self._mean = self._spread = 0.0
-        self._range = (np.inf, -np.inf)
-        models = 2 if prior else 1
-        self._squares, self._bias = np.zeros(models), np.zeros(models)
-        self._correlations = [CorrelationSums(lags) for _ in range(models)]
-        self._limit, self._trace = limit, TraceKeeper(limit)
+    models: int
+    prior: int | None
+    limit: int
+    lags: int
+    whole: list[Fit] = field(init=False)
+    moving: list[Fit] = field(init=False)
+    raw: list[Fit] = field(init=False)
 
-    def add(self, block: RowBlock, output: int, columns: tuple[int, ...], values: Floats, prior: Floats | None) -> None:
-        """Take in an output's rows of a block."""
-        y, matrix, times = block.y[output], block.matrices[output], block.times[output]
-        if not len(y):
-            return
-        chosen = list(columns)
-        predicted = [matrix @ some[chosen] for some in (values, prior) if some is not None]
-        self._measure(y)
-        where: Hashable = (block.source, block.segment)
-        for k, some in enumerate(predicted):
-            residual = y - some
-            self._squares[k] += residual @ residual
-            self._bias[k] += residual.sum()
-            self._correlations[k].add(times, residual, where)
-        if self._limit:
-            self._trace.add(np.stack([times, y, *predicted], axis=1))
+    def __post_init__(self) -> None:
+        self.whole, self.moving, self.raw = ([EMPTY] * self.models for _ in range(3))
+        self._squares, self._count = 0.0, 0
+        self._correlations, self._trace = CorrelationSums(self.lags), TraceKeeper(self.limit)
 
-    def _measure(self, y: Floats) -> None:
-        """Mean and spread of what is measured, merged without cancellation (Chan, Golub and LeVeque 1983)."""
-        k, mean = len(y), float(y.mean())
-        total, apart = self.count + k, mean - self._mean
-        self._spread += float(np.sum((y - mean) ** 2)) + apart**2 * self.count * k / total
-        self._mean += apart * k / total
-        self._range = (min(self._range[0], float(y.min())), max(self._range[1], float(y.max())))
-        self.count = total
+    def add(self, some: Predicted, output: int) -> None:
+        """Take in an output's rows of a stretch."""
+        times, y, guesses, moving = (
+            some.times[output],
+            some.measured[output],
+            some.predicted[output],
+            some.moving[output],
+        )
+        raw, raw_guesses = some.samples[output] if some.samples else (y[:0], guesses[:0])
+        for k in range(self.models):
+            self.whole[k] += fit(y, guesses[:, k])
+            self.moving[k] += fit(y[moving], guesses[moving, k])
+            self.raw[k] += fit(raw, raw_guesses[:, k])
+        if len(raw) >= len(_DIFFERENCES):
+            differences = np.convolve(raw, _DIFFERENCES, "valid")
+            self._squares += float(differences @ differences)
+            self._count += len(differences)
+        if len(y):
+            where: Hashable = (some.source, some.segment)
+            self._correlations.add(times, y - guesses[:, 0], where)
+            shown = [0] if self.prior is None else [0, self.prior]
+            self._trace.add(np.column_stack([times, y, guesses[:, shown]]))
 
     def score(self, model: int, output: str, unit: str) -> Score:
-        """Score of the model (0) or the prior (1)."""
-        nan = float("nan")
-        if not self.count:
-            return Score(output, unit, 0, nan, nan, nan, nan, nan, nan)
-        squares, found = float(self._squares[model]), self._correlations[model].result()
-        rms = float(np.sqrt(squares / self.count))
-        reach = self._range[1] - self._range[0]
-        # a spread within rounding of a constant is none
-        varies = self._spread > (1e-12 * self._mean) ** 2 * self.count
-        return Score(
-            output,
-            unit,
-            self.count,
-            rms,
-            100 * rms / reach if reach > 0 else nan,
-            1 - squares / self._spread if varies else nan,
-            float(self._bias[model]) / self.count,
-            found.time,
-            found.whiteness(),
+        """Score of a model; how white its residual is, is known of the first one."""
+        noise = (
+            float(np.sqrt(self._squares / self._count / np.dot(_DIFFERENCES, _DIFFERENCES))) if self._count else _NAN
         )
+        found = Score(output, unit, self.whole[model], self.moving[model], self.raw[model], noise)
+        if model or not found.rows:
+            return found
+        correlations = self._correlations.result()
+        return replace(found, correlation_time=correlations.time, whiteness=correlations.whiteness())
 
     def trace(self, output: str, unit: str) -> Trace:
         """What is kept to look at."""
-        kept = self._trace.rows(2 + len(self._squares))
-        return Trace(output, unit, kept[:, 0], kept[:, 1], kept[:, 2], kept[:, 3] if len(self._squares) > 1 else None)
+        kept = self._trace.rows(4 if self.prior is not None else 3)
+        time, measured, predicted = kept[:, :3].T
+        return Trace(output, unit, time, measured, predicted, None if self.prior is None else kept[:, 3])
 
 
-def _checked(rows: Rows, values: npt.ArrayLike, name: str) -> Floats:
+def _checked(model: ModelRows, values: npt.ArrayLike, name: str) -> Floats:
     found = np.asarray(values, dtype=float)
-    n = len(rows.layout.parameters)
+    n = len(model.layout.parameters)
     if found.shape != (n,) or not np.isfinite(found).all():
-        raise InputError(f"{name} have shape {found.shape}; expected {n} finite numbers, one for each parameter")
+        problem = f"values of the {name} model have shape {found.shape}; expected {n} finite numbers, one per parameter"
+        raise InputError(problem)
     return found

@@ -19,7 +19,7 @@ from echelon.logs.faults.plausibility import check_plausible, surplus_columns
 from echelon.logs.files.open_log import open_log
 from echelon.logs.finding import Finding
 from echelon.logs.preparation.segments import segments
-from echelon.logs.recording import Segment
+from echelon.logs.recording import Recording, Segment
 from echelon.mechanism.mechanism import Mechanism
 
 
@@ -30,6 +30,7 @@ class LogPiece:
     segments: tuple[Segment, ...]  # its uninterrupted stretches
     findings: tuple[Finding, ...]  # what is wrong with it, or worth knowing
     columns: ColumnMap  # what its columns were taken for
+    recording: Recording  # as it was logged, row by row
 
 
 def read_log(
@@ -59,7 +60,7 @@ def read_log(
         findings += check_plausible(recorded, mechanism, chosen)
         faults, usable = examine(recorded, mechanism, whole=whole)
         parts, more = segments(recorded, mechanism, usable, rate=rate, whole=whole)
-        yield LogPiece(parts, (*findings, *faults, *more), chosen)
+        yield LogPiece(parts, (*findings, *faults, *more), chosen, recorded)
         findings, table, following = (), following, next(tables, None)
 
 

@@ -24,6 +24,7 @@ from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.result import Identification
 from echelon.identification.rows.plan import Plan
+from echelon.identification.validation import Score, Validation
 from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json
 from echelon.logs.columns.column_map import ColumnMap
@@ -33,9 +34,11 @@ from echelon.results.schema import (
     ConditioningRecord,
     EstimateRecord,
     FeasibilityRecord,
+    FitRecord,
     IdentifiedRecord,
     ParameterRecord,
     PhysicalRecord,
+    ScoreRecord,
     ValidationRecord,
     checked,
     made,
@@ -132,7 +135,7 @@ def identification_document(result: Identification) -> dict[str, Any]:
         conditioning=record_of(ConditioningRecord, result.conditioning),
         feasibility=None if result.feasibility is None else record_of(FeasibilityRecord, result.feasibility),
         physical=None if result.physical is None else _physical(result.physical),
-        validations=[record_of(ValidationRecord, validation) for validation in result.validations],
+        validations=list(map(_validation, result.validations)),
         logs=_logs(result),
         columns=settings.pop("columns", []),
         preparation={key: _number_or_text(value) for key, value in result.preparation},
@@ -160,6 +163,23 @@ def _estimate(estimate: Estimate, result: Identification) -> dict[str, Any]:
         noise=dict(zip(estimate.outputs, estimate.noise, strict=True)),
         rows=dict(zip(estimate.outputs, estimate.rows, strict=True)),
     )
+
+
+def _validation(found: Validation) -> dict[str, Any]:
+    return record_of(
+        ValidationRecord,
+        found,
+        scores=list(map(score_record, found.scores)),
+        prior_scores=list(map(score_record, found.prior_scores)),
+        plain_scores=list(map(score_record, found.plain_scores)),
+    )
+
+
+def score_record(score: Score) -> dict[str, Any]:
+    """A score as JSON-able data; null where JSON has no number."""
+    fits = {name: record_of(FitRecord, getattr(score, name)) for name in ("whole", "moving", "raw")}
+    found: dict[str, Any] = _plain(record_of(ScoreRecord, score, **fits))
+    return found
 
 
 def _physical(fit: PhysicalFit) -> dict[str, Any]:

@@ -296,16 +296,25 @@ class PhysicalRecord(_Finite):
     diagnostics: dict[str, Any]
 
 
+class FitRecord(_Finite):
+    """How well predictions fit some rows of an output; null where undefined."""
+
+    rows: int
+    rms: float | None = Field(description="Root mean square of measured − predicted, unit of the output.")
+    percent: float | None = Field(description="The same in per cent of the range of the measured values.")
+    r2: float | None = Field(description="Coefficient of determination.")
+    bias: float | None = Field(description="Mean of measured − predicted.")
+
+
 class ScoreRecord(_Finite):
     """How well predictions fit one output; null where undefined."""
 
     output: str
     unit: str
-    rows: int
-    rms: float | None
-    percent: float | None
-    r2: float | None
-    bias: float | None
+    whole: FitRecord = Field(description="All rows, after the filter of both sides.")
+    moving: FitRecord = Field(description="Those of them that move.")
+    raw: FitRecord = Field(description="All samples, without a filter.")
+    noise: float | None = Field(description="Standard deviation of white noise in the measured samples.")
     correlation_time: float | None
     whiteness: float | None
 
@@ -316,8 +325,8 @@ class ValidationRecord(_Finite):
     source: str
     role: Literal["identification", "validation"]
     scores: list[ScoreRecord]
-    moving: list[ScoreRecord] = Field(description="The same without rows near standstill.")
-    prior_scores: list[ScoreRecord]
+    prior_scores: list[ScoreRecord] = Field(description="Of the model one had before.")
+    plain_scores: list[ScoreRecord] = Field(description="Of a model that was fitted without friction.")
     verdict: str
 
 

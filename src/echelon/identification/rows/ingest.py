@@ -1,29 +1,26 @@
 """Taking in a log: everything that is wanted of it, in one pass.
 
 Reading, looking for faults and preparing cost more than factoring, so that a log is gone through once: its R-factors
-are kept, which are small, and its rows for as long as there is memory for them.  Where there is not, validation reads
-the log again, and then filters predictions alone, a few signals instead of all columns of the regressor.
+are kept, which are small, and its prepared samples for as long as there is memory for them.  Where there is not,
+validation reads the log again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
-
-from echelon.arrays import Floats
 from echelon.identification.rows.batches import Batch, Batcher
-from echelon.identification.rows.plan import Part, Plan
-from echelon.identification.rows.rows import ModelRows, Numbering, RowBlock, observed, plain, prefetched, rows_taken
+from echelon.identification.rows.plan import Plan
+from echelon.identification.rows.rows import ModelRows, Numbering, RowBlock, observed, plain, prefetched
 from echelon.logs.recording import Samples
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
 
 MEMORY = 1 << 28
-"""Bytes of rows that are kept between passes over the logs unless said otherwise; what goes beyond is read again."""
+"""Bytes of samples that are kept between passes over the logs unless said otherwise; what goes beyond is read again."""
 
 
 @dataclass(frozen=True)
@@ -32,62 +29,31 @@ class Ingested:
 
     path: Path
     batches: tuple[Batch, ...]  # R-factors of what is fitted, in stretches of time
-    kept: dict[Part, KeptRows]  # rows of what is fitted and of what is held out
+    samples: tuple[Samples, ...] | None  # all that the log has; None where there is no memory for it
 
     @property
     def bytes(self) -> int:
-        """Memory that rows take."""
-        return sum(rows.bytes for rows in self.kept.values())
+        """Memory that samples take."""
+        return sum(map(_bytes, self.samples or ()))
 
 
-@dataclass(frozen=True)
+@dataclass
 class KeptRows:
-    """Rows that are in memory; see :class:`echelon.identification.rows.rows.Rows`."""
-
-    layout: Layout
-    units: tuple[str, ...]
-    output_units: tuple[str, ...]
-    kept: tuple[RowBlock, ...]
-
-    @property
-    def bytes(self) -> int:
-        """Memory that they take."""
-        return sum(map(_bytes, self.kept))
-
-    def blocks(self) -> Iterator[RowBlock]:
-        """The rows that are fitted, in the order of time."""
-        return (block.fitted for block in self.kept)
-
-    def scored(self) -> Iterator[RowBlock]:
-        """All rows, in the order of time."""
-        return iter(self.kept)
-
-    def observation(self) -> Observation:
-        """The R-factors of the rows that are fitted."""
-        return ModelRows.factored(self.layout, self.kept)
-
-
-@dataclass(frozen=True)
-class PredictedRows:
-    """Predictions of a log in place of rows: what W ζ is for the model, and for the model one had before.
-
-    They are rows of a layout with a parameter for each model, which is 1 for that model and 0 for the other.
-    """
+    """Rows that stay in memory after the first pass, if there is room for them."""
 
     model: ModelRows
-    values: tuple[Floats, ...]  # shape (r,); base parameters of one or two models
+    memory: int = MEMORY
+    _kept: tuple[RowBlock, ...] = field(default=(), init=False)
 
     @property
     def layout(self) -> Layout:
-        """Outputs, and the models as parameters."""
-        names = ("model", "prior")[: len(self.values)]
-        outputs = self.model.layout.outputs
-        return Layout(outputs, names, (tuple(range(len(names))),) * len(outputs))
+        """Outputs, base parameters, and which of them each output can depend on."""
+        return self.model.layout
 
     @property
     def units(self) -> tuple[str, ...]:
-        """The models have none."""
-        return ("",) * len(self.values)
+        """SI units of the base parameters."""
+        return self.model.units
 
     @property
     def output_units(self) -> tuple[str, ...]:
@@ -95,82 +61,57 @@ class PredictedRows:
         return self.model.output_units
 
     def blocks(self) -> Iterator[RowBlock]:
-        """The rows that are fitted, in the order of time."""
-        return (block.fitted for block in self.scored())
-
-    def scored(self) -> Iterator[RowBlock]:
         """All rows, in the order of time."""
-        numbering = Numbering()
-        for samples in prefetched(self.model.source()):
-            yield self._block(samples, numbering.of(samples))
+        if self._kept:
+            yield from self._kept
+            return
+        kept: list[RowBlock] = []
+        left = self.memory
+        for block in self.model.blocks():
+            left -= sum(some.nbytes for parts in (block.times, block.matrices, block.y) for some in parts)
+            kept = [*kept, block] if left >= 0 else []
+            yield block
+        self._kept = tuple(kept) if left >= 0 else ()
 
     def observation(self) -> Observation:
-        """The R-factors of the rows that are fitted."""
+        """The R-factors of all rows."""
         return ModelRows.factored(self.layout, self.blocks())
-
-    def _block(self, samples: Samples, segment: int) -> RowBlock:
-        assert samples.y is not None
-        times, y, moving = rows_taken(samples, samples.y)
-        predicted = [rows_taken(samples, self.model.predict(samples, some))[1] for some in self.values]
-        matrices = tuple(np.stack(predicted, axis=2).transpose(1, 0, 2))
-        flags = None if moving is None else tuple(moving.T)
-        return RowBlock(samples.source, segment, (times,) * len(matrices), matrices, tuple(y.T), flags)
 
 
 def ingest(plan: Plan, path: Path, count: int, memory: int = 0) -> Ingested:
-    """Take in a log."""
+    """Take in a log; its samples are kept if they need no more than so many bytes."""
     ingestion = _Ingestion(plan, count, memory)
     for block in prefetched(ingestion.blocks(prefetched(plan.samples(path)))):
         ingestion.factor(block)
-    return Ingested(path, ingestion.batcher.batches(), ingestion.kept())
+    return Ingested(path, ingestion.batcher.batches(), ingestion.samples)
 
 
 class _Ingestion:
     def __init__(self, plan: Plan, count: int, memory: int) -> None:
         self._plan, self._memory = plan, memory
         self._model = plan.rows([])
+        self._numbering = Numbering()
         self.batcher = Batcher(count)
-        self._parts: tuple[Part, ...] = ("first", "last") if plan.holdout else ("first",)
-        self._blocks: dict[Part, list[RowBlock]] = {part: [] for part in self._parts}
-        self._numbering: dict[Part, Numbering] = {part: Numbering() for part in self._parts}
+        self.samples: tuple[Samples, ...] | None = ()
 
     def blocks(self, samples: Iterable[Samples]) -> Iterator[RowBlock]:
-        """Rows that are to be factored; those of other samples are kept, or factored without being formed."""
+        """Rows of what is fitted that are to be factored; those without a filter are factored without being formed."""
         for some in samples:
-            for part in self._parts:
-                for piece in self._plan.parts(some, part):
-                    yield from self._blocks_of(part, piece)
+            self._keep(some)
+            for piece in self._plan.parts(some, "first"):
+                stop = len(piece) if piece.stop is None else piece.stop
+                self.batcher.begin(piece.start + piece.first / piece.rate, (stop - piece.first) / piece.rate)
+                if plain(piece):
+                    self._fused(piece, stop)
+                else:
+                    yield from self._model.blocks_of(piece, self._numbering.of(piece))
 
     def factor(self, block: RowBlock) -> None:
-        for piece in self.batcher.pieces(block.fitted):
+        for piece in self.batcher.pieces(block):
             ends = [time for times in piece.times if times.size for time in (times[0], times[-1])]
             self.batcher.add(block.source, min(ends), max(ends), observed(self._model.layout, piece))
 
-    def kept(self) -> dict[Part, KeptRows]:
-        model = self._model
-        return {
-            part: KeptRows(model.layout, model.units, model.output_units, tuple(blocks))
-            for part, blocks in self._blocks.items()
-        }
-
-    def _blocks_of(self, part: Part, samples: Samples) -> Iterator[RowBlock]:
-        if part == "first":
-            stop = len(samples) if samples.stop is None else samples.stop
-            start = samples.start + samples.first / samples.rate
-            self.batcher.begin(start, (stop - samples.first) / samples.rate)
-        if plain(samples):
-            # rows of every sample would not fit into memory for long, and need not be formed to be factored
-            self._blocks = {}
-            if part == "first":
-                self._fused(samples)
-        elif part == "first" or part in self._blocks:
-            for block in self._model.blocks_of(samples, self._numbering[part].of(samples)):
-                self._keep(part, block)
-                if part == "first":
-                    yield block
-
-    def _fused(self, samples: Samples) -> None:
-        stop = len(samples) if samples.stop is None else samples.stop
+    def _fused(self, samples: Samples, stop: int) -> None:
         cuts = self.batcher.cuts(*(samples.start + k / samples.rate for k in (samples.first, stop)))
         places = [samples.first, *(round((cut - samples.start) * samples.rate) for cut in cuts[1:-1]), stop]
         for first, last in pairwise(places):
@@ -180,21 +121,14 @@ class _Ingestion:
                 found = ModelRows.of(self._plan.base, [part], self._plan.symbols).observation()
                 self.batcher.add(samples.source, start, end, found)
 
-    def _keep(self, part: Part, block: RowBlock) -> None:
-        """Keep rows for as long as there is memory: of all that the log has, or of none."""
-        if part not in self._blocks:
+    def _keep(self, samples: Samples) -> None:
+        """Keep samples for as long as there is memory: all that the log has, or none."""
+        if self.samples is None:
             return
-        self._memory -= _bytes(block)
-        if self._memory < 0:
-            self._blocks = {}
-        else:
-            self._blocks[part].append(block)
+        self._memory -= _bytes(samples)
+        self.samples = (*self.samples, samples) if self._memory >= 0 else None
 
 
-def _bytes(block: RowBlock) -> int:
-    return sum(some.nbytes for parts in (block.times, block.matrices, block.y) for some in parts)
-
-
-def chained(rows: Sequence[KeptRows]) -> KeptRows:
-    """Rows of several logs, one after another."""
-    return replace(rows[0], kept=tuple(block for some in rows for block in some.kept))
+def _bytes(samples: Samples) -> int:
+    signals = (samples.q, samples.qd, samples.qdd, samples.y, samples.moving, *samples.inputs.values())
+    return sum(values.nbytes for values in signals if values is not None)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial, reduce
 from queue import Empty, Full, Queue
 from threading import Event, Thread
@@ -91,12 +91,6 @@ class RowBlock:
     times: tuple[Floats, ...]  # shape (k_i,); for each output, the times of its rows, s
     matrices: tuple[Floats, ...]  # shape (k_i, n_i); for each output, the columns layout.columns[i] of the regressor
     y: tuple[Floats, ...]  # shape (k_i,); for each output, the measured values
-    moving: tuple[Flags, ...] | None = None  # shape (k_i,); for each output, rows that are fitted; all if None
-
-    @property
-    def fitted(self) -> RowBlock:
-        """The rows that are fitted: without those near standstill, which are scored alone."""
-        return self if self.moving is None else replace(self.taken(self.moving), moving=None)
 
     def taken(self, some: Sequence[Flags | slice]) -> RowBlock:
         """Some rows of every output."""
@@ -104,8 +98,7 @@ class RowBlock:
             tuple(part[cut] for part, cut in zip(parts, some, strict=True))
             for parts in (self.times, self.matrices, self.y)
         )
-        moving = None if self.moving is None else tuple(part[cut] for part, cut in zip(self.moving, some, strict=True))
-        return RowBlock(self.source, self.segment, times, matrices, y, moving)
+        return RowBlock(self.source, self.segment, times, matrices, y)
 
 
 class Rows(Protocol):
@@ -132,14 +125,6 @@ class Rows(Protocol):
 
     def observation(self) -> Observation:
         """The R-factors of the rows that are fitted."""
-        ...
-
-
-class ScoredRows(Rows, Protocol):
-    """Rows with those near standstill, which leave the fit but never the score."""
-
-    def scored(self) -> Iterator[RowBlock]:
-        """All rows, in the order of time, log after log."""
         ...
 
 
@@ -179,10 +164,6 @@ class ModelRows:
 
     def blocks(self) -> Iterator[RowBlock]:
         """The rows that are fitted, in the order of time, log after log."""
-        return (block.fitted for block in self.scored())
-
-    def scored(self) -> Iterator[RowBlock]:
-        """All rows, in the order of time, log after log."""
         numbering = Numbering()
         for samples in prefetched(self.source()):
             yield from self.blocks_of(samples, numbering.of(samples))
@@ -240,8 +221,8 @@ class ModelRows:
         inside = (places >= max(start, samples.first)) & (places < stop)
         times = (samples.start + places[inside] / samples.rate,) * len(self._columns)
         matrices = tuple(entries[np.ix_(inside, columns)] for columns in self._columns)
-        moving = None if samples.moving is None else tuple(samples.moving[places[inside]].T)
-        return RowBlock(samples.source, segment, times, matrices, tuple(y[inside].T), moving)
+        block = RowBlock(samples.source, segment, times, matrices, tuple(y[inside].T))
+        return block if samples.moving is None else block.taken(tuple(samples.moving[places[inside]].T))
 
     def _entries(self, samples: Samples, low: int, high: int) -> Floats:
         """Entries of the regressor, shape (high − low, entries)."""
@@ -296,8 +277,7 @@ def rows_taken(samples: Samples, values: Floats) -> tuple[Floats, Floats, Flags 
 
 
 def observed(layout: Layout, block: RowBlock) -> Observation:
-    """The R-factors of the rows of a block that are fitted."""
-    block = block.fitted
+    """The R-factors of a block of rows."""
     pairs = zip(block.matrices, block.y, strict=True)
     factors = tuple(upper_triangle(np.column_stack([matrix, y])) for matrix, y in pairs)
     return Observation(layout, factors, tuple(len(y) for y in block.y))
