@@ -7,7 +7,6 @@ or with the joints that it couples independent.
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
@@ -19,7 +18,7 @@ from echelon.errors import InputError
 from echelon.formats.builder import Built, build_mechanism
 from echelon.formats.literal import LiteralTree
 from echelon.formats.reading_options import ANGLE_TOLERANCE, Gravity, ReadingOptions
-from echelon.inputs.content import read_content
+from echelon.formats.robot_sources import content_of, described_path, expanded, is_xacro, text_of
 from echelon.inputs.xml_text import parse_xml
 from echelon.mechanism.effect import Effect, Side, ready_made
 from echelon.mechanism.joint import MotionKind
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
 _DESCRIPTIONS = (".yaml", ".yml", ".json")
 _XML = (".urdf", ".sdf", ".world", ".xml", ".mjcf", ".xacro")
 _SUPPORTED = "URDF (.urdf), SDF (.sdf), MJCF (.xml, .mjcf) or an Echelon description (.yaml, .yml, .json)"
-_XACRO = re.compile(r"\{https?://[^}]*xacro/?\}")
 _FRICTION = ("viscous", "coulomb", "offset")
 
 
@@ -121,9 +119,6 @@ class RobotFile:
     def root(self) -> Any:
         """The root element of an XML file: ``<robot>`` (URDF), ``<sdf>`` or ``<mujoco>`` (MJCF)."""
         root = parse_xml(self.data, self.source)
-        if any(_XACRO.match(str(element.tag)) for element in root.iter()):
-            problem = "this is xacro source: expand it first (xacro robot.xacro > robot.urdf)"
-            raise InputError(problem, source=self.source)
         if root.tag not in ("robot", "sdf", "mujoco"):
             problem = f"the root element is <{root.tag}>; expected <robot> (URDF), <sdf> (SDF) or <mujoco> (MJCF)"
             raise InputError(problem, source=self.source)
@@ -189,10 +184,20 @@ class RobotFile:
         return self.mechanism(replace(options, independent_mimics=coupled))
 
 
-def open_robot(path: str | os.PathLike[str]) -> RobotFile:
-    """A robot file of any supported format."""
-    file = Path(path)
-    return RobotFile.of(read_content(file), str(file), file.parent)
+def open_robot(robot: Any) -> RobotFile:
+    """A robot file of any supported format; or a text, a model or a name that stands for one."""
+    if isinstance(robot, RobotFile):
+        return robot
+    if not isinstance(robot, str | os.PathLike):
+        return RobotFile.of(*text_of(robot))
+    text = os.fspath(robot)
+    if isinstance(text, str) and text.lstrip().startswith("<"):
+        content = text.encode()
+        return RobotFile.of(expanded(content, "text", None) if is_xacro(content) else content, "text")
+    if isinstance(text, str) and "\n" in text.strip():
+        return RobotFile(text.encode(), "text.yaml", is_description=True)
+    file = described_path(str(text)) or Path(text)
+    return RobotFile.of(content_of(file), str(file), file.parent)
 
 
 def read_description(text: str | bytes, source: str, options: ReadingOptions) -> Mechanism:
@@ -232,7 +237,7 @@ def _at_every_joint(mechanism: Mechanism, kind: str) -> Iterator[Effect]:
 
 
 def load(
-    path: str | os.PathLike[str],
+    robot: Any,
     *,
     tolerance: float = ANGLE_TOLERANCE,
     symbolic: bool = True,
@@ -248,8 +253,10 @@ def load(
 
     Parameters
     ----------
-    path : path-like
-        A URDF, SDF, MJCF or Echelon description file; the content decides between XML formats.
+    robot : path-like, str or model
+        A URDF, SDF, MJCF, xacro or Echelon description file, where the content decides between XML formats; or the text
+        of one; a ``mujoco.MjSpec`` or ``MjModel``; a ``pinocchio.Model``; or a name of the ``robot_descriptions``
+        package, such as ``"panda_description"``.
     tolerance : float
         Angles this near (rad) to a multiple of 15° and axes this near to a coordinate direction are read as exact; 0
         switches this off.
@@ -299,12 +306,12 @@ def load(
         separate_symbols=separate_symbols,
         measured=measured,
     )
-    return open_robot(path).mechanism(options)
+    return open_robot(robot).mechanism(options)
 
 
-def load_model(path: str | os.PathLike[str], **reading: Any) -> Mechanism | LinearModel:
+def load_model(robot: Any, **reading: Any) -> Mechanism | LinearModel:
     """Read a robot, with the keyword arguments of :func:`load`, or a linear model."""
-    file = open_robot(path)
+    file = open_robot(robot)
     if not file.is_linear_model:
         return file.mechanism(ReadingOptions(**reading))
     from echelon.formats.linear_document import read_linear

@@ -79,7 +79,7 @@ class Symbol:
             raise InputError(str(error), element=f"symbol '{one_line(self.name)}'") from None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Mechanism:
     """A tree of bodies, its drives, and what is measured.
 
@@ -252,6 +252,9 @@ class Mechanism:
             inertial = next((values for values in stated if values is not None), None)
             values += [None if inertial is None else inertial[k] for k in self.bodies[index].carried]
         return (*values, *(effect.value for effect in self.effects))
+
+    def __repr__(self) -> str:
+        return f"Mechanism({self})"
 
     def __str__(self) -> str:
         return f"{self.name}: {len(self.bodies)} bodies, {self.degrees_of_freedom} degrees of freedom"

@@ -1,0 +1,225 @@
+"""Robots that are not files: models of MuJoCo and Pinocchio, names of the ``robot_descriptions`` package, xacro.
+
+Each becomes the text of a robot file, in full precision, so that the readers of URDF and MJCF decide what it means.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from importlib import import_module
+from math import atan2, hypot
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element, SubElement, tostring
+
+import numpy as np
+
+from echelon.errors import InputError, MissingExtraError, one_line
+from echelon.hints import nearest
+from echelon.inputs.content import read_content
+from echelon.inputs.xml_text import parse_xml
+
+_DESCRIPTION = re.compile(r"\w+_description")
+_XACRO = re.compile(rb"""xmlns:xacro\s*=\s*["']https?://[^"']*xacro/?["']""")
+_MACROS = re.compile(rb"<xacro:|\$[{(]")
+_EQUALITIES = ("connect", "weld", "joint")
+_ALIGNED = 1e-9  # cosine of the pitch
+_JOINTS = ("free", "ball", "slide", "hinge")
+
+
+def text_of(model: Any) -> tuple[bytes, str]:
+    """The text of a model in memory, and a name with the suffix of its format."""
+    kind = f"{type(model).__module__.split('.')[0]}.{type(model).__name__}"
+    if kind == "mujoco.MjSpec":
+        model, kind = model.copy().compile(), "mujoco.MjModel"
+    if kind == "mujoco.MjModel":
+        root = _mjcf(model)
+    elif kind.startswith("pinocchio") and hasattr(model, "jointPlacements"):
+        root = _urdf(model)
+    else:
+        problem = "expected a path, the text of a robot file, a mujoco.MjSpec or MjModel, or a pinocchio.Model"
+        raise InputError(f"{problem}; found {kind}")
+    name = root.get("model") or root.get("name") or "robot"
+    return tostring(root), f"{name}.{'xml' if root.tag == 'mujoco' else 'urdf'}"
+
+
+def described_path(name: str) -> Path | None:
+    """The file of a robot of the package ``robot_descriptions``, which fetches it; None for what is no such name."""
+    if not _DESCRIPTION.fullmatch(name) or Path(name).exists():
+        return None
+    try:
+        from robot_descriptions._descriptions import DESCRIPTIONS
+    except ImportError:
+        raise MissingExtraError("robot_descriptions", "robots") from None
+    if name not in DESCRIPTIONS:
+        raise InputError(f"the package robot_descriptions has no '{name}'{nearest(name, DESCRIPTIONS)}")
+    try:
+        with redirect_stdout(sys.stderr):  # it says what it fetches
+            module = import_module(f"robot_descriptions.{name}")
+    except Exception as error:  # whatever git and the network raise
+        raise InputError(f"robot_descriptions cannot fetch it: {one_line(str(error))}", source=name) from None
+    paths = (getattr(module, attribute, None) for attribute in ("URDF_PATH", "MJCF_PATH", "XACRO_PATH"))
+    return Path(next(path for path in paths if path))
+
+
+def is_xacro(content: bytes) -> bool:
+    """Whether a text is xacro source; that the namespace is declared says nothing."""
+    return _XACRO.search(content) is not None and _MACROS.search(content) is not None
+
+
+def expanded(content: bytes, source: str, directory: Path | None) -> bytes:
+    """The URDF that xacro source stands for; packages that it names are looked for around its directory."""
+    parse_xml(content, source)  # refuses what is damaged or harmful
+    try:
+        import xacro
+        from xacrodoc import packages
+    except ImportError:
+        raise MissingExtraError("xacrodoc", "robots") from None
+    try:
+        if directory is None:
+            xacro.restore_filestack([None])
+            document = xacro.parse(content.decode())
+            xacro.process_doc(document)
+        else:
+            packages.look_in([str(folder) for folder in Path(source).absolute().parents[:3]])
+            packages.walk_up_from(source)
+            document = xacro.process_file(source)
+        return bytes(document.toxml().encode())
+    except (Exception, SystemExit) as error:  # whatever the expressions of a file stumble over
+        reason = one_line(str(error)) or type(error).__name__
+        problem = f"xacro cannot expand it: {reason}; expand it where its packages are: xacro robot.xacro > robot.urdf"
+        raise InputError(problem, source=source) from None
+
+
+def content_of(path: Path) -> bytes:
+    """The content of a robot file, with xacro expanded."""
+    content = read_content(path)
+    return expanded(content, str(path), path.parent) if is_xacro(content) else content
+
+
+# -- MuJoCo ------------------------------------------------------------------------------------------------------------
+
+
+def _mjcf(model: Any) -> Element:
+    """A compiled model with the bodies, joints, inertias and equalities that it has."""
+    root = Element("mujoco", model=_stem(model.names))
+    SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
+    SubElement(root, "option", gravity=_row(model.opt.gravity))
+    elements = {0: SubElement(root, "worldbody")}
+    for k in range(1, model.nbody):
+        body = model.body(k)
+        placed = {"name": _body_name(model, k), "pos": _row(body.pos), "quat": _row(body.quat)}
+        element = SubElement(elements[int(body.parentid[0])], "body", placed)
+        elements[k] = element
+        for j in range(int(body.jntadr[0]), int(body.jntadr[0]) + int(body.jntnum[0])):
+            SubElement(element, "joint", _mjcf_joint(model, j))
+        if body.mass[0]:
+            inertia = {"mass": _row(body.mass), "diaginertia": _row(body.inertia)}
+            SubElement(element, "inertial", {"pos": _row(body.ipos), "quat": _row(body.iquat), **inertia})
+    equality = SubElement(root, "equality")
+    for k in range(model.neq):
+        SubElement(equality, *_mjcf_equality(model, k))
+    return root
+
+
+def _mjcf_joint(model: Any, k: int) -> dict[str, str]:
+    joint = model.joint(k)
+    kind = _JOINTS[int(joint.type[0])]
+    found = {"name": joint.name or f"joint{k}", "type": kind}
+    if kind != "free":
+        found |= {"pos": _row(joint.pos), "frictionloss": _row(joint.frictionloss[:1])}
+        found |= {"armature": _row(joint.armature[:1]), "damping": _row(joint.damping[:1])}
+    if kind in ("slide", "hinge"):
+        found |= {"axis": _row(joint.axis), "stiffness": _row(joint.stiffness[:1]), "ref": _row(joint.qpos0)}
+        found |= {"range": _row(joint.range)} if model.jnt_limited[k] else {}
+    return found
+
+
+def _mjcf_equality(model: Any, k: int) -> tuple[str, dict[str, str]]:
+    kind, data = int(model.eq_type[k]), model.eq_data[k]
+    first, second = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+    bodies = model.eq_objtype[k] != 6  # mjOBJ_SITE
+    if kind >= len(_EQUALITIES) or not bodies or not model.eq_active0[k]:
+        raise InputError("equalities between sites or tendons, or inactive ones, are read from MJCF files only")
+    if _EQUALITIES[kind] == "joint":
+        found = {"joint1": model.joint(first).name or f"joint{first}", "polycoef": _row(data[:5])}
+        return "joint", found | ({"joint2": model.joint(second).name or f"joint{second}"} if second >= 0 else {})
+    found = {"body1": _body_name(model, first), "body2": _body_name(model, second), "anchor": _row(data[:3])}
+    return _EQUALITIES[kind], found | ({"relpose": _row(data[3:10])} if _EQUALITIES[kind] == "weld" else {})
+
+
+def _body_name(model: Any, k: int) -> str:
+    return str(model.body(k).name or (f"body{k}" if k else "world"))
+
+
+def _stem(names: bytes) -> str:
+    return names.split(b"\0")[0].decode() or "robot"
+
+
+def _row(numbers: Any) -> str:
+    return " ".join(map(repr, np.asarray(numbers, dtype=float).ravel().tolist()))
+
+
+# -- Pinocchio ---------------------------------------------------------------------------------------------------------
+
+
+def _urdf(model: Any) -> Element:
+    """A model with a link per joint, which carries what is fixed to it; rotor inertias have no place in it."""
+    root = Element("robot", name=model.name or "robot")
+    SubElement(root, "link", name="universe")
+    for k in range(1, model.njoints):
+        name, inertia = model.names[k], model.inertias[k]
+        link = SubElement(root, "link", name=f"{name}_link")
+        if inertia.mass:
+            inertial = SubElement(link, "inertial")
+            SubElement(inertial, "origin", xyz=_row(inertia.lever))
+            SubElement(inertial, "mass", value=repr(float(inertia.mass)))
+            entries = (f"i{'xyz'[i]}{'xyz'[j]}" for i in range(3) for j in range(i, 3))
+            SubElement(inertial, "inertia", dict(zip(entries, map(repr, _upper(inertia.inertia)), strict=True)))
+        joint = SubElement(root, "joint", name=name)
+        parent = model.parents[k]
+        SubElement(joint, "parent", link=f"{model.names[parent]}_link" if parent else "universe")
+        SubElement(joint, "child", link=f"{name}_link")
+        placed = model.jointPlacements[k]
+        SubElement(joint, "origin", xyz=_row(placed.translation), rpy=_row(_angles(placed.rotation)))
+        _urdf_motion(joint, model, k)
+    return root
+
+
+def _urdf_motion(joint: Element, model: Any, k: int) -> None:
+    about, q, v = model.joints[k], model.joints[k].idx_q, model.joints[k].idx_v
+    kind = about.shortname().removeprefix("JointModel")
+    if kind == "FreeFlyer":
+        joint.set("type", "floating")
+        return
+    sliding = kind.startswith("P")
+    letters = re.fullmatch(r"(?:R|P|RUB)([XYZ])", kind)
+    if letters is None and kind not in ("RevoluteUnaligned", "RevoluteUnboundedUnaligned", "PrismaticUnaligned"):
+        problem = f"joints of Pinocchio's type {kind} are not read: pass the URDF or MJCF file of the model"
+        raise InputError(problem, element=f"joint '{model.names[k]}'")
+    unbounded = "UB" in kind or "Unbounded" in kind
+    joint.set("type", "prismatic" if sliding else "continuous" if unbounded else "revolute")
+    axis = np.eye(3)["XYZ".index(letters[1])] if letters else about.extract().axis
+    SubElement(joint, "axis", xyz=_row(axis))
+    friction = {"damping": _row(model.damping[v]), "friction": _row(model.friction[v])}
+    SubElement(joint, "dynamics", friction)
+    if not unbounded:
+        limits = {"lower": model.lowerPositionLimit[q], "upper": model.upperPositionLimit[q]}
+        limits |= {"effort": model.effortLimit[v], "velocity": model.velocityLimit[v]}
+        SubElement(joint, "limit", {name: _row(value) for name, value in limits.items()})
+
+
+def _upper(matrix: Any) -> Iterator[float]:
+    return (float(matrix[i, j]) for i in range(3) for j in range(i, 3))
+
+
+def _angles(rotation: Any) -> list[float]:
+    """Roll, pitch and yaw of a rotation matrix; where the axes of roll and yaw agree, yaw is zero."""
+    R = np.asarray(rotation)
+    pitch = atan2(-R[2, 0], hypot(R[0, 0], R[1, 0]))
+    if hypot(R[0, 0], R[1, 0]) < _ALIGNED:
+        return [atan2(-R[1, 2], R[1, 1]), pitch, 0.0]
+    return [atan2(R[2, 1], R[2, 2]), pitch, atan2(R[1, 0], R[0, 0])]

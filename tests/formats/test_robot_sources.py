@@ -1,0 +1,103 @@
+"""Robots that are not files: models of other libraries, names of packages, texts, xacro."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio
+import pytest
+
+import echelon as ec
+from support.paths import EXAMPLES
+from support.robot_files import robot_file
+
+MACROS = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="link" params="name mass">
+<link name="${name}"><inertial><origin xyz="${mass/20} 0 0"/><mass value="${mass}"/>
+<inertia ixx="${mass/10}" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link></xacro:macro></robot>"""
+ARM = """<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="heavy" default="2"/>
+<xacro:include filename="$(find arm_description)/urdf/macros.xacro"/><xacro:include filename="macros.xacro"/>
+<xacro:link name="a" mass="1"/><xacro:link name="b" mass="$(arg heavy)"/>
+<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 ${2 - 1} 0"/></joint></robot>"""
+
+
+def same_dynamics(robot: ec.Mechanism, other: ec.Mechanism) -> None:
+    """Both have one rank, and their own values predict one torque."""
+    bases = [ec.base_parameters(some) for some in (robot, other)]
+    assert bases[0].rank == bases[1].rank
+    q, qd, qdd = np.random.default_rng(1).normal(size=(3, 5, len(robot.velocities)))
+    torques = [base.predict(q, qd, qdd, base.values(base.mechanism.standard_values())) for base in bases]
+    np.testing.assert_allclose(torques[0], torques[1], rtol=1e-9, atol=1e-9)
+
+
+def test_models_of_mujoco_mean_what_their_file_means() -> None:
+    path = EXAMPLES / "two_link.xml"
+    spec = mujoco.MjSpec.from_file(str(path))
+    for robot in (spec, spec.copy().compile(), path.read_text()):
+        same_dynamics(ec.load(robot), ec.load(path))
+
+
+def test_a_compiled_loop_keeps_its_equalities() -> None:
+    text = """<mujoco><option gravity="0 0 -9.81"/><worldbody><body name="a"><joint name="j1" axis="0 1 0"/>
+      <inertial pos="0.1 0 0" mass="1" diaginertia="0.1 0.1 0.1"/><body name="b" pos="0.4 0 0">
+      <joint name="j2" axis="0 1 0"/><inertial pos="0.1 0 0" mass="1" diaginertia="0.1 0.1 0.1"/></body></body>
+      </worldbody><equality><joint joint1="j2" joint2="j1" polycoef="0 -1 0 0 0"/></equality></mujoco>"""
+    assert ec.load(mujoco.MjModel.from_xml_string(text)).degrees_of_freedom == 1
+    sites = text.replace('mass="1"', 'mass="2"').replace('<joint name="j2"', '<site name="s"/><joint name="j2"')
+    sites = sites.replace("<worldbody>", '<worldbody><site name="w" pos="0.4 0 0"/>')
+    sites = sites.replace("<equality>", '<equality><connect site1="s" site2="w"/>')
+    with pytest.raises(ec.InputError, match="between sites or tendons"):
+        ec.load(mujoco.MjModel.from_xml_string(sites))
+
+
+@pytest.mark.parametrize(("name", "floating"), [("ur10_robot", False), ("kinova", False), ("solo12", True)])
+def test_a_model_of_pinocchio_is_the_urdf_it_was_read_from(name: str, floating: bool) -> None:
+    path = robot_file(name)
+    root = [pinocchio.JointModelFreeFlyer()] if floating else []
+    found = ec.load(pinocchio.buildModelFromUrdf(str(path), *root), symbolic=False)
+    own = ec.load(path, symbolic=False, floating=floating)
+    assert ec.base_structure(found).rank == ec.base_structure(own).rank
+    if not floating:
+        same_dynamics(found, own)
+
+
+def test_xacro_is_expanded(tmp_path: Path) -> None:
+    folder = tmp_path / "arm_description" / "urdf"
+    folder.mkdir(parents=True)
+    (folder.parent / "package.xml").write_text("<package><name>arm_description</name></package>")
+    (folder / "macros.xacro").write_text(MACROS)
+    (folder / "arm.urdf.xacro").write_text(ARM)
+    robot = ec.load(folder / "arm.urdf.xacro")
+    assert robot.bodies[0].inertial is not None
+    assert float(robot.bodies[0].inertial[9]) == 2.0
+    assert float(robot.bodies[0].inertial[6]) == pytest.approx(0.2)
+    (folder / "macros.xacro").unlink()
+    with pytest.raises(ec.InputError, match=r"arm.urdf.xacro: xacro cannot expand it: .*macros.xacro"):
+        ec.load(folder / "arm.urdf.xacro")
+
+
+def test_names_of_robot_descriptions_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The package fetches from the network once; here its cache holds the file already."""
+    folder = tmp_path / "mujoco_menagerie-HEAD" / "mujoco_menagerie" / "universal_robots_ur5e"
+    folder.mkdir(parents=True)
+    (folder / "ur5e.xml").write_text((EXAMPLES / "two_link.xml").read_text())
+    me = {"GIT_AUTHOR_NAME": "a", "GIT_AUTHOR_EMAIL": "a@b", "GIT_COMMITTER_NAME": "a", "GIT_COMMITTER_EMAIL": "a@b"}
+    for command in ("init -q", "add .", "commit -q -m all"):
+        subprocess.run(["git", *command.split()], cwd=folder.parent, check=True, env={**os.environ, **me})
+    monkeypatch.setenv("ROBOT_DESCRIPTIONS_CACHE", str(tmp_path))
+    monkeypatch.setenv("ROBOT_DESCRIPTION_COMMIT", "HEAD")
+    assert ec.load("ur5e_mj_description").name == "two_link"
+    with pytest.raises(ec.InputError, match="has no 'pand_description'; did you mean 'panda_description'"):
+        ec.load("pand_description")
+
+
+def test_what_is_no_robot_is_refused() -> None:
+    with pytest.raises(ec.InputError, match=r"expected a path, .* found builtins.int"):
+        ec.load(3)
+
+
+def test_a_mechanism_has_a_short_repr() -> None:
+    assert repr(ec.load(EXAMPLES / "panda.yaml")) == "Mechanism(panda: 7 bodies, 7 degrees of freedom)"
