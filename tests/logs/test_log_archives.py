@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import h5py
+import hdf5storage
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -14,8 +16,8 @@ from scipy.sparse import issparse
 from echelon.errors import InputError
 from echelon.logs.files.mat_file import Group, MatFile, Unread, Value, variables
 from echelon.logs.files.numpy_file import NpzFile
-from echelon.logs.files.open_log import open_log
-from support.log_tables import joined, same, text
+from echelon.logs.files.open_log import open_log, read_table
+from support.log_tables import joined, same
 
 RANDOM = np.random.default_rng(5)
 MATLAB = Path(scipy.io.__file__).parent / "matlab" / "tests" / "data"
@@ -35,12 +37,12 @@ def test_arrays_of_an_archive(tmp_path: Path) -> None:
         "t": np.arange(10), "q[0]": q[:, 0], "q[1]": q[:, 1],
         **{f"cube[{j}][{k}]": cube[:, j, k] for j in range(2) for k in range(2)},
         "records.x": np.arange(10), "records.v[0]": q[:, 0], "records.v[1]": q[:, 1], "records.deep.y": np.ones(10),
+        "turned[0]": q[:, 0], "turned[1]": q[:, 1],
     }  # fmt: skip
     same(joined(log), expected)
     same(joined(log, rows=3), expected)
     for name, problem in {
         "gear": "has 3 rows where most arrays of the file have 10",
-        "turned[0]": "has 2 rows where most arrays of the file have 10; transpose it",
         "label": "holds text, not real numbers",
         "rate": "is a single value, not a value per row",
         "objects": "holds Python objects, not real numbers",
@@ -136,11 +138,47 @@ def test_files_that_matlab_wrote(path: Path) -> None:
     assert all(same_as_scipy(found[name], value) for name, value in expected.items() if name != "None")
 
 
-def test_other_versions_of_matlab_files_say_how_to_save_them(tmp_path: Path) -> None:
-    header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n"
+def test_old_matlab_files_say_how_to_save_them(tmp_path: Path) -> None:
     scipy.io.savemat(tmp_path / "old.mat", {"q": np.arange(10.0)}, format="4")
-    old = (tmp_path / "old.mat").read_bytes()
-    for content, version in ((header, "7.3"), (header[512:], "7.3"), (old, "4")):
-        problem = rf"version {version}, which is not read; save it in MATLAB with  save\(…, '-v7'\)"
-        with pytest.raises(InputError, match=problem):
-            open_log(text(tmp_path, content, "run.mat"))
+    with pytest.raises(InputError, match=r"version 4, which is not read; save it in MATLAB with  save\(…, '-v7'\)"):
+        open_log(tmp_path / "old.mat")
+
+
+@pytest.mark.parametrize("version", ["5", "7.3"])
+def test_matlab_files_of_every_version_say_the_same(version: str, tmp_path: Path) -> None:
+    """Samples along either axis, inside structs and cells; version 7.3 is HDF5, which stores the axes reversed."""
+    t, q, tau = np.arange(40) / 100, RANDOM.normal(size=(40, 3)), RANDOM.normal(size=(40, 3))
+    content = {"t": t, "q": q, "tau": tau.T, "more": {"a": t + 1, "note": "text"}, "gain": 2.0}
+    path = tmp_path / "run.mat"
+    if version == "5":
+        scipy.io.savemat(path, content)
+    else:
+        hdf5storage.savemat(str(path), content, format="7.3")
+    found = read_table(path).columns
+    expected = {"t": t, "more.a": t + 1}
+    expected |= {f"q[{k}]": q[:, k] for k in range(3)} | {f"tau[{k}]": tau[:, k] for k in range(3)}
+    assert found.keys() == expected.keys()
+    for name, values in expected.items():
+        np.testing.assert_array_equal(found[name], values, err_msg=name)
+    with pytest.raises(InputError, match=r"(holds text|class char)"):
+        read_table(path, ["more.note"])
+
+
+def test_groups_of_an_hdf5_file(tmp_path: Path) -> None:
+    """As ALOHA records episodes; links to other files and virtual data sets are not followed."""
+    path = tmp_path / "episode_0.hdf5"
+    q = RANDOM.normal(size=(30, 2)).astype(np.float32)
+    with h5py.File(path, "w") as file:
+        file["observations/qpos"], file["observations/effort"], file["action"] = q, 2 * q, q
+        file["observations/images/top"] = np.zeros((30, 4, 4, 3), dtype=np.uint8)
+        file["elsewhere"] = h5py.ExternalLink("other.h5", "/q")
+        file.create_virtual_dataset("virtual", h5py.VirtualLayout((30,), float))
+        file.attrs["sim"] = True
+    log = open_log(path)
+    assert [name for name in log.names if "images" not in name] == [
+        *("action[0]", "action[1]", "observations/effort[0]", "observations/effort[1]"),
+        *("observations/qpos[0]", "observations/qpos[1]"),
+    ]
+    same(joined(log, ["observations/qpos[1]"], rows=7), {"observations/qpos[1]": q[:, 1]})
+    with pytest.raises(InputError, match="is stored in another file"):
+        list(log.tables(["virtual"]))

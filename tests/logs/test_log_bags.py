@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
+from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -408,7 +409,7 @@ def test_bags_that_are_not_complete(tmp_path: Path) -> None:
         open_log(path)
     (path / "run.db3-wal").unlink()
     (path / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 99}")
-    with pytest.raises(InputError, match="cannot be read as a ROS 2 bag"):
+    with pytest.raises(InputError, match="cannot be read as a ROS bag"):
         open_log(path)
     (path / "metadata.yaml").unlink()
     with pytest.raises(InputError, match=r"metadata\.yaml is missing; name run\.db3 in it, or repair the bag"):
@@ -427,6 +428,34 @@ def test_directories_of_bags(tmp_path: Path) -> None:
         write(tmp_path / name, robot(3))
     assert [path.name for path in log_paths(tmp_path)] == ["run_9", "run_10"]
     assert log_paths(tmp_path / "run_9") == [tmp_path / "run_9"]
+
+
+@pytest.mark.parametrize("compression", ["none", "bz2", "lz4"])
+def test_bags_of_ros_1(compression: str, tmp_path: Path) -> None:
+    """As rosbags writes them, with the definitions of Noetic."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    kinds, path = store.types, tmp_path / "run.bag"
+    writer = Writer1(path)
+    if compression != "none":
+        writer.set_compression(Writer1.CompressionFormat[compression.upper()])
+    with writer:
+        states = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=store)
+        for k in range(100):
+            time = START + 10_000_000 * k
+            stamp = kinds["builtin_interfaces/msg/Time"](sec=time // 10**9, nanosec=time % 10**9)
+            head = kinds["std_msgs/msg/Header"](seq=k, stamp=stamp, frame_id="")
+            values = [np.array([k, -k], dtype=float) * factor for factor in (1, 2, 3)]
+            message = kinds["sensor_msgs/msg/JointState"](head, ["a", "b"], *values)
+            writer.write(states, time + 5, store.serialize_ros1(message, message.__msgtype__))
+    assert log_paths(path) == [path]
+    found = read_table(path).columns
+    np.testing.assert_array_equal(found["/joint_states/effort/b"], -3.0 * np.arange(100))
+    np.testing.assert_allclose(np.diff(found["/joint_states/time"]), 0.01, rtol=1e-6)
+    for share in (0.3, 0.9):
+        cut = tmp_path / "cut.bag"
+        cut.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+        with pytest.raises(InputError, match="cannot be read as a ROS bag; it is damaged or was cut off"):
+            read_table(cut)
 
 
 @pytest.mark.parametrize(("package", "file"), [("rosbags.rosbag2", ""), ("mcap.reader", "run.mcap")])

@@ -12,6 +12,7 @@ import tracemalloc
 from collections.abc import Mapping
 from pathlib import Path
 
+import h5py
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
@@ -38,6 +39,10 @@ def write(path: Path, columns: Mapping[str, npt.NDArray[np.float64]] = SAMPLES) 
             np.savez_compressed(path, **columns)
         case ".npy":
             np.save(path, np.rec.fromarrays(list(columns.values()), names=list(columns)))
+        case ".h5":
+            with h5py.File(path, "w", track_order=True) as file:
+                for name, values in columns.items():
+                    file.create_dataset(name, data=values, compression="gzip")
         case ".mat":
             scipy.io.savemat(path, dict(columns), do_compression=True)
         case _:
@@ -50,7 +55,7 @@ def write(path: Path, columns: Mapping[str, npt.NDArray[np.float64]] = SAMPLES) 
     return path
 
 
-FORMATS = ["run.csv", "run.csv.gz", "run.parquet", "run.npz", "run.npy", "run.mat"]
+FORMATS = ["run.csv", "run.csv.gz", "run.parquet", "run.npz", "run.npy", "run.mat", "run.h5"]
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -260,7 +265,7 @@ def test_content_goes_before_names(tmp_path: Path) -> None:
     write(tmp_path / "run.parquet").rename(tmp_path / "run.csv")
     assert isinstance(open_log(tmp_path / "run.csv"), ParquetFile)
     for content, name, problem in [
-        (b"#ROSBAG V2.0\n", "run.bag", "is a bag of ROS 1; convert it with  rosbags-convert"),
+        (b"#ROSBAG V2.0\n", "run.bag", "cannot be read as a ROS bag; it is damaged or was cut off"),
         (b"PK\x03\x04".ljust(30) + b"[Content_Types].xml", "run.xlsx", "is a spreadsheet; save it as CSV"),
         (b"{}", "run.json", r"its kind is not known; valid are \.csv"),
         (b"0,1\n", "run.parquet.gz", r"its kind is not known; valid are \.csv"),

@@ -50,6 +50,10 @@ def parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> s
         ("t,,q\n0,1,2\n", {"t": [0], "1": [1], "q": [2]}),
         ("q\n1.5\n\n2.5\n", {"q": [1.5, 2.5]}),
         ("1.5\n2.5\n", {"0": [1.5, 2.5]}),
+        ("t,q\n2026-03-01T12:00:00.25Z,1\n2026-03-01T14:00:01.5+02:00,2\n", {"t": [0.25, 1.5], "q": [1, 2]}),
+        ("t;q\n2026-02-28 23:59:59,5;1\n2026-03-01 00:00:00,25;2\n", {"t": [0.5, 1.25], "q": [1, 2]}),
+        ("9:59:59,1\n10:00:00.5,2\n", {"0": [-1, 0.5], "1": [1, 2]}),
+        ("# t q\n2026-02-28T00:00:01 1\n", {"t": [0], "q": [1]}),
     ],
 )
 def test_layouts_of_text(content: str, expected: dict[str, list[float]], tmp_path: Path) -> None:
@@ -65,8 +69,8 @@ def test_layouts_of_text(content: str, expected: dict[str, list[float]], tmp_pat
     [
         ("t,q\n0,1\n1,AUTO\n", r"line 3, column 'q': 'AUTO' is not a number"),
         (
-            "t,q\n2026-03-01 12:00:00,1\n",
-            r"column 't': '2026-03-01 12:00:00' is not a number; times have to be in seconds",
+            "t,q\n01.03.2026 12:00:00,1\n",
+            r"column 't': '01.03.2026 12:00:00' is not a number; write times as numbers or as 2026-05-01T12:30:00.25",
         ),
         ("t,q\n0,1_000\n", r"line 2, column 'q': '1_000' is not a number"),
         ("t,q\n0,0x10\n", r"line 2, column 'q': '0x10' is not a number"),

@@ -205,7 +205,7 @@ def identify(
     setup: Annotated[Path, typer.Argument(help="Robot description with its measurement set-up; or URDF, MJCF.")],
     logs: Annotated[
         list[Path],
-        typer.Argument(help="CSV, Parquet, NPZ, MAT, ROS 2 bag or MCAP; a directory stands for all logs in it."),
+        typer.Argument(help="CSV, Parquet, NPZ, MAT, HDF5, ROS bag or MCAP; a directory stands for all logs in it."),
     ],
     read: dict[str, Any],
     validate: Annotated[

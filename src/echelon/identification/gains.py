@@ -304,12 +304,12 @@ def gains_from_logs(
 def _plan(setup: Setup, base: BaseModel, logs: Paths) -> Plan:
     """Settings chosen from the runs without a load; they hold for all."""
     segments: list[Segment] = []
-    for path in (path for log in logs for path in log_paths(log)):
+    for path in log_paths(logs):
         for piece in read_log(path, setup.mechanism, setup.columns, rate=setup.preparation.rate, outputs=False):
             segments += piece.segments
     return Plan(base, setup.columns, chosen(setup.preparation, segments, setup.mechanism))
 
 
 def _samples(plan: Plan, logs: Paths) -> list[Samples]:
-    paths = [path for log in logs for path in log_paths(log)]
+    paths = log_paths(logs)
     return [with_zeros(plan.base, some) for path in paths for some in plan.samples(path, outputs=False)]

@@ -148,8 +148,8 @@ def identify(
 
 def _split_logs(logs: Paths, validate_on: Paths, holdout: float) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
     """Logs that are fitted, and logs that are not."""
-    given = tuple(path for log in logs for path in log_paths(log))
-    others = tuple(path for log in validate_on for path in log_paths(log))
+    given = tuple(log_paths(logs))
+    others = tuple(log_paths(validate_on))
     if not given:
         raise InputError("no log is given to fit the model to")
     held = 0 if others or len(given) == 1 else round(holdout * len(given))

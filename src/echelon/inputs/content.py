@@ -99,7 +99,7 @@ LIMITS: Mapping[Limit, str] = {
     LINE: "lines of CSV and other text logs",
     COLUMNS: "columns of a log of any kind, and arrays of an NPZ or MAT file",
     ARRAY_COLUMNS: "single arrays of NPZ, NPY and MAT files, which are left out if they have more",
-    UNPACKED: "numbers of a packed log (gzip, NPZ, MAT, Parquet, MCAP, bags), and besides",
+    UNPACKED: "numbers of a packed log (gzip, NPZ, MAT, HDF5, Parquet, MCAP, bags), and besides",
     EXPANSION: "the same; a file that holds more for its size is packed zeros",
 }
 """All limits, with what each of them bounds."""

@@ -53,7 +53,7 @@ def information_of_logs(setup: Setup, logs: Sequence[str | os.PathLike[str]]) ->
     if any(body.joint.kind == "floating" for body in setup.mechanism.bodies):
         raise InputError("a floating base is held by trajectories, and not in logs", source=setup.source)
     base = base_parameters(setup.mechanism, seed=setup.seed)
-    paths = [path for log in logs for path in log_paths(log)]
+    paths = log_paths(logs)
     found = survey(setup, base, paths)
     # a row for every sample: filters average what decimation leaves out, so that counting rows would count too few
     whole = found.preparation.model_copy(update={"output_cutoff": inf, "decimation": ()})

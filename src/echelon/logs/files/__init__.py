@@ -1,1 +1,1 @@
-"""Files of logs: CSV, Parquet, NPZ, MAT, ROS 2 bags and MCAP as tables of named columns."""
+"""Files of logs: CSV, Parquet, NPZ, MAT, HDF5, ROS bags and MCAP as tables of named columns."""

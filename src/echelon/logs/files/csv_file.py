@@ -18,9 +18,10 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import date
 from itertools import chain
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, Any, cast
 
 import numpy as np
 
@@ -36,6 +37,10 @@ _NUMBER = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|inf(?:inity)?|n
 
 _COMMENT = re.compile(rb"^[ \t]*#[^\n]*", re.MULTILINE)
 _DATE = re.compile(r"\d+[-/.]\d+[-/.]\d+|\d+:\d\d")
+_STAMP = re.compile(
+    r"(?:(\d{4})[-/](\d\d)[-/](\d\d)[T ])?(\d\d?):(\d\d):(\d\d)(?:[.,](\d+))? ?(?:Z|UTC|([+-]\d\d):?(\d\d))?",
+    re.ASCII | re.IGNORECASE,
+)
 _NULLS = ["", "nan", "NaN", "NAN", "NA", "N/A", "null", "NULL", "None"]
 _SHOWN = 40
 _SNIFFED = 50
@@ -43,6 +48,7 @@ _PREAMBLE = 100_000
 _AT_ONCE = 1 << 26
 _BLOCK = 1 << 20
 _MARK = b"\xef\xbb\xbf"
+_EPOCH = date(1970, 1, 1).toordinal()
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,8 @@ class Dialect:
     delimiter: str | None  # between cells; None for any amount of white space
     names: tuple[str, ...]  # of the columns
     start: int  # lines before the first row of numbers
+    stamps: frozenset[int] = frozenset()  # columns of times such as 12:30:00.25
+    origin: int = 0  # second from which these count
 
     @property
     def decimal_comma(self) -> bool:
@@ -83,6 +91,21 @@ def number(cell: str) -> float | None:
     return float(word) if _NUMBER.fullmatch(word) else None
 
 
+def stamp(cell: str) -> tuple[int, float] | None:
+    """Whole seconds and their fraction of a time such as ``2026-05-01T12:30:00.25+02:00`` or ``12:30:00``."""
+    found = _STAMP.fullmatch(cell)
+    if found is None:
+        return None
+    year, month, day, hour, minute, second, fraction, zone, rest = found.groups()
+    try:
+        days = date(int(year), int(month), int(day)).toordinal() - _EPOCH if year else 0
+    except ValueError:
+        return None
+    east = 60 * (60 * int(zone) + int(zone[0] + rest)) if zone else 0
+    whole = 86400 * days + 3600 * int(hour) + 60 * int(minute) + int(second) - east
+    return whole, float(f"0.{fraction or 0}")
+
+
 def is_blank(line: str) -> bool:
     """Whether a line holds nothing, or a comment."""
     return not line.strip(" \r\n") or line.lstrip().startswith("#")
@@ -101,13 +124,16 @@ def sniff(lines: list[str], source: str) -> Dialect:
     delimiter = _delimiter([lines[index] for index in content])
     row = cells(lines[first], delimiter)
     COLUMNS.check(len(row), source, f"line {first + 1}")
+    usual = cells(lines[content[len(content) // 2]], delimiter)
+    begun = {k: found for k, cell in enumerate(usual) if (found := stamp(cell))}
+    times = frozenset(begun), min((whole for whole, _ in begun.values()), default=0)
     if any(_value(cell, delimiter) is None for cell in row):
-        return Dialect(delimiter, _names(row, source, first), first + 1)
+        return Dialect(delimiter, _names(row, source, first), first + 1, *times)
     above = lines[first - 1].strip().lstrip("#").strip() if first else ""
     titles = cells(above, delimiter)
     if above and len(titles) == len(row) and any(_value(cell, delimiter) is None for cell in titles):
-        return Dialect(delimiter, _names(titles, source, first - 1), first)
-    return Dialect(delimiter, tuple(str(index) for index in range(len(row))), first)
+        return Dialect(delimiter, _names(titles, source, first - 1), first, *times)
+    return Dialect(delimiter, tuple(str(index) for index in range(len(row))), first, *times)
 
 
 def _delimiter(lines: list[str]) -> str | None:
@@ -126,7 +152,8 @@ def _delimiter(lines: list[str]) -> str | None:
 
 
 def _value(cell: str, delimiter: str | None) -> float | None:
-    return number(cell if delimiter == "," else cell.replace(",", "."))
+    value = number(cell if delimiter == "," else cell.replace(",", "."))
+    return 0.0 if value is None and stamp(cell) else value
 
 
 def _names(row: list[str], source: str, line: int) -> tuple[str, ...]:
@@ -167,22 +194,28 @@ class BlockParser:
         if self.dialect.delimiter is None:
             return self._by_numpy(text)
         try:
-            from pyarrow import ArrowException, BufferReader, csv, float64
+            from pyarrow import ArrowException, BufferReader, csv, float64, string
         except ImportError:
             return self._by_numpy(text)
         wanted = [str(index) for index in self.picked]
+        kinds = {str(index): string() if index in self.dialect.stamps else float64() for index in self.picked}
         try:
             table = csv.read_csv(
                 BufferReader(text),
                 csv.ReadOptions(column_names=[str(index) for index in range(len(self.dialect.names))]),
                 csv.ParseOptions(delimiter=self.dialect.delimiter),
-                csv.ConvertOptions(
-                    column_types=dict.fromkeys(wanted, float64()), include_columns=wanted, null_values=_NULLS
-                ),
+                csv.ConvertOptions(column_types=kinds, include_columns=wanted, null_values=_NULLS),
             )
-        except ArrowException:
+            return [self._numbers(table.column(name)) for name in wanted]
+        except (ArrowException, TypeError):
             return None
-        return [np.asarray(table.column(name).to_numpy(), dtype=np.float64) for name in wanted]
+
+    def _numbers(self, column: Any) -> Floats:
+        """Numbers, or times in seconds; what is no time is a TypeError."""
+        if str(column.type) == "string":
+            found = [stamp(cell) for cell in column.to_pylist()]
+            return np.array([whole - self.dialect.origin + fraction for whole, fraction in found])  # type: ignore[misc]
+        return np.asarray(column.to_numpy(), dtype=np.float64)
 
     def _by_numpy(self, text: bytes) -> list[Floats] | None:
         try:
@@ -218,10 +251,12 @@ class BlockParser:
 
     def _number(self, cell: str, line: int, column: int) -> float:
         value = number(cell.replace(",", ".") if self.dialect.decimal_comma else cell)
+        if value is None and (found := stamp(cell)):
+            return found[0] - self.dialect.origin + found[1]
         if value is None:
             shown = one_line(cell if len(cell) <= _SHOWN else cell[:_SHOWN] + "…")
             where = f"line {line}, column '{self.dialect.names[column]}'"
-            hint = "; times have to be in seconds" if _DATE.match(cell) else ""
+            hint = "; write times as numbers or as 2026-05-01T12:30:00.25" if _DATE.match(cell) else ""
             raise InputError(f"'{shown}' is not a number{hint}", source=self.source, element=where)
         return value
 
@@ -231,7 +266,8 @@ class CsvFile:
 
     Names stand in the first line or in the comment right above the numbers; without them columns are named ``0``,
     ``1``, ….  Lines that begin with ``#`` are comments.  Empty cells, ``nan`` and ``NA`` are missing values, NaN;
-    ``true`` and ``false`` are 1 and 0.  Where cells are not cut by commas, a comma is a decimal point.
+    ``true`` and ``false`` are 1 and 0.  Where cells are not cut by commas, a comma is a decimal point.  Times such as
+    ``2026-05-01T12:30:00.25Z`` are in seconds, from a whole second near the beginning.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:

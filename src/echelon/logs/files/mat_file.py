@@ -3,8 +3,8 @@
 A file is a tree of elements, each with a tag that says its type and its length.  scipy reads them
 too, but looks types and lengths up without asking whether they can be: one wrong byte in a file without compression may
 end the whole process or keep it busy for ever, where a log that is damaged should be an error.  What is not an array of
-real numbers, a struct or a cell is not decoded.  Files of version 7.3 are HDF5 with conventions of MATLAB's own; MATLAB
-writes version 7 on request (``-v7``), and the error says so.
+real numbers, a struct or a cell is not decoded.  Files of version 7.3 are HDF5, and read as that
+(:mod:`echelon.logs.files.hdf5_file`).
 
 The format is described in MathWorks' "MAT-File Level 5 File Format".
 """
@@ -45,7 +45,6 @@ _OTHER = {
 }
 
 _KIND = "a MAT file"
-_HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 @dataclass(frozen=True)
@@ -168,10 +167,9 @@ class MatFile(ArrayFile):
     def __init__(self, path: str | os.PathLike[str]) -> None:
         found, source = existing_file(path), os.fspath(path)
         content = found.read_bytes()  # as large as the file is on disk
-        newer = content.startswith(b"MATLAB 7.3") or _HDF5 in content[:520]
-        if newer or 0 in content[:4]:
-            problem = f"is a MAT file of version {'7.3' if newer else '4'}, which is not read"
-            raise InputError(f"{problem}; save it in MATLAB with  save(…, '-v7')", source=source)
+        if 0 in content[:4]:
+            problem = "is a MAT file of version 4, which is not read; save it in MATLAB with  save(…, '-v7')"
+            raise InputError(problem, source=source)
         left_out: dict[str, str] = {}
         with decoding(source, _KIND):
             arrays = [array for name, value in variables(content) for array in _inside(name, value, left_out)]
@@ -190,12 +188,12 @@ def _inside(name: str, value: Value, left_out: dict[str, str]) -> Iterator[Named
             label = name if count == 1 else f"{name}[{element}]"
             yield from _inside(f"{label}.{fields[field]}".removesuffix("."), member, left_out)
     else:
-        array = _without_singletons(value)
+        array = value.reshape(plain_shape(value.shape))
         yield NamedArray(name, array.shape, array.dtype, lambda: array)
 
 
-def _without_singletons(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def plain_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
     """MATLAB has no vectors: what is a single row or column becomes one, a single number loses its axes."""
-    if array.size == 1 and array.ndim <= 2:
-        return array.reshape(())
-    return array.reshape(-1) if array.ndim == 2 and 1 in array.shape else array
+    if prod(shape) == 1 and len(shape) <= 2:
+        return ()
+    return (prod(shape),) if len(shape) == 2 and 1 in shape else shape

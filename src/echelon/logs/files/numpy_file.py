@@ -1,8 +1,8 @@
 """Named arrays as the columns of a log, and NumPy's files of them: archives (NPZ) and single arrays (NPY).
 
-Nothing in such a file says which axis is time, or which arrays belong to the log at all.  Rows are along the first
-axis, and the log has as many as most of its arrays; arrays of another length are constants or settings, or transposed,
-and are not guessed at.
+Nothing in such a file says which axis is time, or which arrays belong to the log at all.  The log has as many rows as
+most of its arrays are long: a log has more rows than columns.  They lie along the first axis, or along the second where
+only that is as long.  Arrays of another length are constants or settings.
 
 Names and shapes come from the headers of an archive's members, so that only the arrays that are asked for are read.
 Pickled objects are never loaded: they can run code.
@@ -14,7 +14,7 @@ import os
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from math import prod
@@ -58,10 +58,12 @@ class ArrayFile:
     def __init__(
         self, path: Path, kind: str, arrays: Sequence[NamedArray], left_out: Mapping[str, str], source: str
     ) -> None:
-        self.source, self._kind, self._left_out, self._packed = source, kind, dict(left_out), path.stat().st_size
+        self.source, self._kind, self._left_out = source, kind, dict(left_out)
+        self._packed = path.stat().st_size if path.is_file() else None
         repeated = {name for name, count in Counter(array.name for array in arrays).items() if count > 1}
         self._left_out |= dict.fromkeys(repeated, "occurs more than once")
         COLUMNS.check(len(arrays), source)
+        arrays = _turned(arrays)
         usable = [array for array in arrays if array.shape and self._is_usable(array)]
         self.length = _common_length(usable)
         COLUMNS.check(
@@ -72,9 +74,8 @@ class ArrayFile:
             if array.shape[0] == self.length:
                 self._columns.update(_columns(array))
             else:
-                rows = f"has {array.shape[0]} rows where most arrays of the file have {self.length}"
-                swapped = "; transpose it" if self.length in array.shape else ""
-                self._left_out[array.name] = rows + swapped
+                problem = f"has {array.shape[0]} rows where most arrays of the file have {self.length}"
+                self._left_out[array.name] = problem
         for array in arrays:
             if not array.shape:
                 self._left_out[array.name] = "is a single value, not a value per row"
@@ -96,6 +97,8 @@ class ArrayFile:
 
     def _check_memory(self, arrays: Sequence[NamedArray]) -> None:
         """As numbers, which take eight bytes each, and as the arrays that hold them."""
+        if self._packed is None:  # they are in memory already
+            return
         sizes = {array.name: array.kind.itemsize * prod(array.shape) for array in arrays}
         check_unpacked(max(sum(sizes.values()), 8 * self.length * len(arrays)), self._packed, self.source)
 
@@ -113,6 +116,18 @@ class ArrayFile:
     def _reasons(self) -> str:
         found = [f"'{name}' {reason}" for name, reason in self._left_out.items()]
         return f": {'; '.join(found[:4])}" if found else ""
+
+
+def _turned(arrays: Sequence[NamedArray]) -> list[NamedArray]:
+    """The arrays with rows along the first axis, where only the second one is as long as most arrays are."""
+    length = _common_length([replace(array, shape=(max(array.shape[:2]),)) for array in arrays if array.shape])
+
+    def turned(array: NamedArray) -> NamedArray:
+        if len(array.shape) != 2 or array.shape[0] == length or array.shape[1] != length:
+            return array
+        return replace(array, shape=array.shape[::-1], load=lambda: array.load().T)
+
+    return [turned(array) for array in arrays]
 
 
 def _common_length(arrays: Sequence[NamedArray]) -> int:

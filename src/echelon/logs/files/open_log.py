@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
 from pathlib import Path
 
@@ -16,17 +16,22 @@ import numpy as np
 from echelon.errors import InputError, MissingExtraError
 from echelon.logs.files.bag_file import BagFile
 from echelon.logs.files.csv_file import CsvFile
+from echelon.logs.files.hdf5_file import Hdf5File
+from echelon.logs.files.lerobot import episodes, is_dataset, is_episode
 from echelon.logs.files.log_file import LogFile, Table, existing_file
 from echelon.logs.files.mat_file import MatFile
+from echelon.logs.files.memory_log import MemoryLog, is_samples
 from echelon.logs.files.numpy_file import NpzFile
 
 _METADATA = "metadata.yaml"
 
 _FOREIGN = {
-    b"#ROSBAG": "is a bag of ROS 1; convert it with  rosbags-convert",
     b"PK\x03\x04[Content_Types]": "is a spreadsheet; save it as CSV",
 }
-_VALID = "valid are .csv, .tsv, .txt, .dat (also with .gz), .parquet, .npz, .npy, .mat, .db3, .mcap and bag directories"
+_VALID = (
+    "valid are .csv, .tsv, .txt, .dat (also with .gz), .parquet, .npz, .npy, .mat, .h5, .hdf5, .bag, .db3, .mcap, "
+    "directories of bags and of LeRobot datasets"
+)
 
 
 class Kind(StrEnum):
@@ -36,15 +41,16 @@ class Kind(StrEnum):
     PARQUET = "Parquet"
     NUMPY = "NumPy"
     MATLAB = "MAT"
-    BAG = "ROS 2 bag or MCAP"
+    HDF5 = "HDF5"
+    BAG = "ROS bag or MCAP"
 
 
-def _parquet_file(path: str | os.PathLike[str]) -> LogFile:
+def _parquet_file(path: str | os.PathLike[str], episode: bool = False) -> LogFile:
     try:
-        from echelon.logs.files.parquet_file import ParquetFile
+        from echelon.logs.files.parquet_file import Episode, ParquetFile
     except ImportError:
         raise MissingExtraError("pyarrow", "identify") from None
-    return ParquetFile(path)
+    return Episode(Path(path)) if episode else ParquetFile(path)
 
 
 _READERS: dict[Kind, Callable[[str | os.PathLike[str]], LogFile]] = {
@@ -52,6 +58,7 @@ _READERS: dict[Kind, Callable[[str | os.PathLike[str]], LogFile]] = {
     Kind.PARQUET: _parquet_file,
     Kind.NUMPY: NpzFile,
     Kind.MATLAB: MatFile,
+    Kind.HDF5: Hdf5File,
     Kind.BAG: BagFile,
 }
 _SUFFIXES = {
@@ -64,21 +71,31 @@ _SUFFIXES = {
     ".npz": Kind.NUMPY,
     ".npy": Kind.NUMPY,
     ".mat": Kind.MATLAB,
+    ".h5": Kind.HDF5,
+    ".hdf5": Kind.HDF5,
+    ".bag": Kind.BAG,
     ".db3": Kind.BAG,
     ".mcap": Kind.BAG,
 }
 _MARKS = {
     b"PAR1": Kind.PARQUET,
     b"\x93NUMPY": Kind.NUMPY,
+    b"MATLAB 7.3": Kind.HDF5,
     b"MATLAB ": Kind.MATLAB,
+    b"\x89HDF\r\n\x1a\n": Kind.HDF5,
+    b"#ROSBAG": Kind.BAG,
     b"SQLite format 3\0": Kind.BAG,
     b"\x89MCAP0": Kind.BAG,
 }
 
 
 def open_log(path: str | os.PathLike[str]) -> LogFile:
-    """Open a log: CSV, Parquet, NPZ, NPY, MAT, a ROS bag or MCAP."""
+    """Open a log: CSV, Parquet, NPZ, NPY, MAT, HDF5, a ROS bag or MCAP, an episode of LeRobot, samples in memory."""
+    if isinstance(path, MemoryLog):
+        return path.file()
     found = Path(path)
+    if is_episode(found):
+        return _parquet_file(path, episode=True)
     if os.path.isdir(found):
         if not is_bag(found):
             raise InputError(f"is a directory, not a log{_content(found)}", source=os.fspath(path))
@@ -86,27 +103,42 @@ def open_log(path: str | os.PathLike[str]) -> LogFile:
     return _READERS[_kind(existing_file(path))](path)
 
 
-def log_paths(path: str | os.PathLike[str]) -> list[Path]:
-    """The logs that a path stands for: itself, or those of one kind in a directory, ``run2`` before ``run10``.
+def log_paths(logs: object) -> list[Path]:
+    """The logs that are meant by a path, samples in memory, or several of them.
 
+    A directory stands for the logs of one kind in it, ``run2`` before ``run10``; a LeRobot dataset for its episodes.
     Files whose names no log has, such as read-me files, and hidden ones do not count.
     """
+    if isinstance(logs, MemoryLog):
+        return [logs]
+    if isinstance(logs, str | os.PathLike):
+        return _paths(logs)
+    if is_samples(logs):
+        return [MemoryLog.of(logs)]
+    if not isinstance(logs, Iterable):
+        raise InputError(f"expected paths, data frames or dicts of arrays as logs, found {type(logs).__name__}")
+    return [path for log in logs for path in log_paths(log)]
+
+
+def _paths(path: str | os.PathLike[str]) -> list[Path]:
     found = Path(path)
-    if not os.path.isdir(found):
-        return [existing_file(path)]
-    if is_bag(found):
-        return [found]
+    if os.path.isdir(found) and not is_bag(found):
+        return episodes(found) if is_dataset(found) else _directory(found)
+    return [found if is_bag(found) or is_episode(found) or is_joined(found) else existing_file(path)]
+
+
+def _directory(path: Path) -> list[Path]:
     kinds: dict[Kind, list[Path]] = {}
-    for entry in _entries(found):
+    for entry in _entries(path):
         kind = Kind.BAG if is_bag(entry) else None if entry.is_dir() else _kind_by_name(entry)
         if kind is not None:
             kinds.setdefault(kind, []).append(entry)
     if not kinds:
-        raise InputError(f"is a directory without logs; {_VALID}", source=os.fspath(path))
+        raise InputError(f"is a directory without logs; {_VALID}", source=str(path))
     if len(kinds) > 1:
         examples = ", ".join(f"{kind} ({entries[0].name})" for kind, entries in kinds.items())
         problem = f"holds logs of several kinds: {examples}; give each kind a directory of its own"
-        raise InputError(problem, source=os.fspath(path))
+        raise InputError(problem, source=str(path))
     (logs,) = kinds.values()
     return sorted(logs, key=_natural)
 
@@ -119,6 +151,11 @@ def read_table(path: str | os.PathLike[str], names: Sequence[str] | None = None)
         return pieces[0] if pieces else Table(log.source, {})
     columns = {name: np.concatenate([piece.columns[name] for piece in pieces]) for name in pieces[0].columns}
     return Table(log.source, columns, pieces[0].clocks)
+
+
+def is_joined(path: Path) -> bool:
+    """Whether a path names several files that are one log, ``positions.csv+torques.csv``."""
+    return "+" in str(path) and not path.exists() and all(Path(part).exists() for part in str(path).split("+"))
 
 
 def is_bag(path: Path) -> bool:

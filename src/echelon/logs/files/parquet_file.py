@@ -12,6 +12,7 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ import pyarrow.parquet as pq
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.inputs.content import COLUMNS, check_unpacked
+from echelon.logs.files.lerobot import data_files, entry_names, number_of
 from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file, selected
 
 _UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
@@ -31,6 +33,7 @@ _LONGEST = 256
 _SAMPLED = 16
 _BUFFER = 1 << 20
 _KIND = "a Parquet file"
+_INDEX = "episode_index"
 
 
 @dataclass(frozen=True)
@@ -213,6 +216,38 @@ class ParquetFile:
                 else:
                     found[leaf.name] = leaf
         return found, left_out
+
+
+class Episode:
+    """An episode of a LeRobot dataset: entries of vectors go by their names, ``observation.state/elbow_flex.pos``."""
+
+    def __init__(self, path: Path) -> None:
+        self.source, self._number = str(path), number_of(path)
+        called = entry_names(path.parent)
+        files = [ParquetFile(file) for file in data_files(path.parent)]
+        self._files = [file for file in files if self._holds(file)]
+        if not self._files:
+            raise InputError("the dataset has no frames of this episode", source=self.source)
+        own = self._files[0].names
+        self._columns = {called.get(name, name): name for name in own if name != _INDEX}
+        self.names: tuple[str, ...] = tuple(self._columns)
+
+    def tables(self, names: Sequence[str] | None = None, rows: int = CHUNK) -> Iterator[Table]:
+        """Pieces of the episode."""
+        chosen = selected(self.source, names, self.names)
+        first = 0
+        for file in self._files:
+            for table in file.tables([*(self._columns[name] for name in chosen), _INDEX], rows):
+                inside = table.columns[_INDEX] == self._number
+                columns = {name: table.columns[self._columns[name]][inside] for name in chosen}
+                if inside.any():
+                    yield Table(self.source, columns, first=first)
+                    first += int(inside.sum())
+
+    def _holds(self, file: ParquetFile) -> bool:
+        return _INDEX in file.names and any(
+            (table.columns[_INDEX] == self._number).any() for table in file.tables([_INDEX])
+        )
 
 
 def _origin(head: Any) -> int:

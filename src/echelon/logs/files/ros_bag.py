@@ -1,9 +1,9 @@
-"""ROS 2 bags, a directory with ``metadata.yaml`` or a lone SQLite file, and the types of their messages.
+"""Bags of ROS 1 and of ROS 2, a directory with ``metadata.yaml`` or a lone SQLite file, and their types of messages.
 
-Everything goes through rosbags: no ROS has to be installed.  Bags carry the definitions of their messages since ROS 2
-Iron.  Older ones do not, so that what is missing is taken from Humble, the last release before it; standard messages
-have not changed since.  ``AnyReader`` of rosbags is not used: one definition that is wrong would cost it the whole bag,
-and a bag of ROS 1, which it reads too, can make it unpack one chunk for every message.
+Everything goes through rosbags: no ROS has to be installed.  Bags of ROS 1 carry the definitions of their messages, and
+those of ROS 2 since Iron.  Older ones do not, so that what is missing is taken from Humble, the last release before it;
+standard messages have not changed since.  ``AnyReader`` of rosbags is not used: one definition that is wrong would cost
+it the whole bag.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -18,11 +20,13 @@ from typing import Any
 from echelon.errors import InputError, MissingExtraError
 from echelon.logs.files.log_file import decoding, existing_file
 from echelon.logs.files.message_columns import END_OF_TIME
-from echelon.logs.files.unpacked_size import check_bag
+from echelon.logs.files.unpacked_size import BoundedUnpacking, check_bag
 
 _RULE = "=" * 80 + "\n"
 
-_KIND = "a ROS 2 bag"
+_KIND = "a ROS bag"
+_FIRST = b"#ROSBAG"
+"""How a bag of ROS 1 begins."""
 _METADATA = "metadata.yaml"
 
 
@@ -33,7 +37,7 @@ class RosTypes:
     bag does not define it) and text.
     """
 
-    def __init__(self, definitions: Mapping[str, tuple[str, str]]) -> None:
+    def __init__(self, definitions: Mapping[str, tuple[str, str]], ros: int = 2) -> None:
         try:
             from rosbags.typesys import Stores, TypesysError, get_typestore
         except ImportError:
@@ -48,14 +52,19 @@ class RosTypes:
                 self.left_out[name] = f"its type {name} is not defined properly in the bag: {error}"
         if any(name not in types and name not in self.left_out for name in definitions):
             types = {**get_typestore(Stores.ROS2_HUMBLE).fielddefs, **types}
+        if ros == 1:  # stamps are of a type that no definition states
+            types = {**get_typestore(Stores.ROS1_NOETIC).fielddefs, **types}
         for name in definitions:
             if name not in types and name not in self.left_out:
                 self.left_out[name] = f"its type {name} is defined neither in the bag nor by ROS 2"
         self._store = get_typestore(Stores.EMPTY)
         self._store.register(types)
+        self._ros = ros
 
     def decode(self, name: str, message: bytes) -> Any:
-        """A message in ROS's binary encoding, CDR, as an object with its fields."""
+        """A message in ROS's binary encoding, that of ROS 1 or CDR, as an object with its fields."""
+        if self._ros == 1:
+            return self._store.deserialize_ros1(message, name)
         return self._store.deserialize_cdr(message, name)
 
 
@@ -81,11 +90,12 @@ def _parsed(name: str, language: str, text: str) -> dict[str, Any]:
 
 
 class Rosbag:
-    """Messages of a ROS 2 bag, the source of a :class:`echelon.logs.files.bag_file.BagFile`."""
+    """Messages of a bag, the source of a :class:`echelon.logs.files.bag_file.BagFile`."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path, self.source = Path(path), os.fspath(path)
-        files = _files(self._path)
+        self._ros = 1 if _is_first(self._path) else 2
+        files = _files(self._path) if self._ros == 2 else []
         for file in files:
             _check_closed(file, self.source)
         with decoding(self.source, _KIND):
@@ -95,7 +105,7 @@ class Rosbag:
             self.start: int = reader.start_time
             if not isinstance(self.start, int) or abs(self.start) >= END_OF_TIME:
                 raise InputError("is damaged: its start is not a time in nanoseconds", source=self.source)
-            self._types = RosTypes({some.msgtype: _definition(some) for some in connections})
+            self._types = RosTypes({some.msgtype: _definition(some) for some in connections}, self._ros)
         for connection in connections:
             if not isinstance(connection.msgcount, int):
                 problem = "is damaged: a number of messages is not a whole number"
@@ -114,12 +124,17 @@ class Rosbag:
                     # int: a database holds what was put into it, whatever the type of its column
                     yield connection.topic, int(time), self._types.decode(connection.msgtype, message)
 
-    def _opened(self) -> Any:
+    @contextmanager
+    def _opened(self) -> Iterator[Any]:
         try:
-            from rosbags.rosbag2 import Reader
+            bags = import_module(f"rosbags.rosbag{self._ros}")
         except ImportError:
             raise MissingExtraError("rosbags", "ros") from None
-        return Reader(self._path)
+        with bags.Reader(self._path) as reader:
+            if self._ros == 1:
+                unpack = BoundedUnpacking(self._path.stat().st_size)
+                reader.chunks = {place: unpack.of(chunk) for place, chunk in reader.chunks.items()}
+            yield reader
 
 
 def readable_topics(channels: Iterable[tuple[str, int, str]]) -> dict[str, str]:
@@ -136,10 +151,17 @@ def _files(path: Path) -> list[Path]:
     """SQLite files of a bag; an error for what is none."""
     if not os.path.isdir(path):
         if existing_file(path).suffix != ".db3":
-            raise InputError("is no .db3 file; the files of a ROS 2 bag are .db3 or .mcap", source=os.fspath(path))
+            raise InputError("is no .db3 file; the files of a ROS bag are .bag, .db3 or .mcap", source=os.fspath(path))
         return [path]
     existing_file(path / _METADATA)
     return sorted(path.glob("*.db3"))
+
+
+def _is_first(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        return stream.read(len(_FIRST)) == _FIRST
 
 
 def _check_closed(file: Path, source: str) -> None:

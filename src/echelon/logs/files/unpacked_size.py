@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import sqlite3
 import struct
+from bz2 import BZ2Decompressor
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from echelon.errors import InputError
 from echelon.inputs.content import check_unpacked, most_unpacked, read_content
@@ -65,6 +66,31 @@ def _lz4_size(stream: IO[bytes], end: int, size: int) -> int:
     data = stream.read(end - stream.tell())
     stated: int = lz4.frame.get_frame_info(data[:_HEAD])["content_size"]
     return stated or len(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most_unpacked(size) + 1))
+
+
+class BoundedUnpacking:
+    """Unpacks the chunks of a ROS 1 bag of so many bytes, none to far more than that."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+
+    def of(self, chunk: Any) -> Any:
+        """A chunk as rosbags describes it, with a bound."""
+        unpackers = {"bz2": self._bz2, "lz4": self._lz4}
+        package = chunk.decompressor.__module__.split(".")[0]
+        return chunk._replace(decompressor=unpackers.get(package, chunk.decompressor))
+
+    def _bz2(self, data: bytes) -> bytes:
+        return self._checked(BZ2Decompressor().decompress(data, most_unpacked(self._size) + 1))
+
+    def _lz4(self, data: bytes) -> bytes:
+        import lz4.frame
+
+        return self._checked(lz4.frame.LZ4FrameDecompressor().decompress(data, most_unpacked(self._size) + 1))
+
+    def _checked(self, unpacked: bytes) -> bytes:
+        check_unpacked(len(unpacked), self._size)
+        return unpacked
 
 
 def check_bag(path: Path, databases: list[Path]) -> None:

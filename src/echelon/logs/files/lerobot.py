@@ -1,0 +1,68 @@
+"""Folders of LeRobot datasets, of which every episode is a log.
+
+``meta/info.json`` says what the entries of the vectors are called, and Parquet files under ``data`` hold the frames:
+one file per episode up to version 2.1, several episodes in a file from version 3.0 on.  An episode goes by a path
+inside the folder, ``dataset/episode_000012``.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from echelon.errors import InputError, MissingExtraError
+from echelon.inputs.content import read_content
+from echelon.inputs.json_text import parse_json
+
+_EPISODE = re.compile(r"episode_(\d+)")
+
+
+def is_dataset(path: Path) -> bool:
+    """Whether a directory is a dataset."""
+    return os.path.isfile(path / "meta" / "info.json") and os.path.isdir(path / "data")
+
+
+def is_episode(path: Path) -> bool:
+    """Whether a path stands for an episode of a dataset."""
+    return _EPISODE.fullmatch(path.name) is not None and is_dataset(path.parent)
+
+
+def number_of(episode: Path) -> int:
+    """The number of an episode."""
+    return int(path_number[1]) if (path_number := _EPISODE.fullmatch(episode.name)) else 0
+
+
+def data_files(dataset: Path) -> list[Path]:
+    """The Parquet files with the frames."""
+    found = sorted((dataset / "data").rglob("*.parquet"))
+    if not found:
+        raise InputError("is a LeRobot dataset without data: there is no data/*/*.parquet", source=str(dataset))
+    return found
+
+
+def episodes(dataset: Path) -> list[Path]:
+    """The paths of all episodes."""
+    try:
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise MissingExtraError("pyarrow", "identify") from None
+    tables = (pq.read_table(file, columns=["episode_index"]) for file in data_files(dataset))
+    numbers = sorted({int(number) for table in tables for number in table.column(0).unique().to_pylist()})
+    return [dataset / f"episode_{number:06d}" for number in numbers]
+
+
+def entry_names(dataset: Path) -> dict[str, str]:
+    """Names of columns such as ``observation.state[0]`` by what the dataset calls the entries of its vectors."""
+    source = dataset / "meta" / "info.json"
+    about: Any = parse_json(read_content(source), str(source))
+    features = about.get("features") if isinstance(about, dict) else None
+    found: dict[str, str] = {}
+    for name, feature in (features if isinstance(features, dict) else {}).items():
+        names = feature.get("names") if isinstance(feature, dict) else None
+        if isinstance(names, dict):
+            names = next((inner for inner in names.values() if isinstance(inner, list)), None)
+        if isinstance(names, list) and len(set(map(str, names))) == len(names):
+            found |= {f"{name}[{k}]": f"{name}/{entry}" for k, entry in enumerate(names)}
+    return found
