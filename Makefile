@@ -6,6 +6,8 @@ CORE := $(VENV)/.core
 DEV := $(VENV)/.dev
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# commands that tests start would compile all modules anew
+export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: help venv demo test lint slow faults mutate fuzz bench clean
 .DELETE_ON_ERROR:

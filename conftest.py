@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 
 import pytest
 from hypothesis import Phase, settings
+
+# Before anything imports NumPy: matrices are small here, and threads that wait for one another take turns with those of
+# the other workers.  Commands in processes of their own inherit it.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # The same examples on every run, and no time limit per example: the first one pays for imports and caches.
 settings.register_profile("echelon", deadline=None, derandomize=True)
