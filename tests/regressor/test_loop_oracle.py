@@ -10,10 +10,12 @@ import pytest
 from flint import arb
 
 from support import loop_readers
+from support.described_linkage import described
 from support.loop_linkage import ONE, Body, Linkage, Loop, matrix, number, sliding, turning
 from support.loop_oracle import Rank, UnsettledError, rank
 from support.paths import TESTS
 from support.published_loops import LITERAL, LOCKED, PUBLISHED, Published
+from support.zoo import ZOO
 from support.zoo.platforms import PLATFORMS
 
 X, Y, Z = loop_readers.AXES
@@ -123,7 +125,7 @@ def test_rounded_geometry_is_an_error_and_no_answer() -> None:
 
 
 def test_the_oracle_shares_nothing_with_the_package() -> None:
-    modules = "sys, support.loop_readers, support.loop_oracle"
+    modules = "sys, support.described_linkage, support.loop_readers, support.loop_oracle"
     code = f"import {modules}; print(any(name.split('.')[0] == 'echelon' for name in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], cwd=TESTS, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
@@ -141,6 +143,16 @@ def test_published_models(model: Published) -> None:
     found = found_in(model)
     assert (found.freedom, found.rank) == (model.freedom, model.rank)
     assert found.gap > 1e30
+
+
+DESCRIBED = [n for n, c in ZOO.items() if "bodies:" in c.text or "modified_dh:" in c.text]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in DESCRIBED if "floating" not in name])
+def test_mechanisms_of_the_zoo(name: str) -> None:
+    found = rank(described(ZOO[name].text))
+    assert (found.freedom, found.rank) == (ZOO[name].freedom, ZOO[name].rank)
 
 
 @pytest.mark.slow

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import pytest
-from flint import arb
 
 import echelon as ec
 from echelon.regressor.loops.assembly import Assembly
-from support import loop_readers
 from support.closed_states import read
-from support.loop_linkage import ONE, Body, Linkage, Loop, number, turning
+from support.described_linkage import described
 from support.loop_oracle import rank
 
 GRAVITY = ("1.2", "-3.4", "-9.1")
@@ -52,20 +50,6 @@ class Ring:
             ]
         )
 
-    def linkage(self, start: tuple[float, ...]) -> Linkage:
-        links = [self._link(k) for k in range(len(self.sides))]
-        turn = (turning(loop_readers.AXES[2]),)
-        poses = [ONE, *links[:-2]]
-        bodies = tuple(Body(f"b{k}", k - 1, pose, turn) for k, pose in enumerate(poses))
-        return Linkage(bodies, (Loop("revolute", len(bodies) - 1, -1, links[-2], links[-1].inv()),), start, (), GRAVITY)
-
-    def _link(self, k: int) -> object:
-        side = self.sides[k]
-        plain, root = (side, 0.0) if isinstance(side, float) else side
-        length = number(str(plain)) + number(str(root)) * arb(3).sqrt()
-        turned = loop_readers.turned(arb.pi() * self.twists[k] / 180, arb(0), arb(0))
-        return loop_readers.placed(turned, (length, arb(0), number(str(self.offsets[k]))))
-
 
 RINGS = {
     "Bennett": Ring((0.2, 0.4, 0.2, 0.4), (30, 90, 30, 90)),
@@ -86,6 +70,6 @@ def test_mobility_and_rank(name: str) -> None:
     ring = RINGS[name]
     mechanism = read(ring.text)
     assert mechanism.degrees_of_freedom == 1
-    start = Assembly(mechanism).pose
-    found = rank(ring.linkage(tuple(start.tolist())))
+    pose = ", ".join(f"{n}: {x:.15f}" for n, x in zip(mechanism.positions, Assembly(mechanism).pose, strict=True))
+    found = rank(described(f"{ring.text}\nassembly: {{{pose}}}\n"))
     assert (found.freedom, found.rank) == (1, ec.base_structure(mechanism).rank)

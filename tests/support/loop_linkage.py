@@ -19,7 +19,17 @@ CLOSED = 1e-60
 
 POINT, TURN = [(0, 3), (1, 3), (2, 3)], [(i, j) for i in range(3) for j in range(3)]
 AXIS = [(0, 2), (1, 2), (2, 2)]
-KINDS = {"point": POINT, "weld": POINT + TURN, "revolute": POINT + AXIS, "axis": POINT[:2] + AXIS}
+KINDS = {
+    "point": POINT,
+    "weld": POINT + TURN,
+    "revolute": POINT + AXIS,
+    "axis": POINT[:2] + AXIS,
+    "prismatic": POINT[:2] + TURN,
+    "planar": POINT[2:] + AXIS,
+    "universal": [*POINT, (0, 1)],
+    "point_on_axis": POINT[:2],
+    "point_on_plane": POINT[2:],
+}
 """The entries of the second frame's pose in the first frame that are those of the identity; axes are z."""
 
 
@@ -56,11 +66,11 @@ def sliding(axis: Sequence[arb]) -> arb_mat:
 
 
 def moved(by: arb_mat, amount: arb) -> arb_mat:
-    """The pose after a motion: T^3 = -T for a rotation, T^2 = 0 for a translation."""
+    """The pose after a motion: T^2 = 0 for a translation, T^4 = -T^2 for a rotation or a screw."""
     square = by * by
     if all(float(abs(entry)) < 1e-30 for entry in square.entries()):
         return ONE + by * amount
-    return ONE + by * amount.sin() + square * (1 - amount.cos())
+    return ONE + by * amount + square * (1 - amount.cos()) + square * by * (amount - amount.sin())
 
 
 @dataclass(frozen=True)

@@ -9,19 +9,19 @@ from __future__ import annotations
 import ast
 from collections.abc import Collection
 from fractions import Fraction
-from math import comb, isqrt
+from math import comb
 
 from echelon.errors import shortened
 from echelon.exact.angle import Angle
 from echelon.exact.numbers import (
     BEYOND_DOUBLES,
-    Number,
     Rational,
     Surd,
     in_double_range,
     inverse,
     parse_decimal,
     parts_of,
+    square_root,
 )
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.syntax import expression_tree
@@ -159,7 +159,7 @@ class _Reader:
 
     def _call(self, name: str, argument: Polynomial) -> Polynomial:
         if name == "sqrt" and argument.number is not None:
-            return Polynomial.constant(_square_root(argument.number))
+            return Polynomial.constant(square_root(argument.number))
         if name in ("cos", "sin"):
             angle = as_angle(argument)
             return angle.cos() if name == "cos" else angle.sin()
@@ -170,14 +170,3 @@ def _bits(polynomial: Polynomial) -> int:
     """Length of the longest integer in the coefficients."""
     parts = (part for c in polynomial.terms.values() for part in parts_of(c))
     return max((n.bit_length() for part in parts for n in (part.numerator, part.denominator)), default=0)
-
-
-def _square_root(value: Number) -> Number:
-    if isinstance(value, Surd) or value < 0:
-        raise ValueError("sqrt needs a non-negative rational number")
-    for k, radicand in enumerate((1, 2, 3, 6)):
-        square = Fraction(value) / radicand
-        root = Fraction(isqrt(square.numerator), isqrt(square.denominator))
-        if root * root == square:
-            return root if k == 0 else Surd(tuple(root if i == k else 0 for i in range(4)))  # type: ignore[arg-type]
-    raise ValueError(f"sqrt({value}) is not in Q(√2, √3): use a symbol with that value instead")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from fractions import Fraction
-from math import isfinite, sqrt
+from math import isfinite, isqrt, sqrt
 
 Rational = int | Fraction
 
@@ -113,6 +113,18 @@ def parts_of(x: Number) -> tuple[Rational, Rational, Rational, Rational]:
 def inverse(x: Number) -> Number:
     """Exact 1/x."""
     return x.inverse() if isinstance(x, Surd) else 1 / Fraction(x)
+
+
+def square_root(value: Number) -> Number:
+    """Exact √value; ValueError where it is not in Q(√2, √3)."""
+    if isinstance(value, Surd) or value < 0:
+        raise ValueError("sqrt needs a non-negative rational number")
+    for k, radicand in enumerate(_RADICANDS):
+        square = Fraction(value) / radicand
+        root = Fraction(isqrt(square.numerator), isqrt(square.denominator))
+        if root * root == square:
+            return root if k == 0 else Surd(tuple(root if i == k else 0 for i in range(4)))  # type: ignore[arg-type]
+    raise ValueError(f"sqrt({value}) is not in Q(√2, √3): use a symbol with that value instead")
 
 
 def cosine_of_turn(k: int) -> Number:

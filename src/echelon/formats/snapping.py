@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Collection, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import reduce
@@ -19,7 +20,7 @@ from operator import matmul
 from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.expressions import PI
-from echelon.exact.numbers import Rational, decimal_text
+from echelon.exact.numbers import Rational, decimal_text, inverse, square_root
 from echelon.exact.polynomial import Polynomial, as_polynomial, format_polynomial
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree, Triple
 from echelon.formats.reading_options import LARGEST_ANGLE, LENGTH_TOLERANCE, PRECISION, ReadingOptions
@@ -31,7 +32,7 @@ from echelon.mechanism.joint import (
     planar_motions,
 )
 from echelon.mechanism.mechanism import Symbol
-from echelon.mechanism.placement import Placement, Vector, shift, turn
+from echelon.mechanism.placement import Placement, Vector, as_matrix, shift, turn
 from echelon.mechanism.reading import Snap
 
 _STEP = pi / STEPS_PER_HALF_TURN
@@ -221,9 +222,16 @@ class Snapping:
                     text = " ".join(_decimal(v) for v in direction)
                     self.snaps.append(Snap(element, f"({text})", "xyz"[axis], off))
                 return Placement(), axis, 1 if component > 0 else -1
-        azimuth = self.angle(atan2(y, x), f"{element} azimuth", f"azimuth{label}")
-        elevation = self.angle(atan2(hypot(x, y), z), f"{element} inclination", f"inclination{label}")
+        angles = atan2(y, x), atan2(hypot(x, y), z)
+        if not all(self._is_on_grid(angle, element) for angle in angles):
+            with suppress(ValueError):
+                return _turned_to(direction)
+        azimuth = self.angle(angles[0], f"{element} azimuth", f"azimuth{label}")
+        elevation = self.angle(angles[1], f"{element} inclination", f"inclination{label}")
         return turn(2, azimuth) @ turn(1, elevation), 2, 1
+
+    def _is_on_grid(self, angle: float, element: str) -> bool:
+        return abs(angle - round(angle / _STEP) * _STEP) <= self.angle_tolerance(element)
 
     # -- gravity and symbols ---------------------------------------------------------------------------------------
 
@@ -248,6 +256,18 @@ class Snapping:
             unique, suffix = name + suffix, chr(ord(suffix) + 1)
         self.symbols[unique] = replace(symbol, name=unique)
         return unique
+
+
+def _turned_to(direction: Triple) -> tuple[Placement, int, int]:
+    """A direction by exact numbers, so that points stated along it lie on the axis; ValueError if its length is none.
+
+    The shortest turn takes z there.
+    """
+    size = square_root(sum(Fraction(v) ** 2 for v in direction))
+    x, y, z = (v * inverse(size) for v in direction)
+    back = inverse(1 + z)
+    rows = [[1 - x * x * back, -x * y * back, x], [-x * y * back, 1 - y * y * back, y], [-x, -y, z]]
+    return Placement(as_matrix([[as_polynomial(entry) for entry in row] for row in rows])), 2, 1
 
 
 def _rest_text(angle: Angle, quarters: int, sign: int) -> str:

@@ -7,6 +7,7 @@ from support.zoo.case import Case
 from support.zoo.cranks import CRANKS
 from support.zoo.floating import FLOATING
 from support.zoo.legs import LEGS
+from support.zoo.linkages import LINKAGES
 from support.zoo.machines import MACHINES
 from support.zoo.mjcf_linkages import MJCF_LINKAGES
 from support.zoo.mjcf_text import mjcf
@@ -15,4 +16,4 @@ from support.zoo.spatial import SPATIAL
 
 __all__ = ["ZOO", "Case", "mjcf"]
 
-ZOO = CRANKS | BARS | FLOATING | SPATIAL | MACHINES | MJCF_LINKAGES | PLATFORMS | LEGS
+ZOO = CRANKS | BARS | FLOATING | SPATIAL | MACHINES | MJCF_LINKAGES | PLATFORMS | LEGS | LINKAGES
