@@ -31,10 +31,10 @@ from echelon.identification.rows.plan import Plan
 from echelon.identification.survey import Survey, survey
 from echelon.identification.validation import Models, Validation
 from echelon.identification.verdict import overall_verdict
-from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import Finding, Severity
 from echelon.machine.threads import one_thread
 from echelon.observe.observation import Observation
+from echelon.setup.logs import with_logs
 from echelon.setup.setup import Setup
 
 if TYPE_CHECKING:
@@ -50,9 +50,9 @@ _PIECES = 5
 
 
 def identify(
-    setup: Setup,
-    logs: Paths,
-    validate_on: Paths = (),
+    setup: Any,
+    logs: Any,
+    validate_on: Any = (),
     *,
     client: Client | None = None,
     on_step: OnStep | None = None,
@@ -62,11 +62,12 @@ def identify(
 
     Parameters
     ----------
-    setup : Setup
-        See :func:`load_setup`.
-    logs : sequence of path
-        What the model is fitted to; a directory stands for all logs in it.
-    validate_on : sequence of path
+    setup : Setup, path or model
+        A set-up, or what :func:`load_setup` takes.
+    logs : path, dict of arrays, data frame, or several of them
+        What the model is fitted to; a directory stands for all logs in it.  Data frames are those of pandas or polars.
+        Files that hold positions only and outputs only are taken together: ``["positions.csv", "torques.csv"]``.
+    validate_on : the same
         Logs that the fit does not see.  Without any, the last ones of several logs are held out, or the end of a single
         one (``setup.settings.holdout``).
     client : distributed.Client, optional
@@ -91,12 +92,14 @@ def identify(
     >>> import echelon as ec
     >>> setup = ec.load_setup("examples/logs/emps.yaml")
     >>> result = ec.identify(setup, ["DATA_EMPS.parquet"])                                  # doctest: +SKIP
+    >>> result = ec.identify("arm.urdf", "log.csv")                                         # doctest: +SKIP
     """
+    setup, given, others = with_logs(setup, logs, validate_on)
     step, settings = on_step or (lambda _: None), setup.settings
     with one_thread():
         step("deriving the base parameters")
         base = base_parameters(setup.mechanism, seed=setup.seed)
-        fitted_logs, unseen_logs = _split_logs(logs, validate_on, settings.holdout)
+        fitted_logs, unseen_logs = _split_logs(given, others, settings.holdout)
         surveyed = survey(setup, base, fitted_logs, unseen_logs)
         plan = Plan(base, setup.columns, surveyed.preparation, 0.0 if unseen_logs else settings.holdout)
         prior = _prior(setup, base)
@@ -146,10 +149,10 @@ def identify(
     )
 
 
-def _split_logs(logs: Paths, validate_on: Paths, holdout: float) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+def _split_logs(
+    given: tuple[Path, ...], others: tuple[Path, ...], holdout: float
+) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
     """Logs that are fitted, and logs that are not."""
-    given = tuple(log_paths(logs))
-    others = tuple(log_paths(validate_on))
     if not given:
         raise InputError("no log is given to fit the model to")
     held = 0 if others or len(given) == 1 else round(holdout * len(given))

@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from echelon.errors import locating
-from echelon.logs.columns.column_guess import guess_columns
+from echelon.logs.columns.column_guess import guess_columns, with_units
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.columns.conversion import needed_columns, recording
 from echelon.logs.faults.examine import examine
 from echelon.logs.faults.plausibility import check_plausible, surplus_columns
-from echelon.logs.files.open_log import open_log
+from echelon.logs.files.log_file import LogFile, Table
 from echelon.logs.finding import Finding
+from echelon.logs.joined_log import opened
 from echelon.logs.preparation.segments import segments
 from echelon.logs.recording import Recording, Segment
 from echelon.mechanism.mechanism import Mechanism
@@ -47,14 +48,17 @@ def read_log(
     Of several column maps the first one whose columns are all there is used; without any, columns are recognised by
     their names.  Segments are resampled to ``rate``, Hz.  ``symbols`` are values of symbols in transmission ratios.
     """
-    log = open_log(path)
+    log = opened(path)
     if not outputs:  # a map that has all it names comes before the same without outputs
         columns = [*columns, *(replace(some, outputs={}) for some in columns)]
-    chosen = chosen_columns(log.names, mechanism, columns, log.source, outputs=outputs)
+    chosen = chosen_columns(log, mechanism, columns, outputs=outputs)
     findings = surplus_columns(chosen, log.names)
     tables = log.tables(_needed(chosen, log.names, log.source))
     table, following = next(tables, None), next(tables, None)
     whole = following is None
+    if table is not None and not columns:
+        chosen, more = with_units(chosen, table, mechanism)
+        findings += more
     while table is not None:
         recorded = recording(table, chosen, mechanism, symbols)
         findings += check_plausible(recorded, mechanism, chosen)
@@ -65,20 +69,20 @@ def read_log(
 
 
 def chosen_columns(
-    names: Sequence[str],
-    mechanism: Mechanism,
-    columns: Sequence[ColumnMap],
-    source: str,
-    *,
-    outputs: bool = True,
+    log: LogFile, mechanism: Mechanism, columns: Sequence[ColumnMap], *, outputs: bool = True
 ) -> ColumnMap:
     """The map whose columns a file has; for none, the error says what the nearest one lacks."""
     if not columns:
-        return guess_columns(names, mechanism, source, outputs=outputs)
-    lacking = [sum(name not in names for name in needed_columns(some)) for some in columns]
+        return guess_columns(log.names, mechanism, log.source, outputs=outputs, look=lambda: first_table(log))
+    lacking = [sum(name not in log.names for name in needed_columns(some)) for some in columns]
     best = columns[lacking.index(min(lacking))]
-    _needed(best, names, source)
+    _needed(best, log.names, log.source)
     return best
+
+
+def first_table(log: LogFile) -> Table:
+    """The first piece of a log, with all columns."""
+    return next(log.tables(), Table(log.source, {}))
 
 
 def _needed(columns: ColumnMap, names: Sequence[str], source: str) -> tuple[str, ...]:

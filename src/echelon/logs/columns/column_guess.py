@@ -1,154 +1,146 @@
-"""Columns by their names, for a set-up that says nothing about its logs: all that is clear, and nothing that is not.
+"""Columns by their names, and by their values where names say nothing, for a set-up that says nothing about its logs.
 
-A name such as ``q_rad_1``, ``/joint_states/position/elbow``, ``torques[0]`` or ``time [ms]`` is understood word by
-word, and only if every word is: ``tau_fric1`` is some torque, but not the measured one.
+What is clear is taken, and what is not is asked about, all of it in one message.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
 
-from echelon.errors import InputError, locating
+import numpy as np
+
+from echelon.arrays import Floats
+from echelon.errors import InputError
+from echelon.logs.columns.by_values import Family, blocks, classified, clock, clock_unit, families
 from echelon.logs.columns.column_map import Channel, ColumnMap
-from echelon.logs.columns.quantities import actuators, coordinates, units
+from echelon.logs.columns.column_names import Meaning, aliases, meaning, words
+from echelon.logs.columns.quantities import actuators, coordinates, motion_of, units
 from echelon.logs.columns.units import factor
-from echelon.logs.finding import listed
+from echelon.logs.files.log_file import Table
+from echelon.logs.finding import Finding, listed, note, warning
+from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 
-_WORDS = {
-    "position": "q pos position positions angle angles",
-    "velocity": "v qd dq qdot vel velocity velocities speed speeds",
-    "acceleration": "a qdd ddq qddot acc accel acceleration accelerations",
-    "output": "tau torque torques trq effort efforts force forces",
-    "time": "t ts time times timestamp timestamps stamp",
-}
-_KINDS = {word: kind for kind, words in _WORDS.items() for word in words.split()}
-_OTHERS = {
-    "reference": "ref reference target targets des desired cmd command commanded setpoint sp",
-    "motor": "motor motors actuator actuators",
-    "neutral": "meas measured act actual read joint joints j state states",
-}
-_ROLES = {word: role for role, words in _OTHERS.items() for word in words.split()}
-_UNITS = {
-    "rad": "rad",
-    "deg": "deg",
-    "rads": "rad/s",
-    "degs": "deg/s",
-    "rads2": "rad/s²",
-    "rpm": "rpm",
-    "m": "m",
-    "mm": "mm",
-    "nm": "N·m",
-    "mnm": "mN·m",
-    "n": "N",
-    "s": "s",
-    "sec": "s",
-    "ms": "ms",
-    "us": "us",
-    "ns": "ns",
-}
-_BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*[A-Za-z°][^\[\]()]*?)\s*[\])]")
-_HUMP = re.compile(r"(?<=[a-z])(?=[A-Z][a-z])")
+Meanings = Mapping[str, Meaning]
+Look = Callable[[], Table]
+"""Reads the first piece of a log, with all columns."""
+
+_NEEDED = ("position", "output")
+_OPTIONAL = ("velocity", "acceleration", "reference")
+_ADVICE = "say under log which they are, or let  echelon setup ROBOT LOG -o setup.yaml  write it"
+_TURNS = 4 * math.pi
+_DEGREES = 720.0
+_NEAR = 0.05
 
 
 @dataclass(frozen=True)
-class Meaning:
-    """What a column's name says."""
+class Guess:
+    """What the columns of a log were taken for, and what could not be decided."""
 
-    kind: str  # ``position``, ``velocity``, ``acceleration``, ``output``, ``reference`` or ``time``
-    name: str = ""  # coordinate, output or actuator that it names; empty if it has none
-    index: int | None = None  # its number
-    motor: bool = False  # whether it says that it was measured at a motor
-    unit: str = ""
+    columns: ColumnMap
+    problems: tuple[str, ...] = ()  # in sentences; without any, nothing that is needed is missing
+    notes: tuple[str, ...] = ()  # what was taken for granted
 
 
-def meaning(column: str, names: Iterable[str]) -> Meaning | None:
-    """What a column's name says; None if there is a word that is not understood."""
-    rest, unit, name = column, "", ""
-    bracket = _BRACKETS.search(rest)
-    if bracket:
-        unit, rest = bracket.group(1), rest[: bracket.start()] + "_" + rest[bracket.end() :]
-    for known in sorted(set(names), key=lambda n: (-len(n), n)):
-        # a name that could also be a quantity's, such as q1, is left to its number
-        parted = re.split(rf"(?<![A-Za-z0-9]){re.escape(known)}(?![A-Za-z0-9])", rest)
-        if len(parted) == 2 and re.search("[A-Za-z]", "".join(parted)):
-            rest, name = "_".join(parted), known
-            break
-    return _by_words(_HUMP.sub("_", rest), name, unit)
+def guess_columns(
+    names: Sequence[str], mechanism: Mechanism, source: str = "", *, outputs: bool = True, look: Look | None = None
+) -> ColumnMap:
+    """The columns of a log, or an error that says all that is not clear."""
+    found = guess(names, mechanism, look, outputs=outputs)
+    if found.problems:
+        raise InputError("; ".join(found.problems), source=source or None)
+    return found.columns
 
 
-def _by_words(text: str, name: str, unit: str) -> Meaning | None:
-    kind, index = "", None
-    roles: set[str] = set()
-    for word in re.findall(r"[a-z0-9°]+", text.lower()):
-        letters, digits = (word, "") if word in _UNITS else re.fullmatch(r"(.*?)(\d*)", word).groups()  # type: ignore[union-attr]
-        if digits:
-            if index is not None:
-                return None
-            index = int(digits)
-        if letters in _KINDS and not kind:
-            kind = _KINDS[letters]
-        elif not letters or letters in _ROLES:
-            roles.add(_ROLES.get(letters, ""))
-        elif letters in _UNITS and not unit:
-            unit = _UNITS[letters]
-        else:
-            return None
-    reference = "reference" in roles
-    if not kind or (reference and kind != "position") or (name and index is not None):
-        return None
-    return Meaning("reference" if reference else kind, name, index, "motor" in roles, unit)
-
-
-Meanings = Mapping[str, Meaning]
-
-
-def guess_columns(names: Sequence[str], mechanism: Mechanism, source: str = "", *, outputs: bool = True) -> ColumnMap:
-    """Take columns for what their names say: positions, outputs, and what else there is for all coordinates."""
+def guess(
+    names: Sequence[str],
+    mechanism: Mechanism,
+    look: Look | None = None,
+    *,
+    outputs: bool = True,
+    by_values: bool = False,
+) -> Guess:
+    """Take columns for what their names say, and with ``by_values`` or without names for what their values say."""
     drives = [a.name for a in mechanism.transmission.actuators]
-    known = {*mechanism.positions, *mechanism.velocities, *(o.name for o in mechanism.outputs), *drives}
+    known = aliases([*mechanism.positions, *mechanism.velocities, *(o.name for o in mechanism.outputs), *drives])
     meanings = {name: found for name in names if (found := meaning(name, known)) is not None}
-    with locating(source):
-        groups = {kind: _channels(meanings, mechanism, kind) for kind in ("position", "output")}
-        _require(groups, names, mechanism, outputs)
-    for kind in ("velocity", "acceleration", "reference"):
+    groups, problems = _by_names(meanings, mechanism, outputs)
+    notes: list[str] = []
+    headerless = all(name.isdecimal() for name in names)
+    absent = [kind for kind in _NEEDED[: 1 + outputs] if not groups[kind]]
+    if absent and look is not None and (by_values or (headerless and not problems)):
+        clear = [name for name, said in meanings.items() if said.kind not in absent and not headerless]
+        for kind, family in _by_values(names, clear, mechanism, look().columns, groups).items():
+            if not groups.get(kind):
+                groups[kind] = {n: Channel(c) for n, c in zip(_valid(mechanism, kind), family.columns, strict=True)}
+                notes.append(f"{family.label} taken for the {_several(kind)} of {listed(groups[kind])} by their values")
+        absent = [kind for kind in absent if not groups[kind]]
+        problems = problems if absent else []
+    if absent and not problems:
+        problems.append(_question(absent, names, meanings, mechanism, look))
+    unnamed = names if headerless else [name for name in names if name not in meanings and by_values]
+    time, trouble = _time(meanings, unnamed, look)
+    if any(said.kind == "current" for column, said in meanings.items() if column in _columns(groups["output"])):
+        text = (
+            "the outputs are currents by their names, and were taken for torques: give the torque per ampere as scale"
+        )
+        notes.append(text)
+    kinds = (groups[kind] for kind in ("position", "velocity", "acceleration", "output", "reference"))
+    return Guess(ColumnMap(time, None, *kinds), (*problems, *trouble), tuple(notes))
+
+
+def _several(kind: str) -> str:
+    return "velocities" if kind == "velocity" else f"{kind}s"
+
+
+def _columns(group: Mapping[str, Channel]) -> set[str]:
+    return {channel.column for channel in group.values()}
+
+
+def _by_names(
+    meanings: Meanings, mechanism: Mechanism, outputs: bool
+) -> tuple[dict[str, dict[str, Channel]], list[str]]:
+    """Channels by kind and by coordinate, output or actuator, and what is wrong with the names."""
+    groups: dict[str, dict[str, Channel]] = {}
+    problems: list[str] = []
+    for kind in (*_NEEDED, *_OPTIONAL):
         try:
             groups[kind] = _channels(meanings, mechanism, kind)
-        except InputError:  # nobody needs them: what is not clear is left out
+            if not groups[kind] and kind == "position":  # joint_0 beside torque_0
+                groups[kind] = _channels(meanings, mechanism, "joint")
+            if not groups[kind] and kind == "output":
+                groups[kind] = _channels(meanings, mechanism, "current")
+        except InputError as error:
             groups[kind] = {}
-    with locating(source):
-        time = _time(meanings)
-    return ColumnMap(
-        time,
-        None,
-        groups["position"],
-        groups["velocity"],
-        groups["acceleration"],
-        groups["output"],
-        groups["reference"],
-    )
+            if kind in _NEEDED[: 1 + outputs]:  # nobody needs the others: what is not clear is left out
+                problems.append(error.problem)
+    return groups, problems
 
 
-def _require(
-    groups: Mapping[str, Mapping[str, Channel]], names: Sequence[str], mechanism: Mechanism, outputs: bool
-) -> None:
-    absent = [kind + "s" for kind in ("position", "output")[: 1 + outputs] if not groups[kind]]
-    if absent:
-        raise InputError(
-            f"no columns for {' and '.join(absent)} of {mechanism.name} can be told from their names; say under log "
-            f"which they are (columns: {listed(names)})"
-        )
+def _valid(mechanism: Mechanism, kind: str) -> list[str]:
+    if kind in ("output", "current"):
+        return [output.name for output in mechanism.outputs]
+    names = coordinates(mechanism, "position" if kind == "joint" else kind)
+    return [name for name in names if not mechanism.closures or name in mechanism.independent_velocities]
 
 
-def _time(meanings: Meanings) -> Channel | None:
+# -- names ------------------------------------------------------------------------------------------------------------
+
+
+def _time(meanings: Meanings, unnamed: Sequence[str], look: Look | None) -> tuple[Channel | None, list[str]]:
+    """The column of time, of several that by their names could be it the one that grows as a clock does."""
     # columns of messages have stamps of their own, which the file assigns to them
     found = [name for name, said in meanings.items() if said.kind == "time" and not name.startswith("/")]
     found = [name for name in found if _fits(meanings[name].unit, "s")]
+    if look is not None and (len(found) > 1 or (unnamed and not found)):
+        chosen = clock(look().columns, found or unnamed)
+        found = [chosen] if chosen else found
     if len(found) > 1:
-        raise InputError(f"{listed(found)} could all be the time; name one as time under log")
-    return Channel(found[0], meanings[found[0]].unit) if found else None
+        return None, [f"{listed(found)} could all be the time; name one as time under log"]
+    return (Channel(found[0], meanings[found[0]].unit if found[0] in meanings else "") if found else None), []
 
 
 def _fits(unit: str, quantity: str | Sequence[str] | None) -> bool:
@@ -164,9 +156,9 @@ def _channels(meanings: Meanings, mechanism: Mechanism, kind: str) -> dict[str, 
     own = {column: said for column, said in meanings.items() if said.kind == kind}
     if not own:
         return {}
-    valid = [o.name for o in mechanism.outputs] if kind == "output" else list(coordinates(mechanism, kind))
+    valid = _valid(mechanism, kind)
     motors = [actuator.name for actuator in actuators(mechanism)]
-    if any(said.motor for said in own.values()):
+    if any(said.motor for said in own.values()) and (motors or kind == "position"):
         own = {column: said for column, said in own.items() if said.motor}
         if not motors:
             raise InputError(
@@ -178,18 +170,26 @@ def _channels(meanings: Meanings, mechanism: Mechanism, kind: str) -> dict[str, 
     keys |= _numbered(own, by_number, valid, mechanism, kind) if not keys else {}
     found: dict[str, Channel] = {}
     for column, name in keys.items():
-        unit = own[column].unit
-        if (name not in valid and name not in motors) or not _fits(unit, units(mechanism, kind, name)):
+        channel = _channel(column, own[column].unit, mechanism, kind, name)
+        if (name not in valid and name not in motors) or channel is None:
             continue
         if name in found:
             both = f"'{found[name].column}' and '{column}'"
             raise InputError(f"{both} could both be the {kind} of '{name}'; say under log which it is")
-        found[name] = Channel(column, unit)
+        found[name] = channel
     missing = [name for name in valid if name not in found]
     if missing and not any(name in found for name in motors):
         taken = listed(channel.column for channel in found.values())
         raise InputError(f"no column is the {kind} of {listed(missing)} (found: {taken}); say under log which they are")
     return {name: found[name] for name in [*valid, *motors] if name in found}
+
+
+def _channel(column: str, unit: str, mechanism: Mechanism, kind: str, name: str) -> Channel | None:
+    """A column with its unit; None where the unit is not one of the quantity."""
+    if kind == "current":  # as if it were a torque: one unit of force per ampere
+        return Channel(column, scale=factor(unit, "A")) if _fits(unit, "A") else None
+    expected = units(mechanism, "position" if kind == "joint" else kind, name)
+    return Channel(column, unit) if _fits(unit, expected) else None
 
 
 def _numbered(
@@ -212,3 +212,110 @@ def _numbered(
             "log of another robot?  If not, say under log which they are"
         )
     return {column: valid[number - first] for column, number in numbers.items() if number is not None}
+
+
+# -- values -----------------------------------------------------------------------------------------------------------
+
+
+def _by_values(
+    names: Sequence[str],
+    understood: Sequence[str],
+    mechanism: Mechanism,
+    columns: Mapping[str, Floats],
+    groups: Mapping[str, Mapping[str, Channel]],
+) -> dict[str, Family]:
+    """Families of columns by kind; positions that are known by their names are among them."""
+    valid = _valid(mechanism, "position")
+    lengths = {len(columns[name]) for name in names if name in columns}
+    if len(_valid(mechanism, "output")) != len(valid) or len(lengths) != 1:
+        return {}
+    stamps = clock(columns, names)
+    rest = [name for name in names if name not in (stamps, *understood)]
+    if understood or not all(name.isdecimal() for name in names):
+        given = Family(tuple(channel.column for channel in groups["position"].values()))
+        found = (given, *families(rest, len(valid), valid)) if groups["position"] else families(rest, len(valid), valid)
+    else:
+        found = blocks(rest[1:] if len(rest) % len(valid) == 1 and len(valid) > 1 else rest, len(valid))
+    return classified(found, columns, columns[stamps] if stamps else None)
+
+
+def _question(
+    absent: Sequence[str], names: Sequence[str], meanings: Meanings, mechanism: Mechanism, look: Look | None
+) -> str:
+    """What is missing, and for every column that was not understood what it is nearest to."""
+    valid = _valid(mechanism, "position")
+    unknown = [name for name in names if name not in meanings]
+    groups, _ = _by_names(meanings, mechanism, False)
+    seen: dict[str, Family] = {}
+    if look is not None and len(unknown) < 200:
+        seen = _by_values(names, list(meanings), mechanism, look().columns, groups)
+    asked, left = [], list(unknown)
+    for family in families(unknown, len(valid), valid):
+        kinds = [kind for kind, some in seen.items() if some == family]
+        by = f"{_several(kinds[0])} by their values" if kinds else _nearest(family.columns[0])
+        asked.append(f"{family.label}{by and f' ({by})'}")
+        left = [name for name in left if name not in family.columns]
+    asked += [f"{name}{(by := _nearest(name)) and f' ({by})'}" for name in left]
+    what = (
+        f"no columns for {' and '.join(f'{kind}s' for kind in absent)} of {mechanism.name} can be told from their names"
+    )
+    return f"{what}; not understood: {listed(asked)}; {_ADVICE}"
+
+
+def _nearest(column: str) -> str:
+    """The word that a part of a column's name is nearest to."""
+    known = words()
+    for part in column.replace(".", "_").replace("/", "_").lower().split("_"):
+        close = get_close_matches(
+            part.strip("0123456789[]"), [word for word in known if len(word) > 2], n=1, cutoff=0.7
+        )
+        if close:
+            return f"{known[close[0]]}?"
+    return ""
+
+
+def with_units(columns: ColumnMap, table: Table, mechanism: Mechanism) -> tuple[ColumnMap, tuple[Finding, ...]]:
+    """Guessed columns with the units that their magnitudes ask for, and what was assumed."""
+    notes: list[Finding] = []
+    time = columns.time
+    if time is not None and not time.unit and time.column in table.columns:
+        unit = clock_unit(table.columns[time.column])
+        if unit:
+            text = f"the time '{time.column}' is taken to be in {unit}: in seconds no robot would be logged so slowly"
+            notes.append(note("units", table.source, text))
+        time = replace(time, unit=unit)
+    turning = {name: some for name, some in columns.positions.items() if _turns(mechanism, name)}
+    far = [np.nanmax(np.abs(table.columns[some.column]), initial=0.0) for some in turning.values()]
+    plain = turning and not any(some.unit for some in turning.values())
+    positions = columns.positions
+    if plain and 2 * sum(size > _TURNS for size in far) > len(far) and max(far) <= _DEGREES:
+        positions = {**positions, **{name: replace(some, unit="deg") for name, some in turning.items()}}
+        text = f"positions up to {max(far):.4g} are taken to be in degrees"
+        notes.append(warning("units", table.source, text))
+    guessed = replace(columns, time=time, positions=positions)
+    return replace(guessed, velocities=_with_rates(guessed, table, mechanism)), tuple(notes)
+
+
+def _turns(mechanism: Mechanism, name: str) -> bool:
+    motion = motion_of(mechanism, name)
+    return motion is not None and motion.kind is MotionKind.ROTATION
+
+
+def _with_rates(columns: ColumnMap, table: Table, mechanism: Mechanism) -> dict[str, Channel]:
+    """Velocities in deg/s where they are to positions as degrees are to radians."""
+    found = dict(columns.velocities)
+    times = None if columns.time is None else table.columns.get(columns.time.column)
+    for name, channel in columns.velocities.items():
+        position = columns.positions.get(name)
+        if channel.unit or position is None or times is None or not _turns(mechanism, name):
+            continue
+        q, v = table.columns[position.column] * factor(position.unit, "rad"), table.columns[channel.column]
+        if len(q) != len(v) or len(q) != len(times):
+            continue
+        step = np.diff(times) * factor(columns.time.unit if columns.time else "", "s")
+        moved, area = np.diff(q), 0.5 * (v[1:] + v[:-1]) * step
+        usable = np.isfinite(moved) & np.isfinite(area)
+        ratio = np.linalg.norm(area[usable]) / max(float(np.linalg.norm(moved[usable])), 1e-300)
+        if abs(ratio * math.pi / 180 - 1) < _NEAR:
+            found[name] = replace(channel, unit="deg/s")
+    return found

@@ -88,8 +88,9 @@ def check_plausible(
 def surplus_columns(columns: ColumnMap, names: Sequence[str]) -> tuple[Finding, ...]:
     """Positions that a file has beyond those that are used, such as ``q_7`` beside ``q_1`` … ``q_6``."""
     used = {channel.column for channel in columns.positions.values()}
-    patterns = {re.sub(r"\d+(?=\D*$)", "#", name) for name in used if re.search(r"\d", name)}
-    more = [n for n in names if n not in used and re.search(r"\d", n) and re.sub(r"\d+(?=\D*$)", "#", n) in patterns]
+    known = {channel.column for group in columns.channels.values() for channel in group.values()}
+    patterns = {re.sub(r"\d+(?=\D*$)", "#", name) for name in used if re.search(r"\d", name)} - {"#"}
+    more = [n for n in names if n not in known and re.search(r"\d", n) and re.sub(r"\d+(?=\D*$)", "#", n) in patterns]
     if not more or len(patterns) > 1 or len(used) < 2:
         return ()
     shown = listed(f"'{name}'" for name in more)

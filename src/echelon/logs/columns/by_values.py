@@ -1,0 +1,185 @@
+"""What columns are by their values: clocks, families of columns whose names say nothing, and units.
+
+A family has a column for every coordinate.  Positions are the family whose derivative another one is: velocities are
+integrated over windows instead of differentiating positions, so that noise and resolution count for little.  Without
+velocities, positions are much smoother than what is measured of forces.  What follows the positions but is not the
+first such family is their reference, and what is left are outputs, if it is one family.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from echelon.arrays import Floats
+from echelon.signals.clock import nominal_period
+
+_WINDOWS = 200
+_FOLLOWS = 0.9
+"""Correlation from which on one family is the derivative of another."""
+_SAME = 0.98
+_SMOOTHER = 1.5
+"""Ratio of the steps of two families, in units of their spread, from which on one is smoother than the other."""
+_FORWARD = 0.999
+_UNIFORM = 0.25
+_PERIODS = (5e-5, 0.2)
+_CLOCK_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+@dataclass(frozen=True)
+class Family:
+    """Columns of one pattern, in the order of their numbers or of the file."""
+
+    columns: tuple[str, ...]
+
+    @property
+    def label(self) -> str:
+        """The first and the last column."""
+        return self.columns[0] if len(self.columns) == 1 else f"{self.columns[0]} … {self.columns[-1]}"
+
+
+_LETTER = re.compile(r"(?<![A-Za-z0-9])[A-Za-z](?![A-Za-z0-9])")
+_NUMBER = re.compile(r"\d+(?=\D*$)")
+
+
+def families(names: Sequence[str], count: int, known: Sequence[str] = ()) -> tuple[Family, ...]:
+    """Families of ``count`` columns: their names differ by one of ``known``, a number, a letter, or share a word."""
+
+    def by_name(column: str) -> tuple[str, int] | None:
+        inside = [k for k, name in enumerate(known) if re.search(rf"(?<![^\W_]){re.escape(name)}(?![^\W_])", column)]
+        return (column.replace(known[inside[0]], "{}"), inside[0]) if inside else None
+
+    def by_number(column: str) -> tuple[str, int] | None:
+        found = _NUMBER.search(column)
+        return (f"{column[: found.start()]}{{}}{column[found.end() :]}", int(found.group())) if found else None
+
+    def by_letter(column: str) -> tuple[str, int] | None:
+        last = next(reversed([*_LETTER.finditer(column)]), None)
+        return None if last is None else (f"{column[: last.start()]}{{}}{column[last.end() :]}", ord(last.group()))
+
+    def by_word(place: int) -> Callable[[str], tuple[str, int]]:
+        return lambda column: ((re.findall(r"[^\W_]+", column) or [column])[place].lower(), 0)
+
+    found: list[Family] = []
+    left = list(names)
+    for key in (by_name, by_number, by_letter, by_word(0), by_word(-1)):
+        groups: dict[str, list[tuple[int, int, str]]] = {}
+        for place, column in enumerate(left):
+            if (said := key(column)) is not None:
+                groups.setdefault(said[0], []).append((said[1], place, column))
+        found += [
+            Family(tuple(column for *_, column in sorted(some))) for some in groups.values() if len(some) == count
+        ]
+        left = [name for name in left if not any(name in family.columns for family in found)]
+    return tuple(found)
+
+
+def blocks(names: Sequence[str], count: int) -> tuple[Family, ...]:
+    """Columns without names as families, one after another; none if their number does not fit."""
+    if len(names) % count:
+        return ()
+    return tuple(Family(tuple(names[start : start + count])) for start in range(0, len(names), count))
+
+
+def clock(columns: Mapping[str, Floats], names: Sequence[str]) -> str:
+    """The first column that grows evenly as a clock does; empty if none does."""
+    for name in names:
+        steps = np.diff(columns[name])
+        period = float(np.median(steps)) if len(steps) else 0.0
+        if len(steps) < 3 or not np.isfinite(period) or period <= 0:
+            continue
+        even = np.mean(np.abs(steps - period) < _UNIFORM * period)
+        plain_count = period == 1 and set(np.unique(steps)) == {1.0} and len(names) > 1
+        if np.mean(steps > 0) > _FORWARD and even > 0.5 and not (plain_count and _has_other(columns, names, name)):
+            return name
+    return ""
+
+
+def _has_other(columns: Mapping[str, Floats], names: Sequence[str], counter: str) -> bool:
+    """Whether something beside a counter of rows is a clock."""
+    return bool(clock(columns, [name for name in names if name != counter]))
+
+
+def clock_unit(times: Floats) -> str:
+    """The unit in which time stamps make a rate at which robots are logged; empty for seconds."""
+    period = nominal_period(times[np.isfinite(times)])
+    fitting = [unit for unit, size in _CLOCK_UNITS.items() if _PERIODS[0] <= period * size <= _PERIODS[1]]
+    return "" if not fitting or fitting[0] == "s" else fitting[0]
+
+
+def classified(found: Sequence[Family], columns: Mapping[str, Floats], times: Floats | None) -> dict[str, Family]:
+    """Families by kind: position, velocity, acceleration, reference, output; those that are not clear are left out."""
+    values = [_clean(np.column_stack([columns[name] for name in family.columns])) for family in found]
+    step = np.arange(len(values[0]), dtype=float) if times is None or not values else times
+    derived = {
+        (a, b): _follows(values[a], values[b], step) for a in range(len(found)) for b in range(len(found)) if a != b
+    }
+    roots = [a for a in range(len(found)) if _is_root(a, len(found), derived)]
+    root = roots[0] if roots else _smoothest(values)
+    if root is None:
+        return {}
+    kinds = {"position": root}
+    left = [k for k in range(len(found)) if k != root]
+    for kind, of in (("velocity", "position"), ("acceleration", "velocity")):
+        children = [k for k in left if of in kinds and derived[kinds[of], k]]
+        if children:
+            kinds[kind] = children[0]
+            left = [k for k in left if k not in children]
+    alike = [k for k in left if _alike(values[root], values[k])]
+    if alike:
+        kinds["reference"] = alike[0]
+        left = [k for k in left if k not in alike]
+    if len(left) == 1:
+        kinds["output"] = left[0]
+    return {kind: found[k] for kind, k in kinds.items()}
+
+
+def _is_root(a: int, count: int, derived: Mapping[tuple[int, int], bool]) -> bool:
+    others = [k for k in range(count) if k != a]
+    return any(derived[a, k] for k in others) and not any(derived[k, a] for k in others)
+
+
+def _clean(values: Floats) -> Floats:
+    return np.asarray(np.where(np.isfinite(values), values, np.nanmean(np.where(np.isfinite(values), values, 0.0))))
+
+
+def _follows(lower: Floats, upper: Floats, step: Floats) -> bool:
+    """Whether most columns of one family are derivatives of those of another, whatever the units."""
+    width = max(2, len(step) // _WINDOWS)
+    ends = np.arange(0, len(step), width)
+    moved = np.diff(lower[ends], axis=0)
+    area = 0.5 * (upper[1:] + upper[:-1]) * np.diff(step)[:, None]
+    summed = np.vstack([np.zeros((1, area.shape[1])), np.cumsum(area, axis=0)])
+    integral = np.diff(summed[ends], axis=0)
+    return _share(moved, integral) > 0.5
+
+
+def _alike(first: Floats, second: Floats) -> bool:
+    return _share(first - first.mean(axis=0), second - second.mean(axis=0), _SAME) > 0.5
+
+
+def _share(a: Floats, b: Floats, least: float = _FOLLOWS) -> float:
+    """The share of the columns that move in which two families are proportional, with a positive factor."""
+    size = np.linalg.norm(a, axis=0) * np.linalg.norm(b, axis=0)
+    moves = size > 0
+    if not moves.any():
+        return 0.0
+    # with the sign: of a sine, the position is minus the derivative of the velocity
+    likeness = (a * b).sum(axis=0)[moves] / size[moves]
+    return float(np.mean(likeness > least))
+
+
+def _smoothest(values: Sequence[Floats]) -> int | None:
+    """The family that is clearly smoother than all others."""
+    rough = []
+    for some in values:
+        spread = some.std(axis=0)
+        steps = np.sqrt(np.mean(np.diff(some, axis=0) ** 2, axis=0))
+        rough.append(float(np.median(steps[spread > 0] / spread[spread > 0])) if (spread > 0).any() else np.inf)
+    order = np.argsort(rough)
+    if len(order) < 2 or not rough[order[1]] > _SMOOTHER * rough[order[0]]:
+        return None
+    return int(order[0])

@@ -1,0 +1,154 @@
+"""What the name of a column says: quantity, joint, number, unit.
+
+A name such as ``q_rad_1``, ``/joint_states/position/elbow``, ``torques[0]`` or ``time [ms]`` is understood word by
+word, and only if every word is: ``tau_fric1`` is some torque, but not the measured one.  The words are those of the
+usual recorders: JointState, RTDE (``actual_q_0``, ``actual_current_0``), libfranka (``state.tau_J[0]``,
+``state.q_d[0]``), FRI (``measured_torque_0``, ``axisQMsr[0]``), LeRobot (``observation.state/elbow_flex.pos``,
+``action[0]``), MuJoCo (``qpos[0]``) and tables whose columns are called ``joint_0`` and ``torque_0``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+_WORDS = {
+    "position": "q qs qpos pos posn position positions angle angles enc encoder encoders theta mp",
+    "velocity": "v dq qd qdot qvel dtheta omega vel velocity velocities speed speeds",
+    "acceleration": "a ddq qdd ddqot ddqdt qddot qacc acc accel acceleration accelerations",
+    "output": "tau taus torque torques trq effort efforts force forces moment moments qfrc mt",
+    "current": "i curr current currents cur amp amps ampere",
+    "time": "t ts time times timestamp timestamps stamp",
+}
+_KINDS = {word: kind for kind, words in _WORDS.items() for word in words.split()}
+_WEAK = frozenset("a v i t d")
+"""Letters that say what is measured only where no word does."""
+_OTHERS = {
+    "reference": "ref refs reference target targets des desired cmd cmds command commanded setpoint sp goal ipo d "
+    "action",
+    "motor": "motor motors actuator actuators mot m",
+    "joint": "joint joints jnt jnts j axis axes ax a",
+    "state": "observation observations obs state states",
+    "neutral": "meas measured msr msrd act actual read present field data feedback fb sensor per log",
+}
+_ROLES = {word: role for role, words in _OTHERS.items() for word in words.split()}
+_UNITS = {
+    "rad": "rad",
+    "deg": "deg",
+    "degrees": "deg",
+    "rads": "rad/s",
+    "degs": "deg/s",
+    "rads2": "rad/s²",
+    "rpm": "rpm",
+    "m": "m",
+    "mm": "mm",
+    "nm": "N·m",
+    "mnm": "mN·m",
+    "n": "N",
+    "ma": "mA",
+    "s": "s",
+    "sec": "s",
+    "ms": "ms",
+    "us": "us",
+    "ns": "ns",
+    "nsec": "ns",
+}
+_PER_SECOND = {"rad s": "rad/s", "deg s": "deg/s", "m s": "m/s", "mm s": "mm/s"}
+_BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*[A-Za-z°][^\[\]()]*?)\s*[\])]")
+_HUMPS = (
+    re.compile(r"(?<=[a-z])(?=[A-Z][a-z])"),
+    re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])"),
+)
+_AFFIX = re.compile(r"^(?:joint|jnt|motor|axis)[_-]|[_-](?:joint|jnt|motor|axis)$", re.IGNORECASE)
+_BARE = frozenset({"joint", "state"})
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a column's name says."""
+
+    kind: (
+        str  # ``position``, ``velocity``, ``acceleration``, ``output``, ``current``, ``reference``, ``time``, ``joint``
+    )
+    name: str = ""  # coordinate, output or actuator that it names; empty if it has none
+    index: int | None = None  # its number
+    motor: bool = False  # whether it says that it was measured at a motor
+    unit: str = ""
+
+
+def aliases(names: Iterable[str]) -> dict[str, str]:
+    """Coordinates by what columns may call them: their names, also without ``_joint``."""
+    whole = list(dict.fromkeys(names))
+    short = [_AFFIX.sub("", name) for name in whole]
+    known = {alias: name for alias, name in zip(short, whole, strict=True) if alias and short.count(alias) == 1}
+    return known | {name: name for name in whole}
+
+
+def meaning(column: str, known: Mapping[str, str]) -> Meaning | None:
+    """What a column's name says, with coordinates by their aliases; None if there is a word that is not understood."""
+    rest, unit, name = column, "", ""
+    bracket = _BRACKETS.search(rest)
+    if bracket:
+        unit, rest = bracket.group(1), rest[: bracket.start()] + "_" + rest[bracket.end() :]
+    for alias in sorted(known, key=lambda n: (-len(n), n)):
+        # a name that could also be a quantity's, such as q1, is left to its number
+        parted = re.split(rf"(?<![A-Za-z0-9]){re.escape(alias)}(?![A-Za-z0-9])", rest, flags=re.IGNORECASE)
+        whole = rest.lower() == alias.lower() and _by_words(alias, "", "") is None
+        if len(parted) == 2 and (re.search("[A-Za-z]", "".join(parted)) or whole):
+            rest, name = "_".join(parted), known[alias]
+            break
+    for hump in _HUMPS:
+        found = _by_words(hump.sub("_", rest), name, unit)
+        if found is not None:
+            return found
+    # the first parts of a topic are names that somebody chose
+    *_, inner, last = ["", "", *rest.split("/")]
+    return _by_words(f"{inner}/{last}", name, unit) if rest.count("/") > 2 and rest.startswith("/") else None
+
+
+def _by_words(text: str, name: str, unit: str) -> Meaning | None:
+    kinds: list[str] = []
+    weak: list[str] = []
+    numbers: set[int] = set()
+    roles: set[str] = {"joint"} if name else set()
+    units: list[str] = []
+    for word in re.findall(r"[a-z0-9°]+", text.lower()):
+        letters, digits = (word, "") if word in _UNITS else re.fullmatch(r"(.*?)(\d*)", word).groups()  # type: ignore[union-attr]
+        if digits:
+            numbers.add(int(digits))
+        if letters in _UNITS and (len(letters) > 1 or not digits) and not (letters == "m" and not (kinds or weak)):
+            units.append(letters)
+        elif letters in _WEAK and not (letters == "d" and not (kinds or weak)) and letters in _KINDS:
+            weak.append(_KINDS[letters])
+            roles |= {_ROLES[letters]} if letters in _ROLES else set()
+        elif letters in _KINDS:
+            kinds.append(_KINDS[letters])
+        elif not letters or letters in _ROLES:
+            roles |= {_ROLES[letters]} if letters else set()
+        else:
+            return None
+    return _joined(kinds or weak[:1], numbers, roles, units, name, unit)
+
+
+def _joined(
+    kinds: list[str], numbers: set[int], roles: set[str], units: list[str], name: str, unit: str
+) -> Meaning | None:
+    """The meaning of words together; None where they contradict each other."""
+    reference = "reference" in roles
+    if not kinds and ("state" in roles or reference) and (name or numbers):
+        kinds = ["position"]  # the vectors that LeRobot calls observation.state and action
+    bare = not kinds and bool(roles) and roles <= _BARE and (bool(name) or bool(numbers))
+    kind = "joint" if bare else kinds[0] if kinds else ""
+    by_second = _PER_SECOND.get(" ".join(units), "")
+    stated = [unit or by_second] if unit or by_second else [_UNITS[word] for word in units]
+    contradicting = len(set(kinds)) > 1 or len(numbers) > 1 or len(stated) > 1 or (name and numbers)
+    if not kind or contradicting or (reference and kind != "position"):
+        return None
+    index = next(iter(numbers), None)
+    return Meaning("reference" if reference else kind, name, index, "motor" in roles, stated[0] if stated else "")
+
+
+def words() -> dict[str, str]:
+    """The words for quantities, with what they stand for."""
+    return dict(_KINDS)
