@@ -105,7 +105,7 @@ class UnknownRelationsError(EchelonError):
 
     def __init__(self, reason: str) -> None:
         self.reason = reason
-        super().__init__(f"relations between functions are not known: {reason}")
+        super().__init__(f"relations between functions are not known: {reason}.  Write the model in other functions")
 
 
 class ClosedFormError(EchelonError):

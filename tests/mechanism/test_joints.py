@@ -17,7 +17,7 @@ from echelon.exact.expressions import parse_angle
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.joint import Step, ball, rotation, screw, translation
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.placement import turn
+from echelon.mechanism.placement import shift, turn
 from support import textbook_arms as arms
 from support.float_regressor import float_regressor, random_states
 
@@ -189,6 +189,12 @@ AIM = turn(2, parse_angle("azimuth")) @ turn(1, parse_angle("inclination"))
 """Turns z into a general direction."""
 AIMED = np.array(rotation_about(2, 0.7) @ rotation_about(1, 1.1))
 VALUES |= {"azimuth": "0.7", "inclination": "1.1"}
+
+
+def test_a_placement_and_its_inverse() -> None:
+    placed = AIM @ shift(1, 2, 3) @ turn(0, parse_angle("inclination"))
+    assert (placed @ placed.inverse()).is_identity
+    assert (placed.inverse() @ placed).is_identity
 
 
 def aimed(*steps: Step) -> tuple[Step, ...]:

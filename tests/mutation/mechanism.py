@@ -11,7 +11,7 @@ FAULTS = (
         "Placement(back, (-x, -y, -z))",
         "Placement(back, (x, y, z))",
         "inverse placements",
-        "base/test_match.py::test_ur10_in_standard_dh_and_urdf",
+        "mechanism/test_joints.py::test_a_placement_and_its_inverse",
     ),
     Fault(PLACEMENT, "= c, -s, s, c", "= c, s, -s, c", "sense of turns", JOINTS),
     Fault(
@@ -42,14 +42,7 @@ FAULTS = (
         "np.linalg.solve(matrix,",
         "np.linalg.solve(matrix.T,",
         "positions on the motor's side",
-        "mechanism/test_axes.py",
-    ),
-    Fault(
-        "mechanism/axes.py",
-        "axis @ np.cross(here, there)",
-        "axis @ np.cross(there, here)",
-        "sense of angles between axes",
-        "mechanism/test_axes.py",
+        "mechanism/test_motor_side.py",
     ),
     Fault(
         SUBSTITUTE,

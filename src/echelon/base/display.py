@@ -112,7 +112,7 @@ def facts(model: BaseModel | LinearBase) -> list[tuple[str, str]]:
 
 
 def _linear_facts(base: LinearBase) -> list[tuple[str, str]]:
-    found = [("route", base.route)]
+    found = []
     values = {n: v for n, v in base.model.constants.items() if v is not None and n in base.matrix.symbols}
     if values:
         found.append(("constants", ", ".join(f"{n} = {v}" for n, v in values.items())))

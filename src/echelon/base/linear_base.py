@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from echelon.base.dependent import linear_relations
 from echelon.base.matrix import BaseMatrix
 from echelon.base.structure import linear_structure
 from echelon.base.value_relations import RelationSearch, SpecialValues
-from echelon.errors import ClosedFormError, InputError, UnknownRelationsError
+from echelon.errors import ClosedFormError, InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown import Work
 from echelon.mechanism.stated import StatedValues
@@ -30,9 +30,6 @@ if TYPE_CHECKING:
     import sympy
 
     from echelon.base.symbolic import Form, SymbolicRegressor
-
-
-FINITE_FIELD, BALLS = "finite field", "balls"
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,9 +45,7 @@ class LinearBase(BaseSet):
         Exact sparse B.
     definitions : mapping of str to str
         Functions of constants that occur in B, such as ``exp[k]``, as expressions.
-    route : str
-        ``"finite field"`` for exact algebra, ``"balls"`` where relations between functions were not known.
-    certificate : Certificate or BallEvidence
+    certificate : Certificate
     seed : int
     special : SpecialValues, optional
         What the stated values of constants change against general ones; None where they change nothing.
@@ -59,8 +54,7 @@ class LinearBase(BaseSet):
     model: LinearModel
     matrix: BaseMatrix
     definitions: Mapping[str, str]
-    route: str
-    certificate: Any
+    certificate: Certificate
     seed: int
     special: SpecialValues | None = None
 
@@ -206,33 +200,19 @@ class LinearBase(BaseSet):
 def linear_base_parameters(
     model: LinearModel, prefer: Sequence[str], seed: int, budget: float = 1.0, *, generic: bool = False
 ) -> LinearBase:
-    """Base parameters of a linear model: exact where relations are known, by ball arithmetic where not.
-
-    Ball arithmetic also gives numbers where closed forms take more than the budget and all constants have values.
-    """
-    from echelon.base.linear_balls import BallStructure
-
+    """Base parameters of a linear model."""
     strangers = [p for p in prefer if p not in model.parameters]
     if strangers:
         raise InputError(f"'{strangers[0]}' is not a parameter (parameters: {', '.join(model.parameters)})")
     wanted = [model.parameters.index(p) for p in dict.fromkeys(prefer)]
     order = (*wanted, *(c for c in range(len(model.parameters)) if c not in wanted))
     rng = random_generator(seed)
-    try:
-        own, special = _own_model(model, order, rng)
-        own = model if generic else own
-        matrix = _matrix(own, order, rng, Work.of(budget))
-    except (UnknownRelationsError, ClosedFormError) as error:
-        try:
-            found, decimals, evidence = BallStructure(model, order, rng).solve()
-        except ClosedFormError as second:
-            raise (error if isinstance(error, ClosedFormError) else second) from None
-        if isinstance(error, UnknownRelationsError):
-            evidence = replace(evidence, reason=error.reason)
-        return LinearBase(model, found, decimals, BALLS, evidence, seed)
-    certificate: Certificate = certify(own.regressor, matrix, seed)
+    own, special = _own_model(model, order, rng)
+    own = model if generic else own
+    matrix = _matrix(own, order, rng, Work.of(budget))
+    certificate = certify(own.regressor, matrix, seed)  # its evaluations find the functions of constants
     definitions = {n: d for n, d in own.regressor.sampler().definitions.items() if n in matrix.symbols}
-    return LinearBase(own, matrix, definitions, FINITE_FIELD, certificate, seed, special)
+    return LinearBase(own, matrix, definitions, certificate, seed, special)
 
 
 def _matrix(model: LinearModel, order: tuple[int, ...], rng: np.random.Generator, work: Work) -> BaseMatrix:

@@ -21,7 +21,7 @@ from echelon.base.ball_rows import ball_rows, precision
 from echelon.base.modes import Mode
 from echelon.base.rows import Rows
 from echelon.errors import InputError
-from echelon.exact.elimination import ball_echelon
+from echelon.exact.elimination import ball_rank
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import value_texts
 from echelon.mechanism.symbol_values import all_symbols
@@ -79,9 +79,9 @@ class OwnPose:
         """Rank of the columns there; None if balls do not tell."""
         for bits in _BITS if self._closes else ():
             with precision(bits):
-                found = ball_echelon([list(row) for row in self._balls(bits)], bits)
+                found = ball_rank([list(row) for row in self._balls(bits)], bits)
             if found is not None:
-                return len(found.pivots) - self._rows.auxiliary
+                return found - self._rows.auxiliary
         return None
 
     # -- doubles ---------------------------------------------------------------------------------------------------

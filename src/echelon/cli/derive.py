@@ -18,7 +18,6 @@ from echelon.formats.robot_file import load_model
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.symbol_values import all_symbols
 from echelon.models.linear_model import LinearModel
-from echelon.results.linear import linear_to_json
 from echelon.results.saved import to_json
 from echelon.seeds import DEFAULT_SEED
 
@@ -90,7 +89,7 @@ def _numbers_in_balls(robot: Mechanism, *, symbolic: bool, generic: bool) -> boo
 
 def _rendered(base: BaseModel | LinearBase, output_format: str) -> str:
     if output_format == "json":
-        return linear_to_json(base) if isinstance(base, LinearBase) else to_json(base)
+        return to_json(base)
     if output_format == "text":
         return to_text(base) + "\n"
     return to_latex(base) if output_format == "latex" else to_markdown(base)

@@ -15,6 +15,7 @@ from echelon.errors import InputError
 from echelon.formats.description.document import Document, read_text
 from echelon.inputs.content import read_content
 from echelon.models.linear_model import LinearModel
+from echelon.program.sympy_bridge import to_sympy
 
 
 def json_schema() -> dict[str, Any]:
@@ -81,3 +82,28 @@ class LinearDocument(Schema):
         if (self.outputs is None) == (self.regressor is None):
             raise ValueError("give either outputs or regressor")
         return self
+
+
+def linear_document(model: LinearModel) -> dict[str, Any]:
+    """The document of a model, with its regressor."""
+    forms = model.regressor
+    texts = [_text(e) for e in to_sympy(forms.program, list(forms.entries.values()))]
+    table = [["0"] * forms.shape[1] for _ in range(forms.shape[0])]
+    for (i, j), text in zip(forms.entries, texts, strict=True):
+        table[i][j] = text
+    return {
+        "echelon": "1",
+        "model": "linear",
+        "name": model.name,
+        "variables": list(model.variables),
+        "parameters": dict(zip(model.parameters, model.units, strict=True)),
+        "constants": {n: None if v is None else str(v) for n, v in model.constants.items()},
+        "regressor": dict(zip(model.outputs, table, strict=True)),
+    }
+
+
+def _text(formula: Any) -> str:
+    """A sympy formula in the grammar of :mod:`echelon.program.text`."""
+    import sympy
+
+    return str(formula.subs(sympy.E, sympy.Function("exp")(sympy.Symbol("1")))).replace("Abs(", "abs(")

@@ -65,9 +65,8 @@ class RealPoints:
         program: Program,
         outputs: Sequence[int],
         values: Mapping[str, Rational | float] | None = None,
-        variant: int = 0,
     ) -> None:
-        self.program, self._stated, self._variant = program, values or {}, variant
+        self.program, self._stated = program, values or {}
         self._inputs = [n for n in program.needed(outputs) if program.ops[n] == Op.INPUT]
         self._surfaces = find_surfaces(program, outputs)
 
@@ -91,7 +90,7 @@ class RealPoints:
         """All regions, at constants where the domain is not empty."""
         previous = None
         for attempt in range(_ATTEMPTS):
-            values = RealValues(self._surfaces, self._constants(self._variant * _ATTEMPTS + attempt))
+            values = RealValues(self._surfaces, self._constants(attempt))
             if values.constants == previous:
                 break
             search, previous = RegionSearch(values, random_generator(DEFAULT_SEED)), values.constants

@@ -1,4 +1,4 @@
-"""Save a BaseModel as JSON and read it back, exactly."""
+"""Save sets of base parameters as JSON, and read those of robots back, exactly."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from math import isclose
 from typing import TYPE_CHECKING, Any
 
 from echelon.base.certificate import Certificate
+from echelon.base.linear_base import LinearBase
 from echelon.base.matrix import BaseMatrix, StatedNumbers, coefficient_value
 from echelon.base.model import BaseModel
 from echelon.base.reading_report import ReadingReport
@@ -19,6 +20,7 @@ from echelon.exact.expressions import parse
 from echelon.exact.polynomial import float_generators
 from echelon.exact.rational import RationalFunction
 from echelon.files import write_atomically
+from echelon.formats.linear_document import linear_document
 from echelon.formats.reading_options import ReadingOptions
 from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json
@@ -29,9 +31,13 @@ if TYPE_CHECKING:
     from echelon.results.schema import BaseModelRecord, BaseParameterRecord, NumbersRecord
 
 
-def to_json(model: BaseModel) -> str:
+LINEAR_SCHEMA = "echelon.linear-base/1"
+
+
+def to_json(model: BaseModel | LinearBase) -> str:
     """The model as JSON text; equal models give equal text."""
-    return json.dumps(to_dict(model), indent=1, ensure_ascii=False) + "\n"
+    document = to_dict(model) if isinstance(model, BaseModel) else linear_to_dict(model)
+    return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
 
 
 def to_dict(model: BaseModel) -> dict[str, Any]:
@@ -39,7 +45,7 @@ def to_dict(model: BaseModel) -> dict[str, Any]:
     from echelon.formats.writers.description_writer import write_description
     from echelon.results.schema import SCHEMA_NAME, BaseModelRecord, record_of
 
-    mechanism, evidence = model.mechanism, asdict(model.certificate)
+    mechanism = model.mechanism
     document = record_of(
         BaseModelRecord,
         model,
@@ -47,17 +53,43 @@ def to_dict(model: BaseModel) -> dict[str, Any]:
         echelon=__version__,
         name=mechanism.name,
         outputs=[output.name for output in mechanism.outputs],
-        parameters=list(model.parameters),
         order=[model.parameters[c] for c in model.matrix.order],
-        base=_base_rows(model),
         numbers=_numbers(model),
-        classification=_classes(model),
         reading=asdict(model.reading),
-        special=model.special and asdict(model.special),
-        certificate={**evidence, "identity_primes": [str(p) for p in model.certificate.identity_primes]},
         model=write_description(mechanism, elementary=True),
+        **_set(model, _stated(model)),
     )
     return document if document["numbers"] else {key: value for key, value in document.items() if key != "numbers"}
+
+
+def linear_to_dict(base: LinearBase) -> dict[str, Any]:
+    """A linear model's set as JSON-able data; ``model`` is a document that :func:`echelon.load_linear` reads."""
+    return {
+        "schema": LINEAR_SCHEMA,
+        "echelon": __version__,
+        "name": base.model.name,
+        "seed": base.seed,
+        "rank": base.rank,
+        "definitions": dict(base.definitions),
+        **_set(base, base.model.values),
+        "model": linear_document(base.model),
+    }
+
+
+def _set(model: BaseModel | LinearBase, known: Mapping[str, float]) -> dict[str, Any]:
+    """What both kinds of sets save in one form; ``known`` are values of symbols."""
+    evidence = model.certificate
+    return {
+        "parameters": list(model.parameters),
+        "base": _base_rows(model, known),
+        "classification": _classes(model),
+        "special": model.special and asdict(model.special),
+        "certificate": {**asdict(evidence), "identity_primes": [str(p) for p in evidence.identity_primes]},
+    }
+
+
+def _stated(model: BaseModel) -> dict[str, float]:
+    return {name: s.value for name, s in model.mechanism.symbols.items() if s.value is not None}
 
 
 def _numbers(model: BaseModel) -> dict[str, Any] | None:
@@ -72,15 +104,14 @@ def _numbers(model: BaseModel) -> dict[str, Any] | None:
     }
 
 
-def _classes(model: BaseModel) -> dict[str, list[str]]:
+def _classes(model: BaseModel | LinearBase) -> dict[str, list[str]]:
     classes: dict[str, list[str]] = {}
     for name, kind in model.classification.items():
         classes.setdefault(kind.value, []).append(name)
     return classes
 
 
-def _base_rows(model: BaseModel) -> list[dict[str, Any]]:
-    known = {name: s.value for name, s in model.mechanism.symbols.items() if s.value is not None}
+def _base_rows(model: BaseModel | LinearBase, known: Mapping[str, float]) -> list[dict[str, Any]]:
     rows = []
     for expression, row in zip(model.expressions, model.matrix.rows, strict=True):
         terms = [_term(model.parameters[column], c, known) for column, c in sorted(row.items())]
@@ -88,7 +119,7 @@ def _base_rows(model: BaseModel) -> list[dict[str, Any]]:
     return rows
 
 
-def _term(parameter: str, coefficient: RationalFunction, known: dict[str, float]) -> dict[str, Any]:
+def _term(parameter: str, coefficient: RationalFunction, known: Mapping[str, float]) -> dict[str, Any]:
     term: dict[str, Any] = {"parameter": parameter, "coefficient": str(coefficient.numerator)}
     if not coefficient.is_polynomial:
         term["denominator"] = str(coefficient.denominator)
@@ -166,7 +197,7 @@ def _check_derived(record: BaseModelRecord, model: BaseModel) -> None:
         raise CertificateError(f"'special' is about another rank than the {model.rank} of the set")
     if model.matrix.numbers and model.matrix.numbers.at != value_texts(model.mechanism, model.matrix.numbers.at):
         raise CertificateError("'numbers' are for other values than those stated by the model")
-    for row, derived in zip(record.base, _base_rows(model), strict=True):
+    for row, derived in zip(record.base, _base_rows(model, _stated(model)), strict=True):
         shown = {t.parameter: t.value for t in row.terms}
         true_values = {term["parameter"]: term["value"] for term in derived["terms"]}
         same_text = row.expression == derived["expression"]  # whatever version wrote it: people read nothing else
