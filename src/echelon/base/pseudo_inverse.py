@@ -29,9 +29,8 @@ from echelon.exact.rational import RationalFunction, Ring
 if TYPE_CHECKING:
     import sympy
 
-    ExactMetric = Literal["identity"] | Sequence[Any] | sympy.MatrixBase
-    """``"identity"``, the diagonal of S, or S."""
-    import sympy
+    ExactMetric = Literal["identity"] | Sequence[Any]
+    """``"identity"``, or the diagonal of S."""
 
 
 Metric = Literal["identity", "physical"] | npt.ArrayLike
@@ -79,24 +78,19 @@ def lift(
     return lifted
 
 
-def metric_entries(metric: Any, size: int) -> dict[tuple[int, int], RationalFunction]:
-    """Non-zero entries of S."""
-    import sympy
-
+def metric_weights(metric: Any, size: int) -> list[RationalFunction]:
+    """The diagonal of S."""
     if isinstance(metric, str):
         if metric != "identity":
-            raise InputError(f"unknown metric '{metric}' (valid: identity, a diagonal, or a sympy Matrix)")
-        return {(k, k): RationalFunction(1) for k in range(size)}
-    if isinstance(metric, sympy.MatrixBase) and 1 not in metric.shape:
-        shape, given = metric.shape, {(int(i), int(j)): value for (i, j), value in metric.todok().items()}
-    else:
-        diagonal = list(metric)
-        shape, given = (len(diagonal),) * 2, {(k, k): value for k, value in enumerate(diagonal)}
-    if shape != (size, size):
-        raise InputError(f"the metric is {shape[0]} × {shape[1]}; expected {size} × {size} or its diagonal")
-    entries = {place: _rational(value) for place, value in given.items() if value != 0}
-    _check(entries, size)
-    return entries
+            raise InputError(f"unknown metric '{metric}' (valid: identity, or a diagonal)")
+        return [RationalFunction(1)] * size
+    weights = [_rational(value) for value in metric]
+    if len(weights) != size:
+        raise InputError(f"the metric has {len(weights)} entries; expected a diagonal of {size}")
+    numbers = [weight.numerator.number if weight.is_polynomial else 1 for weight in weights]
+    if any(isinstance(number, int | Fraction) and number <= 0 for number in numbers):
+        raise InputError("the metric is not positive definite")
+    return weights
 
 
 def _rational(value: Any) -> RationalFunction:
@@ -133,36 +127,6 @@ def _number(value: Any) -> int | Fraction:
     return int(value.p) if value.q == 1 else Fraction(int(value.p), int(value.q))
 
 
-def _check(entries: dict[tuple[int, int], RationalFunction], size: int) -> None:
-    """Refuse what is not symmetric or, where all entries are numbers, not positive definite."""
-    if any(entries.get((j, i)) != value for (i, j), value in entries.items()):
-        raise InputError("the metric is not symmetric")
-    numbers = {place: value.numerator.number for place, value in entries.items() if value.is_polynomial}
-    definite = all((k, k) in entries for k in range(size))
-    if definite and len(numbers) == len(entries) and all(isinstance(v, int | Fraction) for v in numbers.values()):
-        definite = _is_definite({place: Fraction(v) for place, v in numbers.items()}, size)  # type: ignore[arg-type]
-    else:
-        signs = [numbers.get((k, k)) for k in range(size)]
-        definite = definite and not any(isinstance(sign, int | Fraction) and sign <= 0 for sign in signs)
-    if not definite:
-        raise InputError("the metric is not positive definite")
-
-
-def _is_definite(numbers: dict[tuple[int, int], Fraction], size: int) -> bool:
-    """Whether all pivots of an elimination are positive."""
-    rows = [{j: v for (i, j), v in numbers.items() if i == k} for k in range(size)]
-    for k in range(size):
-        pivot = rows[k].get(k, Fraction(0))
-        if pivot <= 0:
-            return False
-        for i in [i for i in rows[k] if i > k]:
-            factor = rows[i].pop(k) / pivot
-            for j, value in rows[k].items():
-                if j > k:
-                    rows[i][j] = rows[i].get(j, Fraction(0)) - factor * value
-    return True
-
-
 MOST_TERMS = 150_000
 """Of the numerators of one block."""
 
@@ -174,14 +138,12 @@ def pseudo_inverse(
     import sympy
 
     n = len(matrix.parameters)
-    weights, _ = _cleared(metric_entries(metric, n))
+    weights, _ = _cleared(dict(enumerate(metric_weights(metric, n))))
     cleared = [_cleared(dict(row)) for row in matrix.rows]
     ring = Ring(*weights.values(), *(p for row, factor in cleared for p in (*row.values(), factor)))
     rows = [{c: ring.enter(p) for c, p in row.items()} for row, _ in cleared]
-    weight: list[Sparse] = [{} for _ in range(n)]
-    for (i, j), polynomial in weights.items():
-        weight[i][j] = ring.enter(polynomial)
-    weighted = [_product(row, weight) for row in rows]
+    weight = [ring.enter(weights[c]) for c in range(n)]
+    weighted = [{c: entry * weight[c] for c, entry in row.items()} for row in rows]
     columns: list[Sparse] = [{} for _ in range(n)]
     for i, row in enumerate(rows):
         for c, entry in row.items():
