@@ -25,7 +25,7 @@ from echelon.exact.expressions import PI, parse
 from echelon.exact.polynomial import is_trigonometric, symbol_of
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Symbol
-from echelon.mechanism.symbol_values import all_symbols
+from echelon.mechanism.stated import all_symbols
 from support import textbook_arms as arms
 from support.float_regressor import FloatArray
 from support.paths import EXAMPLES

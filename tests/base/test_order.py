@@ -10,7 +10,7 @@ import pytest
 import sympy
 
 import echelon as ec
-from echelon.base.order import column_order
+from echelon.base.matrix import column_order
 from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import read_description
 from echelon.mechanism.effect import Side, ready_made

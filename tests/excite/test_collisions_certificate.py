@@ -10,8 +10,7 @@ import pytest
 
 import echelon as ec
 from echelon.errors import InputError
-from echelon.excite.problem.clearance import clearance_of
-from echelon.excite.problem.distances import Engine
+from echelon.excite.problem.clearance import Engine, clearance_of
 from echelon.excite.problem.robot_shapes import mesh_shape
 from echelon.excite.problem.shapes import Kind, Shape, placed
 from echelon.excite.problem.stated_shapes import entry_shapes

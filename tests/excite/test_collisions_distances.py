@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from echelon.errors import EchelonError
-from echelon.excite.problem.distances import Engine
+from echelon.excite.problem.clearance import Engine
 from echelon.excite.problem.robot_shapes import mesh_shape
 from echelon.excite.problem.shapes import Kind, Shape, plane_gaps
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix

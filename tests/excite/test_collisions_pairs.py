@@ -12,8 +12,7 @@ import pytest
 
 import echelon as ec
 from echelon.errors import InputError
-from echelon.excite.problem.clearance import clearance_of
-from echelon.excite.problem.distances import checked_pairs
+from echelon.excite.problem.clearance import checked_pairs, clearance_of
 from echelon.excite.problem.shapes import Shape
 from echelon.excite.problem.stated_shapes import entry_shapes
 from echelon.excite.problem.task import task_of

@@ -7,10 +7,10 @@ import pytest
 
 import echelon as ec
 from echelon.dynamics.kinematics import Kinematics
+from echelon.excite.exciting_trajectory import conditioning_of
 from echelon.excite.problem.loop_motion import LoopMotion
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.solve.design import designed
-from echelon.excite.verify.trajectory_conditioning import conditioning_of
 from support.excitation_loops import LOOPS, base
 
 FOUR_BAR = {"limits": {"velocity": 5, "acceleration": 50, "jerk": "none"}, "duration": 6, "starts": 1}

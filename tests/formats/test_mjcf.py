@@ -12,8 +12,7 @@ import pytest
 from echelon.base.structure import find_structure
 from echelon.errors import InputError, MissingExtraError
 from echelon.formats.builder import build_mechanism
-from echelon.formats.link_inertia import rotation_matrix
-from echelon.formats.literal import LiteralMotion, LiteralPlacement
+from echelon.formats.literal import LiteralMotion, LiteralPlacement, rotation_matrix
 from echelon.formats.mjcf.mjcf_model import checked_mjcf
 from echelon.formats.mjcf.mjcf_numbers import placements, quaternion_matrix
 from echelon.formats.mjcf.mjcf_reader import read_mjcf

@@ -10,7 +10,7 @@ import pytest
 from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.symbol_values import known_values
+from echelon.mechanism.stated import known_values
 from echelon.regressor.loops.closed_motion import ClosureValues
 from support.mjcf_models import random_model
 from support.mujoco_loops import Array, Equalities, null_space

@@ -2,7 +2,7 @@
 
 from mutation.fault import Fault
 
-CERTIFICATE, ORDER, MATRIX = "base/certificate.py", "base/order.py", "base/matrix.py"
+CERTIFICATE, ORDER, MATRIX = "base/certificate.py", "base/matrix.py", "base/matrix.py"
 CLAIMS = "claims/test_false_claims.py"
 
 FAULTS = (
@@ -88,7 +88,7 @@ FAULTS = (
         "base/test_stated_values.py::test_the_stated_zero_decides_and_is_named",
     ),
     Fault(
-        "base/value_relations.py",
+        "base/own.py",
         "if self._enough(Relations(frozenset(fixed))):",
         "if not names:",
         "values that do not matter are fixed",

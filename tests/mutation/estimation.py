@@ -165,14 +165,14 @@ FAULTS = (
     ),
     Fault("claims/compare.py", "max(_NOISE, 4 * tolerance)", "1.0", "rows that are independent", AUDIT),
     Fault(
-        "claims/linear_terms.py",
+        "claims/naming.py",
         "signed = value if sign > 0 else -value",
         "signed = value",
         "differences in claims",
         AUDIT,
     ),
     Fault(
-        "claims/linear_terms.py",
+        "claims/naming.py",
         "for _ in range(int(number))",
         "for _ in range(int(number) - 1)",
         "powers in claims",

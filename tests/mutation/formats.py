@@ -4,7 +4,7 @@ from mutation.fault import Fault
 
 URDF, INERTIA, NUMBERS, MJCF = (
     "formats/urdf/urdf_reader.py",
-    "formats/link_inertia.py",
+    "formats/literal.py",
     "formats/mjcf/mjcf_numbers.py",
     "formats/mjcf/mjcf_reader.py",
 )
@@ -83,7 +83,7 @@ FAULTS = (
         "formats/test_urdf.py::test_mimics_follow_their_leader",
     ),
     Fault(
-        "formats/link_inertia.py",
+        "formats/literal.py",
         "translation + rotation @ shifted",
         "translation + shifted",
         "inertials of links behind turned fixed joints",

@@ -120,7 +120,7 @@ FAULTS = (
         "excite/test_state_limits.py::test_smoothed_torques_differ_near_standstill_only",
     ),
     Fault(
-        "program/circular.py",
+        "program/compound.py",
         "s * cosine + c * sine",
         "s * cosine - c * sine",
         "sines of turned angles",

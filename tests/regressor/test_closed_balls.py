@@ -13,8 +13,7 @@ from echelon.errors import InputError
 from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import read_description
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import value_texts
-from echelon.mechanism.symbol_values import known_values
+from echelon.mechanism.stated import known_values, value_texts
 from echelon.program.schedule import Schedule
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closed_balls import ClosedBalls

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy.typing as npt
 
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.symbol_values import symbol_values
+from echelon.mechanism.stated import symbol_values
 from echelon.program.function import Function
 from echelon.program.schedule import FloatArithmetic
 from support.small_kernels import FloatArray, by_numpy

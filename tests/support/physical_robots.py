@@ -13,7 +13,7 @@ from echelon.base.model import BaseModel
 from echelon.formats.schema.schema_log import IdentificationEntry
 from echelon.identification.physics.bounds import Bounds, Roles, roles
 from echelon.inertia.spatial import from_pseudo_inertia
-from echelon.mechanism.symbol_values import characteristic_length
+from echelon.mechanism.stated import characteristic_length
 from echelon.observe.observation import Observation
 
 Floats = npt.NDArray[np.float64]

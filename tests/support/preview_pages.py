@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 
 import echelon as ec
-from echelon.excite.exciting_trajectory import ExcitingTrajectory, Start
+from echelon.excite.exciting_trajectory import ExcitingTrajectory, Start, conditioning_of
 from echelon.excite.problem.task import changed, task_of
 from echelon.excite.solve.design import designed
 from echelon.excite.verify import margins_of
 from echelon.excite.verify.margins import Margin
-from echelon.excite.verify.trajectory_conditioning import conditioning_of
 from echelon.logs.finding import Finding, Severity
 from support.paths import EXAMPLES
 from support.report_data import HOSTILE

@@ -10,8 +10,9 @@ Loops have no random points at hand.  There the identity is checked along random
 its own 31-bit prime, coefficient by coefficient.  A false identity that vanishes at the pose to a lower order than the
 number of coefficients is missed by one curve with probability at most order/p, so several curves make it as unlikely.
 
-*Minimal* (rank ≥ r): the pivot columns of X, sampled modulo a 31-bit prime, contain a non-zero r × r minor.  That is a
-proof, not a probability.  (Closed poses modulo p continue to p-adic ones, so it is one with loops, too.)
+*Minimal* (rank ≥ r): the pivot columns of X, sampled modulo a 31-bit prime, contain a non-zero r × r minor, block
+triangular as far as possible.  That is a proof, not a probability.  (Closed poses modulo p continue to p-adic ones, so
+it is one with loops, too.)
 
 The set was derived from energies; the check uses the inverse dynamics (as rows uᵀX for arbitrary u, see
 :mod:`echelon.regressor.virtual_power`), so the two do not share their formulas.
@@ -28,8 +29,8 @@ import numpy as np
 
 from echelon.base.ball_rows import check_stated
 from echelon.base.matrix import BaseMatrix
-from echelon.base.minor import find_minor
 from echelon.errors import CertificateError, DegenerateSampleError
+from echelon.exact.elimination import rank
 from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField
 from echelon.exact.polynomial import is_trigonometric, multiple_of
 from echelon.mechanism.stated import GENERAL, StatedValues
@@ -38,11 +39,49 @@ from echelon.program.sampling import FieldSampler
 from echelon.regressor.linear import LinearForms
 from echelon.seeds import random_generator
 
+_ATTEMPTS = 64
+_MOST_STATES = 4096
+
+
+@dataclass(frozen=True)
+class Minor:
+    """The largest non-zero minor of some columns that was found."""
+
+    rank: int  # its size
+    prime: int  # modulo which it is not zero
+    states: int  # number of random states whose rows contain it
+
+
+def find_minor(
+    regressor: LinearForms, columns: tuple[int, ...], values: StatedValues, rng: np.random.Generator
+) -> Minor:
+    """A non-zero minor of some columns, all of them if they are independent; as block triangular as it can be."""
+    doubled, best = 1, Minor(-1, 0, 0)
+    for _ in range(_ATTEMPTS):
+        field = PrimeField.random(rng, ARRAY_BITS)
+        try:
+            settled = regressor.blocks.independent(columns, field, rng, values) if regressor.blocks else set()
+            rest = tuple(p for p in columns if p not in settled)
+            sampler = regressor.columns(rest).sampler()
+            regions = sampler.regions
+            states = doubled * max(2 + len(rest) // max(1, regressor.shape[0]), regions)
+            residues = sampler.evaluate(field, rng, states, values.draw(sampler.symbols, field, rng))
+        except DegenerateSampleError:
+            continue
+        found = Minor(len(settled) + rank(regressor.columns(rest).stacked(residues)[0], field), field.p, states)
+        # once twice the states add nothing and rows abound, also in every region, more will not either
+        enough = found.rank <= best.rank and states * regressor.shape[0] > 4 * len(rest) + 64
+        best = max(best, found, key=lambda minor: minor.rank)
+        if best.rank == len(columns) or (enough and states > regions) or 2 * states > max(_MOST_STATES, 4 * regions):
+            break
+        doubled *= 2
+    return best
+
+
 _FEWEST_POINTS, _LOG10_ERROR, _LEAST_SHOWN = 2, -30.0, -1.0  # a point that shows less is not worth its time
 _LOG2_PRIMES = CERTIFICATE_BITS - 11
 """There are more primes of that many bits that are 23 modulo 24, one in eight of all."""
 _CURVES = 5
-_ATTEMPTS = 64
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from echelon.base.dependent import Kernel, Relation, relations
-from echelon.base.matrix import BaseMatrix, StatedNumbers
-from echelon.base.order import reordered
+from echelon.base.matrix import BaseMatrix, StatedNumbers, reordered
 from echelon.base.stated_columns import StatedColumns
 from echelon.base.structure import Structure
 from echelon.conventions import PER_BODY

@@ -30,7 +30,7 @@ from echelon.exact.unknown import UnknownFunctions, persistent
 from echelon.inertia.spatial import move
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement
-from echelon.mechanism.symbol_values import SymbolRoles, symbol_roles
+from echelon.mechanism.stated import SymbolRoles, symbol_roles
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.energy import energy_form
 from echelon.regressor.linear import LinearForms

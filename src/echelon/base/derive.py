@@ -9,9 +9,9 @@ from typing import overload
 from echelon.base.certificate import certify
 from echelon.base.closed_form import base_matrix
 from echelon.base.linear_base import LinearBase, linear_base_parameters
+from echelon.base.matrix import column_order
 from echelon.base.model import BaseModel
 from echelon.base.numeric_rank import firm_first
-from echelon.base.order import column_order
 from echelon.base.own import own_answer
 from echelon.base.reading_report import report_reading
 from echelon.base.structure import Structure

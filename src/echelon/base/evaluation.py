@@ -21,8 +21,7 @@ from echelon.program.function import Function
 
 if TYPE_CHECKING:
     from echelon.dynamics.closed_states import ClosedStates
-    from echelon.dynamics.evaluator import Evaluator
-    from echelon.dynamics.values import Values
+    from echelon.dynamics.evaluator import Evaluator, Values
     from echelon.observe.accumulate import Observer
     from echelon.observe.observation import NormalEquations, Observation
 
@@ -391,7 +390,7 @@ class Logs(Recorded):
 
     def _values(self, log: Log | Iterable[Log], symbols: Mapping[str, float] | None) -> Iterator[Values]:
         """Arguments of the regressor and measured outputs, piece by piece."""
-        from echelon.dynamics.values import function_values
+        from echelon.dynamics.evaluator import function_values
 
         regressor = self.function("regressor")
         for piece in [log] if isinstance(log, Mapping) else log:

@@ -16,8 +16,8 @@ from echelon.base.certificate import Certificate, certify
 from echelon.base.closed_form import assembled, closed_columns
 from echelon.base.dependent import linear_relations
 from echelon.base.matrix import BaseMatrix
+from echelon.base.own import RelationSearch, SpecialValues
 from echelon.base.structure import linear_structure
-from echelon.base.value_relations import RelationSearch, SpecialValues
 from echelon.errors import ClosedFormError, InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown import Work

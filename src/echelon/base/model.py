@@ -14,16 +14,14 @@ from echelon.base.base_set import BaseSet, Identifiability, classify
 from echelon.base.certificate import Certificate
 from echelon.base.evaluation import Evaluation, Logs
 from echelon.base.matrix import BaseMatrix, Row, sympy_number
-from echelon.base.own import at_values
+from echelon.base.own import SpecialValues, at_values
 from echelon.base.pseudo_inverse import Metric, lift, metric_matrix, pseudo_inverse_floats
 from echelon.base.reading_report import ReadingReport
-from echelon.base.value_relations import SpecialValues
 from echelon.errors import InputError
 from echelon.exact.expressions import PI
 from echelon.exact.rational import RationalFunction
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import stated_values
-from echelon.mechanism.symbol_values import characteristic_length, symbol_values
+from echelon.mechanism.stated import characteristic_length, stated_values, symbol_values
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.virtual_power import inverse_dynamics_regressor, virtual_power_form
 

@@ -26,7 +26,7 @@ from echelon.base.own import stated_structure
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.symbol_values import characteristic_length, symbol_values
+from echelon.mechanism.stated import characteristic_length, symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
 from echelon.regressor.evaluate import evaluate_floats

@@ -3,34 +3,209 @@
 A set for general symbols may be too large for the robot at hand, because some of its numbers are zero, equal or
 otherwise related.  At special values the rank can only fall, and while the general representatives stay independent it
 does not, and they stay the representatives: one non-zero minor at the stated values proves it.  Otherwise the relations
-that matter are looked for (:mod:`echelon.base.value_relations`).  Put into the mechanism, they leave one whose general
+that matter are looked for: zeros, equal values, ratios, sums.  Put into the mechanism, they leave one whose general
 answer is the answer for this robot, so closed forms keep all other symbols.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
+from itertools import combinations, product
 
 import numpy as np
 
+from echelon.base.certificate import find_minor
 from echelon.base.matrix import BaseMatrix
-from echelon.base.minor import find_minor
 from echelon.base.rows import rows_of
 from echelon.base.structure import Structure, dependent_columns, find_structure
-from echelon.base.value_relations import RelationSearch, SpecialValues
 from echelon.errors import DegenerateSampleError, EchelonError, InputError, OtherModeError, SingularPoseError
+from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.field import CERTIFICATE_BITS, PrimeField
-from echelon.exact.polynomial import Polynomial
+from echelon.exact.numbers import Surd, decimal_text
+from echelon.exact.polynomial import Polynomial, format_polynomial
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import StatedValues, stated_values
+from echelon.mechanism.stated import StatedValues, all_symbols, angle_generators, stated_values
 from echelon.mechanism.substitute import substituted
-from echelon.mechanism.symbol_values import all_symbols
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.exact_pose import closed_exactly
 from echelon.regressor.virtual_power import virtual_power_form
 from echelon.seeds import DEFAULT_SEED, random_generator
+
+_MOST_TRIALS = 400
+"""Structures that the search may cost; after that, values stand for relations that were not found."""
+_LARGEST_RATIO = 12
+
+PivotsOf = Callable[[Mapping[str, Polynomial]], tuple[int, ...]]
+"""Pivots of a model with something put in for generators of its symbols."""
+
+
+@dataclass(frozen=True)
+class SpecialValues:
+    """What the stated values change against general symbols."""
+
+    generic_rank: int  # for general values of the symbols
+    rank: int  # for the robot's own values
+    relations: tuple[str, ...]  # relations among the values that make the difference, such as ``a2 = 0``
+
+    @property
+    def definitions(self) -> dict[str, str]:
+        """What was put in for symbols, as expressions of those that are left."""
+        pairs = (relation.split(" = ") for relation in self.relations)
+        plain = ((name, right.replace("−", "-").replace("·", "*").removesuffix(" rad")) for name, right in pairs)
+        return {name: re.sub(r"(\d+)°", r"\1*pi/180", right) for name, right in plain}
+
+    def text(self, what: str) -> str:
+        """Both counts with the reason."""
+        reason = " and ".join(self.relations)
+        if self.rank == self.generic_rank:
+            return f"{self.rank} as in general, but with other representatives for this {what}, because {reason}"
+        return f"{self.generic_rank} in general; {self.rank} for this {what}, because {reason}"
+
+
+Terms = tuple[tuple[str, Fraction], ...]
+
+
+@dataclass(frozen=True)
+class Relations:
+    """Symbols that have their values, and symbols that are combinations of others."""
+
+    fixed: frozenset[str]
+    combined: tuple[tuple[str, Terms], ...] = ()  # x = Σ factor · symbol, for angles apart from multiples of 15°
+
+    def put_in(self, values: StatedValues) -> dict[str, Polynomial]:
+        """What becomes of the generators of these symbols."""
+        found = values.put_in(sorted(self.fixed))
+        for name, terms in self.combined:
+            if name in values.numbers:
+                found[name] = Polynomial({((symbol, 1),): factor for symbol, factor in terms})
+            else:
+                found |= angle_generators(name, Angle(_grid_part(name, terms, values), terms))
+        return found
+
+    def texts(self, values: StatedValues) -> tuple[str, ...]:
+        """The relations as equations."""
+        equations = [f"{name} = {_value_text(name, values)}" for name in sorted(self.fixed)]
+        for name, terms in sorted(self.combined):
+            right = format_polynomial(Polynomial({((symbol, 1),): factor for symbol, factor in terms}))
+            steps = 0 if name in values.numbers else int(_grid_part(name, terms, values) * STEPS_PER_HALF_TURN)
+            grid = f" {'+' if steps > 0 else '-'} {abs(steps) * 15}°" if steps else ""
+            equations.append(f"{name} = {right}{grid}".replace("-", "−").replace("*", "·"))
+        return tuple(equations)
+
+
+def _value_text(name: str, values: StatedValues) -> str:
+    if name in values.sums:
+        return format_polynomial(values.sums[name])
+    if name in values.numbers:
+        number = values.numbers[name]
+        return str(number) if isinstance(number, int) else decimal_text(number)
+    angle = values.angles[name]
+    steps = angle.half_turns * STEPS_PER_HALF_TURN
+    return f"{int(steps) * 15}°" if not angle.radians and steps.denominator == 1 else f"{angle} rad"
+
+
+def _grid_part(name: str, terms: Terms, values: StatedValues) -> Fraction:
+    """What an angle is more than a combination of others, in half turns."""
+    return values.angles[name].half_turns - sum((f * values.angles[s].half_turns for s, f in terms), Fraction(0))
+
+
+class RelationSearch:
+    """The search for relations among stated values that give the pivots at these values.
+
+    A smallest set of symbols that must have their values comes first (QuickXplain, Junker 2004), then the simplest
+    relations among these that are enough.
+    """
+
+    def __init__(self, values: StatedValues, wanted: tuple[int, ...], pivots_of: PivotsOf) -> None:
+        self.values, self.wanted, self.pivots_of = values, wanted, pivots_of
+        self._known: dict[Relations, bool] = {}
+
+    def find(self) -> Relations:
+        """Relations that are enough, and none that is not needed."""
+        names = sorted(self.values.names, key=self._plainness)
+        found = Relations(frozenset(self._needed([], names)))
+        while (simpler := self._simpler(found)) is not None:
+            found = simpler
+        return found
+
+    def _plainness(self, name: str) -> bool:
+        """Zeros and angles on the grid last: they explain most, so the others are freed first."""
+        if name in self.values.angles:
+            return not any(self.values.multiples[name][1:])
+        return not self.values.numbers.get(name, 1)
+
+    def _enough(self, relations: Relations) -> bool:
+        if relations not in self._known:
+            if len(self._known) >= _MOST_TRIALS:
+                return False
+            try:
+                self._known[relations] = self.pivots_of(relations.put_in(self.values)) == self.wanted
+            except EchelonError:  # some lengths of loops cannot be free while others have their values
+                self._known[relations] = False
+        return self._known[relations]
+
+    def _needed(self, fixed: Sequence[str], names: Sequence[str]) -> list[str]:
+        """A smallest part of some symbols that must have their values beside the fixed ones."""
+        if self._enough(Relations(frozenset(fixed))):
+            return []
+        if len(names) <= 1:
+            return list(names)
+        first, second = names[: len(names) // 2], names[len(names) // 2 :]
+        kept = self._needed([*fixed, *first], second)
+        return [*self._needed([*fixed, *kept], first), *kept]
+
+    def _simpler(self, found: Relations) -> Relations | None:
+        """One more symbol as a combination of others instead of with its value, and these others free."""
+        for name in sorted(found.fixed, key=lambda n: (len(n), n), reverse=True):
+            for terms in _combinations(name, sorted(found.fixed - {name}), self.values):
+                involved = {symbol for symbol, _ in terms}
+                trial = Relations(found.fixed - {name} - involved, (*found.combined, (name, terms)))
+                if self._enough(trial):
+                    return trial
+        return None
+
+
+def _combinations(name: str, others: Sequence[str], values: StatedValues) -> Iterator[Terms]:
+    """Combinations of others that have the value of a symbol: equal, a ratio, sums; the simplest first."""
+    same = values.numbers if name in values.numbers else values.angles
+    others = [o for o in others if o in same and name in same]
+    for other in others:
+        ratio = _ratio(name, other, values)
+        if ratio is not None:
+            yield ((other, ratio),)
+    for size in range(2, 5):
+        for chosen in combinations(others, size):
+            for signs in product((1, -1), repeat=size):
+                terms = tuple((o, Fraction(s)) for o, s in zip(chosen, signs, strict=True))
+                if _holds(name, terms, values):
+                    yield terms
+
+
+def _ratio(name: str, other: str, values: StatedValues) -> Fraction | None:
+    """A small factor, whole for angles, that makes one of the other."""
+    factors = [Fraction(1), Fraction(-1)]
+    if name in values.numbers:
+        a, b = values.numbers[name], values.numbers[other]
+        if not isinstance(a, Surd) and not isinstance(b, Surd) and b:
+            factors.append(Fraction(a) / b)
+    elif values.angles[other].radians:
+        factors.append(values.angles[name].radians / values.angles[other].radians)
+        factors = [f for f in factors if f.denominator == 1]
+    small = (f for f in factors if f and max(abs(f.numerator), f.denominator) <= _LARGEST_RATIO)
+    return next((f for f in small if _holds(name, ((other, f),), values)), None)
+
+
+def _holds(name: str, terms: Terms, values: StatedValues) -> bool:
+    if name in values.numbers:
+        total: object = sum((values.numbers[s] * f for s, f in terms), Fraction(0))
+        return bool(values.numbers[name] == total) and any(values.numbers[s] for s, _ in terms)
+    radians = sum((f * values.angles[s].radians for s, f in terms), Fraction(0))
+    grid = _grid_part(name, terms, values) * STEPS_PER_HALF_TURN
+    return values.angles[name].radians == radians and grid.denominator == 1
 
 
 @dataclass(frozen=True)

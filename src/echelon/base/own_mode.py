@@ -23,8 +23,7 @@ from echelon.base.rows import Rows
 from echelon.errors import InputError
 from echelon.exact.elimination import ball_rank
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import value_texts
-from echelon.mechanism.symbol_values import all_symbols
+from echelon.mechanism.stated import all_symbols, value_texts
 from echelon.regressor.evaluate import evaluate_floats
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.recorded_loops import real_inputs

@@ -28,8 +28,7 @@ from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction
 from echelon.exact.unknown import UnknownFunctions, Work, persistent
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import value_texts
-from echelon.mechanism.symbol_values import symbol_roles
+from echelon.mechanism.stated import symbol_roles, value_texts
 from echelon.program.balls import ball
 
 _BITS, _MOST_BITS = 512, 4096

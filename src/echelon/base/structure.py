@@ -25,8 +25,7 @@ from echelon.mechanism.joint import Joint, Motion, Step, floating_motions
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
 from echelon.mechanism.output import Cut
 from echelon.mechanism.placement import Placement
-from echelon.mechanism.stated import UNITS
-from echelon.mechanism.symbol_values import has_values
+from echelon.mechanism.stated import UNITS, has_values
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.blocks import FEW_COLUMNS
 from echelon.regressor.energy import energy_changes, energy_form

@@ -14,8 +14,7 @@ from echelon.base.expression import collect
 from echelon.base.model import BaseModel
 from echelon.base.reading_report import ROUNDING
 from echelon.claims.compare import Geometry, Row, RowComparison, Span, compare_row, led_by, span_exactly, span_roughly
-from echelon.claims.linear_terms import LinearReader, names_in
-from echelon.claims.naming import AUTO, Naming, find_naming, plain_words, unknown_token
+from echelon.claims.naming import AUTO, LinearReader, Naming, find_naming, names_in, plain_words, unknown_token
 from echelon.claims.reading import Claim, precision_of, read_claims
 from echelon.claims.result import Agreement, Audit, Finding, Missing
 from echelon.claims.witness import WitnessSearch

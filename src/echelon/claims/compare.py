@@ -22,9 +22,8 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 
-from echelon.base.matrix import BaseMatrix, coefficient_value, residue, residues_of_generators
+from echelon.base.matrix import BaseMatrix, coefficient_value, reordered, residue, residues_of_generators
 from echelon.base.model import BaseModel
-from echelon.base.order import reordered
 from echelon.claims.reading import Precision
 from echelon.claims.result import Agreement, TermDifference
 from echelon.errors import DegenerateSampleError, EchelonError, InputError

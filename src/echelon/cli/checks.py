@@ -79,7 +79,7 @@ def run_schema(which: str) -> None:
 
         found = description_schema()
     elif which == "trajectory":
-        from echelon.excite.files.trajectory_schema import trajectory_schema
+        from echelon.excite.files.coefficients import trajectory_schema
 
         found = trajectory_schema()
     else:

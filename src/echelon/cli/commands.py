@@ -15,7 +15,7 @@ import typer
 from echelon.choices import Estimator, Values
 from echelon.cli.app import app
 from echelon.cli.options import AsJson, Budget, Force, Ordering, Output, Prefer, Robot, Seed, reads_robot
-from echelon.machine.threads import VARIABLES
+from echelon.machine.target import VARIABLES
 
 __all__ = ["app", "excite_commands", "run"]
 

@@ -16,7 +16,7 @@ from echelon.cli.destination import Destination, deliver
 from echelon.cli.screen import say_time, steps
 from echelon.formats.robot_file import load_model
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.symbol_values import all_symbols
+from echelon.mechanism.stated import all_symbols
 from echelon.models.linear_model import LinearModel
 from echelon.results.saved import to_json
 from echelon.seeds import DEFAULT_SEED

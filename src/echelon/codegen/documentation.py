@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from textwrap import wrap
 
 from echelon.base.expression import Expression, TextStyle, angle_text, render
-from echelon.codegen.language import Language
+from echelon.codegen.language import Language, comment_text, unit_text
 from echelon.codegen.views import FunctionView
-from echelon.codegen.wording import comment_text, unit_text
 from echelon.exact.numbers import Number
 from echelon.exact.polynomial import is_trigonometric
 from echelon.program.function import Argument, Function

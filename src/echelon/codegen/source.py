@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 from echelon.base.model import BaseModel
 from echelon.codegen.constants import SHARED, kept_symbols, parameter_constants, specialised, symbol_constants
 from echelon.codegen.documentation import Subject, documentation
-from echelon.codegen.language import Language, Precision
+from echelon.codegen.language import Language, Precision, checked_identifier, identifier
 from echelon.codegen.targets import TARGETS
 from echelon.codegen.views import LANES, view
-from echelon.codegen.wording import checked_identifier, identifier
 from echelon.dynamics.functions import ALL_FUNCTIONS
 from echelon.errors import InputError, one_line
 from echelon.program.function import Argument, Function

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.symbol_values import symbol_values
+from echelon.mechanism.stated import symbol_values
 from echelon.program.function import Argument
 from echelon.program.operations import Op
 from echelon.program.tape import Program

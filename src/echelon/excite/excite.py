@@ -11,15 +11,13 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.excite.exciting_trajectory import ExcitingTrajectory, Start
+from echelon.excite.exciting_trajectory import Conditioning, ExcitingTrajectory, Start, conditioning_of
 from echelon.excite.problem.task import Task, changed, task_of
 from echelon.excite.problem.trajectory import Trajectory
-from echelon.excite.solve.design import designed
-from echelon.excite.solve.safety import safe
+from echelon.excite.solve.design import designed, safe
 from echelon.excite.solve.starts import solutions
 from echelon.excite.verify import margins_of
 from echelon.excite.verify.margins import Margin
-from echelon.excite.verify.trajectory_conditioning import Conditioning, conditioning_of
 from echelon.logs.finding import Finding, Severity
 from echelon.machine.kernel import processors
 from echelon.setup.setup import Setup

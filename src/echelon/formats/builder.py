@@ -19,8 +19,8 @@ from echelon.exact.polynomial import Polynomial
 from echelon.formats.axis_relations import with_relations
 from echelon.formats.bodies import Bodies, Part
 from echelon.formats.closure_frames import second_frame, with_parallelogram
-from echelon.formats.link_inertia import Inertial, move_inertial, numeric_placements
 from echelon.formats.literal import (
+    Inertial,
     LiteralClosure,
     LiteralLink,
     LiteralPlacement,
@@ -29,6 +29,8 @@ from echelon.formats.literal import (
     LiteralTree,
     LiteralWrench,
     StatedCoupling,
+    move_inertial,
+    numeric_placements,
     resolved,
     with_joints,
 )

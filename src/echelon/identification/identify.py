@@ -32,7 +32,7 @@ from echelon.identification.survey import Survey, survey
 from echelon.identification.validation import Models, Validation
 from echelon.identification.verdict import overall_verdict
 from echelon.logs.finding import Finding, Severity
-from echelon.machine.threads import one_thread
+from echelon.machine.target import one_thread
 from echelon.observe.observation import Observation
 from echelon.setup.logs import with_logs
 from echelon.setup.setup import Setup

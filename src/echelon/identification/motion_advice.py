@@ -15,7 +15,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.mechanism.joint import Motion, MotionKind
-from echelon.mechanism.symbol_values import characteristic_length
+from echelon.mechanism.stated import characteristic_length
 from echelon.seeds import DEFAULT_SEED, random_generator
 
 if TYPE_CHECKING:

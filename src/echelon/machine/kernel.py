@@ -29,9 +29,9 @@ from echelon.machine.batch import Batch, aligned, batch, result_array
 from echelon.machine.cache import cached_object
 from echelon.machine.kernel_text import Block, kernel_text, prepare_text
 from echelon.machine.lowering import Lowered, lowered
+from echelon.machine.operations_text import Vector, module_text
 from echelon.machine.rows_text import rows_of, rows_text
 from echelon.machine.target import Library, Target, host, object_code
-from echelon.machine.text import Vector, module_text
 from echelon.program.function import Function
 
 _POINTER, _INTEGER = ctypes.c_void_p, ctypes.c_int64

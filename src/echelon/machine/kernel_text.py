@@ -11,8 +11,17 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from echelon.machine.lowering import Lowered
-from echelon.machine.operations_text import Writer, declarations, declared, sincos
-from echelon.machine.text import LARGE_FRAME, Code, Vector, prefetched, stream_line
+from echelon.machine.operations_text import (
+    LARGE_FRAME,
+    Code,
+    Vector,
+    Writer,
+    declarations,
+    declared,
+    prefetched,
+    sincos,
+    stream_line,
+)
 from echelon.program.operations import Op
 from echelon.program.order import operands
 

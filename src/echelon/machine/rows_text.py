@@ -15,7 +15,7 @@ from enum import Enum
 
 from echelon.machine.kernel_text import Block
 from echelon.machine.lowering import Lowered
-from echelon.machine.text import Code, Vector, prefetched
+from echelon.machine.operations_text import Code, Vector, prefetched
 
 LINE = 8
 """Doubles in a cache line."""

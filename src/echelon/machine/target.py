@@ -1,4 +1,7 @@
-"""The processor that machine code is made for, and object code: made by LLVM from text, loaded into this process."""
+"""The processor that machine code is made for, and object code: made by LLVM from text, loaded into this process.
+
+The number of threads of linear algebra is set here, too: the order of additions depends on it, and so the last digits.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import ctypes.util
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -119,3 +123,18 @@ def _know_library_functions() -> None:
                 continue
             llvm.add_symbol(function, ctypes.cast(found, ctypes.c_void_p).value)
             break
+
+
+VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+"""Environment variables that libraries of linear algebra read when they are loaded."""
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Linear algebra on one thread, so that results are the same on machines with more and with fewer.
+
+    Matrices are small here: threads that wait for one another cost more than they bring.
+    """
+    from threadpoolctl import threadpool_limits
+
+    limits: AbstractContextManager[object] = threadpool_limits(1, user_api="blas")
+    return limits

@@ -17,7 +17,7 @@ from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, merge
 from echelon.mechanism.mechanism import Body, Mechanism
 from echelon.mechanism.output import ActuatorForce, Cut, Output
 from echelon.mechanism.placement import IDENTITY, Matrix, Placement, as_matrix
-from echelon.mechanism.symbol_values import known_values
+from echelon.mechanism.stated import known_values
 from echelon.mechanism.transmission import Actuator
 
 _DENOMINATOR = 10**8  # of tangents of half angles: a rational point of the circle within 2e-8 rad of any angle

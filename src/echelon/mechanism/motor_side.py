@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.symbol_values import symbol_values
+from echelon.mechanism.stated import symbol_values
 
 
 def motor_names(mechanism: Mechanism, names: Sequence[str]) -> tuple[str, ...]:

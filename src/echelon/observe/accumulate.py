@@ -20,8 +20,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.machine.batch import Batch, batch
 from echelon.machine.kernel import Columns, processors
-from echelon.machine.target import Target
-from echelon.machine.threads import one_thread
+from echelon.machine.target import Target, one_thread
 from echelon.observe.layout import layout_of, measured
 from echelon.observe.observation import NormalEquations, Observation
 from echelon.observe.triangle import ROWS, update_triangle, upper_triangle

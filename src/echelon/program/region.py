@@ -22,9 +22,8 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.numbers import Rational
 from echelon.program.operations import Op
-from echelon.program.real_values import RealValues
 from echelon.program.region_search import BUDGET, COMPLETE, EXHAUSTED, RegionSearch
-from echelon.program.surfaces import find_surfaces
+from echelon.program.surfaces import RealValues, find_surfaces
 from echelon.program.tape import Program
 from echelon.seeds import DEFAULT_SEED, random_generator
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from echelon.arrays import Floats, Integers
-from echelon.program.real_values import RealValues
+from echelon.program.surfaces import RealValues
 
 _SPREAD, _DECADES = 1.5, 6.0
 _GRID = np.concatenate([[0.0], 10 ** np.linspace(-8, 8, 161), np.linspace(0.05, 8, 160)])

@@ -1,7 +1,7 @@
 """Programs with some functions in the place of others.
 
 Functions that are rational in others are written out for exact work: |x| = sign(x)·x, tan = sin/cos,
-tanh x = (e²ˣ − 1)/(e²ˣ + 1), and sines of arc tangents (:mod:`echelon.program.circular`), so that only sine, cosine,
+tanh x = (e²ˣ − 1)/(e²ˣ + 1), and sines of arc tangents (:mod:`echelon.program.compound`), so that only sine, cosine,
 exponential, logarithm, square root, sign and arc tangent remain.  Programs keep them whole otherwise, because in
 floating point they are faster and do not overflow.
 
@@ -16,7 +16,7 @@ from functools import partial
 
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
-from echelon.program.circular import circular
+from echelon.program.compound import circular
 from echelon.program.function import Argument, Function
 from echelon.program.operations import Op
 from echelon.program.scalar import Scalar

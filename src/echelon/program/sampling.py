@@ -21,10 +21,9 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.exact.numbers import Rational
 from echelon.program.bounds import Size, polynomial_size
 from echelon.program.canonical import CanonicalForms, Form, Product, Signs, Turn
-from echelon.program.circular import check_independent
-from echelon.program.constants import ConstantName, constant_names
+from echelon.program.compound import check_independent
 from echelon.program.derivatives import derivatives
-from echelon.program.generator_values import GeneratorValues, residues_of
+from echelon.program.generator_values import ConstantName, GeneratorValues, constant_names, residues_of
 from echelon.program.operations import Op
 from echelon.program.region import RealPoints, RegionReport
 from echelon.program.rewriting import written_out

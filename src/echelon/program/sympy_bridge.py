@@ -18,8 +18,7 @@ from typing import Any
 from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN
 from echelon.exact.numbers import Number, Rational, cosine_of_turn, parse_decimal, parts_of, sine_of_turn
-from echelon.program.circular import turned
-from echelon.program.compound import COMPOUND
+from echelon.program.compound import COMPOUND, turned
 from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.scalar import Scalar, power, square_root
 from echelon.program.tape import Program

@@ -18,8 +18,7 @@ from echelon.exact.angle import STEPS_PER_HALF_TURN, Angle
 from echelon.exact.expressions import PI, parse_angle
 from echelon.exact.numbers import cosine_of_turn, parse_decimal, sine_of_turn
 from echelon.exact.syntax import expression_tree
-from echelon.program.circular import turned
-from echelon.program.compound import COMPOUND
+from echelon.program.compound import COMPOUND, turned
 from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.scalar import Scalar, power, square_root
 from echelon.program.tape import Program

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.symbol_values import symbol_values
+from echelon.mechanism.stated import symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.assembly import Assembly

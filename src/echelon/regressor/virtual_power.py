@@ -8,8 +8,8 @@ find what is certified, and from that of the inverse dynamics (:mod:`echelon.dyn
 In a virtual motion u of the measured freedoms, uᵀ X ζ is the power of the bodies' inertial wrenches and of the effects
 (Jourdain's principle).  With u a unit vector it is a row of X: the wrench that a unit of each parameter needs meets the
 twist that the freedom gives to the parameter's body.  (To carry every wrench back to every freedom takes half as many
-operations again.)  One row with arbitrary u holds every row of X, but costs O(bodies) operations instead of
-O(bodies · depth).  So X · N = 0 and the rank of X can be checked on X itself at little cost.
+operations again.)  One row with arbitrary u holds every row of X, but costs O(bodies) operations instead of O(bodies ·
+depth).  So X · N = 0 and the rank of X can be checked on X itself at little cost.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from functools import reduce
 
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import GROUND, Mechanism
-from echelon.mechanism.symbol_values import known_values
+from echelon.mechanism.stated import known_values
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.blocks import FEW_COLUMNS, BlockRows, blocks_of
 from echelon.regressor.effects import EffectRecorder

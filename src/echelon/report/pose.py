@@ -13,7 +13,7 @@ from echelon.errors import EchelonError
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.placement import Placement
-from echelon.mechanism.symbol_values import placement_matrix, symbol_values
+from echelon.mechanism.stated import placement_matrix, symbol_values
 from echelon.regressor.loops.assembly import Assembly
 
 _BEND = 0.5  # rad, between neighbouring joints of a robot whose zero pose is a line

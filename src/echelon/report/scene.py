@@ -18,7 +18,7 @@ from echelon.errors import EchelonError, one_line
 from echelon.excite.exciting_trajectory import ExcitingTrajectory
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import GROUND, Body, Mechanism
-from echelon.mechanism.symbol_values import known_values
+from echelon.mechanism.stated import known_values
 from echelon.regressor.loops.assembly import Assembly
 from echelon.report.page import Context, packed
 from echelon.report.pose import Pose, joint_axes, pose_at, positions_of, widest_view

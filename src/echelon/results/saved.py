@@ -13,8 +13,8 @@ from echelon.base.certificate import Certificate
 from echelon.base.linear_base import LinearBase
 from echelon.base.matrix import BaseMatrix, StatedNumbers, coefficient_value
 from echelon.base.model import BaseModel
+from echelon.base.own import SpecialValues
 from echelon.base.reading_report import ReadingReport
-from echelon.base.value_relations import SpecialValues
 from echelon.errors import CertificateError, EchelonError, InputError
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import float_generators

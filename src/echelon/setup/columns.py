@@ -12,7 +12,7 @@ from echelon.formats.description.document import Document
 from echelon.hints import nearest, nearest_of
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.symbol_values import known_values
+from echelon.mechanism.stated import known_values
 
 if TYPE_CHECKING:
     from echelon.formats.schema.schema_log import Column, ColumnEntry, Columns, LogEntry

@@ -1,7 +1,7 @@
 """The optimisation problem: coefficients of a motion, a criterion, and constraints at samples.
 
 :mod:`echelon.excite.verify` finds out whether a motion that keeps its limits at the samples keeps them in between;
-where it does not, :mod:`echelon.excite.solve.safety` tightens the bounds.
+where it does not, :mod:`echelon.excite.solve.design` tightens the bounds.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from echelon.formats.stated_limits import StatedLimits
 from echelon.hints import nearest_of
 from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.symbol_values import known_values
+from echelon.mechanism.stated import known_values
 
 _PER = ("", "/s", "/s²", "/s³")
 _SPEEDS = {"rad": 1.0, "m": 0.25}

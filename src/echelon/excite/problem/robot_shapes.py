@@ -19,8 +19,7 @@ from scipy.spatial import ConvexHull, QhullError
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.problem.shapes import Kind, Shape, placed
-from echelon.formats.link_inertia import numeric_placement, rotation_matrix
-from echelon.formats.literal import LiteralPlacement, LiteralTree
+from echelon.formats.literal import LiteralPlacement, LiteralTree, numeric_placement, rotation_matrix
 from echelon.formats.mjcf.mjcf_model import import_mujoco, keep_bodies, parse_spec
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
 from echelon.formats.robot_file import RobotFile

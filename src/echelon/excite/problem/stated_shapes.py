@@ -23,7 +23,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.problem.robot_shapes import find_mesh, mesh_shape, mesh_vertices
 from echelon.excite.problem.shapes import Kind, Shape, placed, z_along
-from echelon.formats.link_inertia import rotation_matrix
+from echelon.formats.literal import rotation_matrix
 from echelon.mechanism.mechanism import GROUND, Mechanism
 
 WORLD = ("world", "base", "ground")

@@ -17,7 +17,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import MissingExtraError
 from echelon.excite.problem.optimisation import BROKEN, Problem, beyond
-from echelon.machine.threads import one_thread
+from echelon.machine.target import one_thread
 
 _OPTIONS = {
     "ipopt.hessian_approximation": "limited-memory",

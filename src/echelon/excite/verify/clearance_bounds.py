@@ -27,7 +27,7 @@ from echelon.excite.verify.margins import Margin
 from echelon.mechanism.joint import Motion, MotionKind, Step
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.placement import Placement
-from echelon.mechanism.symbol_values import placement_matrix, symbol_values
+from echelon.mechanism.stated import placement_matrix, symbol_values
 
 
 class MotionBounds:

@@ -16,7 +16,6 @@ from echelon.formats.bodies import BASE, Bodies, Part
 from echelon.formats.builder import Built, Rider
 from echelon.formats.description.document import Document
 from echelon.formats.description.parts import read_parts
-from echelon.formats.description.stated_couplings import offset_placement, read_couplings
 from echelon.formats.description.stated_expressions import (
     Expressions,
     check_use,
@@ -24,11 +23,10 @@ from echelon.formats.description.stated_expressions import (
     stated_gravity,
     with_intended_angles,
 )
-from echelon.formats.description.stated_joints import coordinate_axis
+from echelon.formats.description.stated_joints import coordinate_axis, offset_placement, read_couplings
 from echelon.formats.description.stated_loops import add_loops
 from echelon.formats.description.stated_setup import add_setup, cut_off
-from echelon.formats.link_inertia import Inertial, move_inertial
-from echelon.formats.literal import StatedCoupling
+from echelon.formats.literal import Inertial, StatedCoupling, move_inertial
 from echelon.formats.reading_options import ReadingOptions, StatedJoint, gravity_vector
 from echelon.formats.snapping import numeric_value, symbol_stem
 from echelon.hints import nearest_of, unused

@@ -13,7 +13,7 @@ from echelon.exact.syntax import is_whole
 from echelon.formats.bodies import BASE, Part
 from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.description.stated_joints import Joints, joint_name
-from echelon.formats.link_inertia import central_inertial
+from echelon.formats.literal import central_inertial
 from echelon.hints import nearest, nearest_of
 from echelon.mechanism.mechanism import ALL
 

@@ -28,7 +28,7 @@ from echelon.hints import nearest
 from echelon.mechanism.mechanism import Mechanism, Symbol, setup_expressions
 from echelon.mechanism.placement import ORIGIN, Placement, Vector
 from echelon.mechanism.reading import Snap
-from echelon.mechanism.symbol_values import symbol_roles
+from echelon.mechanism.stated import symbol_roles
 
 if TYPE_CHECKING:
     from echelon.formats.schema.robot_schema import RobotDescription

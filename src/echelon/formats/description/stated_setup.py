@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 from echelon.conventions import PARAMETERS
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.bodies import BASE
-from echelon.formats.description.stated_couplings import CouplingReader
 from echelon.formats.description.stated_expressions import Expressions
-from echelon.formats.description.stated_joints import Joints
+from echelon.formats.description.stated_joints import CouplingReader, Joints
 from echelon.formats.description.stated_loops import FindPart
 from echelon.hints import nearest_of
 from echelon.mechanism.coupling import Coupling, linear

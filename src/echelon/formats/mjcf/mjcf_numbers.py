@@ -12,8 +12,7 @@ import numpy.typing as npt
 from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN
 from echelon.exact.numbers import Rational, parse_decimal
-from echelon.formats.link_inertia import rotation_matrix
-from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralStep, Triple
+from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralStep, Triple, rotation_matrix
 from echelon.formats.reading_options import checked_size
 
 _NOISE = 1e-14  # what a few roundings of MuJoCo's compiler leave of a zero or of a multiple of 15°

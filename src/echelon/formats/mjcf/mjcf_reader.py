@@ -22,7 +22,6 @@ import numpy as np
 
 from echelon.errors import InputError
 from echelon.exact.numbers import Rational, parse_decimal
-from echelon.formats.link_inertia import central_inertial
 from echelon.formats.literal import (
     LiteralClosure,
     LiteralEffort,
@@ -35,6 +34,7 @@ from echelon.formats.literal import (
     LiteralTree,
     LiteralWrench,
     Triple,
+    central_inertial,
 )
 from echelon.formats.mjcf.mjcf_equality import (
     JOINT,

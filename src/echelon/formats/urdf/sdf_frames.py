@@ -13,8 +13,7 @@ from typing import Any
 from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN
 from echelon.exact.numbers import Rational, parse_decimal
-from echelon.formats.link_inertia import numeric_placements
-from echelon.formats.literal import LiteralPlacement, Triple
+from echelon.formats.literal import LiteralPlacement, Triple, numeric_placements
 from echelon.formats.mjcf.mjcf_numbers import exact_angle, exact_number, placements, placements_of
 from echelon.formats.reading_options import ANGLE_TOLERANCE, checked_size
 from echelon.hints import nearest_of

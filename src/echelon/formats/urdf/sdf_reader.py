@@ -17,7 +17,6 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.exact.numbers import Rational
 from echelon.exact.polynomial import as_polynomial
-from echelon.formats.link_inertia import central_inertial, numeric_placements
 from echelon.formats.literal import (
     LiteralClosure,
     LiteralFrame,
@@ -28,6 +27,8 @@ from echelon.formats.literal import (
     LiteralTree,
     StatedCoupling,
     Triple,
+    central_inertial,
+    numeric_placements,
 )
 from echelon.formats.mjcf.mjcf_numbers import exact_angle
 from echelon.formats.urdf.sdf_frames import MODEL, WORLD, SdfFrame, SdfFrames

@@ -15,7 +15,6 @@ import numpy as np
 from echelon.errors import InputError
 from echelon.exact.numbers import Rational, decimal_text, parse_decimal
 from echelon.exact.polynomial import as_polynomial
-from echelon.formats.link_inertia import central_inertial, rotation_matrix
 from echelon.formats.literal import (
     LiteralLink,
     LiteralMotion,
@@ -24,6 +23,8 @@ from echelon.formats.literal import (
     LiteralTree,
     StatedCoupling,
     Triple,
+    central_inertial,
+    rotation_matrix,
 )
 from echelon.formats.reading_options import checked_size
 from echelon.hints import listed

@@ -11,16 +11,120 @@ from typing import TYPE_CHECKING, Any
 from echelon.conventions import PARAMETERS
 from echelon.errors import InputError
 from echelon.exact.numbers import decimal_text
+from echelon.exact.polynomial import Polynomial, format_polynomial
+from echelon.formats.bodies import BASE
 from echelon.formats.description.stated_expressions import GENERIC
-from echelon.formats.writers.loops_writer import expression_text, frame_data, write_loops
-from echelon.formats.writers.setup_writer import write_setup
+from echelon.formats.schema.schema_setup import COMPONENTS
+from echelon.mechanism.closure import Closure
 from echelon.mechanism.coupling import Coupling, Spline
+from echelon.mechanism.effect import Effect
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, Symbol, setup_expressions
-from echelon.mechanism.placement import Placement, Vector
+from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output
+from echelon.mechanism.placement import IDENTITY, ORIGIN, Placement, Vector
 
 if TYPE_CHECKING:
     from echelon.formats.description.stated_joints import Joints
+
+
+def expression_text(value: Polynomial) -> str:
+    """An expression that reads back as the same polynomial."""
+    number = value.number
+    return format_polynomial(value) if number is None else decimal_text(number)
+
+
+def frame_data(placement: Placement) -> dict[str, Any]:
+    """A frame, without what is zero."""
+    written: dict[str, Any] = {}
+    if placement.translation != ORIGIN:
+        written["xyz"] = [expression_text(part) for part in placement.translation]
+    if placement.rotation != IDENTITY:
+        written["rotation"] = [[expression_text(entry) for entry in row] for row in placement.rotation]
+    return written
+
+
+def write_loops(mechanism: Mechanism) -> dict[str, Any]:
+    """The keys ``loops``, ``independent``, ``assembly`` and ``closed_at``, where there are loops."""
+    if not mechanism.closures:
+        return {}
+    closures = mechanism.stated_closures or mechanism.closures
+    written: dict[str, Any] = {"loops": [_loop(closure, mechanism) for closure in closures]}
+    if mechanism.independent:
+        written["independent"] = list(mechanism.independent)
+    if mechanism.assembly:
+        written["assembly"] = {name: repr(float(value)) for name, value in mechanism.assembly.items()}
+    if mechanism.closed_at:
+        pose = mechanism.closed_at.items()
+        written["closed_at"] = {name: [expression_text(x) for x in position] for name, position in pose}
+    return written
+
+
+def _loop(closure: Closure, mechanism: Mechanism) -> dict[str, Any]:
+    return {
+        "name": closure.name,
+        "joint": closure.kind.value,
+        "connects": [_part(body, mechanism) for body in (closure.first, closure.second)],
+        "at": frame_data(closure.first_frame),
+        "on_second": frame_data(closure.second_frame),
+    }
+
+
+def _part(body: int, mechanism: Mechanism) -> str | None:
+    if body != GROUND:
+        return mechanism.bodies[body].name
+    # a body may have the base's name; null is the ground in any case
+    return None if any(b.name == BASE for b in mechanism.bodies) else BASE
+
+
+def write_setup(mechanism: Mechanism) -> dict[str, Any]:
+    """The keys ``actuators``, ``effects`` and ``outputs``, where there are any."""
+    written: dict[str, Any] = {}
+    if mechanism.actuators:
+        written["actuators"] = {a.name: _terms(a.terms) for a in mechanism.actuators}
+    if mechanism.effects:
+        written["effects"] = [_effect(effect) for effect in mechanism.effects]
+    if mechanism.measured is not None:
+        written["outputs"] = [_output(output, mechanism) for output in mechanism.measured]
+    return written
+
+
+def _terms(terms: tuple[tuple[str, Polynomial], ...]) -> dict[str, Any]:
+    return {"terms": {name: expression_text(ratio) for name, ratio in terms}}
+
+
+def _effect(effect: Effect) -> dict[str, Any]:
+    acts = [{"at": a.at, "side": a.side.value, "term": a.term} for a in effect.actions]
+    written: dict[str, Any] = {"parameter": effect.parameter, "unit": effect.unit, "acts": acts}
+    if effect.value is not None:
+        written["value"] = repr(float(effect.value))
+    return written
+
+
+def _output(output: Output, mechanism: Mechanism) -> dict[str, Any]:
+    channel, weight = output.terms[0]
+    if isinstance(channel, Cut):
+        component = COMPONENTS[channel.axis + (3 if channel.angular else 0)]
+        return {
+            "wrench": BASE if channel.body == GROUND else mechanism.bodies[channel.body].name,
+            "name": output.name.removesuffix(f".{component}"),
+            "frame": frame_data(channel.frame),
+            "fixed_to": "parent" if channel.on_parent else "body",
+            "components": [component],
+        }
+    if len(output.terms) == 1 and weight == 1 and isinstance(channel, JointForce):
+        return {"joint": channel.coordinate, "name": output.name}
+    if len(output.terms) == 1 and weight == 1 and isinstance(channel, ActuatorForce):
+        return {"actuator": channel.actuator, "name": output.name}
+    summed = [
+        {"joint" if isinstance(c, JointForce) else "actuator": _place(c), "weight": expression_text(w)}
+        for c, w in output.terms
+        if not isinstance(c, Cut)
+    ]
+    return {"name": output.name, "unit": output.unit, "sum": summed}
+
+
+def _place(channel: JointForce | ActuatorForce) -> str:
+    return channel.coordinate if isinstance(channel, JointForce) else channel.actuator
 
 
 _TYPES = (

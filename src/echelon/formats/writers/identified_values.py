@@ -26,7 +26,7 @@ from echelon.inertia.convert import convert
 from echelon.inertia.spatial import pseudo_inertia
 from echelon.mechanism.effect import Action, Side
 from echelon.mechanism.mechanism import ALL, Body, Mechanism
-from echelon.mechanism.symbol_values import known_values
+from echelon.mechanism.stated import known_values
 
 ROTOR = "rotor"
 """Kind of the joint of a body that is the rotor of a drive."""

@@ -21,6 +21,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.polynomial import as_polynomial
+from echelon.formats.writers.description_writer import expression_text
 from echelon.formats.writers.identified_values import (
     COULOMB,
     ROTOR,
@@ -37,14 +38,13 @@ from echelon.formats.writers.identified_values import (
     reading_notes,
     rotor_notes,
 )
-from echelon.formats.writers.loops_writer import expression_text
 from echelon.formats.writers.xml_editor import XmlEditor, quoted
 from echelon.hints import listed, unused
 from echelon.inertia.spatial import move
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import GROUND, Body, Mechanism
 from echelon.mechanism.placement import ORIGIN, Placement
-from echelon.mechanism.symbol_values import known_values, placement_matrix
+from echelon.mechanism.stated import known_values, placement_matrix
 
 FORMAT = "URDF"
 DYNAMICS = {VISCOUS: "damping", COULOMB: "friction"}

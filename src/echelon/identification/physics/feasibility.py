@@ -21,7 +21,7 @@ from echelon.identification.physics.bounds import Bounds, linear_limits, roles
 from echelon.identification.physics.interior import holds, put_inside
 from echelon.identification.physics.prior_information import common_mass, reference
 from echelon.identification.physics.programme import SOLVED, Programme
-from echelon.mechanism.symbol_values import characteristic_length
+from echelon.mechanism.stated import characteristic_length
 
 
 @dataclass(frozen=True, repr=False)

@@ -33,7 +33,7 @@ from echelon.logs.finding import Finding, Severity
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from echelon.mechanism.placement import Placement
-from echelon.mechanism.symbol_values import all_symbols, characteristic_length, placement_matrix, symbol_values
+from echelon.mechanism.stated import all_symbols, characteristic_length, placement_matrix, symbol_values
 
 LEAST = 1e-4
 """Least eigenvalue of a repaired pseudo-inertia relative to that of a body of its mass and size."""

@@ -20,7 +20,7 @@ from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.motor_side import transmission_matrix
 from echelon.mechanism.output import Channel, JointForce, Output
-from echelon.mechanism.symbol_values import symbol_values
+from echelon.mechanism.stated import symbol_values
 
 Given = Mapping[str, Floats]
 Symbols = Mapping[str, float] | None

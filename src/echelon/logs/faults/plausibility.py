@@ -29,7 +29,7 @@ from echelon.logs.recording import Recording
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement
-from echelon.mechanism.symbol_values import known_values
+from echelon.mechanism.stated import known_values
 from echelon.signals.clock import GAP, nominal_period
 
 _PERIODS = (5e-5, 0.2)

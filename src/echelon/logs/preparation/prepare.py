@@ -22,7 +22,7 @@ from echelon.logs.recording import Samples, Segment
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output
-from echelon.mechanism.symbol_values import symbol_values
+from echelon.mechanism.stated import symbol_values
 from echelon.signals.clock import shift_reach, shifted
 from echelon.signals.filters import FAR, NEAR, PASSED, Reduction, reduction
 from echelon.signals.periods import average

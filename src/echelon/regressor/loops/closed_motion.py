@@ -18,7 +18,7 @@ from echelon.errors import InputError
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import Mechanism, Symbol
 from echelon.mechanism.output import Cut
-from echelon.mechanism.symbol_values import characteristic_length, symbol_values
+from echelon.mechanism.stated import characteristic_length, symbol_values
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.tape import Program
 from echelon.regressor.loops.closures import record_closures

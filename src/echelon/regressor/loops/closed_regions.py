@@ -1,8 +1,9 @@
 """Regions of signs on closed configurations.
 
-Closed states cannot be moved at will, but a motion can be run at any speed: q̇ times s and q̈ times s² keep loops closed.
-So random closed states, each at speeds of all orders of magnitude, show which signs occur together, however narrow a
-dead zone of a speed is.  Of these regions those are kept that add something (:mod:`echelon.program.independent`).
+Closed states cannot be moved at will, but a motion can be run at any speed: q̇ times s and q̈ times s² keep loops
+closed. So random closed states, each at speeds of all orders of magnitude, show which signs occur together, however
+narrow a dead zone of a speed is.  Of these regions those are kept that add something
+(:mod:`echelon.program.region_search`).
 """
 
 from __future__ import annotations
@@ -13,9 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
-from echelon.program.independent import IndependentRegions
 from echelon.program.region import SAMPLED, RegionReport, one_sided
-from echelon.program.region_search import COMPLETE
+from echelon.program.region_search import COMPLETE, IndependentRegions
 from echelon.program.schedule import FloatArithmetic, Schedule
 from echelon.program.surfaces import find_surfaces, monomials
 from echelon.program.tape import Program

@@ -16,9 +16,8 @@ from echelon.exact.field import PrimeField, Residues
 from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.mechanism.closed_pose import as_stated
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.stated import in_numbers
+from echelon.mechanism.stated import has_values, in_numbers
 from echelon.mechanism.substitute import with_numeric_ratios
-from echelon.mechanism.symbol_values import has_values
 from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import Assembled, Assembly, OpenLoopsError
 from echelon.regressor.loops.closed_motion import RANK_TOLERANCE

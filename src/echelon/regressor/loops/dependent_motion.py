@@ -19,7 +19,7 @@ from math import log2
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.symbol_values import characteristic_length
+from echelon.mechanism.stated import characteristic_length
 from echelon.program.derivatives import rates
 from echelon.program.least_squares import LeastSquares
 from echelon.program.tape import Program, Scalar

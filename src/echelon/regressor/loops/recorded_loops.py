@@ -11,7 +11,7 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.mechanism.closed_pose import angle_parts
 from echelon.mechanism.mechanism import Mechanism
-from echelon.mechanism.symbol_values import all_symbols, known_values
+from echelon.mechanism.stated import all_symbols, known_values
 from echelon.program.tape import Scalar
 from echelon.regressor.loops.assembly import Assembly
 from echelon.regressor.loops.closures import Loops, record_closures
