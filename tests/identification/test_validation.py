@@ -322,26 +322,40 @@ def test_verdict_compares_with_the_fit_and_the_prior() -> None:
     assert "on every output" in verdict(judged(score(), prior=[score(rms=2)]))
 
 
-def test_unseen_data_decide() -> None:
+def test_the_headline_goes_by_the_worst_output() -> None:
     fitted = judged(score(r2=0.999), role="identification")
-    poor = judged(score(r2=0.5, rms=2.0))
-    assert "poor" in overall_verdict([fitted, poor])
-    assert "stays open whether it carries over" in overall_verdict([fitted])
-    assert "predicts every output well" in overall_verdict([fitted, judged(score())])
-    assert "prior model predicts better" in overall_verdict([judged(score(), prior=[score(rms=0.5)])])
-    assert "no output varied" in overall_verdict([judged(score(r2=np.nan))])
+    poor = overall_verdict(judged(score(), score("j2", r2=0.5, rms=2.0)))
+    assert poor.text.startswith(
+        "The model is poor for some outputs on data that the fit did not see; the least is R² 0.5"
+    )
+    assert poor.reasons == ("on data that the fit did not see, j2 has R² 0.5",)
+    assert "stays open whether it carries over" in overall_verdict(fitted).text
+    well = overall_verdict(judged(score()))
+    assert well.text.startswith("The model predicts every output well")
+    assert well.reasons == ()
+    assert "prior model predicts better" in overall_verdict(judged(score(), prior=[score(rms=0.5)])).text
+    assert "no output varied" in overall_verdict(judged(score(r2=np.nan))).text
 
 
-def test_an_output_that_hardly_moves_is_judged_by_its_residual() -> None:
+def test_facts_contradict_the_best_prediction() -> None:
+    found = overall_verdict(judged(score(r2=0.9999)), ["no robot can have its parameters"])
+    assert found.text.startswith("The model should not be used")
+    assert "no robot can have its parameters" in found.text
+    assert "well" not in found.text
+    assert found.reasons == ("no robot can have its parameters",)
+
+
+def test_an_output_below_the_noise_of_its_sensor_is_not_judged() -> None:
+    """Whatever else its residual is compared with, below R² 0.90 nothing is called good."""
     fitted = judged(score("j1"), score("j2"), role="identification")
     quiet = judged(score("j1"), score("j2", r2=0.4, rms=1.1))
     assert "R² of j2 is low because the output varies little here" in verdict(quiet, fitted)
-    assert overall_verdict([fitted, quiet]).startswith("The model predicts every output well")
-    # larger residuals are no excuse, nor is a fit that was poor itself
-    assert "poor" in overall_verdict([fitted, judged(score("j1"), score("j2", r2=0.4, rms=2.0))])
-    assert "cannot be trusted" in overall_verdict([fitted, judged(score("j1"), score("j2", r2=-0.1))])
-    poor = judged(score("j1"), score("j2", r2=0.4), role="identification")
-    assert "poor" in overall_verdict([poor, quiet])
+    assert overall_verdict(quiet).text.startswith("The model is poor")
+    silent = replace(quiet.scores[1], noise=2.0)
+    found = overall_verdict(judged(score("j1"), silent))
+    assert found.text.startswith("The model predicts every output well")
+    assert "Of j2 nothing can be said: it varies less than the noise of the sensor." in found.text
+    assert overall_verdict(judged(silent)).text.startswith("Nothing can be said: no output varied by more than")
 
 
 def test_the_verdict_of_an_overfitted_model() -> None:

@@ -223,7 +223,10 @@ def identify(
         Values | None, typer.Option(help="Values that predictions use, instead of the set-up's.")
     ] = None,
     holdout: Annotated[
-        float | None, typer.Option(min=0, max=0.9, help="Share of each log held out where no other log validates.")
+        float | None,
+        typer.Option(
+            min=0, max=0.9, help="Share held out without --validate: of one log its end, of several the last."
+        ),
     ] = None,
     physical: Annotated[
         bool | None, typer.Option("--physical/--no-physical", help="Fit a physically consistent robot as well.")
@@ -232,6 +235,9 @@ def identify(
     dask: Annotated[
         str | None, typer.Option(help="Address of a Dask scheduler, or a number of processes to start here.")
     ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Exit with 1, and the reasons, if the model should not be used.")
+    ] = False,
     seed: Seed = None,
     as_json: AsJson = False,
 ) -> None:
@@ -241,11 +247,30 @@ def identify(
     """
     from echelon.cli.destination import output_folder
     from echelon.cli.identify import run_identify
+    from echelon.errors import one_line
 
     changed = {"estimator": estimator, "predict": predict_with, "holdout": holdout, "physical": physical, "seed": seed}
     stated = {name: value for name, value in changed.items() if value is not None}
     folder = None if output is None else output_folder(output, force)
-    run_identify(setup, logs, validate or (), folder, prior, stated, read, target, dask, as_json=as_json)
+    reasons = run_identify(setup, logs, validate or (), folder, prior, stated, read, target, dask, as_json=as_json)
+    if check and reasons:
+        for reason in reasons:
+            typer.echo(f"echelon: the model should not be used: {one_line(reason)}", err=True)
+        raise typer.Exit(1)
+
+
+@app.command(epilog="Example: echelon check tx40.yaml run1.parquet run2.parquet")
+@reads_robot("floating", "gravity", "tolerance", "every_link", "massless")
+def check(
+    setup: Annotated[Path, typer.Argument(help="Robot description with its measurement set-up; or URDF, MJCF.")],
+    logs: Annotated[list[Path], typer.Argument(help="Logs; a directory stands for all logs in it.")],
+    read: dict[str, Any],
+    as_json: AsJson = False,
+) -> None:
+    """Say what logs can show of a robot and what is missing, before anything is fitted."""
+    from echelon.cli.check import run_check
+
+    run_check(setup, logs, read, as_json=as_json)
 
 
 @app.command(epilog="Example: echelon predict result/model.json run3.parquet -o predicted.csv")

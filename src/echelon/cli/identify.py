@@ -35,8 +35,8 @@ def run_identify(
     dask: str | None,
     *,
     as_json: bool,
-) -> None:
-    """Identify with changed settings, write all files, and print the summary."""
+) -> tuple[str, ...]:
+    """Identify with changed settings, write all files, print the summary; why the model should not be used."""
     started = perf_counter()
     _check_target(target)
     if output is not None:
@@ -52,13 +52,14 @@ def run_identify(
         from echelon.results.identified import identification_to_json
 
         show(json_text({**json.loads(identification_to_json(result)), "files": [str(path) for path in paths]}))
-        return
+        return result.reasons
     from echelon.cli.terminal import print_identification
 
     print_identification(result)
     if paths:
         show(f"wrote {', '.join(map(str, paths))}")
     say_time(started)
+    return result.reasons
 
 
 def _check_target(target: str) -> None:

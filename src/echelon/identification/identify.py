@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -14,8 +14,9 @@ from echelon.arrays import Floats
 from echelon.base.base_set import Identifiability
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
-from echelon.errors import InputError
+from echelon.errors import EchelonError, InputError, MissingExtraError
 from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
+from echelon.identification.culprit import culprit as find_culprit
 from echelon.identification.estimators.essential import essential
 from echelon.identification.estimators.estimate import Estimate, solved
 from echelon.identification.estimators.fit import fitted, usable_noise
@@ -25,12 +26,13 @@ from echelon.identification.physics.bounds import Bounds
 from echelon.identification.physics.feasibility import Feasibility, feasibility
 from echelon.identification.physics.fit import PhysicalFit, physical_fit
 from echelon.identification.physics.prior_information import Prior, prior_from
-from echelon.identification.result import Identification, fit_findings, limited
+from echelon.identification.result import FAR, Identification, contradictions, fit_findings, limited
 from echelon.identification.rows.ingest import MEMORY
 from echelon.identification.rows.plan import Plan
-from echelon.identification.survey import Survey, survey
-from echelon.identification.validation import Models, Validation
-from echelon.identification.verdict import overall_verdict
+from echelon.identification.survey import survey
+from echelon.identification.validation import Models, Validation, by_role
+from echelon.identification.verdict import GOOD, overall_verdict
+from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import Finding, Severity
 from echelon.machine.target import one_thread
 from echelon.observe.observation import Observation
@@ -44,6 +46,8 @@ if TYPE_CHECKING:
 
 Paths = Sequence[str | os.PathLike[str]]
 OnStep = Callable[[str], None]
+
+Solved = TypeVar("Solved")
 
 _PIECES = 5
 """Stretches of the data that are predicted from one another to weigh the prior."""
@@ -117,10 +121,12 @@ def identify(
         reduced = _essential(settings, observation, estimate, conditions, noise)
 
         step("fitting a physical robot")
-        physical = _physical(setup, data, observation, noise, prior) if settings.physical else None
-        feasible = (
-            _feasibility(base, observation, estimate, noise) if settings.physical and conditions.is_complete else None
-        )
+        unsolved: list[Finding] = []
+        physical = feasible = None
+        if settings.physical:
+            physical = _tried(lambda: _physical(setup, data, observation, noise, prior), unsolved)
+        if settings.physical and conditions.is_complete:
+            feasible = _tried(lambda: _feasibility(base, observation, estimate, noise), unsolved)
 
         step("validating")
         models = {"model": _predicting(settings, estimate, reduced, physical)}
@@ -128,10 +134,17 @@ def identify(
         plain = _without_friction(base, observation, noise)
         models |= {} if plain is None else {"plain": plain}
         validations = _validations(data, models, unseen_logs)
+        columns = setup.columns or surveyed.columns
+        culprit = None
+        if unsolved or _is_doubtful(validations, feasible):
+            step("looking for a mistake in the set-up")
+            culprit = find_culprit(base, data.samples(), columns, prior_base)
 
     findings = [Finding(Severity.NOTE, "assumed", setup.source, text) for text in setup.assumed]
-    findings += [*surveyed.findings, *(() if prior is None else prior.findings)]
-    findings += fit_findings(estimate, conditions, feasible, physical, validations)
+    findings += [*surveyed.findings, *(() if prior is None else prior.findings), *unsolved]
+    facts = contradictions(feasible, culprit, findings)
+    findings += fit_findings(estimate, conditions, feasible, physical, validations, culprit)
+    judgement = overall_verdict(by_role(validations)[-1], facts)
     return Identification(
         base,
         tuple(map(str, fitted_logs)),
@@ -144,8 +157,9 @@ def identify(
         validations,
         limited(findings),
         settings.predict,
-        _record(setup, plan, surveyed),
-        overall_verdict(validations),
+        _record(setup, plan, columns),
+        judgement.text,
+        (*judgement.reasons, *([] if conditions.is_complete else [conditions.verdict])),
     )
 
 
@@ -210,6 +224,17 @@ def _essential(
     inflation = [value for value in estimate.diagnostics.get("inflation", {}).values() if np.isfinite(value)]
     correlation = max(1.0, float(np.mean(inflation))) if inflation else 1.0
     return essential(observation, estimate.units, noise, criterion=settings.essential, correlation=correlation)
+
+
+def _tried(solve: Callable[[], Solved], unsolved: list[Finding]) -> Solved | None:
+    """What a solver finds; nothing but a finding where it gives up, as it may where data and physics contradict."""
+    try:
+        return solve()
+    except (InputError, MissingExtraError):
+        raise
+    except EchelonError as error:
+        unsolved.append(Finding(Severity.WARNING, "physics", "", f"no physical robot was found: {error}"))
+        return None
 
 
 def _physical(
@@ -285,6 +310,13 @@ def _without_friction(base: BaseModel, observation: Observation, noise: Floats) 
     return found
 
 
+def _is_doubtful(validations: Sequence[Validation], feasible: Feasibility | None) -> bool:
+    """Whether physics or predictions contradict the set-up, so that a mistake in it is looked for."""
+    scores = [score for v in validations for score in v.scores if not score.is_below_noise]
+    poor = any(score.r2 < GOOD for score in scores)
+    return poor or (feasible is not None and feasible.feasible is False and feasible.distance > FAR)
+
+
 def _validations(data: PassesOverData, models: Models, unseen_logs: Sequence[Path]) -> tuple[Validation, ...]:
     seen: list[Task] = [(path, "first", "identification") for path in data.paths]
     unseen: list[Task] = [(path, "all", "validation") for path in unseen_logs]
@@ -295,7 +327,7 @@ def _validations(data: PassesOverData, models: Models, unseen_logs: Sequence[Pat
     return (*first, *data.validations(models, unseen, reference))
 
 
-def _record(setup: Setup, plan: Plan, surveyed: Survey) -> dict[str, Any]:
+def _record(setup: Setup, plan: Plan, columns: Sequence[ColumnMap]) -> dict[str, Any]:
     """Everything needed to repeat the run, JSON-able."""
     return {
         **setup.settings.model_dump(),
@@ -303,6 +335,6 @@ def _record(setup: Setup, plan: Plan, surveyed: Survey) -> dict[str, Any]:
         "prior_weight": setup.settings.prior.weight,
         "setup": setup.source,
         "prior": None if setup.prior is None else setup.prior.name,
-        "columns": [asdict(columns) for columns in setup.columns or surveyed.columns],
+        "columns": [asdict(some) for some in columns],
         "held_out": plan.holdout,
     }

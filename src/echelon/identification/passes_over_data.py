@@ -68,7 +68,7 @@ class PassesOverData:
 
     def rows(self) -> Rows:
         """The rows of what is fitted, for methods that go through them again and again."""
-        return KeptRows(ModelRows(self.plan.base, self._fitted, self.plan.symbols))
+        return KeptRows(ModelRows(self.plan.base, self.samples, self.plan.symbols))
 
     def validations(
         self, models: Models, tasks: Sequence[Task], reference: Validation | None = None
@@ -78,7 +78,8 @@ class PassesOverData:
         function = self._validated_here if self.client is None else _validated
         return each(self.client, partial(function, models, reference, limit), self.plan, tasks)
 
-    def _fitted(self) -> Iterable[Samples]:
+    def samples(self) -> Iterable[Samples]:
+        """Prepared samples of what is fitted."""
         return chain.from_iterable(self._samples(path, "first") for path in self.paths)
 
     def _samples(self, path: Path, part: Part) -> Iterable[Samples]:

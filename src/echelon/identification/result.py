@@ -10,10 +10,11 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.identification.conditioning import Conditioning
+from echelon.identification.culprit import Culprit
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
-from echelon.identification.validation import Validation
+from echelon.identification.validation import Validation, by_role
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.preparation.settings import Preparation
 
@@ -51,6 +52,8 @@ class Identification:
         Everything needed to repeat the run: seed, versions, options.
     verdict : str
         The whole in words.
+    reasons : tuple of str
+        Why the model should not be used; empty if nothing speaks against it.
     """
 
     base: BaseModel
@@ -66,6 +69,12 @@ class Identification:
     predict_with: str
     settings: Mapping[str, Any] = field(default_factory=dict)
     verdict: str = ""
+    reasons: tuple[str, ...] = ()
+
+    @property
+    def pooled(self) -> tuple[Validation, ...]:
+        """Scores over all logs that were fitted, and over all that were not, if there are any."""
+        return by_role(self.validations)
 
     @property
     def values(self) -> Floats:
@@ -84,10 +93,24 @@ _MOST = 12
 """Findings of one kind that are shown; of more the first ones and their number."""
 _STRANGER = 0.3
 """R² below which, for every output, the model has nothing to do with the data."""
-_FAR = 5.0
+FAR = 5.0
 """Standard deviations to the nearest robot that noise alone does not bring about."""
+_IMPOSSIBLE = 30.0
+"""Standard deviations from which on the model contradicts physics: what filters and unmodelled effects do is below."""
 _COSTLY = 1.5
 """Ratio of misfits from which on physical consistency costs more than noise does."""
+
+
+def contradictions(feasible: Feasibility | None, culprit: Culprit | None, findings: Sequence[Finding]) -> list[str]:
+    """Facts that contradict a model however well it predicts."""
+    facts = []
+    if culprit is not None:
+        facts.append(f"it would be explained if {culprit.text}")
+    if feasible is not None and feasible.feasible is False and feasible.distance > _IMPOSSIBLE:
+        away = f"{feasible.distance:.2g} standard deviations away"
+        facts.append(f"no robot can have its parameters, the nearest is {away}")
+    facts += [str(finding) for finding in findings if finding.kind in ("contradiction", "computed")]
+    return facts
 
 
 def fit_findings(
@@ -96,9 +119,11 @@ def fit_findings(
     feasible: Feasibility | None,
     physical: PhysicalFit | None,
     validations: Sequence[Validation],
+    culprit: Culprit | None = None,
 ) -> list[Finding]:
     """What is wrong with a fit, or worth knowing."""
     return [
+        *_culprit(culprit),
         *_strangers(validations),
         *_silent(estimate),
         *_open(estimate, seen),
@@ -120,6 +145,15 @@ def limited(findings: Iterable[Finding]) -> tuple[Finding, ...]:
         if len(same) > _MOST:
             shown.append(Finding(severity, kind, "", f"{len(same) - _MOST} more findings of this kind ({kind})"))
     return tuple(shown)
+
+
+def _culprit(culprit: Culprit | None) -> Iterable[Finding]:
+    if culprit is not None:
+        text = (
+            f"{culprit.text}: with this one change a physical robot explains the data, and what is left of the outputs "
+            f"falls from {culprit.before:.2%} to {culprit.after:.2%} of their spread"
+        )
+        yield Finding(Severity.WARNING, "culprit", "", text)
 
 
 def _strangers(validations: Sequence[Validation]) -> Iterable[Finding]:
@@ -163,7 +197,7 @@ def _unphysical(feasible: Feasibility | None) -> Iterable[Finding]:
             "no physical robot has the estimated base parameters; the nearest one is "
             f"{feasible.distance:.2g} standard deviations away"
         )
-        if feasible.distance > _FAR:
+        if feasible.distance > FAR:
             text += ": the model lacks something, or columns are exchanged, or their signs or units wrong"
         yield Finding(Severity.WARNING, "feasibility", "", text)
 

@@ -25,6 +25,7 @@ from echelon.identification.correlation import LAGS, CorrelationSums
 from echelon.identification.rows.rows import ModelRows, Numbering, prefetched, rows_taken
 from echelon.identification.verdict import verdict
 from echelon.logs.recording import Samples
+from echelon.signals.spectrum import white_noise
 
 LIMIT = 200_000
 """Rows of an output that are kept; more than any screen shows."""
@@ -77,9 +78,6 @@ Models = Mapping[str, Floats]
 """Parameters of the models that are compared by name: the identified one first, then those of :data:`BESIDE`."""
 BESIDE = ("prior", "plain")
 """What the identified model is compared with: the model one had before, and one without friction, fitted alike."""
-
-_DIFFERENCES = (1.0, -4.0, 6.0, -4.0, 1.0)
-"""Fourth differences, which take away what is smooth and leave white noise, with 70 times its variance."""
 
 
 @dataclass(frozen=True)
@@ -155,6 +153,7 @@ class Fit:
         )
 
 
+_ORDER = 4  # of the differences that leave the noise of a sensor: motion is slow against its samples
 _NAN = float("nan")
 EMPTY = Fit(0, *(_NAN,) * 6)
 
@@ -296,6 +295,12 @@ def pooled(validations: Sequence[Validation]) -> Validation:
     return replace(found, verdict=verdict(found))
 
 
+def by_role(validations: Sequence[Validation]) -> tuple[Validation, ...]:
+    """Scores over all logs that were fitted, and over all that were not, if there are any."""
+    roles = ([v for v in validations if v.role == role] for role in ROLES)
+    return tuple(pooled(found) for found in roles if found)
+
+
 @dataclass(frozen=True)
 class Predicted:
     """Measured and predicted outputs of one stretch of a log; of each output an array, of models a column."""
@@ -395,7 +400,7 @@ class _Tally:
 
     def __post_init__(self) -> None:
         self.whole, self.moving, self.raw = ([EMPTY] * self.models for _ in range(3))
-        self._squares, self._count = 0.0, 0
+        self._noise, self._count = 0.0, 0
         self._correlations, self._trace = CorrelationSums(self.lags), TraceKeeper(self.limit)
 
     def add(self, some: Predicted, output: int) -> None:
@@ -411,10 +416,9 @@ class _Tally:
             self.whole[k] += fit(y, guesses[:, k])
             self.moving[k] += fit(y[moving], guesses[moving, k])
             self.raw[k] += fit(raw, raw_guesses[:, k])
-        if len(raw) >= len(_DIFFERENCES):
-            differences = np.convolve(raw, _DIFFERENCES, "valid")
-            self._squares += float(differences @ differences)
-            self._count += len(differences)
+        if len(raw) > _ORDER:
+            self._noise += len(raw) * white_noise(raw, _ORDER) ** 2
+            self._count += len(raw)
         if len(y):
             where: Hashable = (some.source, some.segment)
             self._correlations.add(times, y - guesses[:, 0], where)
@@ -423,9 +427,7 @@ class _Tally:
 
     def score(self, model: int, output: str, unit: str) -> Score:
         """Score of a model; how white its residual is, is known of the first one."""
-        noise = (
-            float(np.sqrt(self._squares / self._count / np.dot(_DIFFERENCES, _DIFFERENCES))) if self._count else _NAN
-        )
+        noise = float(np.sqrt(self._noise / self._count)) if self._count else _NAN
         found = Score(output, unit, self.whole[model], self.moving[model], self.raw[model], noise)
         if model or not found.rows:
             return found

@@ -6,6 +6,7 @@ Every sentence comes from a number and a threshold below, so that the same score
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
@@ -52,7 +53,7 @@ def grade(score: Score) -> Grade | None:
 
 def verdict(validation: Validation, identification: Validation | None = None) -> str:
     """What the scores of one log say."""
-    sentences = [_fit(validation.scores, validation.role)]
+    sentences = [_fit(validation.scores, _data(validation))]
     if identification is not None and validation.role == "validation":
         sentences += _carries_over(validation.scores, identification.scores)
     sentences += _against_prior(validation)
@@ -60,52 +61,73 @@ def verdict(validation: Validation, identification: Validation | None = None) ->
     return " ".join(sentences)
 
 
-def overall_verdict(validations: Sequence[Validation]) -> str:
-    """What all logs together say: unseen data decide, where there are any.
+@dataclass(frozen=True)
+class Judgement:
+    """What all logs together say of a model.
 
-    An output that moves little in unseen data has a low R² however good the model is; if its residual is no larger than
-    on the data that were fitted, it is judged as there.
+    Attributes
+    ----------
+    text : str
+        The verdict in words.
+    reasons : tuple of str
+        Why the model should not be used; empty if nothing speaks against it.
     """
-    unseen = [v for v in validations if v.role == "validation"]
-    judged = unseen or list(validations)
-    fitted = [v for v in validations if v.role == "identification"]
-    graded = [(score, found, v) for v in judged for score in v.scores if (found := _lenient(score, fitted)) is not None]
-    if not graded:
-        return "Nothing can be said: no output varied."
-    worst, lowest, where = min(graded, key=lambda entry: (entry[1], entry[0].r2))
-    words = {
-        Grade.GOOD: "The model predicts every output well",
-        Grade.USABLE: "The model is usable",
-        Grade.POOR: "The model is poor for some outputs",
-        Grade.USELESS: "The model cannot be trusted for some outputs",
-    }
-    kind = "data that the fit did not see" if unseen else "the data it was fitted to"
-    logs = "" if len(judged) == 1 else f" of {len(judged)} logs"
-    text = f"{words[lowest]} on {kind}{logs}; the least is R² {worst.r2:.4g} of {worst.output} ({where.source})"
-    carried = " though its residual is as on the data it was fitted to" if lowest is not grade(worst) else ""
-    text += f"{carried}."
-    if not unseen:
-        text += " Without other data it stays open whether it carries over."
-    worse = [v for v in judged if v.prior_scores and _total(v.prior_scores, v.scores) * PRIOR < 1]
-    if worse:
-        text += f" On {_listed([v.source for v in worse])} the prior model predicts better."
-    return text
+
+    text: str
+    reasons: tuple[str, ...]
 
 
-def _lenient(score: Score, fitted: Sequence[Validation]) -> Grade | None:
-    """Grade of an output, or that of the data it was fitted to if its residual is no larger than there."""
-    own = grade(score)
-    if own is None or own is Grade.USELESS:  # worse than a constant is no question of how much moves
-        return own
-    same = [s for v in fitted for s in v.scores if s.output == score.output and score.rms <= OVERFIT * s.rms]
-    return max([own, *(found for s in same if (found := grade(s)) is not None)])
+def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
+    """What a model's scores on all logs together say, and facts that contradict it.
+
+    All outputs are graded alike, by R² over all rows; only an output that varies less than its sensor's noise is not
+    graded, because no model could explain it.
+    """
+    graded = [(score, found) for score in judged.scores if (found := grade(score)) is not None]
+    told = [(score, found) for score, found in graded if not score.is_below_noise]
+    if not told:
+        silent = "Nothing can be said: no output varied" + " by more than its sensor's noise" * bool(graded)
+        return Judgement(f"{silent}.", (silent, *facts))
+    worst, lowest = min(told, key=lambda entry: (entry[1], entry[0].r2))
+    sentences = [_headline(lowest, worst, judged, facts)]
+    quiet = [score.output for score, _ in graded if score.is_below_noise]
+    if quiet:
+        vary = "it varies" if len(quiet) == 1 else "they vary"
+        sentences.append(f"Of {_listed(quiet)} nothing can be said: {vary} less than the noise of the sensor.")
+    if judged.role != "validation":
+        sentences.append("Without other data it stays open whether it carries over.")
+    if judged.prior_scores and _total(judged.prior_scores, judged.scores) * PRIOR < 1:
+        sentences.append("The prior model predicts better.")
+    low = [f"{score.output} has R² {score.r2:.3g}" for score, found in told if found < Grade.USABLE]
+    return Judgement(" ".join(sentences), (*([f"on {_data(judged)}, {', '.join(low)}"] if low else []), *facts))
+
+
+_WORDS = {
+    Grade.GOOD: "The model predicts every output well",
+    Grade.USABLE: "The model is usable",
+    Grade.POOR: "The model is poor for some outputs",
+    Grade.USELESS: "The model cannot be trusted for some outputs",
+}
+
+
+def _headline(lowest: Grade, worst: Score, judged: Validation, facts: Sequence[str]) -> str:
+    """The first sentence: how well the worst output is predicted, and what contradicts the model."""
+    raw = f", {worst.raw.r2:.4g} without a filter" if np.isfinite(worst.raw.r2) else ""
+    text = f"on {_data(judged)}; the least is R² {worst.r2:.4g} of {worst.output}{raw} ({judged.source})"
+    if not facts:
+        return f"{_WORDS[lowest]} {text}."
+    words = "The model should not be used, whatever it predicts" if lowest >= Grade.USABLE else _WORDS[lowest]
+    return f"{words} {text}: {'; '.join(facts)}."
+
+
+def _data(judged: Validation) -> str:
+    return "data that the fit did not see" if judged.role == "validation" else "the data it was fitted to"
 
 
 # -- sentences --------------------------------------------------------------------------------------------------------
 
 
-def _fit(scores: Sequence[Score], role: str) -> str:
-    data = "data that the fit did not see" if role == "validation" else "the data it was fitted to"
+def _fit(scores: Sequence[Score], data: str) -> str:
     words = {Grade.GOOD: "well", Grade.USABLE: "usably", Grade.POOR: "poorly"}
     graded = [(s, grade(s)) for s in scores]
     parts = []

@@ -346,6 +346,7 @@ class IdentifiedRecord(_Finite):
     echelon: str = Field(description="Version that wrote the file.")
     versions: dict[str, str] = Field(description="Versions of Python and of the packages that computed.")
     verdict: str
+    reasons: list[str] = Field(description="Why the model should not be used; empty if nothing speaks against it.")
     findings: list[dict[str, str]]
     predict_with: Values
     values: dict[str, Value] = Field(description="Base parameters that predictions use, SI units.")

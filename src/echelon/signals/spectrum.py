@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import comb
 
 import numpy as np
 import numpy.typing as npt
@@ -168,3 +169,12 @@ def noise_deviation(spectrum: Spectrum, derivative: int = 0, cutoff: float = np.
     passed = 1 / (1 + (f / cutoff) ** (2 * order)) ** 2
     variance = float(spectrum.noise @ (passed * (2 * np.pi * f) ** (2 * derivative))) * float(f[0])
     return float(np.sqrt(variance))
+
+
+def white_noise(values: Floats, order: int) -> float:
+    """Standard deviation of white noise in samples (N,) of a smooth signal, from differences of so high an order.
+
+    Differences take away what is smooth; the variance of noise they multiply by the binomial (2·order over order).
+    """
+    differences = np.diff(values, order)
+    return float(np.sqrt(np.mean(differences**2) / comb(2 * order, order)))

@@ -20,12 +20,15 @@ from echelon.logs.finding import Finding, Severity, counted, listed, note, secon
 from echelon.logs.recording import Recording
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import nominal_period, round_rate
+from echelon.signals.spectrum import white_noise
 
 Found = list[Finding]
 
 _FAR_FROM_UNIT = 0.1
 _NOT_UNIT = 1e-3
 _COARSE = 0.3
+_NO_ENCODER = 2e-9  # rad or m: one of 26 bits per turn has steps of 9e-8 rad
+_ORDER = 8  # of the differences that leave noise: they take away motion down to some 30 samples per period
 _SAMPLED = 101
 """Of so many samples one is compared first, to tell which channels may be the same."""
 
@@ -49,6 +52,7 @@ def examine(recording: Recording, mechanism: Mechanism, *, whole: bool = True) -
     _saturation(recording, moving, usable, findings)
     usable &= _stuck(recording, moving, usable, findings)
     _resolution(recording, moving, usable, findings)
+    _smooth(recording, moving, usable, findings)
     _held(recording, moving, usable, findings)
     findings += contradictions(recording, mechanism, usable)
     return tuple(findings), usable
@@ -196,6 +200,21 @@ def _resolution(recording: Recording, channels: Sequence[Series], usable: Flags,
             text = f"comes in steps of {step:.4g}, coarse for its motion: derivatives need a low cut-off"
             where = f"{recording.source}, {channel.label}"
             findings.append(note("resolution", where, text))
+
+
+def _smooth(recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found) -> None:
+    """Positions without the noise or the steps that every encoder has."""
+    noise = {
+        channel.name: white_noise(channel.values[_rows(usable)], _ORDER)
+        for channel in channels
+        if channel.signal == "q" and usable.sum() > 10 * _ORDER
+    }
+    if noise and max(noise.values()) < _NO_ENCODER:
+        text = (
+            f"their noise is at most {max(noise.values()):.1g} (rad, m), less than any encoder has: they were "
+            "smoothed, commanded or simulated, and tell less of the robot's motion than they seem to"
+        )
+        findings.append(note("smooth", f"{recording.source}, positions", text))
 
 
 def _held(recording: Recording, channels: Sequence[Series], usable: Flags, findings: Found) -> None:

@@ -251,12 +251,24 @@ def contradictions(recording: Recording, mechanism: Mechanism, usable: Flags) ->
     if inside.sum() < 10:
         return []
     found = []
-    for pair in _pairs(recording, mechanism):
+    pairs = _pairs(recording, mechanism)
+    for pair in pairs:
         text = _compared(pair, time, inside, width)
         if text:
+            text = _exchanged(pair, pairs, time, inside, width) or text
             where = f"{recording.source}, {pair.upper.label}"
             found.append(warning("contradiction", where, text))
     return found
+
+
+def _exchanged(pair: _Pair, pairs: Sequence[_Pair], time: Floats, inside: Flags, width: int) -> str:
+    """What to say where a velocity follows another coordinate, and that one's velocity follows this coordinate."""
+    for other in pairs:
+        if other is not pair and other.upper.signal == pair.upper.signal and other.sliding == pair.sliding:
+            crossed = (_Pair(pair.lower, other.upper, pair.sliding), _Pair(other.lower, pair.upper, pair.sliding))
+            if not any(_compared(some, time, inside, width) for some in crossed):
+                return f"follows the {other.lower.label}, and the {other.upper.label} this one: they are exchanged"
+    return ""
 
 
 def _pairs(recording: Recording, mechanism: Mechanism) -> list[_Pair]:

@@ -1,0 +1,397 @@
+"""The one mistake in a set-up that explains why its data contradict physics, or predict badly.
+
+A column with the wrong sign, two columns exchanged, a wrong unit, rate or side of a gear: each is one change of what
+was read.  All of them are tried on a thousand rows of the logs.  For each, base parameters are fitted by weighted least
+squares from the normal matrices of the outputs, then moved to those of the nearest physical robot; how well these
+predict is the mark of the change.  Least squares alone would not do: an output whose parameters are its own is fitted
+as well with the wrong sign, by a negative inertia.  The mark without physics is never worse, so changes are taken in
+its order until it exceeds the best one found, and few programmes are solved.
+
+A change is named only if it is far better than what was read, and than every other change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from math import degrees, exp, inf, log, pi, radians
+
+import numpy as np
+
+from echelon.arrays import Flags, Floats, Integers
+from echelon.base.model import BaseModel
+from echelon.errors import EchelonError
+from echelon.identification.physics.feasibility import nearest_physical
+from echelon.identification.rows.rows import rows_taken
+from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.recording import Samples
+from echelon.mechanism.motor_side import transmission_matrix
+
+ROWS = 1000
+"""Rows that changes are tried on: some twenty per parameter of an arm, of every output."""
+BETTER = 0.75
+"""Residual that a change leaves, relative to what was read, from which on it is named."""
+APART = 0.93
+"""The same relative to every other change."""
+_LARGEST = 120
+"""Base parameters beyond which physics is not asked: programmes of that size take seconds."""
+_PROGRAMMES = 12
+"""Physical programmes that are solved at most."""
+_RATES = tuple(np.geomspace(0.1, 10, 41))
+_ALIKE = 0.5  # cosine from which on outputs and what the prior predicts have something to do with one another
+_RIDGE = 1e-9  # of squares of columns: what the data leave open stays small
+_FLOOR = 1e-4  # of an output's spread: smaller residuals count as equal
+
+
+@dataclass(frozen=True)
+class Culprit:
+    """A change of the set-up that mends it.
+
+    Attributes
+    ----------
+    text : str
+        What is wrong and how it is said right, in a sentence.
+    before, after : float
+        Residual of a physical robot without and with the change, as a share of the outputs' spread (geometric mean).
+    """
+
+    text: str
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class States:
+    """Rows of the logs that changes are tried on."""
+
+    q: Floats
+    qd: Floats
+    qdd: Floats
+    y: Floats
+    fitted: Flags  # shape (N, outputs)
+    inputs: Mapping[str, Floats]
+
+
+@dataclass(frozen=True)
+class _Change:
+    """A linear change of what the columns of positions and of outputs say."""
+
+    text: str
+    positions: Floats | None = None  # shape (n, n): of position columns, without their offsets
+    shift: Floats | None = None  # shape (n,): added to them
+    outputs: Floats | None = None  # shape (m, m)
+    rate: float = 1.0  # times the rate that was taken
+
+
+def rows_of(samples: Iterable[Samples]) -> States:
+    """Some rows of prepared samples, after the filter of both sides."""
+    values: list[Floats] = []
+    flags: list[Flags] = []
+    names: tuple[str, ...] = ()
+    widths: list[int] = []
+    for some in samples:
+        if some.y is not None:
+            names = tuple(some.inputs)
+            signals = [some.q, some.qd, some.qdd, some.y]
+            widths = [part.shape[1] for part in signals]
+            inputs = [part[:, None] for part in some.inputs.values()]
+            _, rows, fitted = rows_taken(some, np.hstack([*signals, *inputs]))
+            values.append(rows)
+            flags.append(np.ones((len(rows), widths[3]), dtype=bool) if fitted is None else fitted)
+    every, fitted = np.concatenate(values), np.concatenate(flags)
+    chosen = np.unique(np.linspace(0, len(every) - 1, min(ROWS, len(every))).astype(np.intp))
+    q, qd, qdd, y, rest = np.split(every[chosen], np.cumsum(widths), axis=1)
+    return States(q, qd, qdd, y, fitted[chosen], dict(zip(names, rest.T, strict=True)))
+
+
+def culprit(
+    base: BaseModel, samples: Iterable[Samples], columns: Sequence[ColumnMap] = (), prior: Floats | None = None
+) -> Culprit | None:
+    """The one change that restores physics and prediction, if there is one and only one.
+
+    ``prior`` are base parameters that were believed before, which tell the unit of all outputs together.
+    """
+    if any(len(motion.positions) != len(motion.velocities) for motion in base.mechanism.motions):
+        return None  # a quaternion has no column of its own
+    search = _Search(base, rows_of(samples), columns[0] if columns else ColumnMap())
+    return search.found() or (None if prior is None else search.common_unit(prior))
+
+
+class _Search:
+    def __init__(self, base: BaseModel, rows: States, columns: ColumnMap) -> None:
+        self.base, self.rows, self.columns = base, rows, columns
+        self.outputs = [output.name for output in base.mechanism.outputs]
+        self.marks = _Marks(base, rows.y.shape[1])
+        self._read = self.marks.products(rows)
+
+    def found(self) -> Culprit | None:
+        """The best change, if it is far better than none and than all others."""
+        before = best = self.marks.physical(self.marks.normals(self._read))
+        free = sorted(((self._free(change), change) for change in self._changes()), key=lambda entry: entry[0])
+        marks: list[tuple[float, _Change]] = []
+        for mark, change in free[:_PROGRAMMES]:
+            if mark > best - log(APART):
+                break
+            marks.append((self.marks.physical(self._normals(change)), change))
+            best = min(best, marks[-1][0])
+        marks.sort(key=lambda entry: entry[0])
+        if not marks or marks[0][0] > before + log(BETTER):
+            return None
+        after, change = marks[0]
+        if len(marks) > 1 and after > marks[1][0] + log(APART):
+            return None
+        return Culprit(change.text, exp(before), exp(after))
+
+    def common_unit(self, prior: Floats) -> Culprit | None:
+        """A unit that all outputs share scales all parameters, which the prior alone can tell."""
+        ratio = self.marks.ratio(self.marks.normals(self._read), prior)
+        for factor, unit in ((1e3, "mN·m or mN (unit: mN·m)"), (1e-3, "kN·m or kN (unit: kN·m)")):
+            if abs(log(ratio / factor)) < log(4.0):
+                text = f"all outputs are {ratio:.3g} times what the prior model predicts: they are in {unit}"
+                return Culprit(text, 1.0, ratio)
+        return None
+
+    def _free(self, change: _Change) -> float:
+        try:
+            return self.marks.free(self._normals(change))
+        except EchelonError:  # loops that cannot be closed
+            return inf
+
+    def _normals(self, change: _Change) -> list[_Normal]:
+        same = change.positions is None and change.shift is None and change.rate == 1.0
+        products = self._read if same else self.marks.products(self._changed(change))
+        return self.marks.normals(products, change.outputs)
+
+    # -- changes -------------------------------------------------------------------------------------------------
+
+    def _changes(self) -> Iterator[_Change]:
+        yield from self._of_outputs()
+        yield from self._of_positions()
+        yield from self._of_rate()
+
+    def _of_outputs(self) -> Iterator[_Change]:
+        m, label = len(self.outputs), self._named("output", self.outputs, self.columns.outputs)
+        for i in range(m):
+            yield _Change(f"the sign of {label[i]} is wrong (scale: -1)", outputs=_scaled(m, i, -1.0))
+        for i, j in combinations(range(m), 2):
+            yield _Change(f"{label[i]} and {label[j]} are exchanged", outputs=_exchanged(m, i, j))
+        for i in range(m):
+            for factor, unit in ((1e-3, "mN·m (or mN)"), (1e3, "kN·m (or kN)")):
+                yield _Change(f"{label[i]} is in {unit}", outputs=_scaled(m, i, factor))
+
+    def _of_positions(self) -> Iterator[_Change]:
+        label, n = self._position_labels, len(self._position_labels)
+        places = {name: k for k, name in enumerate(self.outputs)}
+        for i in range(n):
+            yield _Change(f"the sign of {label[i]} is wrong (scale: -1)", _scaled(n, i, -1.0))
+            output = places.get(self.names[i])
+            if output is not None and n == len(self.names):
+                text = (
+                    f"'{self.names[i]}' turns the other way: position and output have the wrong sign, or its axis has"
+                )
+                yield _Change(text, _scaled(n, i, -1.0), outputs=_scaled(len(self.outputs), output, -1.0))
+        for i, j in combinations(range(n), 2):
+            yield _Change(f"{label[i]} and {label[j]} are exchanged", _exchanged(n, i, j))
+        for i in range(n):
+            yield _Change(f"{label[i]} is in degrees (unit: deg)", _scaled(n, i, radians(1)))
+            yield _Change(f"{label[i]} is in rad, not in degrees (unit: rad)", _scaled(n, i, degrees(1)))
+            for shift, words in ((pi / 2, "pi/2"), (-pi / 2, "-pi/2"), (pi, "pi")):
+                yield _Change(f"zero of {label[i]} is not the robot's (offset: {words})", shift=shift * np.eye(n)[i])
+        yield _Change("all positions are in degrees (unit: deg)", radians(1) * np.eye(n))
+        yield _Change("all positions are in rad, not in degrees (unit: rad)", degrees(1) * np.eye(n))
+        yield from self._of_gears()
+
+    def _of_gears(self) -> Iterator[_Change]:
+        """Positions or outputs that are on the other side of the gears."""
+        if not self.base.mechanism.actuators:
+            return
+        driven, T = transmission_matrix(self.base.mechanism, None)
+        if set(driven) != set(self.names) or len(T) != len(self.names):
+            return
+        ratios = T[:, [driven.index(name) for name in self.names]]
+        behind = "the joints' side, not on the motors'"
+        ahead = "the motors' side, not on the joints'"
+        P = np.linalg.inv(self._channels)
+        for matrix, side in ((np.linalg.inv(ratios), ahead), (ratios, behind)):
+            yield _Change(f"positions are on {side} of the gears", self._channels @ matrix @ P)
+            if len(self.outputs) == len(ratios):
+                forces = np.linalg.inv(matrix).T
+                yield _Change(f"outputs are on {side} of the gears", outputs=forces)
+
+    def _of_rate(self) -> Iterator[_Change]:
+        stated = self.columns.rate
+        for rate in _RATES:
+            if abs(log(rate)) > 0.05:
+                words = f", {stated * rate:.4g} Hz in place of {stated:g} Hz" if stated else ""
+                yield _Change(f"the clock is wrong: the rate is about {rate:.3g} times that{words}", rate=rate)
+
+    # -- columns -------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Coordinates that columns may be of."""
+        mechanism = self.base.mechanism
+        return (
+            mechanism.positions
+            if self.rows.q.shape[1] == len(mechanism.positions)
+            else mechanism.independent_velocities
+        )
+
+    @cached_property
+    def _position_labels(self) -> list[str]:
+        return self._named("position", self._keys, self.columns.positions)
+
+    @cached_property
+    def _keys(self) -> tuple[str, ...]:
+        """What the columns of positions are of: coordinates, or drives."""
+        stated = self.columns.positions
+        return tuple(stated) if len(stated) == len(self.names) else self.names
+
+    @cached_property
+    def _channels(self) -> Floats:
+        """Columns of positions as combinations of coordinates, shape (n, n)."""
+        found = np.eye(len(self.names))
+        if set(self._keys) == set(self.names):
+            return found[[self.names.index(key) for key in self._keys]]
+        driven, T = transmission_matrix(self.base.mechanism, None)
+        drives = [actuator.name for actuator in self.base.mechanism.actuators]
+        for row, key in zip(found, self._keys, strict=True):
+            row[:] = 0.0
+            if key in self.names:
+                row[self.names.index(key)] = 1.0
+            else:
+                row[[self.names.index(name) for name in driven]] = T[drives.index(key)]
+        return found
+
+    def _named(self, kind: str, names: Sequence[str], stated: Mapping[str, Channel]) -> list[str]:
+        return [
+            f"the {kind} of '{name}'" + (f" (column '{stated[name].column}')" if name in stated else "")
+            for name in names
+        ]
+
+    def _changed(self, change: _Change) -> States:
+        rows = self.rows
+        if change.rate != 1.0:
+            rows = replace(rows, qd=rows.qd * change.rate, qdd=rows.qdd * change.rate**2)
+        if change.positions is None and change.shift is None:
+            return rows
+        P, stated = self._channels, self.columns.positions
+        offset = np.array([stated[key].offset if key in stated else 0.0 for key in self._keys])
+        matrix = np.eye(len(P)) if change.positions is None else change.positions
+        shift = np.zeros(len(P)) if change.shift is None else change.shift
+        back = np.linalg.inv(P).T
+        q = ((rows.q @ P.T - offset) @ matrix.T + offset + shift) @ back
+        whole = P.T @ matrix.T @ back
+        return replace(rows, q=q, qd=rows.qd @ whole, qdd=rows.qdd @ whole)
+
+
+def _scaled(size: int, place: int, factor: float) -> Floats:
+    matrix = np.eye(size)
+    matrix[place, place] = factor
+    return matrix
+
+
+def _exchanged(size: int, i: int, j: int) -> Floats:
+    order = list(range(size))
+    order[i], order[j] = j, i
+    return np.eye(size)[order]
+
+
+# -- marks ------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Normal:
+    """Normal equations of one output's rows: [W y]ᵀ[W y], the mean square of y about its mean, and rows."""
+
+    columns: Integers  # shape (n_i,); parameters that it can depend on
+    matrix: Floats  # shape (n_i + 1, n_i + 1)
+    spread: float
+    rows: int
+
+    def square(self, values: Floats) -> float:
+        """Mean square of the residual."""
+        full = np.append(values[self.columns], -1.0)
+        return float(max(full @ self.matrix @ full, 0.0)) / max(self.rows, 1)
+
+
+class _Marks:
+    """How well the best parameters predict rows: mean logarithm of residual over spread, of all outputs."""
+
+    def __init__(self, base: BaseModel, outputs: int) -> None:
+        self._base, self._outputs = base, outputs
+        places, parameters = base.sparsity
+        self._entries: list[Integers] = [np.flatnonzero(places == i) for i in range(outputs)]
+        self._columns = [parameters[entries] for entries in self._entries]
+
+    def products(self, rows: States) -> list[Floats]:
+        """Of each output [W Y 1]ᵀ[W Y 1] over its rows, with the measured values Y of all outputs."""
+        entries = self._base.regressor_entries(rows.q, rows.qd, rows.qdd, None, dict(rows.inputs), threads=1)
+        found = []
+        for i, chosen in enumerate(self._entries):
+            used = rows.fitted[:, i]
+            whole = np.column_stack([entries[np.ix_(used, chosen)], rows.y[used], np.ones(used.sum())])
+            found.append(whole.T @ whole)
+        return found
+
+    def normals(self, products: Sequence[Floats], outputs: Floats | None = None) -> list[_Normal]:
+        """Normal equations where outputs are linear combinations of what was read."""
+        mixed = np.eye(self._outputs) if outputs is None else outputs
+        found = []
+        for columns, product, mix in zip(self._columns, products, mixed, strict=True):
+            n = len(columns)
+            T = np.zeros((n + 2, len(product)))
+            T[:n, :n], T[n, n:-1], T[n + 1, -1] = np.eye(n), mix, 1.0
+            whole = T @ product @ T.T
+            count = round(float(whole[-1, -1]))
+            spread = (whole[n, n] - whole[n, -1] ** 2 / max(count, 1)) / max(count, 1)
+            found.append(_Normal(columns, whole[:-1, :-1], float(max(spread, 0.0)), count))
+        return found
+
+    def free(self, normals: Sequence[_Normal]) -> float:
+        """Of any parameters."""
+        return self._mark(normals, self._solved(normals)[0])
+
+    def physical(self, normals: Sequence[_Normal]) -> float:
+        """Of those of the nearest robot that can exist."""
+        values, matrix = self._solved(normals)
+        if len(values) > _LARGEST:
+            return self._mark(normals, values)
+        try:
+            standard, _ = nearest_physical(self._base, values, np.linalg.inv(matrix))
+        except (EchelonError, np.linalg.LinAlgError):
+            return self._mark(normals, values)
+        return self._mark(normals, self._base.B_float() @ standard)
+
+    def ratio(self, normals: Sequence[_Normal], prior: Floats) -> float:
+        """By how much outputs exceed what given parameters predict (median); 1 where they are unrelated."""
+        found = []
+        for some in normals:
+            guess = np.append(prior[some.columns], 0.0)
+            size, own = (float(np.sqrt(max(v, 1e-300))) for v in (guess @ some.matrix @ guess, some.matrix[-1, -1]))
+            if some.matrix[-1] @ guess / (size * own) > _ALIKE:
+                found.append(log(own / size))
+        return exp(float(np.median(found))) if found else 1.0
+
+    def _solved(self, normals: Sequence[_Normal]) -> tuple[Floats, Floats]:
+        """Parameters by iteratively reweighted least squares, and the normal matrix, shape (r,) and (r, r)."""
+        size = self._base.rank
+        floors = np.array([_FLOOR**2 * some.spread or 1.0 for some in normals])
+        noise = np.array([some.spread or 1.0 for some in normals])
+        for _ in range(4):
+            matrix, right = np.zeros((size, size)), np.zeros(size)
+            for some, square in zip(normals, noise, strict=True):
+                matrix[np.ix_(some.columns, some.columns)] += some.matrix[:-1, :-1] / square
+                right[some.columns] += some.matrix[:-1, -1] / square
+            scale = np.sqrt(np.where(np.diagonal(matrix) > 0, np.diagonal(matrix), 1.0))
+            matrix += np.diag(_RIDGE * scale**2)
+            values = np.linalg.solve(matrix / np.outer(scale, scale), right / scale) / scale
+            noise = np.maximum([some.square(values) for some in normals], floors)
+        return values, matrix
+
+    @staticmethod
+    def _mark(normals: Sequence[_Normal], values: Floats) -> float:
+        told = [some for some in normals if some.spread > 0]
+        return float(np.mean([0.5 * log(max(some.square(values) / some.spread, _FLOOR**2)) for some in told]))
