@@ -81,7 +81,7 @@ def test_real_logs_are_sound(folder: str, robot: ec.Mechanism) -> None:
         recorded = recording(table, guess_columns(list(table.columns), robot), robot)
         findings, usable = examine(recorded, robot)
         assert usable.all()
-        assert not findings
+        assert [finding.kind for finding in findings] == ["smooth"] * (folder == "kuka_lwr4")
         assert not check_plausible(recorded, robot)
         parts, more = segments(recorded, robot, usable)
         assert len(parts) == 1

@@ -28,6 +28,7 @@ from echelon.identification.rows.rows import rows_taken
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.recording import Samples
 from echelon.mechanism.motor_side import transmission_matrix
+from echelon.observe.observation import Observation
 
 ROWS = 1000
 """Rows that changes are tried on: some twenty per parameter of an arm, of every output."""
@@ -54,7 +55,8 @@ class Culprit:
     text : str
         What is wrong and how it is said right, in a sentence.
     before, after : float
-        Residual of a physical robot without and with the change, as a share of the outputs' spread (geometric mean).
+        Residual of a physical robot without and with the change, as a share of the outputs' spread (geometric mean);
+        of a common unit, the outputs as multiples of what the prior predicts.
     """
 
     text: str
@@ -106,17 +108,27 @@ def rows_of(samples: Iterable[Samples]) -> States:
     return States(q, qd, qdd, y, fitted[chosen], dict(zip(names, rest.T, strict=True)))
 
 
-def culprit(
-    base: BaseModel, samples: Iterable[Samples], columns: Sequence[ColumnMap] = (), prior: Floats | None = None
-) -> Culprit | None:
-    """The one change that restores physics and prediction, if there is one and only one.
-
-    ``prior`` are base parameters that were believed before, which tell the unit of all outputs together.
-    """
+def culprit(base: BaseModel, samples: Iterable[Samples], columns: Sequence[ColumnMap] = ()) -> Culprit | None:
+    """The one change that restores physics and prediction, if there is one and only one."""
     if any(len(motion.positions) != len(motion.velocities) for motion in base.mechanism.motions):
         return None  # a quaternion has no column of its own
-    search = _Search(base, rows_of(samples), columns[0] if columns else ColumnMap())
-    return search.found() or (None if prior is None else search.common_unit(prior))
+    return _Search(base, rows_of(samples), columns[0] if columns else ColumnMap()).found()
+
+
+def common_unit(observation: Observation, prior: Floats) -> Culprit | None:
+    """A wrong unit that all outputs share: it scales all parameters, so that only those known before can tell."""
+    ratios = []
+    for R, columns in zip(observation.factors, observation.layout.columns, strict=True):
+        measured, guess = R[:, -1], R[:, :-1] @ prior[list(columns)]
+        sizes = float(np.linalg.norm(measured)), float(np.linalg.norm(guess))
+        if min(sizes) > 0 and measured @ guess > _ALIKE * sizes[0] * sizes[1]:
+            ratios.append(sizes[0] / sizes[1])
+    ratio = float(np.median(ratios)) if ratios else 1.0
+    for factor, unit in ((1e3, "mN·m or mN (unit: mN·m)"), (1e-3, "kN·m or kN (unit: kN·m)")):
+        if abs(log(ratio / factor)) < log(4.0):
+            text = f"all outputs are in {unit}, because they are {ratio:.3g} times what the prior model predicts"
+            return Culprit(text, ratio, ratio / factor)
+    return None
 
 
 class _Search:
@@ -143,15 +155,6 @@ class _Search:
         if len(marks) > 1 and after > marks[1][0] + log(APART):
             return None
         return Culprit(change.text, exp(before), exp(after))
-
-    def common_unit(self, prior: Floats) -> Culprit | None:
-        """A unit that all outputs share scales all parameters, which the prior alone can tell."""
-        ratio = self.marks.ratio(self.marks.normals(self._read), prior)
-        for factor, unit in ((1e3, "mN·m or mN (unit: mN·m)"), (1e-3, "kN·m or kN (unit: kN·m)")):
-            if abs(log(ratio / factor)) < log(4.0):
-                text = f"all outputs are {ratio:.3g} times what the prior model predicts: they are in {unit}"
-                return Culprit(text, 1.0, ratio)
-        return None
 
     def _free(self, change: _Change) -> float:
         try:
@@ -364,16 +367,6 @@ class _Marks:
         except (EchelonError, np.linalg.LinAlgError):
             return self._mark(normals, values)
         return self._mark(normals, self._base.B_float() @ standard)
-
-    def ratio(self, normals: Sequence[_Normal], prior: Floats) -> float:
-        """By how much outputs exceed what given parameters predict (median); 1 where they are unrelated."""
-        found = []
-        for some in normals:
-            guess = np.append(prior[some.columns], 0.0)
-            size, own = (float(np.sqrt(max(v, 1e-300))) for v in (guess @ some.matrix @ guess, some.matrix[-1, -1]))
-            if some.matrix[-1] @ guess / (size * own) > _ALIKE:
-                found.append(log(own / size))
-        return exp(float(np.median(found))) if found else 1.0
 
     def _solved(self, normals: Sequence[_Normal]) -> tuple[Floats, Floats]:
         """Parameters by iteratively reweighted least squares, and the normal matrix, shape (r,) and (r, r)."""

@@ -16,6 +16,7 @@ from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError, InputError, MissingExtraError
 from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
+from echelon.identification.culprit import common_unit
 from echelon.identification.culprit import culprit as find_culprit
 from echelon.identification.estimators.essential import essential
 from echelon.identification.estimators.estimate import Estimate, solved
@@ -135,10 +136,10 @@ def identify(
         models |= {} if plain is None else {"plain": plain}
         validations = _validations(data, models, unseen_logs)
         columns = setup.columns or surveyed.columns
-        culprit = None
-        if unsolved or _is_doubtful(validations, feasible):
+        culprit = None if prior_base is None else common_unit(observation, prior_base)
+        if culprit is None and (unsolved or _is_doubtful(validations, feasible)):
             step("looking for a mistake in the set-up")
-            culprit = find_culprit(base, data.samples(), columns, prior_base)
+            culprit = find_culprit(base, data.samples(), columns)
 
     findings = [Finding(Severity.NOTE, "assumed", setup.source, text) for text in setup.assumed]
     findings += [*surveyed.findings, *(() if prior is None else prior.findings), *unsolved]

@@ -149,11 +149,11 @@ def limited(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 def _culprit(culprit: Culprit | None) -> Iterable[Finding]:
     if culprit is not None:
-        text = (
-            f"{culprit.text}: with this one change a physical robot explains the data, and what is left of the outputs "
-            f"falls from {culprit.before:.2%} to {culprit.after:.2%} of their spread"
+        gain = (
+            f"; with this one change a physical robot explains the data, and what is left of the outputs falls from "
+            f"{culprit.before:.2%} to {culprit.after:.2%} of their spread"
         )
-        yield Finding(Severity.WARNING, "culprit", "", text)
+        yield Finding(Severity.WARNING, "culprit", "", culprit.text + gain * (culprit.before < 1))
 
 
 def _strangers(validations: Sequence[Validation]) -> Iterable[Finding]:
