@@ -241,6 +241,10 @@ def test_saved_documents_hold_the_model(name: str) -> None:
     assert record["rank"] == base.rank
 
 
+def test_outputs_without_names_are_counted_from_one() -> None:
+    assert ec.LinearModel([["x"], ["2*x"]], ["x"], ["p"]).outputs == ("y1", "y2")
+
+
 def test_display() -> None:
     base = ec.base_parameters(load_linear(EXAMPLES / "single_track.yaml"))
     assert str(base).startswith("single-track vehicle, yaw only: 4 base parameters of 6 parameters, 1 output\n")

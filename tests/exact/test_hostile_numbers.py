@@ -128,6 +128,14 @@ def test_an_identified_model_is_typed_by_its_schema(folder: Path, tmp_path: Path
         load_identified(tmp_path / "model.json")
 
 
+def test_values_of_other_parameters_are_refused(folder: Path, tmp_path: Path) -> None:
+    document = json.loads((folder / "model.json").read_text())
+    document["values"] = dict(zip(reversed(document["values"]), document["values"].values(), strict=True))
+    (tmp_path / "model.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match="the values are not those of the base parameters"):
+        load_identified(tmp_path / "model.json")
+
+
 def test_records_keep_what_they_say(folder: Path) -> None:
     document = json.loads((folder / "model.json").read_text())
     loaded = load_identified(folder / "model.json")

@@ -40,6 +40,16 @@ def limits_of(case: int) -> StateLimits:
     return all_limits()[case][1]
 
 
+def test_cells_hold_a_parabola_exactly() -> None:
+    """Taylor's theorem with the largest second derivative is sharp where that is constant."""
+    basis, t = Splines((0.0, 0.5, 1.0)), np.linspace(0, 1, 50)
+    coefficients = np.linalg.lstsq(basis.values(t), (t**2)[:, None], rcond=None)[0]
+    middles, halves = np.array([0.3, 0.7]), np.array([0.1, 0.2])
+    low, high = cells.ranges(Trajectory(("j",), ("rad",), basis, coefficients), middles, halves)["q"]
+    np.testing.assert_allclose(high[:, 0], (middles + halves) ** 2, atol=1e-12)
+    assert np.all(low[:, 0] <= (middles - halves) ** 2)
+
+
 # -- functions of the state --------------------------------------------------------------------------------------------
 
 

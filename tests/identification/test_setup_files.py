@@ -66,6 +66,8 @@ def test_several_kinds_of_logs(tmp_path: Path) -> None:
     one = '{time: t, position: "q{n}", output: "y{n}"}'
     setup = read(tmp_path, f"log:\n  - {one}\n  - {one.replace('t,', 'stamp,')}\n")
     assert [columns.time for columns in setup.columns] == [Channel("t"), Channel("stamp")]
+    with pytest.raises(ec.InputError, match=r"log\[1\]\.position"):
+        read(tmp_path, f"log:\n  - {one}\n  - {one.replace('q{n}', 'q')}\n")
 
 
 def test_preparation_and_settings(tmp_path: Path) -> None:
@@ -97,6 +99,7 @@ identification:
 def test_a_robot_file_stands_for_a_set_up() -> None:
     setup = load_setup(ROOT / "examples" / "two_link.xml")
     assert setup.columns == ()
+    assert {"Fv1", "Fc1", "Fo1"} <= set(setup.mechanism.parameters)
     assert setup.robot_file is not None
     assert setup.robot_file.source == str(ROOT / "examples" / "two_link.xml")
 

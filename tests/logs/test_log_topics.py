@@ -69,4 +69,5 @@ def test_a_time_column_may_replace_the_stamps_of_its_own_topic() -> None:
         time=Channel("/s/stamp", "ms", offset=-0.007), positions=TOPICS.positions, outputs=TOPICS.outputs
     )
     found = recording(Table("bag", {**table.columns, **stamp}, clocks), columns, PENDULUM)
+    assert np.allclose(found.signals["q"][:, 0], np.sin(found.time), atol=1e-12)
     assert np.allclose(found.signals["y"][:, 1], -found.time, atol=1e-12)

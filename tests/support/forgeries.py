@@ -102,7 +102,9 @@ def _expression_hidden(data: Document, rng: random.Random) -> None:
 
 def _value(data: Document, rng: random.Random) -> None:
     term = _term(data, rng)
-    term["value"] = rng.choice([None, 0.5, 1e300]) if term["value"] != 0.5 else 7.0
+    value = term["value"]
+    nearby = None if value is None else 1.001 * value
+    term["value"] = rng.choice([other for other in (None, 0.5, 1e300, nearby) if other != value])
 
 
 def _symbol(data: Document, rng: random.Random) -> None:

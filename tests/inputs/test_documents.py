@@ -1,0 +1,36 @@
+"""What documents may not hold, at the edge: the largest that is accepted, and one more."""
+
+from __future__ import annotations
+
+import pytest
+
+from echelon.errors import InputError
+from echelon.inputs.content import DEPTH, Limit
+from echelon.inputs.json_text import parse_json
+from echelon.inputs.xml_text import parse_xml
+from echelon.inputs.yaml_text import parse_yaml
+
+
+def test_a_limit_is_the_largest_number() -> None:
+    limit = Limit(5, "columns")
+    limit.check(5)
+    with pytest.raises(InputError, match="has more than 5 columns"):
+        limit.check(6)
+
+
+@pytest.mark.parametrize("parse", [parse_json, parse_yaml])
+def test_nesting(parse) -> None:
+    parse("[" * DEPTH.most + "]" * DEPTH.most, "file")
+    with pytest.raises(InputError, match=f"more than {DEPTH.most} levels"):
+        parse("[" * (DEPTH.most + 1) + "]" * (DEPTH.most + 1), "file")
+
+
+@pytest.mark.parametrize(("parse", "text"), [(parse_json, '{"a": 1, "a": 2}'), (parse_yaml, "a: 1\na: 2")])
+def test_a_key_occurs_once(parse, text: str) -> None:
+    with pytest.raises(InputError, match="the key 'a' occurs twice"):
+        parse(text, "file")
+
+
+def test_document_types_are_refused_even_without_entities() -> None:
+    with pytest.raises(InputError, match="document type declarations"):
+        parse_xml("<!DOCTYPE robot><robot/>", "file")
