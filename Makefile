@@ -49,7 +49,7 @@ test: lint
 	$(BIN)/pytest -n auto -m "not slow"
 
 slow: $(DEV)
-	$(BIN)/pytest -n auto -m slow
+	$(BIN)/pytest -n auto -m "slow or hypothesis" --hypothesis-profile thorough
 
 faults: $(DEV)
 	$(BIN)/pytest -n auto tests/cli/test_faults.py

@@ -30,6 +30,7 @@ from support import textbook_arms as arms
 from support.float_regressor import FloatArray
 from support.paths import EXAMPLES
 from support.robot_files import robot_file
+from support.selection import slow_unless
 
 AXES = ("0 0 1", "1 2 3", "2 -1 1", "3 1 -2")
 
@@ -81,7 +82,7 @@ ROBOTS = {
 
 
 @pytest.mark.parametrize("budget", [0, 1])
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", slow_unless(["oblique to gravity", "prismatic first"], ROBOTS))
 def test_pinocchio_agrees(name: str, budget: float, tmp_path: Path) -> None:
     """W = W̄ B with W from another program, and the rank that its singular values show."""
     file = written(ROBOTS[name], tmp_path)
@@ -99,7 +100,7 @@ def test_the_arm_of_many_symbols_has_closed_forms(tmp_path: Path) -> None:
     assert len(base.matrix.symbols) > 10
 
 
-@pytest.mark.parametrize("mimic", [(2,), (3,)])
+@pytest.mark.parametrize("mimic", slow_unless([(3,)], [(2,), (3,)]))
 def test_couplings(mimic: tuple[int, ...], tmp_path: Path) -> None:
     """Numbers and closed forms agree where there are both."""
     robot = load(written(odd_arm(4, "0.3 0.4 0.5", mimic=mimic), tmp_path))
@@ -124,7 +125,7 @@ def test_romeo_with_coupled_fingers_finishes(budget: float) -> None:
 # -- numbers ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("order", ["base-to-tip", "tip-to-base"])
+@pytest.mark.parametrize("order", slow_unless(["tip-to-base"], ["base-to-tip", "tip-to-base"]))
 @pytest.mark.parametrize("robot", ["panda.yaml", "tx40.yaml", "loops/four_bar.yaml"])
 def test_exact_numbers_are_the_closed_forms_evaluated(robot: str, order: str) -> None:
     mechanism = load(EXAMPLES / robot)

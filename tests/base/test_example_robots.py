@@ -16,6 +16,7 @@ from echelon.formats.reading_options import ANGLE_TOLERANCE, PRECISION
 from support import ball_rank as truth
 from support import ball_rank_of_urdf as urdf_truth
 from support.robot_files import pinocchio_model, robot_file, robot_files
+from support.selection import slow_unless
 
 PUBLISHED = {
     "a1": (68, 94),
@@ -34,7 +35,7 @@ PUBLISHED = {
     "ur10_robot": (36, 52),
     "xarm7": (43, 59),
 }
-LARGE = 50
+LARGE = 22
 """Files with more joints than this, fixed ones included, are slow: the singular values take long, not we."""
 
 EXACTLY = 32
@@ -102,8 +103,15 @@ def compare(name: str, floating: bool) -> None:
     assert found == exact
 
 
+def joints(name: str) -> int:
+    return robot_files()[name].read_bytes().count(b"<joint ")
+
+
+CASES = slow_unless(lambda name: joints(name) <= LARGE, robot_files())
+
+
 @pytest.mark.parametrize("floating", [False, pytest.param(True, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", robot_files())
+@pytest.mark.parametrize("name", CASES)
 def test_rounded_numbers_matter_where_they_are_known_to(name: str, floating: bool) -> None:
     """The two SO-ARM files turn the first joint away from the vertical; everywhere else both readings agree."""
     intended = load(robot_file(name), floating)
@@ -112,16 +120,8 @@ def test_rounded_numbers_matter_where_they_are_known_to(name: str, floating: boo
     assert surplus == (2 if name in ("so100", "so101") and not floating else 0)
 
 
-def joints(name: str) -> int:
-    return robot_files()[name].read_bytes().count(b"<joint ")
-
-
-def cases() -> list[object]:
-    return [pytest.param(name, marks=pytest.mark.slow) if joints(name) > LARGE else name for name in robot_files()]
-
-
 @pytest.mark.parametrize("floating", [False, True])
-@pytest.mark.parametrize("name", cases())
+@pytest.mark.parametrize("name", CASES)
 def test_rank_equals_singular_values(name: str, floating: bool) -> None:
     compare(name, floating)
 

@@ -203,7 +203,7 @@ POOL = ["x", "y", "x*y", "exp(x)", "exp(x + y)", "log(y**2)", "log(x*y)", "sin(x
         "abs(x)", "tanh(y)", "1", "exp(-x)*y", "sqrt(x)*exp(y)"]  # fmt: skip
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=12)
 @given(st.data())
 def test_planted_dependences_are_found(data: Any) -> None:
     chosen = data.draw(st.lists(st.sampled_from(POOL), min_size=2, max_size=5, unique=True))

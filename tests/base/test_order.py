@@ -17,6 +17,7 @@ from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Parameter, inertial_parameter
 from support import textbook_arms as arms
+from support.selection import slow_unless
 
 ROBOTS = [arms.rx90, arms.panda, arms.helical, arms.coupled, arms.branched, arms.floating_pair, arms.massless]
 
@@ -48,7 +49,9 @@ def test_preferred_parameters_become_representatives() -> None:
     assert ec.base_parameters(arms.rx90(), prefer="M6").pivots[0] == "M6"  # one name is a list of one name
 
 
-@pytest.mark.parametrize("robot", [arms.double_pendulum, arms.stanford, arms.helical])
+@pytest.mark.parametrize(
+    "robot", slow_unless([arms.double_pendulum, arms.helical], [arms.double_pendulum, arms.stanford, arms.helical])
+)
 def test_whatever_is_seen_can_be_a_representative(robot: Callable[[], Mechanism]) -> None:
     """Alone at the head of the order, every parameter with a non-zero column is a pivot; the classes stay the same."""
     mechanism = robot()

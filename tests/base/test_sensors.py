@@ -282,7 +282,7 @@ def test_positions_measured_at_motors_are_those_of_joints() -> None:
         ec.joint_side(mechanism, theta[:, :3])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(mechanisms(), st.integers(0, 1000))
 def test_wrenches_of_random_mechanisms_are_pinocchios(mechanism: ec.Mechanism, seed: int) -> None:
     """Six-axis sensors, anywhere on any body, against the wrench that the joint above transmits."""

@@ -27,6 +27,7 @@ from support.float_functions import evaluate
 from support.paths import ROOT
 from support.physical_robots import bounds_of
 from support.random_mechanisms import mechanisms
+from support.selection import slow_unless
 from support.written_robots import random_parameters
 
 FRICTION = """
@@ -61,7 +62,7 @@ def model(name: str) -> ec.Mechanism:
     return MODELS[name]()
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", slow_unless(MODELS.keys() - {"long chain", "Gough-Stewart"}, MODELS))
 def test_the_rank_is_that_of_summed_columns(name: str) -> None:
     mechanism = model(name)
     columns, _ = shared.pinocchio_regressor(mechanism, 2 * len(mechanism.parameters) // len(mechanism.outputs))
@@ -69,7 +70,12 @@ def test_the_rank_is_that_of_summed_columns(name: str) -> None:
     assert structure.rank == RANKS[name] == shared.rank_of(columns.reshape(-1, columns.shape[2]))
 
 
-@pytest.mark.parametrize("name", ["3-RPS", "car", "two links", "some links of a chain", "first and last of a chain"])
+@pytest.mark.parametrize(
+    "name",
+    slow_unless(
+        ["car", "two links"], ["3-RPS", "car", "two links", "some links of a chain", "first and last of a chain"]
+    ),
+)
 def test_base_parameters_express_all_forces(name: str) -> None:
     columns, state = shared.pinocchio_regressor(model(name), 10)
     base = ec.base_parameters(model(name))

@@ -104,7 +104,7 @@ def test_axes_that_point_against_each_other() -> None:
     check(base, found)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(mechanisms(2))
 def test_random_mechanisms(mechanism: ec.Mechanism) -> None:
     base = ec.base_parameters(mechanism)

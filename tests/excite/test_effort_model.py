@@ -134,6 +134,7 @@ def largest(found: ec.ExcitingTrajectory) -> float:
     return float((np.abs(X @ model.values) + 3 * std).max())
 
 
+@pytest.mark.slow
 def test_draws_of_the_model_break_limits_as_rarely_as_deviations_say() -> None:
     found = careful()
     X = arm().base.regressor(*found.trajectory.states(np.arange(0, found.trajectory.duration, 1e-2)))

@@ -14,6 +14,7 @@ from echelon.regressor.loops.assembly import Assembly
 from support.excitation_cases import slopes_by_state
 from support.excitation_loops import (
     CASES,
+    DERIVED,
     MECHANISMS,
     REDUNDANT,
     Floats,
@@ -36,7 +37,7 @@ def test_states_are_those_of_the_assembly(name: str) -> None:
         np.testing.assert_allclose(mine, other, atol=1e-8 * max(np.abs(other).max(), 1.0))
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", DERIVED)
 def test_entries_are_those_of_the_base_model(name: str) -> None:
     made = regressor(name)
     state = states(made.motion)
@@ -53,7 +54,7 @@ def test_redundant_equations_are_among_the_cases() -> None:
         assert (equations > len(motion.columns[1])) == (name in REDUNDANT), name
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", DERIVED)
 def test_pulled_derivatives_are_those_of_differences(name: str) -> None:
     made = regressor(name, 0.02)
     state = states(made.motion)

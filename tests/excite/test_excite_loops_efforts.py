@@ -21,8 +21,9 @@ from support.excitation_loops import assert_slopes, base, certain, identified, m
         ("four-bar", certain),
         ("four-bar", identified),
         ("slider-crank", certain),
-        ("delta", certain),
-        ("delta", identified),
+        pytest.param("three_rps", certain, marks=pytest.mark.slow),
+        ("three_rps", identified),
+        pytest.param("delta", identified, marks=pytest.mark.slow),
         pytest.param("gough_stewart", certain, marks=pytest.mark.slow),
     ],
 )
@@ -44,11 +45,11 @@ def test_slopes_of_limits_are_those_of_differences(name: str, made: Callable[...
 
 
 def test_uncertain_efforts_are_those_of_the_base_model() -> None:
-    robot, model = mechanism("delta"), identified("delta", np.random.default_rng(8))
+    robot, model = mechanism("three_rps"), identified("three_rps", np.random.default_rng(8))
     limited = [EffortLimit(output.name, output.unit, 10.0) for output in robot.outputs]
     limits = loop_limits(LoopMotion(robot), [LoopEfforts(robot, limited, model, 0.1, None)])
     state = states(limits.motion)
-    X = base("delta").regressor(*state.values())
+    X = base("three_rps").regressor(*state.values())
     std = np.sqrt(np.einsum("nik,kl,nil->ni", X, model.covariance, X))
     found = limits.values(*state.values())[:, 1:]
     np.testing.assert_allclose(found[:, ::2], X @ model.values + 2 * std, rtol=1e-6)
@@ -57,14 +58,14 @@ def test_uncertain_efforts_are_those_of_the_base_model() -> None:
 
 def test_efforts_are_those_of_the_base_model() -> None:
     """Inverse dynamics with standard parameters, and X with the base parameters that belong to them."""
-    robot = mechanism("gough_stewart")
+    robot = mechanism("three_rps")
     standard = np.random.default_rng(8).uniform(0.5, 1.0, len(robot.parameters))
     efforts = LoopEfforts(
         robot, [EffortLimit(o.name, o.unit, 10.0) for o in robot.outputs], EffortModel(standard), 0.1, None
     )
     limits = loop_limits(LoopMotion(robot), [efforts])
     state = states(limits.motion)
-    model = base("gough_stewart")
+    model = base("three_rps")
     expected = model.predict(*state.values(), model.values(standard))
     np.testing.assert_allclose(limits.values(*state.values())[:, 1:], expected, rtol=1e-9)
     np.testing.assert_allclose(limits.high[1:], 9.0)

@@ -12,7 +12,9 @@ from echelon.excite.verify.margins import ranges
 from support.excitation_loops import limited, mechanism, motion_of
 
 
-@pytest.mark.parametrize("name", ["four-bar", "slider-crank", "delta", "gough_stewart"])
+@pytest.mark.parametrize(
+    "name", ["four-bar", "slider-crank", "delta", pytest.param("gough_stewart", marks=pytest.mark.slow)]
+)
 def test_whole_states_stay_in_their_boxes(name: str) -> None:
     limits = loop_limits(LoopMotion(mechanism(name)))
     size = 0.03 if name == "gough_stewart" else 0.15  # its legs slide
@@ -33,7 +35,7 @@ def test_whole_states_stay_in_their_boxes(name: str) -> None:
         assert np.all((closed.openness <= openness[1] * (1 + 1e-9))[some])
 
 
-@pytest.mark.parametrize("name", ["four-bar", "slider-crank", "delta"])
+@pytest.mark.parametrize("name", ["four-bar", "slider-crank", pytest.param("delta", marks=pytest.mark.slow)])
 def test_margins_of_loops_contain_all_samples(name: str) -> None:
     limits = limited(name, np.random.default_rng(2))
     trajectory = motion_of(limits, 0.15)
@@ -46,8 +48,9 @@ def test_margins_of_loops_contain_all_samples(name: str) -> None:
         assert samples.max() - slack <= margin.largest < np.inf
 
 
-def test_speeds_of_all_coordinates_are_bounded() -> None:
-    limits = limited("delta", np.random.default_rng(2))
+@pytest.mark.parametrize("name", ["four-bar", pytest.param("delta", marks=pytest.mark.slow)])
+def test_speeds_of_all_coordinates_are_bounded(name: str) -> None:
+    limits = limited(name, np.random.default_rng(2))
     trajectory = motion_of(limits, 0.15)
     whole = WholeMotion(limits.motion, trajectory)
     t = np.linspace(0, 2, 5000)

@@ -33,6 +33,7 @@ def test_a_trajectory_of_a_four_bar_beats_random_motions() -> None:
     assert found.conditioning.condition == pytest.approx(np.linalg.cond(W), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_torque_limits_hold_with_loops() -> None:
     setup = ec.load_setup(LOOPS / "four_bar.xml")
     limits = {**FOUR_BAR["limits"], "effort": 1.5}  # type: ignore[dict-item]

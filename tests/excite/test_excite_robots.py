@@ -51,7 +51,7 @@ EFFORT = {"shoulder_pan_joint": 40.0, "shoulder_lift_joint": 60.0, "elbow_joint"
 def test_torques_by_pinocchio_stay_below_limits_that_bind() -> None:
     file = robot_file("ur10_robot")
     limits = {"position": [-2.5, 2.5], "effort": EFFORT}
-    found = design(file, duration=6, limits=limits, centre={"shoulder_lift_joint": -1.57})
+    found = design(file, duration=6, harmonics=3, limits=limits, centre={"shoulder_lift_joint": -1.57})
     model = pinocchio_model(file, False)
     assert list(model.names)[1:] == list(found.trajectory.coordinates)
     states = tuple(resampled(found, order) for order in range(3))
@@ -69,6 +69,7 @@ def test_torques_by_pinocchio_stay_below_limits_that_bind() -> None:
     assert np.any(more > allowed)
 
 
+@pytest.mark.slow
 def test_boxes_by_pinocchio_hold_a_ball_about_the_flange() -> None:
     file = robot_file("ur10_robot")
     point, radius = (0.05, 0.0, 0.1), 0.1
@@ -143,7 +144,9 @@ PAIRS = [("g4", "g2"), ("g4", "g1"), ("g3", "g1")] + [
 CLEARANCE = 0.03
 
 
-@pytest.mark.parametrize(("stated", "rate"), [("by the file", 10_000), ("by the set-up", 1000)])
+@pytest.mark.parametrize(
+    ("stated", "rate"), [pytest.param("by the file", 10_000, marks=pytest.mark.slow), ("by the set-up", 1000)]
+)
 def test_distances_by_mujoco_keep_the_clearance(tmp_path: Path, stated: str, rate: float) -> None:
     import mujoco
 

@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 import numpy.typing as npt
-import pytest
 
 import echelon as ec
 from echelon.excite.problem.closed_loops import (
@@ -25,6 +24,7 @@ from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.mechanism import Mechanism
 from support import linkages
 from support.paths import ROOT
+from support.selection import slow_unless
 
 Floats = npt.NDArray[np.float64]
 LOOPS = ROOT / "examples" / "loops"
@@ -39,8 +39,10 @@ BUILT = {
 }
 MECHANISMS = (*BUILT, *FILES)
 LARGE = {"chain", "gough_stewart"}
-"""Mechanisms that take long: the fast tests have the coupled chain and the delta robot."""
-CASES = [pytest.param(name, marks=pytest.mark.slow) if name in LARGE else name for name in MECHANISMS]
+"""Mechanisms that take long."""
+CASES = slow_unless(lambda name: name not in LARGE, MECHANISMS)
+DERIVED = slow_unless(lambda name: name not in {*LARGE, "coupled chain", "delta"}, MECHANISMS)
+"""For tests that need base parameters; the spatial one is 3-RPS."""
 REDUNDANT = {"four-bar", "slider-crank", "four_bar", "parallelogram"}
 
 
