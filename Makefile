@@ -46,7 +46,7 @@ lint: $(DEV)
 	$(BIN)/lint-imports --no-logo
 
 test: lint
-	$(BIN)/pytest -n auto -m "not slow"
+	$(BIN)/pytest -n auto --dist worksteal -m "not slow"
 
 slow: $(DEV)
 	$(BIN)/pytest -n auto -m "slow or hypothesis" --hypothesis-profile thorough

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -108,7 +109,7 @@ def test_every_operation(target: str, tmp_path: Path) -> None:
 
 
 def robot(name: str, **reading: Any) -> Callable[[], ec.BaseModel]:
-    return lambda: ec.base_parameters(ec.load(ROOT / f"examples/{name}.yaml", **reading))
+    return cache(lambda: ec.base_parameters(ec.load(ROOT / f"examples/{name}.yaml", **reading)))
 
 
 ROBOTS = {
@@ -126,7 +127,7 @@ def cases() -> Iterator[object]:
     """All targets with all robots; compilers take their time."""
     for target in generated.RUNNERS:
         for name in ROBOTS:
-            slow = name not in QUICK and not (target in ("c", "python") and name in ("panda", "coupled_arm"))
+            slow = name not in QUICK and (target, name) not in (("c", "panda"), ("python", "coupled_arm"))
             yield pytest.param(target, name, marks=[pytest.mark.slow] * slow)
 
 
@@ -139,10 +140,10 @@ def test_robots(target: str, name: str, tmp_path: Path) -> None:
 
 
 def loop_cases() -> Iterator[object]:
-    """All targets with all loops; the long ones in C and NumPy at once."""
+    """All targets with all loops; a long one in NumPy at once."""
     for target in generated.RUNNERS:
         for name in LOOPS:
-            slow = name not in QUICK and (target not in ("c", "python") or name == "delta")
+            slow = name not in QUICK and (target, name) != ("python", "sr400")
             yield pytest.param(target, name, marks=[pytest.mark.slow] * slow)
 
 

@@ -21,6 +21,7 @@ from support import linkages
 from support.described_robots import sensed
 from support.float_regressor import FloatArray
 from support.paths import ROOT
+from support.selection import slow_unless
 from support.small_kernels import same_bits
 
 LOOPS = ROOT / "examples" / "loops"
@@ -46,7 +47,7 @@ def made(name: str) -> Case:
 
 
 def cases(*names: str) -> list[object]:
-    return [pytest.param(name, marks=pytest.mark.slow) if name == "gough_stewart" else name for name in names]
+    return slow_unless(lambda name: name not in ("delta", "gough_stewart"), names)
 
 
 @pytest.fixture(params=cases(*FILES))

@@ -134,6 +134,7 @@ def test_a_worker_dies_midway(mortal: Client, folder: Path, alone: Identificatio
     same(found, alone)
 
 
+@pytest.mark.slow
 def test_results_come_in_order_though_a_worker_dies(mortal: Client) -> None:
     found: list[tuple[int, int]] = []
     pids: set[int] = set()

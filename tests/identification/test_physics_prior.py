@@ -88,7 +88,7 @@ def placements(draw: st.DrawFn) -> Placement:
     return arms.place(xyz, " ".join(draw(_TURNS) for _ in range(3)))
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(st.lists(placements(), min_size=8, max_size=8), st.integers(0, 2**32 - 1))
 def test_frames_do_not_matter(drawn: list[Placement], seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -31,6 +31,7 @@ from echelon.logs.recording import Segment
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
 from support.observation_rows import ArrayRows
+from support.selection import slow_unless
 from support.simulated_robots import System
 from support.simulated_systems import SYSTEMS, motion_of
 
@@ -160,7 +161,7 @@ def assert_nominal(found: Hits, level: float, slack: float) -> None:
 # -- white noise -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", slow_unless(["arm", "floating, joint torques"], ALL))
 def test_classical_intervals_cover(name: str) -> None:
     data = trial(name)
     estimates = [irls(data.observation(data.white(seed)), data.units) for seed in range(SEEDS)]
