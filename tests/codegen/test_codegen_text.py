@@ -207,13 +207,23 @@ def test_command_with_a_saved_set_and_values(tmp_path: Path) -> None:
     assert "takes no options for reading" in refused.stderr
 
 
-@pytest.mark.parametrize("text", ["[1]", '{"ZZ1": "x"}', "a,b,c\n", "ZZ1,1\nZZ1,2\n", ""])
-def test_command_refuses_odd_values(text: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[1]", "expected {"),
+        ('{"ZZ1": "x"}', "'ZZ1'"),
+        ("a,b,c\n", "expected {"),
+        ("ZZ1,1\nZZ1,2\n", "a name occurs twice"),
+        ("", "values are missing"),
+    ],
+)
+def test_command_refuses_odd_values(text: str, said: str, tmp_path: Path) -> None:
     (tmp_path / "values").write_text(text)
     options = ["--parameters", str(tmp_path / "values"), "-o", str(tmp_path / "out")]
     done = run("generate", "examples/double_pendulum.yaml", *options, cwd=ROOT)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
+    assert said in done.stderr
     assert not (tmp_path / "out").exists()
 
 

@@ -20,6 +20,7 @@ from echelon.mechanism.closure import ClosureKind
 from echelon.mechanism.mechanism import GROUND, Mechanism
 from support.loop_frames import frames, matrix, position, residual
 from support.paths import ROOT
+from support.selection import slow_unless
 from support.textbook_poses import Array, turned
 
 EXAMPLES = sorted((ROOT / "examples/loops").iterdir())
@@ -254,7 +255,10 @@ def test_loops_may_connect_fixed_links_of_a_robot_file(tmp_path: Path) -> None:
 # -- examples and round trips ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.name)
+LARGE = ("biped.xml", "gough_stewart.yaml")
+
+
+@pytest.mark.parametrize("file", slow_unless(lambda f: f.name not in LARGE, EXAMPLES), ids=lambda file: file.name)
 def test_examples_close_and_are_read_again(file: Path) -> None:
     mechanism = ec.load(file)
     q = closed(mechanism)

@@ -107,7 +107,7 @@ def test_a_parallelogram_within_rounding_is_meant() -> None:
     }
     assert base.reading.snaps[0].difference == pytest.approx(1e-5)
     robot = RobotFile.of(NEAR.encode(), "hand.xml").mechanism(ReadingOptions(tolerance=0))
-    assert ec.base_parameters(robot).rank == 8
+    assert ec.base_structure(robot).rank == 8
     far = NEAR.replace("-0.01501 0.015", "-0.0155 0.015")
     robot = RobotFile.of(far.encode(), "hand.xml").mechanism(ReadingOptions())
     assert robot.reading is not None

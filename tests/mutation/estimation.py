@@ -9,7 +9,6 @@ GAINS, WEIGHT = "identification/test_gains.py", "identification/test_physics_wei
 CRITERIA, GRADIENTS = "excite/test_criteria.py", "excite/test_excite_gradients.py"
 FAMILIES, MARGINS = "excite/test_families.py", "excite/test_margins.py"
 EFFORTS, AUDIT = "excite/test_effort_model.py", "claims/test_audit.py claims/test_audit_reading.py"
-COMMANDS = "cli/test_cli.py"
 
 FAULTS = (
     Fault(
@@ -228,9 +227,19 @@ FAULTS = (
         "exit code of an audit",
         "claims/test_audit_reading.py",
     ),
-    Fault("cli/generate.py", "if len(found) < len(pairs):", "if not pairs:", "names that occur twice", COMMANDS),
     Fault(
-        "cli/counts.py", "if found.literal_rank != rank", "if found.literal_rank == rank", "the literal rank", COMMANDS
+        "cli/generate.py",
+        "if len(found) < len(pairs):",
+        "if len(found) > len(pairs):",
+        "names that occur twice",
+        "codegen/test_codegen_text.py",
+    ),
+    Fault(
+        "cli/counts.py",
+        "if found.literal_rank != rank",
+        "if found.literal_rank == rank",
+        "the literal rank",
+        "base/test_numeric_comparison.py",
     ),
     Fault(
         "cli/process.py",

@@ -29,7 +29,7 @@ VALID, REFUTED, UNREADABLE, NOT_COVERED = range(4)
 # these, and sets that are true but hold the certificate of another model.
 ONLY_THE_PROGRAM = {
     *("certificate", "class", "count", "expression", "expression_hidden", "missing", "order", "pivot"),
-    *("shape", "special", "swap_columns", "unit", "value", "zero"),
+    *("shape", "special", "swap_columns", "unit", "value", "value_nearly", "zero"),
 }
 
 

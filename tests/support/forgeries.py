@@ -102,9 +102,13 @@ def _expression_hidden(data: Document, rng: random.Random) -> None:
 
 def _value(data: Document, rng: random.Random) -> None:
     term = _term(data, rng)
-    value = term["value"]
-    nearby = None if value is None else 1.001 * value
-    term["value"] = rng.choice([other for other in (None, 0.5, 1e300, nearby) if other != value])
+    term["value"] = rng.choice([None, 0.5, 1e300]) if term["value"] != 0.5 else 7.0
+
+
+def _value_nearly(data: Document, rng: random.Random) -> None:
+    """A number that looks right."""
+    term = rng.choice([t for row in data["base"] for t in row["terms"] if t["value"] is not None])
+    term["value"] *= 1 + 1e-6
 
 
 def _symbol(data: Document, rng: random.Random) -> None:
