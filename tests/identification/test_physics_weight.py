@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from echelon.errors import InputError
-from echelon.identification.physics.fit import physical_fit
+from echelon.identification.physics.fit import CANDIDATES, by_stretches, physical_fit
 from echelon.identification.physics.prior_information import reference
 from echelon.identification.physics.pseudo_inertia import is_physical
 from support.physical_robots import model, observed, robot
@@ -45,6 +45,14 @@ def test_the_weight_is_chosen_from_the_data() -> None:
         physical_fit(base, whole, prior=truth, prior_weight="car")
     with pytest.raises(InputError, match=r"prior_weight is -1\.0"):
         physical_fit(base, whole, prior=truth, prior_weight=-1.0)
+
+
+def test_of_weights_that_predict_alike_the_largest_is_taken() -> None:
+    base, role = model("rx90")
+    truth = robot(role, np.random.default_rng(10))
+    pieces = [observed(base, truth, np.random.default_rng(k), samples=10)[0] for k in range(3)]
+    values = base.values(truth)
+    assert by_stretches(lambda R, qty, weight: values, pieces, None).weight == CANDIDATES[-1]
 
 
 def test_effects_are_drawn_to_their_priors() -> None:
