@@ -52,7 +52,7 @@ def test_of_weights_that_predict_alike_the_largest_is_taken() -> None:
     truth = robot(role, np.random.default_rng(10))
     pieces = [observed(base, truth, np.random.default_rng(k), samples=10)[0] for k in range(3)]
     values = base.values(truth)
-    assert by_stretches(lambda R, qty, weight: values, pieces, None).weight == CANDIDATES[-1]
+    assert by_stretches(lambda *_: values, pieces, None).weight == CANDIDATES[-1]
 
 
 def test_effects_are_drawn_to_their_priors() -> None:
