@@ -65,8 +65,12 @@ KINDS: dict[str, tuple[EffectTerm, ...]] = {
         EffectTerm("Ps", "N·m", "N", "1"),
     ),
     "drive_gain": (EffectTerm("Kt", "N·m/A", "N/A", "-i"),),
+    "servo": (EffectTerm("Kp", "N·m/rad", "N/m", "q - i"),),
 }
-"""Ready-made effects; a spring has a stiffness and a preload.  With positive parameters friction opposes the motion."""
+"""Ready-made effects; a spring has a stiffness and a preload.  With positive parameters friction opposes the motion.
+
+The input of a servo is the position that it is commanded to, and Kp its gain.
+"""
 
 CONSTANTS: dict[str, dict[str, str | None]] = {"stribeck": {"velocity": None, "exponent": "2"}}
 """Constants that a ready-made effect needs, with defaults."""

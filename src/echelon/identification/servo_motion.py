@@ -1,0 +1,208 @@
+"""The motion of a robot whose joints are servos, simulated with its derivatives by all parameters.
+
+A hobby servo is commanded to a position u and pulls with Kp (u − q); with friction and the bodies' inertia the robot's
+equation is y(q, q̇, q̈; u) = 0, where y = X̄ ζ̄ holds the gains among its parameters.  The implicit midpoint rule, of
+second order and stable however stiff friction is (Hairer, Lubich and Wanner, "Geometric Numerical Integration", 2006),
+asks for the acceleration a of a step h with y(q + h/2 v + h²/4 a, v + h/2 a, a; ū) = 0, ū being the command's mean over
+the step.  Newton's matrix is M + h/2 ∂y/∂q̇ + h²/4 ∂y/∂q, and with the same matrix the derivatives of a by the parameters
+follow exactly: they are those of the computed motion, not of an idealised one.
+
+Many windows of a log are simulated side by side, each a little before it counts: what its first state has wrong the
+servos take away in that time.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from echelon.arrays import Floats, Integers
+from echelon.base.model import BaseModel
+from echelon.logs.recording import Segment
+from echelon.mechanism.mechanism import Mechanism
+
+_STEP = 5e-3
+"""Longest step, s: a servo's bandwidth is some 10 Hz."""
+_NEWTON, _KEPT = 24, 6
+_CONVERGED = 1e-8
+_SIGN = re.compile(r"sign\(")
+
+
+def smooth(mechanism: Mechanism, speed: float) -> Mechanism:
+    """The mechanism with friction that turns its sign within some speed, rad/s or m/s: tanh(q̇/speed)."""
+    effects = tuple(
+        replace(e, actions=tuple(replace(a, term=_smoothed(a.term, speed)) for a in e.actions))
+        for e in mechanism.effects
+    )
+    return replace(mechanism, effects=effects)
+
+
+def _smoothed(term: str, speed: float) -> str:
+    """``sign(x)`` as ``tanh((x)*k)``, also where x has parentheses."""
+    found = _SIGN.search(term)
+    if found is None:
+        return term
+    depth, end = 1, found.end()
+    while depth:
+        depth += {"(": 1, ")": -1}.get(term[end], 0)
+        end += 1
+    inner = term[found.end() : end - 1]
+    return f"{term[: found.start()]}tanh(({inner})*{1 / speed:.6g}){_smoothed(term[end:], speed)}"
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Parts of segments that are simulated side by side, all of one length."""
+
+    segments: tuple[Segment, ...]
+    begins: Integers  # shape (W, 2): segment and first sample
+    run_in: int  # samples before a window counts
+    length: int  # samples that count
+    rate: float
+
+    @cached_property
+    def substeps(self) -> int:
+        """Steps of a sample."""
+        return max(1, int(np.ceil(1 / (self.rate * _STEP) - 1e-9)))
+
+    @property
+    def step(self) -> float:
+        """Length of a step, s."""
+        return 1 / (self.rate * self.substeps)
+
+    @cached_property
+    def measured(self) -> Floats:
+        """Positions that count, shape (W, length, n)."""
+        first = self.run_in + 1
+        return np.stack(
+            [self.segments[k].signals["q"][b + first : b + first + self.length] for k, b in self.begins]
+        )
+
+    @cached_property
+    def start(self) -> tuple[Floats, Floats]:
+        """Measured positions, and velocities as differences, where the windows begin, shapes (W, n)."""
+        q = np.stack([self.segments[k].signals["q"][b] for k, b in self.begins])
+        after = np.stack([self.segments[k].signals["q"][b + 1] for k, b in self.begins])
+        before = np.stack([self.segments[k].signals["q"][max(b - 1, 0)] for k, b in self.begins])
+        spans = np.where(self.begins[:, 1] > 0, 2.0, 1.0)
+        return q, (after - before) / spans[:, None] * self.rate
+
+    def commands(self, names: Sequence[str], delay: float) -> tuple[Floats, Floats]:
+        """Means of the held commands over the steps, and their derivatives by the delay, shapes (W, steps, n)."""
+        steps = (self.run_in + self.length) * self.substeps
+        edges = np.arange(steps + 1) * self.step
+        means, slopes = [], []
+        for k, first in self.begins:
+            held = np.stack([self.segments[k].inputs[name] for name in names], axis=1)
+            late = first / self.rate + edges - delay
+            integral, value = _integral(held, self.rate, late)
+            means.append(np.diff(integral, axis=0) / self.step)
+            slopes.append(-np.diff(value, axis=0) / self.step)
+        return np.stack(means), np.stack(slopes)
+
+
+def _integral(held: Floats, rate: float, times: Floats) -> tuple[Floats, Floats]:
+    """Integral from 0 of values that are held from sample to sample, and the values themselves, shapes (T, n).
+
+    Before the first sample its value is taken, after the last one the last.
+    """
+    total = np.vstack([np.zeros_like(held[:1]), np.cumsum(held, axis=0) / rate])
+    place = np.clip(np.floor(times * rate + 1e-9).astype(np.intp), 0, len(held) - 1)
+    value = held[place]
+    integral: Floats = total[place] + (times - place / rate)[:, None] * value
+    return integral, value
+
+
+@dataclass(frozen=True)
+class ServoMotion:
+    """Simulates windows of logs."""
+
+    base: BaseModel  # with servos at all joints, and smooth friction
+    names: tuple[str, ...]  # joints
+    gains: tuple[int, ...]  # places of the servos' gains among the base parameters
+
+    def positions(self, windows: Windows, values: Floats, delay: float) -> Floats:
+        """Simulated positions, shape (W, length, n); nan if the motion cannot be computed."""
+        return self._run(windows, values, delay, derivatives=False)[0]
+
+    def derivatives(self, windows: Windows, values: Floats, delay: float) -> tuple[Floats, Floats]:
+        """The same, and derivatives by the base parameters and the delay, shape (W, length, n, r + 1)."""
+        return self._run(windows, values, delay, derivatives=True)
+
+    def _run(self, windows: Windows, values: Floats, delay: float, *, derivatives: bool) -> tuple[Floats, Floats]:
+        q, v = windows.start
+        h, count = windows.step, len(values) + 1
+        u, slope = windows.commands(self.names, delay)
+        a = np.zeros_like(q)
+        by_q = np.zeros((*q.shape, count if derivatives else 0))
+        by_v = np.zeros_like(by_q)
+        found, slopes = [], []
+        for k in range(u.shape[1]):
+            a, middle, speed, newton = self._accelerations(q, v, a, u[:, k], values, h)
+            if newton is None:
+                shape = (len(q), windows.length, q.shape[1])
+                return np.full(shape, np.nan), np.zeros((*shape, by_q.shape[2]))
+            if derivatives:
+                by_a = self._change(middle, speed, a, u[:, k], slope[:, k], values, newton, by_q, by_v, h)
+                by_q = by_q + h * by_v + h**2 / 2 * by_a
+                by_v = by_v + h * by_a
+            q, v = q + h * speed, v + h * a
+            if (k + 1) % windows.substeps == 0 and (k + 1) // windows.substeps > windows.run_in:
+                found.append(q)
+                slopes.append(by_q)
+        return np.stack(found, axis=1), np.stack(slopes, axis=1)
+
+    def _accelerations(
+        self, q: Floats, v: Floats, a: Floats, u: Floats, values: Floats, h: float
+    ) -> tuple[Floats, Floats, Floats, tuple[Floats, Floats, Floats] | None]:
+        """Accelerations of a step, its middle state, and Newton's matrix with the slopes by the state."""
+        inputs = dict(zip(self.names, u.T, strict=True))
+        newton: tuple[Floats, Floats, Floats] | None = None
+        for count in range(_NEWTON):
+            speed = v + h / 2 * a
+            middle = q + h / 2 * speed
+            rest = self.base.predict(middle, speed, a, values, inputs=inputs)
+            if count % _KEPT == 0:  # the matrix changes little within a step, and costs more than the rest
+                newton = self._newton(middle, speed, a, values, inputs, h)
+            if newton is None or not np.isfinite(rest).all():
+                return a, q, v, None
+            change = np.linalg.solve(newton[0], rest[..., None])[..., 0]
+            a = a - change
+            if np.abs(change).max() <= _CONVERGED * (1 + np.abs(a).max()):
+                return a, middle, speed, newton
+        return a, q, v, None
+
+    def _newton(
+        self, q: Floats, v: Floats, a: Floats, values: Floats, inputs: dict[str, Floats], h: float
+    ) -> tuple[Floats, Floats, Floats] | None:
+        """Newton's matrix, and slopes by positions and velocities; None where the matrix is singular."""
+        by_q, by_v = self.base.inverse_dynamics_derivatives(q, v, a, values, inputs=inputs)
+        matrix = self.base.mass_matrix(q, values) + h / 2 * by_v + h**2 / 4 * by_q
+        regular = np.isfinite(matrix).all() and np.linalg.cond(matrix).max() < 1 / np.finfo(float).eps
+        return (matrix, by_q, by_v) if regular else None
+
+    def _change(
+        self,
+        middle: Floats,
+        speed: Floats,
+        a: Floats,
+        u: Floats,
+        slope: Floats,
+        values: Floats,
+        newton: tuple[Floats, Floats, Floats],
+        by_q: Floats,
+        by_v: Floats,
+        h: float,
+    ) -> Floats:
+        """Derivatives of the accelerations of a step, shape (W, n, r + 1)."""
+        matrix, slope_q, slope_v = newton
+        inputs = dict(zip(self.names, u.T, strict=True))
+        right = slope_q @ (by_q + h / 2 * by_v) + slope_v @ by_v
+        right[:, :, :-1] += self.base.regressor(middle, speed, a, inputs=inputs)
+        right[:, :, -1] -= values[list(self.gains)] * slope
+        change: Floats = -np.linalg.solve(matrix, right)
+        return change

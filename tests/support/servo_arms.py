@@ -1,0 +1,120 @@
+"""Logs of servo-driven arms, simulated by MuJoCo: positions, commands, nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from tests.support.paths import EXAMPLES
+
+STEP = 1 / 3000
+RATE = 30.0
+ENCODER = 2 * np.pi / 4096
+
+
+@dataclass(frozen=True)
+class ServoArm:
+    """Truth: an arm whose joints are servos."""
+
+    model: Any
+    gains: np.ndarray
+
+    @property
+    def names(self) -> list[str]:
+        return [self.model.joint(k).name for k in range(self.model.njnt)]
+
+    def inertia(self) -> dict[str, np.ndarray]:
+        """Mass, first moments and inertia about the frame's origin of every body, as Echelon orders them."""
+        found = {}
+        for k in range(1, self.model.nbody):
+            m, c = self.model.body_mass[k], self.model.body_ipos[k]
+            rotation = np.zeros(9)
+            mujoco.mju_quat2Mat(rotation, self.model.body_iquat[k])
+            R = rotation.reshape(3, 3)
+            inertia = R @ np.diag(self.model.body_inertia[k]) @ R.T + m * (c @ c * np.eye(3) - np.outer(c, c))
+            found[self.model.body(k).name] = np.array([m, *(m * c), *inertia[np.triu_indices(3)]])
+        return found
+
+
+def so101(rng: np.random.Generator, spread: float = 0.3) -> ServoArm:
+    """The SO-101 with masses, inertias, friction and gains that differ from the file's."""
+    spec = mujoco.MjSpec.from_file(str(EXAMPLES / "so101.urdf"))
+    for joint in spec.joints:
+        servo = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        servo.set_to_position(kp=1.0)
+        joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+    model = spec.compile()
+    model.opt.timestep = STEP
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    factor = rng.uniform(1 - spread, 1 + spread, model.nbody)
+    model.body_mass *= factor
+    model.body_inertia *= factor[:, None]
+    model.dof_armature[:] = rng.uniform(0.02, 0.035, model.nv)
+    model.dof_damping[:] = rng.uniform(0.4, 0.8, model.nv)
+    model.dof_frictionloss[:] = rng.uniform(0.03, 0.07, model.nv)
+    model.dof_solref[:], model.dof_solimp[:, :2] = (2 * STEP, 1.0), 0.9999  # dry friction, not a stiff damper
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    gains = rng.uniform(12.0, 22.0, model.nv)
+    model.actuator_gainprm[:, 0], model.actuator_biasprm[:, 1] = gains, -gains
+    return ServoArm(model, gains)
+
+
+def commands(arm: ServoArm, seconds: float, rng: np.random.Generator, size: float = 0.6) -> np.ndarray:
+    """Positions to go to, 30 times a second: sums of sines within some of the joints' range, shape (N, n)."""
+    time = np.arange(round(seconds * RATE)) / RATE
+    n = arm.model.nv
+    found = np.zeros((len(time), n))
+    for _ in range(4):
+        frequency, phase = rng.uniform(0.1, 1.6, n), rng.uniform(0, 2 * np.pi, n)
+        found += rng.uniform(0.3, 1.0, n) * size / 2 * np.sin(2 * np.pi * frequency * time[:, None] + phase)
+    return found
+
+
+def simulated(arm: ServoArm, commanded: np.ndarray, delay: float = 0.0) -> np.ndarray:
+    """Positions 30 times a second, as encoders of 4096 steps count them, shape (N, n)."""
+    data = mujoco.MjData(arm.model)
+    data.qpos[:] = commanded[0]
+    held = round(1 / (RATE * STEP))
+    late = round(delay / STEP)
+    found = []
+    for k in range(len(commanded) * held):
+        if k % held == 0:
+            found.append(data.qpos.copy())
+        data.ctrl[:] = commanded[max(k - late, 0) // held]
+        mujoco.mj_step(arm.model, data)
+    return np.round(np.array(found) / ENCODER) * ENCODER
+
+
+def written(folder: Path, arm: ServoArm, q: np.ndarray, u: np.ndarray) -> Path:
+    """A Parquet file with the columns of ``examples/logs/so101.yaml``."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    columns: Mapping[str, np.ndarray] = {
+        "timestamp": np.arange(len(q)) / RATE,
+        **{f"observation.state.{k}": np.rad2deg(q[:, k]) for k in range(q.shape[1])},
+        **{f"action.{k}": np.rad2deg(u[:, k]) for k in range(q.shape[1])},
+    }
+    path = folder / "episode.parquet"
+    pq.write_table(pa.table(dict(columns)), path)
+    return path
+
+
+def true_standard(arm: ServoArm, mechanism: Any) -> np.ndarray:
+    """Standard parameters of the arm in Echelon's order."""
+    inertia = arm.inertia()
+    own = {"Kp": arm.gains, "Fv": arm.model.dof_damping, "Fc": arm.model.dof_frictionloss, "Ia": arm.model.dof_armature}
+    links = [arm.model.body(k).name for k in range(1, arm.model.nbody)]
+    order = {"XX": 4, "XY": 5, "XZ": 6, "YY": 7, "YZ": 8, "ZZ": 9, "MX": 1, "MY": 2, "MZ": 3, "M": 0}
+    found = []
+    for column in mechanism.columns:
+        number = int("".join(c for c in column.name if c.isdigit()))
+        kind = column.name.removesuffix(str(number))
+        found.append(own[kind][number - 1] if kind in own else inertia[links[number - 1]][order[kind]])
+    return np.array(found)
