@@ -10,8 +10,6 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tests.support.paths import EXAMPLES
-
 STEP = 1 / 3000
 RATE = 30.0
 ENCODER = 2 * np.pi / 4096
@@ -41,9 +39,9 @@ class ServoArm:
         return found
 
 
-def so101(rng: np.random.Generator, spread: float = 0.3) -> ServoArm:
-    """The SO-101 with masses, inertias, friction and gains that differ from the file's."""
-    spec = mujoco.MjSpec.from_file(str(EXAMPLES / "so101.urdf"))
+def servo_arm(urdf: Path, rng: np.random.Generator, spread: float = 0.3) -> ServoArm:
+    """The arm of a file with masses, inertias, friction and gains that differ from the file's."""
+    spec = mujoco.MjSpec.from_file(str(urdf))
     for joint in spec.joints:
         servo = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         servo.set_to_position(kp=1.0)
@@ -91,8 +89,8 @@ def simulated(arm: ServoArm, commanded: np.ndarray, delay: float = 0.0) -> np.nd
     return np.round(np.array(found) / ENCODER) * ENCODER
 
 
-def written(folder: Path, arm: ServoArm, q: np.ndarray, u: np.ndarray) -> Path:
-    """A Parquet file with the columns of ``examples/logs/so101.yaml``."""
+def written(folder: Path, q: np.ndarray, u: np.ndarray) -> Path:
+    """A Parquet file with the columns that ``examples/logs/so101.yaml`` states."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

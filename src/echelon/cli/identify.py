@@ -13,6 +13,7 @@ from echelon.cli.destination import Destination
 from echelon.cli.screen import json_text, say_time, show, steps
 from echelon.errors import InputError
 from echelon.identification.identify import identify
+from echelon.identification.servo_fit import servo_joints
 from echelon.setup.setup import load_setup
 
 if TYPE_CHECKING:
@@ -43,6 +44,11 @@ def run_identify(
         output.check((MODEL, REPORT))
     setup = load_setup(setup_file, prior=prior, **read)
     setup = replace(setup, seed=changed.pop("seed", setup.seed)).with_settings(**changed)
+    if servo_joints(setup.mechanism):
+        from echelon.cli.servos import run_servos
+
+        run_servos(setup, [*logs, *validate], output, as_json=as_json)
+        return
     with steps() as step, _cluster(dask) as client:
         result = identify(setup, tuple(logs), tuple(validate), client=client, on_step=step)
         step("writing")

@@ -34,14 +34,14 @@ from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import Finding
 from echelon.logs.read_log import read_log
 from echelon.logs.recording import Segment
-from echelon.machine.threads import one_thread
+from echelon.machine.target import one_thread
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.setup import Setup
 from echelon.signals.derivatives import savitzky_golay
 
 Paths = Sequence[str | os.PathLike[str]]
 
-_WINDOW, _RUN_IN = 3.0, 1.0  # s
+_WINDOW, _RUN_IN = 1.0, 1.0  # s
 _STEPS = 60
 _STUCK = 1e8  # damping from which on no step helps
 _SETTLED = 1e-2  # standard deviations by which a last step moves
@@ -50,6 +50,7 @@ _PRIOR = 1.0  # standard deviation of inertial parameters, in sizes of their bod
 _DELAYS = tuple(k / 100 for k in range(16))  # s
 _SLIGHT = 1e-3  # of a gain, that friction has at least at the start
 _CERTAIN = 10.0  # standard errors of a gain that is a good start
+_VAGUE = 5.0  # per cent
 _SERVO = "q - i"
 
 
@@ -127,9 +128,9 @@ def fit_servos(setup: Setup, logs: Paths, *, on_step: Callable[[str], None] | No
     Parameters
     ----------
     setup : Setup
-        A robot with a ``servo`` effect at every joint, whose logs have the commanded positions as inputs.  Its values,
-        or those of ``prior``, are where the fit starts; ``settings.known`` fixes parameters, ``settings.holdout`` is the
-        share of each stretch that validates.
+        A robot with a ``servo`` effect at every joint, whose logs have the commanded positions as inputs.  The fit
+        starts from its values, or those of ``prior``; ``settings.known`` fixes parameters, and ``settings.holdout`` is
+        the share of each stretch that validates.
     logs : sequence of path
         A directory stands for all logs in it.
     on_step : callable, optional
@@ -147,7 +148,7 @@ def fit_servos(setup: Setup, logs: Paths, *, on_step: Callable[[str], None] | No
     Examples
     --------
     >>> import echelon as ec
-    >>> setup = ec.load_setup("examples/so101.yaml")
+    >>> setup = ec.load_setup("examples/logs/so101.yaml")
     >>> fit = ec.fit_servos(setup, ["episodes/"])                                               # doctest: +SKIP
     """
     step, mechanism = on_step or (lambda _: None), setup.mechanism
@@ -193,7 +194,7 @@ def fit_servos(setup: Setup, logs: Paths, *, on_step: Callable[[str], None] | No
         estimate,
         delay,
         float(np.sqrt(covariance[-1, -1])),
-        (*hidden, *_damping(mechanism, names)),
+        (*hidden, *_damping(mechanism, names), *_unclear(estimate, servo_joints(mechanism))),
         scores,
         others,
         findings,
@@ -250,7 +251,10 @@ def scale_groups(mechanism: Mechanism) -> tuple[tuple[str, ...], ...]:
     if len(groups) > 1 and rank(whole) < sum(map(rank, groups)):
         groups = [whole]
     order = [output.name for output in bare.outputs]
-    return tuple(tuple(name for name in order if name in group) for group in sorted(groups, key=lambda g: min(map(order.index, g))))
+    return tuple(
+        tuple(name for name in order if name in group)
+        for group in sorted(groups, key=lambda g: min(map(order.index, g)))
+    )
 
 
 def _scales(
@@ -296,6 +300,17 @@ def _damping(mechanism: Mechanism, names: Sequence[str]) -> tuple[str, ...]:
     return (f"{', '.join(rubbing)} hold the servos' damping gains as well as viscous friction",) if rubbing else ()
 
 
+def _unclear(estimate: Estimate, servos: Mapping[str, str]) -> Sequence[str]:
+    """Joints whose forces have a scale that motion hardly shows."""
+    relative = dict(zip(estimate.parameters, estimate.relative_std, strict=True))
+    return [
+        f"the forces of {joint} are known to ±{2 * relative[gain]:.0f} % only: it moves too little mass for the other "
+        "joints to feel, so that its scale is mostly the file's"
+        for joint, gain in servos.items()
+        if relative[gain] > _VAGUE
+    ]
+
+
 def _inertial(base: BaseModel) -> Floats:
     """1 for base parameters of bodies, 0 for those of effects, shape (r,)."""
     return np.array([float(base.mechanism.columns[p].body is not None) for p in base.matrix.pivots])
@@ -314,7 +329,9 @@ def _segments(setup: Setup, paths: Sequence[os.PathLike[str]]) -> tuple[tuple[Se
             segments += piece.segments
             lacking = [name for name in names if any(name not in s.inputs for s in piece.segments)]
             if lacking:
-                problem = f"the log has no commands of {', '.join(lacking)}: map them as input, {{{lacking[0]}: column}}"
+                problem = (
+                    f"the log has no commands of {', '.join(lacking)}: map them as input, {{{lacking[0]}: column}}"
+                )
                 raise InputError(problem, source=str(path))
     return tuple(segments), tuple(dict.fromkeys(findings))
 
@@ -393,14 +410,16 @@ def _start(
     bodies, given = _inertial(base) > 0, np.isin(base.pivots, list(known))
     gains = [base.pivots.index(servos[name]) for name in names]
     rows, positive = [], _positive(base)
-    for row, gain in enumerate(gains):
-        places = np.flatnonzero(~bodies & ~given & (np.abs(X[:, row]).max(axis=0) > 0))
-        free = [int(k) for k in places if k != gain]
+    for k, gain in enumerate(gains):
+        places = np.flatnonzero(~bodies & ~given & (np.abs(X[:, k]).max(axis=0) > 0))
+        free = [int(place) for place in places if place != gain]
         held = np.where(bodies | given, start, 0.0)
         held[gain] = 0.0
-        rows.append(_Row(free, X[:, row, free], X[:, row] @ held, positive[free]))
+        rows.append(_Row(free, X[:, k, free], X[:, k] @ held, positive[free]))
     pulls = {delay: _pulls(segments, names, delay) - q for delay in _DELAYS}
-    misfits = {d: sum(r.solved(pull)[3] / (pull @ pull) for r, pull in zip(rows, p.T, strict=True)) for d, p in pulls.items()}
+    misfits = {
+        d: sum(r.solved(pull)[3] / (pull @ pull) for r, pull in zip(rows, p.T, strict=True)) for d, p in pulls.items()
+    }
     delay = min(misfits, key=lambda d: misfits[d])
     found = [row.solved(pull) for row, pull in zip(rows, pulls[delay].T, strict=True)]
     told = [1 / weight for _, weight, certain, _ in found if certain]

@@ -4,8 +4,8 @@ A hobby servo is commanded to a position u and pulls with Kp (u − q); with fri
 equation is y(q, q̇, q̈; u) = 0, where y = X̄ ζ̄ holds the gains among its parameters.  The implicit midpoint rule, of
 second order and stable however stiff friction is (Hairer, Lubich and Wanner, "Geometric Numerical Integration", 2006),
 asks for the acceleration a of a step h with y(q + h/2 v + h²/4 a, v + h/2 a, a; ū) = 0, ū being the command's mean over
-the step.  Newton's matrix is M + h/2 ∂y/∂q̇ + h²/4 ∂y/∂q, and with the same matrix the derivatives of a by the parameters
-follow exactly: they are those of the computed motion, not of an idealised one.
+the step.  Newton's matrix is M + h/2 ∂y/∂q̇ + h²/4 ∂y/∂q, and the same matrix gives the derivatives of a by the
+parameters: they are those of the computed motion, not of an idealised one.
 
 Many windows of a log are simulated side by side, each a little before it counts: what its first state has wrong the
 servos take away in that time.
@@ -25,10 +25,13 @@ from echelon.base.model import BaseModel
 from echelon.logs.recording import Segment
 from echelon.mechanism.mechanism import Mechanism
 
+Slopes = tuple[Floats, Floats, Floats]
+"""Newton's matrix, and derivatives of the forces by positions and velocities, shapes (W, n, n)."""
+
 _STEP = 5e-3
 """Longest step, s: a servo's bandwidth is some 10 Hz."""
 _NEWTON, _KEPT = 24, 6
-_CONVERGED = 1e-8
+_CONVERGED = 1e-6
 _SIGN = re.compile(r"sign\(")
 
 
@@ -78,9 +81,7 @@ class Windows:
     def measured(self) -> Floats:
         """Positions that count, shape (W, length, n)."""
         first = self.run_in + 1
-        return np.stack(
-            [self.segments[k].signals["q"][b + first : b + first + self.length] for k, b in self.begins]
-        )
+        return np.stack([self.segments[k].signals["q"][b + first : b + first + self.length] for k, b in self.begins])
 
     @cached_property
     def start(self) -> tuple[Floats, Floats]:
@@ -141,13 +142,17 @@ class ServoMotion:
         by_q = np.zeros((*q.shape, count if derivatives else 0))
         by_v = np.zeros_like(by_q)
         found, slopes = [], []
+        newton = None
         for k in range(u.shape[1]):
-            a, middle, speed, newton = self._accelerations(q, v, a, u[:, k], values, h)
-            if newton is None:
+            inputs = dict(zip(self.names, u[:, k].T, strict=True))
+            solved = self._accelerations(q, v, a, inputs, values, h, newton)
+            if solved is None:
                 shape = (len(q), windows.length, q.shape[1])
                 return np.full(shape, np.nan), np.zeros((*shape, by_q.shape[2]))
+            a, middle, speed, newton = solved
             if derivatives:
-                by_a = self._change(middle, speed, a, u[:, k], slope[:, k], values, newton, by_q, by_v, h)
+                newton = self._newton(middle, speed, a, values, inputs, h) or newton
+                by_a = self._change(middle, speed, a, inputs, slope[:, k], values, newton, by_q, by_v, h)
                 by_q = by_q + h * by_v + h**2 / 2 * by_a
                 by_v = by_v + h * by_a
             q, v = q + h * speed, v + h * a
@@ -157,28 +162,33 @@ class ServoMotion:
         return np.stack(found, axis=1), np.stack(slopes, axis=1)
 
     def _accelerations(
-        self, q: Floats, v: Floats, a: Floats, u: Floats, values: Floats, h: float
-    ) -> tuple[Floats, Floats, Floats, tuple[Floats, Floats, Floats] | None]:
-        """Accelerations of a step, its middle state, and Newton's matrix with the slopes by the state."""
-        inputs = dict(zip(self.names, u.T, strict=True))
-        newton: tuple[Floats, Floats, Floats] | None = None
-        for count in range(_NEWTON):
+        self,
+        q: Floats,
+        v: Floats,
+        a: Floats,
+        inputs: dict[str, Floats],
+        values: Floats,
+        h: float,
+        newton: Slopes | None,
+    ) -> tuple[Floats, Floats, Floats, Slopes] | None:
+        """Accelerations of a step, its middle state, and the slopes that were used last; None if there are none."""
+        for count in range(1, _NEWTON + 1):
             speed = v + h / 2 * a
             middle = q + h / 2 * speed
-            rest = self.base.predict(middle, speed, a, values, inputs=inputs)
-            if count % _KEPT == 0:  # the matrix changes little within a step, and costs more than the rest
+            if newton is None or count % _KEPT == 0:  # slopes change little from step to step, and cost the most
                 newton = self._newton(middle, speed, a, values, inputs, h)
+            rest = self.base.predict(middle, speed, a, values, inputs=inputs)
             if newton is None or not np.isfinite(rest).all():
-                return a, q, v, None
+                return None
             change = np.linalg.solve(newton[0], rest[..., None])[..., 0]
             a = a - change
             if np.abs(change).max() <= _CONVERGED * (1 + np.abs(a).max()):
                 return a, middle, speed, newton
-        return a, q, v, None
+        return None
 
     def _newton(
         self, q: Floats, v: Floats, a: Floats, values: Floats, inputs: dict[str, Floats], h: float
-    ) -> tuple[Floats, Floats, Floats] | None:
+    ) -> Slopes | None:
         """Newton's matrix, and slopes by positions and velocities; None where the matrix is singular."""
         by_q, by_v = self.base.inverse_dynamics_derivatives(q, v, a, values, inputs=inputs)
         matrix = self.base.mass_matrix(q, values) + h / 2 * by_v + h**2 / 4 * by_q
@@ -190,19 +200,17 @@ class ServoMotion:
         middle: Floats,
         speed: Floats,
         a: Floats,
-        u: Floats,
+        inputs: dict[str, Floats],
         slope: Floats,
         values: Floats,
-        newton: tuple[Floats, Floats, Floats],
+        newton: Slopes,
         by_q: Floats,
         by_v: Floats,
         h: float,
     ) -> Floats:
         """Derivatives of the accelerations of a step, shape (W, n, r + 1)."""
         matrix, slope_q, slope_v = newton
-        inputs = dict(zip(self.names, u.T, strict=True))
         right = slope_q @ (by_q + h / 2 * by_v) + slope_v @ by_v
         right[:, :, :-1] += self.base.regressor(middle, speed, a, inputs=inputs)
         right[:, :, -1] -= values[list(self.gains)] * slope
-        change: Floats = -np.linalg.solve(matrix, right)
-        return change
+        return np.asarray(-np.linalg.solve(matrix, right), dtype=np.float64)

@@ -63,7 +63,15 @@ class ReadyEffect(Model):
     """A ready-made effect at one or several coordinates, each with parameters of its own."""
 
     type: Literal[
-        "viscous", "coulomb", "asymmetric_coulomb", "offset", "rotor_inertia", "spring", "drive_gain", "servo", "stribeck"
+        "viscous",
+        "coulomb",
+        "asymmetric_coulomb",
+        "offset",
+        "rotor_inertia",
+        "spring",
+        "drive_gain",
+        "servo",
+        "stribeck",
     ] = Field(description="Which effect.", examples=["viscous"])
     at: Annotated[tuple[Name, ...], AS_LIST] | Name = Field(
         description="Coordinates or actuators, or all.", examples=["all", ["j1", "j2"]]
