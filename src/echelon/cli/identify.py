@@ -47,8 +47,7 @@ def run_identify(
     if servo_joints(setup.mechanism):
         from echelon.cli.servos import run_servos
 
-        run_servos(setup, [*logs, *validate], output, as_json=as_json)
-        return
+        return run_servos(setup, [*logs, *validate], output, as_json=as_json)
     with steps() as step, _cluster(dask) as client:
         result = identify(setup, tuple(logs), tuple(validate), client=client, on_step=step)
         step("writing")

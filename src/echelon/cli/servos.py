@@ -19,8 +19,8 @@ from echelon.setup.setup import Setup
 MODEL = "servos.json"
 
 
-def run_servos(setup: Setup, logs: Sequence[Path], output: Destination | None, *, as_json: bool) -> None:
-    """Fit, write the model, and print the summary."""
+def run_servos(setup: Setup, logs: Sequence[Path], output: Destination | None, *, as_json: bool) -> tuple[str, ...]:
+    """Fit, write the model, and print the summary; why the model should not be used."""
     if output is not None:
         output.check((MODEL,))
     with steps() as step:
@@ -28,16 +28,19 @@ def run_servos(setup: Setup, logs: Sequence[Path], output: Destination | None, *
     paths = [] if output is None else output.write_into({MODEL: servo_to_json(fit)})
     if as_json:
         show(json_text({**servo_document(fit), "files": [str(path) for path in paths]}))
-        return
+        return fit.reasons
     _print(fit)
     if paths:
         show(f"wrote {', '.join(map(str, paths))}")
+    return fit.reasons
 
 
 def _print(fit: ServoFit) -> None:
     console = Console()
     headline = f"{one_line(fit.base.mechanism.name)}: {fit.base.rank} parameters from positions and commands"
-    console.print(Text(headline if fit.converged else f"{headline}; steps did not end, the fit is provisional", "bold"))
+    console.print(Text(headline, style="bold"))
+    for reason in fit.reasons:
+        console.print(Text(f"do not use it: {one_line(reason)}", style="bold red"))
     for finding in fit.findings:
         console.print(Text(one_line(str(finding)), style="dim"))
     console.print(_scores("fitted rows", fit.fitted))

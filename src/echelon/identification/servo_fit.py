@@ -51,6 +51,7 @@ _DELAYS = tuple(k / 100 for k in range(16))  # s
 _SLIGHT = 1e-3  # of a gain, that friction has at least at the start
 _CERTAIN = 10.0  # standard errors of a gain that is a good start
 _VAGUE = 5.0  # per cent
+_WELL = 0.98  # R² of positions
 _SERVO = "q - i"
 
 
@@ -107,6 +108,13 @@ class ServoFit:
     findings: tuple[Finding, ...]
     logs: tuple[str, ...]
     converged: bool
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the model should not be used; empty if nothing speaks against it."""
+        scores = self.held_out or self.fitted
+        found = [f"joint '{s.joint}' is not where the model says (R² {s.r2:.3f})" for s in scores if not s.r2 >= _WELL]
+        return (*found, *(() if self.converged else ("the steps of the fit did not come to an end",)))
 
     def __repr__(self) -> str:
         worst = min((score.r2 for score in self.held_out or self.fitted), default=float("nan"))

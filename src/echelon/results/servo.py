@@ -24,6 +24,7 @@ def servo_document(fit: ServoFit, level: float = 0.95) -> dict[str, Any]:
         "logs": list(fit.logs),
         "seed": fit.base.seed,
         "converged": fit.converged,
+        "reasons": list(fit.reasons),
         "level": level,
         "parameters": [
             {"name": name, "unit": unit, "value": float(value), "std": float(std), "interval": interval.tolist()}
