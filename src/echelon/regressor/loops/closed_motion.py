@@ -210,7 +210,9 @@ class ClosedMotion:
     # -- checks ----------------------------------------------------------------------------------------------------
 
     def _check_determined(self, missed: Floats, driven: Floats) -> None:
-        off = (np.abs(missed).max(axis=1) > _CONSISTENT * np.abs(driven).max(axis=1)).any(axis=0)
+        # an output may move nothing that the loops are closed by, such as a body that is folded onto a closing joint
+        scale = np.maximum(np.abs(driven).max(axis=1), RANK_TOLERANCE)
+        off = (np.abs(missed).max(axis=1) > _CONSISTENT * scale).any(axis=0)
         if not off.any():
             return
         output = self.mechanism.outputs[int(off.argmax())]
