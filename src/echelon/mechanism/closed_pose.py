@@ -6,7 +6,7 @@ in.  A sliding coordinate has a displacement, and a ball a unit quaternion (w, x
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from math import lcm
@@ -18,6 +18,8 @@ from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import GROUND, ClosedAt, Mechanism
 from echelon.mechanism.placement import Placement, shift, turn_by
 
+_SHOWN = 4  # closures that a message names
+
 
 def angle_parts(mechanism: Mechanism) -> dict[str, int]:
     """In how many parts angles count, so that couplings take whole multiples of one; 1 where absent."""
@@ -28,12 +30,21 @@ def angle_parts(mechanism: Mechanism) -> dict[str, int]:
     return parts
 
 
-def loop_motions(mechanism: Mechanism) -> set[str]:
-    """Names of the motions that the loops involve, those of leaders instead of coupled ones."""
-    bodies = {body for closure in mechanism.closures for chain in _chains(mechanism, closure) for body in chain}
+def loop_motions(mechanism: Mechanism, closures: Sequence[Closure] | None = None) -> set[str]:
+    """Names of the motions that all loops or those of some closures involve, of leaders instead of coupled ones."""
+    closures = mechanism.closures if closures is None else closures
+    bodies = {body for closure in closures for chain in _chains(mechanism, closure) for body in chain}
     names = {motion.name for body in bodies for motion in mechanism.bodies[body].joint.motions}
     leaders = {c.coordinate: {name for name, _ in c.terms} for c in mechanism.couplings}
     return {leader for name in names for leader in leaders.get(name, {name})}
+
+
+def shown_loops(mechanism: Mechanism, coordinate: str | None = None) -> str:
+    """The loops, or those that a coordinate moves in, by their closures and bodies; of many, the first ones."""
+    motion = next((m.name for m in mechanism.motions if coordinate in m.velocities), None)
+    through = [c for c in mechanism.closures if motion in loop_motions(mechanism, [c])] or mechanism.closures
+    shown = "the loops closed by " + ", ".join(f"'{c.name}' ({mechanism.ends(c.name)})" for c in through[:_SHOWN])
+    return shown if len(through) <= _SHOWN else f"{shown} and {len(through) - _SHOWN} others"
 
 
 def follow(mechanism: Mechanism, pose: ClosedAt) -> Mechanism:

@@ -195,6 +195,11 @@ class Mechanism:
         """Names of a body and of those that share its parameters."""
         return ", ".join(self.bodies[k].name for k in self.sharing[body])
 
+    def ends(self, closure: str) -> str:
+        """Names of the bodies that a closure of some name connects."""
+        found = next(c for c in self.closures if c.name == closure)
+        return " and ".join("the base" if b == GROUND else self.bodies[b].name for b in (found.first, found.second))
+
     def joint_label(self, body: int) -> str:
         """What names the effects at a body's joint: its label, or the joint's name where other bodies share that."""
         shared = len(self.sharing[body]) > 1

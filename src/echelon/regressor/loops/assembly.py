@@ -85,23 +85,36 @@ class Assembled:
         return f"at {where} closure '{self.closure}' is open by {self.opening:.3g} {self.unit}"
 
     def _to_write(self) -> str:
-        pose = ", ".join(f"{name}: {value:.6g}" for name, value in self.pose.items())
-        return f"If this pose is meant, write  assembly: {{{pose}}};  else state one at which the loops close"
+        return f"If this pose is meant, write  {to_write(self.pose)};  else state one at which the loops close"
+
+
+def to_write(pose: Mapping[str, float]) -> str:
+    """What a description says of a pose."""
+    return f"assembly: {{{', '.join(f'{name}: {value:.6g}' for name, value in pose.items())}}}"
 
 
 def _by(moved: Sequence[Moved]) -> str:
     return ", ".join(f"'{m.coordinate}' by {m.distance:.3g} {m.unit}" for m in moved)
 
 
+@dataclass(frozen=True)
+class Resisted:
+    """A motion that the loops do not allow."""
+
+    closure: str  # the one that resists most
+    coordinate: str  # the one that would move most
+    size: float  # the singular value of the closure equations about the largest one
+
+
 class OpenLoopsError(InputError):
     """What stays open near the assembly pose; the pose where it does least, and its size, rad or lengths."""
 
-    def __init__(self, opening: str, pose: Floats, size: float) -> None:
+    def __init__(self, opening: str, written: str, pose: Floats, size: float) -> None:
         super().__init__(
-            f"the loops do not close near the assembly pose: {opening}; check the lengths, or state an assembly pose "
-            "near which the loops close"
+            f"the loops do not close near the assembly pose: {opening} at best, at  {written};  check the lengths and "
+            "frames there, or state an assembly pose near which the loops close"
         )
-        self.opening, self.pose, self.size = opening, pose, size
+        self.pose, self.size = pose, size
 
 
 class Assembly(ClosedMotion):
@@ -124,10 +137,40 @@ class Assembly(ClosedMotion):
         if not done.any():
             values = self.closures.at(q)[0]
             best = int(largest(values).argmin())
-            raise OpenLoopsError(self.opening(values[best]), q[best], float(largest(values)[best]))
+            opening, size = self.opening(values[best]), float(largest(values)[best])
+            raise OpenLoopsError(opening, self.written(q[best]), q[best], size)
         away = np.linalg.norm(self._distances(q), axis=1)
         nearest: Floats = q[np.where(done, away, np.inf).argmin()]
         return nearest
+
+    def written(self, q: Floats) -> str:
+        """What a description says of a configuration (positions,)."""
+        return to_write(dict(zip(self.mechanism.positions, q.tolist(), strict=True)))
+
+    def moving_pose(self) -> Floats | None:
+        """The nearest of some closed configurations, found at random, that can move; None if none can."""
+        disturbed = random_generator(DEFAULT_SEED).uniform(-np.pi, np.pi, (_TRIES, len(self.mechanism.velocities)))
+        q, done = self.closed(self._moved(np.repeat(self._stated[None], _TRIES, axis=0), disturbed))
+        if not done.any():
+            return None
+        q, rng = q[done], random_generator(DEFAULT_SEED)
+        ahead, done = self.closed(self._moved(q, self._random_motion(rng, q, 2 * STRIDE)))
+        gone = largest((ahead - q) / self.position_units) > STRIDE / 10  # not so where links are folded onto each other
+        q = q[done & gone & (self.mobility(ahead) > 0)]
+        if not len(q):
+            return None
+        nearest: Floats = q[np.linalg.norm(self._distances(q), axis=1).argmin()]
+        return nearest
+
+    def easiest(self, q: Floats) -> Resisted:
+        """Of the motions that a closed configuration does not allow, the one that closures resist least."""
+        jacobian = self.closures.at(q[None])[1][0, :, : len(self.mechanism.velocities)]
+        _, singular, motions = np.linalg.svd(jacobian, full_matrices=False)
+        stopped = int((singular > RANK_TOLERANCE * singular[0]).sum()) - 1
+        motion = motions[stopped]
+        owner = self.closures.owners[int(np.abs(jacobian @ motion).argmax())]
+        moved = self.mechanism.velocities[int(np.abs(motion).argmax())]
+        return Resisted(owner, moved, float(singular[stopped] / singular[0]))
 
     @property
     def closes(self) -> bool:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.mechanism import Mechanism, Symbol
 from echelon.mechanism.output import Cut
@@ -185,8 +186,11 @@ class ClosedMotion:
             null = np.linalg.svd(jacobian[sample][:, self._dependent])[2][-1]
             loose = names[self._dependent[int(np.abs(null).argmax())]]
             raise InputError(
-                f"sample {sample} is a singular configuration: the independent coordinates "
-                f"({', '.join(self.mechanism.independent_velocities)}) do not determine the motion of '{loose}' there"
+                f"sample {sample} is a singular configuration of "
+                f"{shown_loops(self.mechanism, loose)}: the independent coordinates "
+                f"({', '.join(self.mechanism.independent_velocities)}) do not determine the motion of '{loose}' there "
+                f"(singular value {singular[sample, -1]:.1g} of the equations).  Leave the sample out, or state other "
+                "independent coordinates"
             )
         solved: Floats = turned.swapaxes(1, 2) @ ((left.swapaxes(1, 2) @ right) / singular[:, :, None])
         return solved
@@ -218,11 +222,15 @@ class ClosedMotion:
         output = self.mechanism.outputs[int(off.argmax())]
         if any(isinstance(channel, Cut) for channel, _ in output.terms):
             raise InputError(
-                f"output '{output.name}' is not determined by the motion: the loops have redundant constraints, "
-                "between which rigid-body dynamics does not divide the load"
+                f"output '{output.name}' is not determined by the motion: "
+                f"{shown_loops(self.mechanism)} have redundant constraints, between which rigid-body dynamics does "
+                "not divide the load; measure fewer components, or give a closure a kind that holds less"
             )
         names = ", ".join(self.mechanism.independent_velocities)
-        raise InputError(f"the coordinates {names} are not independent: the loops do not let them move one by one")
+        raise InputError(
+            f"the coordinates {names} are not independent: {shown_loops(self.mechanism)} do not let "
+            f"'{output.name}' move alone (missed by {np.abs(missed).max(initial=0.0):.1g}); leave  independent  out"
+        )
 
     def _check_small(self, values: Floats, scale: Floats, what: str) -> None:
         off = np.abs(values).max(axis=1) > CLOSED * np.maximum(scale, 1.0)
@@ -236,7 +244,7 @@ class ClosedMotion:
     def opening(self, values: Floats) -> str:
         """What closure equations miss most, in words."""
         closure, size, unit = self.widest(values)
-        return f"closure '{closure}' is off by {size:.3g} {unit}"
+        return f"closure '{closure}' is off by {size:.3g} {unit} between {self.mechanism.ends(closure)}"
 
     def widest(self, values: Floats) -> tuple[str, float, str]:
         """The closure that equations miss most, by how much, and in which unit."""

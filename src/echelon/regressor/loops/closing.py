@@ -14,7 +14,7 @@ from echelon.errors import DegenerateSampleError, InputError, ShakyPoseError, Si
 from echelon.exact.elimination import null_vectors, rank
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.zero_dimensional import UnsolvedSystemError
-from echelon.mechanism.closed_pose import as_stated
+from echelon.mechanism.closed_pose import as_stated, shown_loops
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import has_values, in_numbers
 from echelon.mechanism.substitute import with_numeric_ratios
@@ -65,7 +65,7 @@ def close(mechanism: Mechanism, wanted: Sequence[str] | None = None, *, prefer: 
         chosen = real.independent(first)
         mechanism = _closed_exactly(replace(mechanism, independent=chosen), real)
     if wanted is not None:
-        _check_wanted(wanted, chosen)
+        _check_wanted(mechanism, wanted, chosen, None if real is None else real.velocities)
         chosen = tuple(wanted)
     return replace(mechanism, independent=chosen)
 
@@ -76,7 +76,7 @@ def check_independent(mechanism: Mechanism, velocities: Floats) -> None:
     ranked = partial(_rank, velocities, _INDEPENDENT[-1])
     if mechanism.independent and not ranked(columns) == len(columns) == velocities.shape[1]:
         chosen = independent_coordinates(mechanism, ranked, mechanism.independent, velocities)
-        _check_wanted(mechanism.independent, chosen)
+        _check_wanted(mechanism, mechanism.independent, chosen, velocities)
 
 
 def assembled(mechanism: Mechanism) -> Assembled | None:
@@ -110,18 +110,31 @@ class _Real:
         if self.assembly.assembled is not None:
             self.assembly.assembled.check()
         if self.assembly.mobility(pose[None])[0] == 0:
-            raise InputError(f"the loops closed by {_closures(mechanism)} leave no motion")
+            raise InputError(_rigid(mechanism, self.assembly))
         self._states, _, _ = self.assembly.random_closed_states(random_generator(DEFAULT_SEED), _STATES, _NEAR)
         if np.ptp(self._states, axis=0).max() < _STANDS_STILL:
             raise InputError(_shaky(mechanism))
         self.mobility = int(self.assembly.mobility(self._states).min())
+        self.velocities = self.assembly.free_velocities(self._states[0])
+
+    def singular(self) -> str:
+        """That more motions are possible at the pose than near it; empty if not."""
+        here = int(self.assembly.mobility(self.assembly.pose[None])[0])
+        if here <= self.mobility:
+            return ""
+        return (
+            f"no exact closed pose was found for {shown_loops(self.mechanism)}: the assembly pose is singular, with "
+            f"{here} possible motions, and {self.mobility} nearby.  State a pose away from it, such as  "
+            f"{self.assembly.written(self._states[-1])}"
+        )
 
     def independent(self, first: Sequence[str]) -> tuple[str, ...]:
         """Coordinates that the others depend on; see :func:`independent_coordinates`."""
-        velocities = self.assembly.free_velocities(self._states[0])
         chosen: tuple[str, ...] = ()
         for threshold in _INDEPENDENT:  # what hardly moves on its own only if nothing else does
-            chosen = independent_coordinates(self.mechanism, partial(_rank, velocities, threshold), first, velocities)
+            chosen = independent_coordinates(
+                self.mechanism, partial(_rank, self.velocities, threshold), first, self.velocities
+            )
             if len(chosen) == self.mobility:
                 break
         return chosen
@@ -159,7 +172,7 @@ def _closed_exactly(mechanism: Mechanism, real: _Real) -> Mechanism:
         if freedom >= real.mobility:
             return closed
         locked = _locked(mechanism, freedom, real.mobility)
-    raise InputError(locked or reasons[0])
+    raise InputError(locked or real.singular() or reasons[0])
 
 
 def _as_it_is(mechanism: Mechanism, _: _Real) -> Mechanism:
@@ -202,35 +215,63 @@ def _jacobian(mechanism: Mechanism, work: float = inf) -> tuple[PrimeField, Resi
     raise InputError(_unsolved(mechanism, "the equations have no solution at random points"))
 
 
+def _rigid(mechanism: Mechanism, assembly: Assembly) -> str:
+    """That the loops leave no motion: what stops the easiest one, and another pose where they move."""
+    found, moving = assembly.easiest(assembly.pose), assembly.moving_pose()
+    problem = (
+        f"{shown_loops(mechanism)} leave no motion: that of '{found.coordinate}' is stopped by "
+        f"'{found.closure}' (singular value {found.size:.1g} of the equations)"
+    )
+    if moving is not None:
+        return f"{problem}.  They move where they are put together otherwise: write  {assembly.written(moving)}"
+    if found.size < _NEARLY_FREE:
+        return f"{problem}.  If rounding has locked it: {_EXACTLY}"
+    return f"{problem}.  Check the frames of that closure, or give it a kind that holds less, such as  joint: spherical"
+
+
 def _shaky(mechanism: Mechanism) -> str:
     return (
-        f"the loops closed by {_closures(mechanism)} can move infinitesimally, but not really.  If they are meant to "
+        f"{shown_loops(mechanism)} can move infinitesimally, but not really.  If they are meant to "
         f"move, rounding has locked them.  {_EXACTLY}"
     )
 
 
 def _unsolved(mechanism: Mechanism, reason: str) -> str:
     return (
-        f"no exact closed pose was found for {_closures(mechanism)}: {reason}.  Give frames with which the loops are "
+        f"no exact closed pose was found for {shown_loops(mechanism)}: {reason}.  Give frames with which the loops are "
         "closed where all coordinates are zero, or at an assembly pose of multiples of 15 degrees (leave out the "
         "second frame and it is where the first one is)"
     )
 
 
-def _check_wanted(wanted: Sequence[str], chosen: Sequence[str]) -> None:
-    if len(wanted) < len(chosen):
-        more = ", ".join(name for name in chosen if name not in wanted)
-        problem = f"{_independent(len(chosen))}, not {len(wanted)}; add for example {more}"
-        raise InputError(problem, element="independent")
+def _check_wanted(
+    mechanism: Mechanism, wanted: Sequence[str], chosen: Sequence[str], velocities: Floats | None = None
+) -> None:
+    """Refuse wanted coordinates that are not as many as are chosen, or follow from others."""
     bound = [name for name in wanted if name not in chosen]
-    if bound:
-        problem = (
-            f"{_independent(len(chosen))}, not {len(wanted)}; '{bound[0]}' follows from the others"
-            if len(wanted) > len(chosen)
-            else f"'{bound[0]}' follows from the others while the loops are closed; take for example "
-            + ", ".join(name for name in chosen if name not in wanted)
-        )
-        raise InputError(problem, element="independent")
+    more = ", ".join(name for name in chosen if name not in wanted)
+    count = f"{_independent(len(chosen))}, not {len(wanted)}"
+    if len(wanted) < len(chosen):
+        problem = f"{count}; add for example {more}"
+    elif bound and len(wanted) > len(chosen):
+        problem = f"{count}; {_follows(mechanism, bound[0], chosen, velocities)}"
+    elif bound:
+        problem = f"{_follows(mechanism, bound[0], chosen, velocities)}; take for example {more}"
+    else:
+        return
+    raise InputError(f"{problem}.  Write  independent: [{', '.join(chosen)}]", element="independent")
+
+
+def _follows(mechanism: Mechanism, name: str, chosen: Sequence[str], velocities: Floats | None) -> str:
+    """That a coordinate depends on the chosen ones, through which loops, and how much."""
+    said = f"'{name}' follows from the others through {shown_loops(mechanism, name)}"
+    if velocities is None or not chosen:
+        return said
+    place = mechanism.velocities.index
+    ratios = np.linalg.lstsq(velocities[[place(n) for n in chosen]].T, velocities[place(name)], rcond=None)[0]
+    most = int(np.abs(ratios).argmax())
+    more = "" if np.abs(ratios).sum() == np.abs(ratios[most]) else ", among others"
+    return f"{said}: its rate is {ratios[most]:.2g} times that of '{chosen[most]}'{more}"
 
 
 def _independent(count: int) -> str:
@@ -239,13 +280,9 @@ def _independent(count: int) -> str:
 
 def _locked(mechanism: Mechanism, freedom: int, mobility: int) -> str:
     return (
-        f"rounding has locked the loops closed by {_closures(mechanism)}: to six digits the mechanism has {mobility} "
+        f"rounding has locked {shown_loops(mechanism)}: to six digits the mechanism has {mobility} "
         f"degrees of freedom, with the numbers as they are {freedom}.  {_EXACTLY}"
     )
-
-
-def _closures(mechanism: Mechanism) -> str:
-    return ", ".join(f"'{closure.name}'" for closure in mechanism.closures)
 
 
 def _moved(mechanism: Mechanism, assembly: Assembly) -> str:
@@ -254,8 +291,8 @@ def _moved(mechanism: Mechanism, assembly: Assembly) -> str:
     values, kinds = np.abs(stated.closures.at(assembly.pose[None])[0][0]), stated.closures.is_length
     lengths, angles = (float(values[kinds == kind].max(initial=0.0)) for kind in (True, False))
     return (
-        f"the second frames of {_closures(mechanism)} were moved by up to {lengths * stated.closures.length:.1g} m and "
-        f"{angles:.1g} rad, so that the loops close exactly"
+        f"the second frames of {shown_loops(mechanism)} were moved by up to {lengths * stated.closures.length:.1g} m "
+        f"and {angles:.1g} rad, so that the loops close exactly"
     )
 
 
@@ -266,12 +303,13 @@ def _nearly_free(mechanism: Mechanism, assembly: Assembly) -> list[str]:
     near = sizes[(sizes > RANK_TOLERANCE) & (sizes < _NEARLY_FREE)]
     if not near.size:
         return []
-    freedoms = len(mechanism.independent_velocities)
+    freedoms, found = len(mechanism.independent_velocities), assembly.easiest(states[-1])
     more = "a motion" if len(near) == 1 else f"{len(near)} motions"
     return [
-        f"the loops closed by {_closures(mechanism)} nearly allow {more} (singular value {near.max():.1g} of their "
-        f"equations): if rounding has locked them, the mechanism is meant to have {freedoms + len(near)} degrees of "
-        f"freedom instead of {freedoms}; write directions and angles as expressions such as pi/3, lengths exactly"
+        f"{shown_loops(mechanism)} nearly allow {more} (singular value {near.max():.1g} of their "
+        f"equations): that of '{found.coordinate}' is stopped by closure '{found.closure}'.  If rounding has locked "
+        f"it, the mechanism is meant to have {freedoms + len(near)} degrees of freedom instead of {freedoms}: write "
+        "directions and angles as expressions such as pi/3, lengths exactly"
     ]
 
 
