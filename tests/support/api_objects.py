@@ -39,7 +39,7 @@ name: leg
 gravity: [0, -9.81, 0]
 symbols: {l1: 0.5}
 modified_dh: [{joint: revolute, name: hip}, {joint: revolute, name: knee, a: l1}, {joint: prismatic, name: lift}]
-couplings: [{lift: {spline: {of: knee, points: [[-2, 0.03], [-1, 0.01], [0, 0], [0.5, 0.004]]}}}]
+couplings: [{lift: 0.03*knee - 0.02*knee^3}]
 actuators: {m1: 32*hip, m2: 45*knee + 2*hip}
 effects: [{type: coulomb, at: all}]
 """,
@@ -197,7 +197,7 @@ def error(kind: type[Exception], *values: Any, **named: Any) -> Example:
 OBJECTS: Mapping[str, Example] = {
     "description": Example(load("double_pendulum.yaml"), read_literally),
     "description in numbers": Example(load("double_pendulum.yaml", symbolic=False), read_literally),
-    "actuators, a spline": Example(load("leg.yaml"), read_literally),
+    "actuators, a polynomial": Example(load("leg.yaml"), read_literally),
     "URDF": Example(load("gripper.urdf"), read_literally),
     "URDF in numbers": Example(load("gripper.urdf", symbolic=False), read_literally),
     "additions to a URDF": Example(load("added.yaml"), read_literally),
