@@ -32,11 +32,6 @@ MJCFS = {
         settotalmass="3" inertiafromgeom="true"/><compiler fusestatic="true"/><worldbody><body name="a">
         <joint name="j" axis="0 1 0"/>{BODY}<geom size="0.1"/><body name="lump" pos="0 0 1">{BODY}
         <geom size="0.1"/></body></body></worldbody></mujoco>""",
-    "replicated": f"""<mujoco><compiler eulerseq="zyx"/><worldbody>
-        <replicate count="3" offset="0 0.1234567890123 0.2" euler="0 7 25.123456789">
-        <body name="arm" pos="0.4 0 0"><joint name="j" axis="0.3 1 0" ref="12.3456789"/>{BODY}
-        <body euler="1 2 3.456789012"><joint axis="1 0 0"/>{BODY}<geom size="0.1"/></body></body></replicate>
-        </worldbody></mujoco>""",
 }
 
 
@@ -108,19 +103,17 @@ def test_missing_includes_stay_where_they_are(tmp_path: Path) -> None:
     assert_near(standard(again), values, 1e-11)
 
 
-def test_attached_models_are_written_out(tmp_path: Path) -> None:
-    (tmp_path / "child.xml").write_text(
-        f"""<mujoco><compiler angle="radian"/><worldbody><body name="c" euler="0.123456789 0.2 0.3">
-        <joint name="j" axis="1 2 3" ref="0.123456789"/>{BODY}<geom size="0.1"/></body></worldbody></mujoco>"""
-    )
+def test_bodies_that_are_multiplied_are_written_as_a_description(tmp_path: Path) -> None:
     (tmp_path / "in.xml").write_text(
-        f"""<mujoco><asset><model name="m" file="child.xml"/></asset><worldbody><body name="a" euler="10 20 30.123456">
-        <joint name="k"/>{BODY}<frame pos="0.123456789 0 0" euler="12.3456789 0 3">
-        <attach model="m" body="c" prefix="p_"/></frame></body></worldbody></mujoco>"""
+        f"""<mujoco><worldbody><replicate count="3" offset="0 0.1 0.2">
+        <body name="arm" pos="0.4 0 0"><joint name="j"/>{BODY}</body></replicate></worldbody></mujoco>"""
     )
-    written = check_mjcf(tmp_path / "in.xml", tmp_path)
-    assert "<attach" not in written.text
-    assert "six digits" in written.notes[0]
+    file = open_robot(tmp_path / "in.xml")
+    mechanism = file.mechanism()
+    values = standard(mechanism)
+    written, urdf = identified_robot(mechanism, values, file)
+    assert (written.name, urdf.name) == ("identified.yaml", "identified.urdf")
+    assert_near(standard(reread(written, ReadingOptions(tolerance=0), tmp_path)), values, 1e-11)
 
 
 def test_drives_of_mjcf_become_attributes_of_joints(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """The MJCF file that a robot was read from, with identified inertials, as one document.
 
-Included files are put in their places.  What multiplies or attaches bodies is left to MuJoCo, which prints the model
-that it made; it prints six digits, so that bodies, frames and joints get theirs back from its own numbers.
+Included files are put in their places.  What multiplies or attaches bodies has no
+elements that could be edited: see :attr:`NamedModel.is_complete`.
 
 Every body that moves gets an explicit inertial, so that its geoms no longer weigh anything, and what is fixed to such a
 body gets an empty one.  Settings that would change these values afterwards are switched off.
@@ -22,8 +22,6 @@ from echelon.formats.mjcf.mjcf_model import (
     checked_mjcf,
     compile_spec,
     import_mujoco,
-    keep_bodies,
-    name_all,
     parse_spec,
 )
 from echelon.formats.writers.identified_values import (
@@ -44,10 +42,6 @@ from echelon.formats.writers.xml_editor import XmlEditor, decoded
 from echelon.hints import listed
 from echelon.mechanism.mechanism import Mechanism
 
-_PRINTED = (
-    "MuJoCo has written out what multiplies or attaches bodies: without comments, "
-    "and with six digits but for bodies, frames and joints"
-)
 JOINTS = ("joint", "freejoint")
 
 
@@ -56,30 +50,19 @@ class NamedModel:
 
     def __init__(self, text: str, document: MjcfDocument) -> None:
         parse_spec(document)  # which refuses files that include themselves
-        self.notes: tuple[str, ...] = ()
         text = text.removeprefix("\ufeff")  # MuJoCo would stumble over the mark of byte order
-        self._read(_with_includes(text, document.source, document.included), document)
-        if not self._is_complete:
-            self.notes = (_PRINTED,)
-            self._read(_printed(document), document)
-        if not self._is_complete:
-            problem = "its bodies cannot be told apart; give every body and joint a name"
-            raise InputError(problem, source=document.source)
-
-    def _read(self, text: str, document: MjcfDocument) -> None:
+        text = _with_includes(text, document.source, document.included)
         self.editor = XmlEditor(text, document.source)
         checked = checked_mjcf(text, document.source, document.directory)
         self.spec = compile_spec(parse_spec(checked), replace(checked, missing=document.missing)).spec
-        self._spec_bodies = [str(body.name) for body in self.spec.bodies][1:]
-        self._spec_joints = [str(joint.name) for joint in self.spec.joints]
         world = [e for part in self.editor.root.findall("worldbody") for e in part.iter()]
         bodies, joints = [e for e in world if e.tag == "body"], [e for e in world if e.tag in JOINTS]
-        self.bodies = dict(zip(bodies, self._spec_bodies, strict=False))
-        self.joints = dict(zip(joints, self._spec_joints, strict=False))
-        self._counts = len(bodies) == len(self._spec_bodies) and len(joints) == len(self._spec_joints)
+        self.bodies = {e: str(made.name) for e, made in zip(bodies, self.spec.bodies[1:], strict=False)}
+        self.joints = {e: str(made.name) for e, made in zip(joints, self.spec.joints, strict=False)}
+        self._counts = (len(bodies), len(joints)) == (len(self.spec.bodies) - 1, len(self.spec.joints))
 
     @property
-    def _is_complete(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether elements and MuJoCo's bodies and joints are the same ones in the same order."""
         named = (*self.bodies.items(), *self.joints.items())
         return self._counts and all(element.get("name") in (None, "", name) for element, name in named)
@@ -96,50 +79,6 @@ def _with_includes(text: str, source: str, included: Mapping[str, bytes]) -> str
     return editor.result()
 
 
-def _printed(document: MjcfDocument) -> str:
-    """The model that MuJoCo makes of a document, with all digits where bodies, frames and joints are."""
-    mujoco, source = import_mujoco(), document.source
-    spec = parse_spec(document)
-    keep_bodies(spec)
-    for stem, elements in (("body", spec.bodies), ("joint", spec.joints), ("frame", spec.frames)):
-        name_all(stem, elements)
-    try:
-        model = spec.compile()
-        spec.compiler.boundmass = spec.compiler.boundinertia = 0.0
-        printed = str(spec.to_xml())
-    except (ValueError, mujoco.FatalError) as error:
-        problem = f"MuJoCo, which must write out what multiplies or attaches bodies, refuses the model: {error}"
-        raise InputError(" ".join(problem.split()), source=source) from None
-    editor = XmlEditor(printed, source)
-    precise = dict(_precise(spec, model))
-    for element in (e for part in editor.root.findall("worldbody") for e in part.iter()):
-        tag = "joint" if element.tag in JOINTS else element.tag
-        editor.set_attributes(element, precise.get((tag, element.get("name", "")), {}))
-    return editor.result()
-
-
-def _precise(spec: Any, model: Any) -> Iterator[tuple[tuple[str, str], dict[str, str]]]:
-    """Poses of bodies and frames and axes of joints, by tag and name."""
-    mujoco = import_mujoco()
-    for tag, elements in (("body", spec.bodies[1:]), ("frame", spec.frames)):
-        for element in elements:
-            rotation = element.quat
-            if element.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT:
-                rules = getattr(element, "compiler", spec.compiler)  # of the model that was attached
-                rotation = spec.resolve_orientation(
-                    degree=rules.degree, sequence=rules.eulerseq, orientation=element.alt
-                )
-            yield (tag, str(element.name)), {"pos": number_text(*element.pos), "quat": number_text(*rotation)}
-    for joint in spec.joints:
-        if joint.type == mujoco.mjtJoint.mjJNT_FREE:
-            continue
-        place = {"pos": number_text(*joint.pos)}
-        if joint.type != mujoco.mjtJoint.mjJNT_BALL:
-            place["axis"] = number_text(*joint.axis)
-            place["ref"] = number_text(model.qpos0[model.joint(joint.name).qposadr[0]])
-        yield ("joint", str(joint.name)), place
-
-
 _FORMAT = "MJCF"
 _ATTRIBUTES = {VISCOUS: "damping", COULOMB: "frictionloss", ROTOR_INERTIA: "armature"}
 _HARMFUL = ("inertiafromgeom", "balanceinertia", "boundmass", "boundinertia", "settotalmass")
@@ -148,10 +87,10 @@ _HARMLESS = ("auto", "false")
 
 
 def edited_mjcf(
-    mechanism: Mechanism, values: IdentifiedValues, text: str, document: MjcfDocument
+    mechanism: Mechanism, values: IdentifiedValues, model: NamedModel, source: str
 ) -> tuple[str, tuple[str, ...]]:
     """The text of an MJCF document with identified values in the place of its own."""
-    return _Writer(mechanism, values, NamedModel(text, document), document.source).written()
+    return _Writer(mechanism, values, model, source).written()
 
 
 class _Writer:
@@ -165,7 +104,7 @@ class _Writer:
         strange = next((name for name in self.indices if name not in known), None)
         if strange is not None:
             raise InputError("the model has no such body", source=self.source, element=f"body '{strange}'")
-        notes = [*self.model.notes, *self._write_bodies(), *self._write_joints(), *self._write_compiler()]
+        notes = [*self._write_bodies(), *self._write_joints(), *self._write_compiler()]
         notes += reading_notes(self.mechanism, self.values, self.editor.root, _FORMAT)
         if self.mechanism.bodies and self.mechanism.bodies[0].joint.name == "base" and self._base_is_fixed:
             notes.append("the base is fixed in this file as in the input, although it was identified floating")

@@ -46,9 +46,12 @@ def identified_robot(
         return _from_description(mechanism, values)
     text = decoded(file.data, file.source)
     if file.root.tag == "mujoco":
-        from echelon.formats.writers.mjcf_writer import edited_mjcf
+        from echelon.formats.writers.mjcf_writer import NamedModel, edited_mjcf
 
-        return (WrittenRobot("identified.xml", *edited_mjcf(mechanism, values, text, file.mjcf)),)
+        model = NamedModel(text, file.mjcf)
+        if not model.is_complete:  # it multiplies or attaches bodies
+            return _from_description(mechanism, values)
+        return (WrittenRobot("identified.xml", *edited_mjcf(mechanism, values, model, file.source)),)
     from echelon.formats.writers.urdf_writer import edited_urdf
 
     return (WrittenRobot("identified.urdf", *edited_urdf(mechanism, values, text, file.source)),)
