@@ -8,15 +8,25 @@ from collections.abc import Collection, Iterable
 _SHOWN = 12
 
 
+def nearest_word(word: str, valid: Iterable[str]) -> str:
+    """The valid word that is nearest to a wrong one, or nothing.
+
+    >>> nearest_word("alhpa", ["alpha", "theta"])
+    'alpha'
+    """
+    originals = {v.lower(): v for v in valid}
+    close = difflib.get_close_matches(word.lower(), originals, n=1)
+    return originals[close[0]] if close else ""
+
+
 def nearest(word: str, valid: Iterable[str]) -> str:
     """A question for the valid word that is nearest to a wrong one, or nothing.
 
     >>> nearest("alhpa", ["alpha", "theta"])
     "; did you mean 'alpha'?"
     """
-    originals = {v.lower(): v for v in valid}
-    close = difflib.get_close_matches(word.lower(), originals, n=1)
-    return f"; did you mean '{originals[close[0]]}'?" if close else ""
+    found = nearest_word(word, valid)
+    return f"; did you mean '{found}'?" if found else ""
 
 
 def nearest_of(word: str, valid: Iterable[str]) -> str:

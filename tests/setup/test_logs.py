@@ -6,51 +6,31 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 import pytest
 
 import echelon as ec
 from echelon.logs.joined_log import opened
 from echelon.setup.logs import with_logs
-
-Floats = npt.NDArray[np.float64]
-URDF = """<robot name="arm"><link name="base"/>
-<link name="upper"><inertial><origin xyz="0.15 0.01 0"/><mass value="2"/>
-<inertia ixx="0.02" iyy="0.03" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="lower"><inertial><origin xyz="0.1 0 0.02"/><mass value="1"/>
-<inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="shoulder_joint" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/></joint>
-<joint name="elbow_joint" type="continuous"><parent link="upper"/><child link="lower"/><origin xyz="0.3 0 0"/>
-<axis xyz="0 1 0"/></joint></robot>"""
+from support.swinging_arm import ARM, Motion, swinging
 
 
 @pytest.fixture(scope="module")
-def motion() -> dict[str, Floats]:
-    """Time, positions, velocities and torques of the arm with its own inertias and some friction."""
-    mechanism = ec.load_setup(URDF).mechanism
-    base = ec.base_parameters(mechanism)
-    t = np.arange(3000) / 300
-    size, rate = np.array([[0.9, 0.4], [0.5, 0.7]]), np.array([[2.1, 5.3], [3.4, 7.9]])
-    phase = t[:, None, None] * rate
-    q, qd, qdd = ((size * f).sum(axis=2) for f in (np.sin(phase), rate * np.cos(phase), -(rate**2) * np.sin(phase)))
-    standard = [0.2 if value is None else value for value in mechanism.standard_values()]
-    noise = np.random.default_rng(1).normal(size=(2, *q.shape))
-    tau = base.predict(q, qd, qdd, base.values(standard)) + 0.02 * noise[0]
-    return {"t": t, "q": q + 1e-5 * noise[1], "qd": qd, "tau": tau}
+def motion() -> Motion:
+    return swinging()
 
 
 def well(result: ec.Identification) -> bool:
     return min(score.r2 for score in result.validations[-1].scores) > 0.99
 
 
-def test_samples_in_memory_are_identified_and_saved(motion: dict[str, Floats], tmp_path: Path) -> None:
+def test_samples_in_memory_are_identified_and_saved(motion: Motion, tmp_path: Path) -> None:
     frame = pd.DataFrame({"t": motion["t"]})
     for k in (0, 1):
         frame[f"q{k}"], frame[f"tau{k}"] = motion["q"][:, k], motion["tau"][:, k]
-    result = ec.identify(URDF, frame)
+    result = ec.identify(ARM, frame)
     assert well(result)
-    same = ec.identify(ec.load_setup(URDF), {name: frame[name].to_numpy() for name in frame})
+    same = ec.identify(ec.load_setup(ARM), {name: frame[name].to_numpy() for name in frame})
     np.testing.assert_array_equal(result.values, same.values)
     ec.save_identification(result, tmp_path / "model.json")
     model = ec.load_identified(tmp_path / "model.json")
@@ -58,10 +38,10 @@ def test_samples_in_memory_are_identified_and_saved(motion: dict[str, Floats], t
     assert len(ec.predict_log(model.plan, model.values, tmp_path / "log.csv").time) > 0
 
 
-def test_columns_without_names(motion: dict[str, Floats], tmp_path: Path) -> None:
+def test_columns_without_names(motion: Motion, tmp_path: Path) -> None:
     table = np.column_stack([motion[name] for name in ("t", "q", "qd", "tau")])
     np.savetxt(tmp_path / "log.csv", table, delimiter=",")
-    result = ec.identify(URDF, str(tmp_path / "log.csv"))
+    result = ec.identify(ARM, str(tmp_path / "log.csv"))
     assert well(result)
     texts = [str(finding) for finding in result.findings]
     assert any("1 … 2 taken for the positions of shoulder_joint, elbow_joint by their values" in text for text in texts)
@@ -69,7 +49,7 @@ def test_columns_without_names(motion: dict[str, Floats], tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("clocked", [True, False])
-def test_files_that_share_a_clock_are_one_log(clocked: bool, motion: dict[str, Floats], tmp_path: Path) -> None:
+def test_files_that_share_a_clock_are_one_log(clocked: bool, motion: Motion, tmp_path: Path) -> None:
     """Times of the one in ms; the torques at other times, or in the same rows without times."""
     names = ["shoulder_joint", "elbow_joint"]
     positions = pd.DataFrame(motion["q"], columns=names)
@@ -81,13 +61,13 @@ def test_files_that_share_a_clock_are_one_log(clocked: bool, motion: dict[str, F
     positions.to_csv(tmp_path / "positions.csv", index=False)
     torques.to_csv(tmp_path / "torques.csv", index=False)
     both = [tmp_path / "positions.csv", tmp_path / "torques.csv"]
-    setup, logs, _ = with_logs(URDF, both)
+    setup, logs, _ = with_logs(ARM, both)
     assert logs == (Path(f"{both[0]}+{both[1]}"),)
     (table,) = opened(logs[0]).tables(["torques/elbow_joint"])
     assert len(table.columns[table.clocks["torques/elbow_joint"]]) == len(torques)
     assert well(ec.identify(setup, logs))
-    assert with_logs(URDF, tmp_path)[1] == logs
-    assert with_logs(URDF, f"{both[0]}+{both[1]}")[1] == logs
+    assert with_logs(ARM, tmp_path)[1] == logs
+    assert with_logs(ARM, f"{both[0]}+{both[1]}")[1] == logs
 
 
 def test_files_without_a_common_clock(tmp_path: Path) -> None:
@@ -97,10 +77,10 @@ def test_files_without_a_common_clock(tmp_path: Path) -> None:
         next(opened(f"{tmp_path}/positions.csv+{tmp_path}/torques.csv").tables())
 
 
-def test_every_kind_of_log_is_understood_once(motion: dict[str, Floats]) -> None:
+def test_every_kind_of_log_is_understood_once(motion: Motion) -> None:
     """Small angles in degrees mean the same as the large ones of the log before."""
     large: dict[str, Any] = {"t": motion["t"], "q": 57.3 * motion["q"], "tau": motion["tau"]}
-    setup, _, _ = with_logs(URDF, [large, {**large, "q": large["q"] / 50}])
+    setup, _, _ = with_logs(ARM, [large, {**large, "q": large["q"] / 50}])
     assert len(setup.columns) == 1
     assert {channel.unit for channel in setup.columns[0].positions.values()} == {"deg"}
     assert any("taken to be in degrees" in text for text in setup.assumed)

@@ -72,6 +72,7 @@ COMMANDS = {
     "excite-json": "excite arm.yaml --criterion condition --family bspline --segments 6 --json",
     "excite-loop": "excite loop.yaml --duration 3 --harmonics 2 --starts 1 --iterations 10 --json",
     "check": "check-trajectory arm.yaml motion/trajectory.csv -o check.html --json",
+    "setup": "setup gripper.urdf run1.csv",
     "identify": "identify arm.yaml run1.csv run2.csv -o identified",
     "identify-json": "identify arm.yaml run1.csv --estimator huber --no-physical --target none --json",
     "complement": "excite arm.yaml --prior-log run1.csv --starts 1 --iterations 5 --json",

@@ -199,6 +199,23 @@ def audit(
     raise typer.Exit(checks.run_audit(robot, claimed, read, naming, define or (), ignore or (), as_json, target))
 
 
+@app.command(epilog="Example: echelon setup arm.urdf log.csv -o setup.yaml")
+def setup(
+    robot: Annotated[Path, typer.Argument(help="URDF, SDF, MJCF, or a description that says nothing of logs.")],
+    logs: Annotated[list[Path], typer.Argument(help="One log, or files of one that share a clock.")],
+    output: Output = None,
+    force: Force = False,
+) -> None:
+    """Write a commented set-up for a robot and a log: columns, units and effects as far as they can be told.
+
+    The set-up is tried on the log, and what could not be decided stands in it as a question.
+    """
+    from echelon.cli.destination import output_file
+    from echelon.cli.setup import run_setup
+
+    run_setup(robot, logs, output_file(output, force))
+
+
 @app.command(epilog="Example: echelon identify tx40.yaml run1.parquet --validate run2.parquet -o result/")
 @reads_robot("floating", "gravity", "tolerance", "every_link", "massless")
 def identify(

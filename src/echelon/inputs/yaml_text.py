@@ -40,6 +40,14 @@ def step_into(path: str, key: str | int) -> str:
     return f"{path}.{key}" if path else key
 
 
+def dump_flow(data: Any) -> str:
+    """Data in one line; a mapping of one key without the braces around it."""
+    import yaml
+
+    text = str(yaml.safe_dump(data, default_flow_style=True, sort_keys=False, allow_unicode=True, width=float("inf")))
+    return text.strip()[1:-1] if isinstance(data, dict) and len(data) == 1 else text.strip()
+
+
 def parse_yaml(
     content: str | bytes, source: str, nodes: Limit = DATA_NODES, *, lines: bool = False
 ) -> list[YamlDocument]:

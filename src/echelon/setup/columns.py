@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,8 @@ from echelon.mechanism.stated import known_values
 
 if TYPE_CHECKING:
     from echelon.formats.schema.schema_log import Column, ColumnEntry, Columns, LogEntry
+
+_FIELD = re.compile(r"\{(?:(\d+) *\* *)?(n|i|name)(?: *([+-]) *(\d+))?\}")
 
 EVERY, DRIVES = "all", "actuators"
 """Keys that stand for every coordinate (or output), and for every drive."""
@@ -79,10 +82,18 @@ class _Columns:
         return Channel(column, entry.unit, *(self._number(entry, part, path) for part in ("scale", "offset")))
 
     def _column(self, template: str, path: str, fields: Mapping[str, object]) -> str:
-        """A column's name; braces that name no field belong to the name."""
-        name = template
-        for field, value in fields.items():
-            name = name.replace(f"{{{field}}}", str(value))
+        """A column's name; braces that name no field belong to the name, and numbers may be shifted: ``{n+12}``."""
+
+        def filled(found: re.Match[str]) -> str:
+            times, field, sign, more = found.groups()
+            if field not in fields:
+                return found.group()
+            value = fields[field]
+            if isinstance(value, int):
+                return str(int(times or 1) * value + int(f"{sign or ''}{more or 0}"))
+            return found.group() if times or sign else str(value)
+
+        name = _FIELD.sub(filled, template)
         if "n" in fields and name == template and fields["n"] != 1:
             problem = f"'{template}' is one column for several channels: use {{n}}, {{i}} or {{name}}"
             raise self.document.error(path, problem)

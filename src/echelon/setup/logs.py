@@ -26,9 +26,9 @@ from echelon.setup.setup import Setup, load_setup
 def with_logs(setup: Any, logs: Any, others: Any = ()) -> tuple[Setup, tuple[Path, ...], tuple[Path, ...]]:
     """A set-up that knows its columns, or what one is made from; and the paths of two lists of logs."""
     setup = setup if isinstance(setup, Setup) else load_setup(setup)
+    fitted, unseen = (joined(log_paths(some), setup.mechanism, setup.columns) for some in (logs, others))
     if setup.columns:
-        return setup, tuple(log_paths(logs)), tuple(log_paths(others))
-    fitted, unseen = (_joined(log_paths(some), setup.mechanism) for some in (logs, others))
+        return setup, fitted, unseen
     kinds: dict[tuple[str, ...], LogFile] = {}
     for path in (*fitted, *unseen):
         file = opened(path)
@@ -48,9 +48,11 @@ def _guessed(file: LogFile, mechanism: Mechanism) -> tuple[ColumnMap, list[str]]
     return columns, [*found.notes, *(note.text for note in notes)]
 
 
-def _joined(paths: Sequence[Path], mechanism: Mechanism) -> tuple[Path, ...]:
+def joined(paths: Sequence[Path], mechanism: Mechanism, columns: Sequence[ColumnMap] = ()) -> tuple[Path, ...]:
     """The logs, with files joined that hold positions only and outputs only: one of each, or as many of both."""
-    kinds = [_holds(path, mechanism) if len(paths) > 1 else (True, True) for path in paths]
+    if len(paths) < 2 or any(set(needed_columns(some)) <= set(opened(paths[0]).names) for some in columns):
+        return tuple(paths)
+    kinds = [_holds(path, mechanism) for path in paths]
     positions = [path for path, has in zip(paths, kinds, strict=True) if has == (True, False)]
     outputs = [path for path, has in zip(paths, kinds, strict=True) if has == (False, True)]
     if len(positions) + len(outputs) < len(paths) or len(positions) != len(outputs):

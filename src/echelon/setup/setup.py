@@ -5,7 +5,6 @@ The sections of a file are declared once, as data models (:mod:`echelon.formats.
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -80,15 +79,16 @@ class Setup:
         return replace(self, settings=self.settings.model_copy(update=changes))
 
 
-def load_setup(path: str | os.PathLike[str], *, prior: str | os.PathLike[str] | None = None, **reading: Any) -> Setup:
+def load_setup(robot: Any, *, prior: Any = None, **reading: Any) -> Setup:
     """Read a robot with its measurement set-up.
 
     Parameters
     ----------
-    path : path-like
-        An Echelon description, whose sections ``log``, ``preparation`` and ``identification`` are read as well; or a
-        bare URDF or MJCF file, for which everything is left to choose, and whose joints get friction and an offset.
-    prior : path-like, optional
+    robot : path-like, str or model
+        An Echelon description, whose sections ``log``, ``preparation`` and ``identification`` are read as well; or
+        anything else that :func:`echelon.load` takes, for which everything is left to choose, and whose joints get
+        friction and an offset.
+    prior : the same, optional
         Another description of the robot with inertial values, instead of the one that the file names.
     **reading
         Keyword arguments of :func:`echelon.load`.
@@ -109,7 +109,7 @@ def load_setup(path: str | os.PathLike[str], *, prior: str | os.PathLike[str] | 
     >>> setup.columns[0].positions["slide"].column, setup.preparation.cutoff
     ('q_meas_m', 100.0)
     """
-    file, options = open_robot(path), ReadingOptions(**reading)
+    file, options = open_robot(robot), ReadingOptions(**reading)
     if file.is_description:
         setup = _described(file, options)
     else:

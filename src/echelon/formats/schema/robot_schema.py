@@ -9,12 +9,20 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.formats.schema.schema_geometry import CouplingEntry, Frame, Joint, Loop, Model
 from echelon.formats.schema.schema_log import IdentificationEntry, LogEntry, PreparationEntry
-from echelon.formats.schema.schema_setup import EffectEntry, LinearTerms, OutputEntry, RobotFile, RotorEntry
+from echelon.formats.schema.schema_setup import (
+    EffectEntry,
+    LinearTerms,
+    OutputEntry,
+    RobotFile,
+    RotorEntry,
+    effect_list,
+    file_or_mapping,
+)
 from echelon.formats.schema.schema_types import (
     AS_LIST,
     AS_ROWS,
@@ -233,10 +241,14 @@ class RobotDescription(Model):
         examples=[{"m5": "45*j5", "m6": "32*j5 + 32*j6"}],
     )
     rotors: Annotated[tuple[RotorEntry, ...], AS_LIST] = Field((), description="Spinning rotors.")
-    effects: Annotated[tuple[EffectEntry, ...], AS_LIST] = Field(
+    effects: Annotated[
+        tuple[EffectEntry, ...],
+        AS_LIST,
+        BeforeValidator(effect_list, json_schema_input_type=tuple[EffectEntry | str, ...] | dict[str, Any]),
+    ] = Field(
         (),
-        description="Friction, springs, rotor inertia and other forces.",
-        examples=[[{"type": "viscous", "at": "all"}]],
+        description="Friction, springs, rotor inertia and other forces: a list, or by joint or type.",
+        examples=[[{"type": "viscous", "at": "all"}], ["viscous", "coulomb"], {"elbow": ["viscous", "offset"]}],
     )
     outputs: Annotated[tuple[OutputEntry, ...], AS_LIST] | None = Field(
         None,
@@ -260,8 +272,12 @@ class RobotDescription(Model):
     excitation: ExcitationEntry = Field(
         ExcitationEntry.model_construct(), description="Exciting trajectory that is recorded for the identification."
     )
-    robot: RobotFile | None = Field(
-        None, description="Instead of a geometry: a robot file that this adds to.", examples=[{"file": "arm.urdf"}]
+    robot: Annotated[
+        RobotFile | None, BeforeValidator(file_or_mapping, json_schema_input_type=str | RobotFile | None)
+    ] = Field(
+        None,
+        description="Instead of a geometry: a robot file that this adds to.",
+        examples=["arm.urdf", {"file": "arm.urdf"}],
     )
     modified_dh: Annotated[tuple[ModifiedRow, ...], AS_ROWS] | None = Field(
         None,

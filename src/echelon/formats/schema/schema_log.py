@@ -110,7 +110,8 @@ Columns = Annotated[
 ]
 
 _BY_NAME = (
-    "{n} counts from 1, {i} from 0, {name} is the name; all for every coordinate, actuators for every drive, "
+    "{n} counts from 1, {i} from 0, {n+12} and {2*n-1} are numbers too, {name} is the name; all for every coordinate, "
+    "actuators for every drive, "
     "or one by one, where names of actuators mean the motor's side."
 )
 

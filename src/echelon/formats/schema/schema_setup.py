@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, get_args
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
@@ -50,6 +50,11 @@ class RobotFile(Model):
     )
 
 
+def file_or_mapping(value: object) -> object:
+    """A robot file that is given by its name alone."""
+    return {"file": value} if isinstance(value, str) else value
+
+
 class LinearTerms(Model):
     """A combination of joint coordinates term by term, for names that cannot stand in an expression."""
 
@@ -59,20 +64,15 @@ class LinearTerms(Model):
 # -- effects --------------------------------------------------------------------------------------------------------
 
 
+Ready = Literal[
+    "viscous", "coulomb", "asymmetric_coulomb", "offset", "rotor_inertia", "spring", "drive_gain", "servo", "stribeck"
+]
+
+
 class ReadyEffect(Model):
     """A ready-made effect at one or several coordinates, each with parameters of its own."""
 
-    type: Literal[
-        "viscous",
-        "coulomb",
-        "asymmetric_coulomb",
-        "offset",
-        "rotor_inertia",
-        "spring",
-        "drive_gain",
-        "servo",
-        "stribeck",
-    ] = Field(description="Which effect.", examples=["viscous"])
+    type: Ready = Field(description="Which effect.", examples=["viscous"])
     at: Annotated[tuple[Name, ...], AS_LIST] | Name = Field(
         description="Coordinates or actuators, or all.", examples=["all", ["j1", "j2"]]
     )
@@ -125,6 +125,38 @@ def ready_or_own(value: object) -> str:
 EffectEntry = Annotated[
     Annotated[OwnEffect, Tag("own")] | Annotated[ReadyEffect, Tag("ready")], Discriminator(ready_or_own)
 ]
+
+
+def effect_list(value: object) -> object:
+    """The list of effects that a shorter way of writing stands for.
+
+    ``[viscous, coulomb]`` is at all places; ``{elbow: [viscous, {type: stribeck, velocity: 0.1}]}`` and
+    ``{elbow: {viscous: null, stribeck: {velocity: 0.1}}}`` go by place, ``{viscous: all}`` by type; ``none`` is none.
+    """
+    if isinstance(value, str):
+        value = [] if value == "none" else [value]
+    if isinstance(value, dict):
+        return [entry for key, some in value.items() for entry in _of_one(str(key), some)]
+    if isinstance(value, list | tuple):
+        return [{"type": entry, "at": "all"} if isinstance(entry, str) else entry for entry in value]
+    return value
+
+
+def _of_one(key: str, value: object) -> list[object]:
+    """Effects of one type, or at one place."""
+    if key in get_args(Ready):
+        return [{"type": key, **value} if isinstance(value, dict) else {"type": key, "at": value}]
+    if isinstance(value, dict) and not {"type", "parameter"} & value.keys():
+        value = [{"type": kind, **(options if isinstance(options, dict) else {})} for kind, options in value.items()]
+    return [_placed(key, entry) for entry in (value if isinstance(value, list | tuple) else [value])]
+
+
+def _placed(place: str, entry: object) -> object:
+    if isinstance(entry, str):
+        return {"type": entry, "at": place}
+    if isinstance(entry, dict) and isinstance(entry.get("acts"), list):
+        return {**entry, "acts": [{"at": place, **act} if isinstance(act, dict) else act for act in entry["acts"]]}
+    return {"at": place, **entry} if isinstance(entry, dict) and "parameter" not in entry else entry
 
 
 class RotorEntry(Model):

@@ -110,31 +110,36 @@ def clock_unit(times: Floats) -> str:
     return "" if not fitting or fitting[0] == "s" else fitting[0]
 
 
-def classified(found: Sequence[Family], columns: Mapping[str, Floats], times: Floats | None) -> dict[str, Family]:
-    """Families by kind: position, velocity, acceleration, reference, output; those that are not clear are left out."""
+def classified(
+    new: Sequence[Family], columns: Mapping[str, Floats], times: Floats | None, fixed: Mapping[str, Family]
+) -> dict[str, Family]:
+    """New families by kind, beside those whose kinds are fixed; families that are not clear are left out."""
+    found = [*fixed.values(), *new]
     values = [_clean(np.column_stack([columns[name] for name in family.columns])) for family in found]
-    step = np.arange(len(values[0]), dtype=float) if times is None or not values else times
+    if not values:
+        return {}
+    step = np.arange(len(values[0]), dtype=float) if times is None else times
     derived = {
         (a, b): _follows(values[a], values[b], step) for a in range(len(found)) for b in range(len(found)) if a != b
     }
-    roots = [a for a in range(len(found)) if _is_root(a, len(found), derived)]
-    root = roots[0] if roots else _smoothest(values)
-    if root is None:
-        return {}
-    kinds = {"position": root}
-    left = [k for k in range(len(found)) if k != root]
+    kinds = {kind: k for k, kind in enumerate(fixed)}
+    left = list(range(len(fixed), len(found)))
+    if "position" not in kinds:
+        roots = [a for a in left if _is_root(a, len(found), derived)]
+        root = roots[0] if roots else _smoothest(values)
+        if root not in left:
+            return {}
+        kinds["position"] = root
+        left.remove(root)
     for kind, of in (("velocity", "position"), ("acceleration", "velocity")):
         children = [k for k in left if of in kinds and derived[kinds[of], k]]
-        if children:
-            kinds[kind] = children[0]
-            left = [k for k in left if k not in children]
-    alike = [k for k in left if _alike(values[root], values[k])]
-    if alike:
-        kinds["reference"] = alike[0]
-        left = [k for k in left if k not in alike]
-    if len(left) == 1:
-        kinds["output"] = left[0]
-    return {kind: found[k] for kind, k in kinds.items()}
+        kinds |= {kind: children[0]} if children and kind not in kinds else {}
+        left = [k for k in left if k not in children]
+    alike = [k for k in left if _alike(values[kinds["position"]], values[k])]
+    kinds |= {"reference": alike[0]} if alike and "reference" not in kinds else {}
+    left = [k for k in left if k not in alike]
+    kinds |= {"output": left[0]} if len(left) == 1 and "output" not in kinds else {}
+    return {kind: found[k] for kind, k in kinds.items() if k >= len(fixed)}
 
 
 def _is_root(a: int, count: int, derived: Mapping[tuple[int, int], bool]) -> bool:

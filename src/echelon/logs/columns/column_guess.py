@@ -232,11 +232,12 @@ def _by_values(
     stamps = clock(columns, names)
     rest = [name for name in names if name not in (stamps, *understood)]
     if understood or not all(name.isdecimal() for name in names):
-        given = Family(tuple(channel.column for channel in groups["position"].values()))
-        found = (given, *families(rest, len(valid), valid)) if groups["position"] else families(rest, len(valid), valid)
+        new = families(rest, len(valid), valid)
     else:
-        found = blocks(rest[1:] if len(rest) % len(valid) == 1 and len(valid) > 1 else rest, len(valid))
-    return classified(found, columns, columns[stamps] if stamps else None)
+        new = blocks(rest[1:] if len(rest) % len(valid) == 1 and len(valid) > 1 else rest, len(valid))
+    known = {kind: Family(tuple(channel.column for channel in some.values())) for kind, some in groups.items()}
+    fixed = {kind: family for kind, family in known.items() if len(family.columns) == len(valid)}
+    return classified(new, columns, columns[stamps] if stamps else None, fixed)
 
 
 def _question(

@@ -1,0 +1,208 @@
+"""A set-up written for a robot and its logs: everything that was found in them, and what could not be decided.
+
+Names decide first, then values.  The text is read back and tried on the logs before it is shown, so that whatever would
+go wrong with it stands in it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from echelon.errors import InputError
+from echelon.formats.robot_file import RobotFile, open_robot
+from echelon.inputs.yaml_text import dump_flow
+from echelon.logs.columns.column_guess import Guess, guess, with_units
+from echelon.logs.columns.column_map import Channel
+from echelon.logs.columns.conversion import needed_columns
+from echelon.logs.files.log_file import LogFile, Table
+from echelon.logs.files.open_log import log_paths
+from echelon.logs.finding import Severity, counted, listed
+from echelon.logs.joined_log import opened
+from echelon.logs.read_log import first_table, read_log
+from echelon.mechanism.mechanism import Mechanism
+from echelon.setup.logs import joined
+from echelon.setup.setup import load_setup
+
+_EFFECTS = """\
+effects:                                # of every joint; those that the logs do not show come out near zero
+  - viscous
+  - coulomb
+  - offset
+  # - rotor_inertia                     # geared motors, whose rotors weigh more than links
+  # - {type: stribeck, at: all, velocity: 0.05}
+"""
+_KEYS = {
+    "position": "positions",
+    "velocity": "velocities",
+    "acceleration": "accelerations",
+    "output": "outputs",
+    "reference": "references",
+}
+_UNUSED = "columns that are not used"
+_WIDTH = 112
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """The text of a set-up, and what is to be said about it."""
+
+    text: str
+    undecided: tuple[str, ...]  # questions that only the user can answer
+    report: tuple[str, ...]  # what the trial showed, line by line
+
+
+def skeleton(robot: str | os.PathLike[str], logs: Sequence[str | os.PathLike[str]], folder: Path) -> Skeleton:
+    """A set-up for a robot file and its logs, to be put into a folder."""
+    file = open_robot(robot)
+    if file.is_description and "log" in file.document.data:
+        raise InputError("this set-up says already what its logs mean; edit it, or begin with a robot file",
+                         source=file.source)  # fmt: skip
+    mechanism = load_setup(file).mechanism
+    paths = joined(log_paths(logs), mechanism)
+    log = opened(paths[0])
+    found, notes = _looked_at(log, mechanism)
+    body = _body(file, mechanism, found, log, folder)
+    questions = (*found.problems, *_questions(found))
+    trial = () if found.problems else _trial(body, folder, paths)
+    head = [f"# Set-up of {mechanism.name} for {log.source}, written by  echelon setup.  Look it through, then"]
+    head += [f"#   echelon identify THIS_FILE {' '.join(map(str, logs))} -o result/", "#"]
+    head += _comments("found", notes) + _comments("not decided", questions) + _comments("tried", trial)
+    return Skeleton("\n".join(head) + "\n" + body, questions, (*notes, *trial))
+
+
+def _looked_at(log: LogFile, mechanism: Mechanism) -> tuple[Guess, list[str]]:
+    """What the columns are, and what was taken for granted."""
+    found = guess(log.names, mechanism, lambda: first_table(log), by_values=True)
+    notes = list(found.notes)
+    if found.columns.positions:
+        table = next(log.tables(needed_columns(found.columns, log.names)), Table(log.source, {}))
+        columns, findings = with_units(found.columns, table, mechanism)
+        found, notes = replace(found, columns=columns), [*notes, *(finding.text for finding in findings)]
+        if columns.time is None and not table.clocks:
+            found = replace(found, problems=(*found.problems, "no column is the time: state the rate of the samples"))
+    return found, notes
+
+
+def _questions(found: Guess) -> list[str]:
+    """What no file says, where it matters."""
+    columns, asked = found.columns, []
+    if columns.outputs and not any(channel.unit for channel in columns.outputs.values()):
+        asked.append("whether outputs are in N·m (N), at the joints' side of the gears; of motors before gears, state "
+                     "actuators: {m1: 100*joint1} and name these under output")  # fmt: skip
+    if columns.positions and not any(channel.unit for channel in columns.positions.values()):
+        asked.append(
+            "whether positions are zero, and turn the same way, where the robot file says so (offset, scale: -1)"
+        )
+    return asked
+
+
+# -- text -------------------------------------------------------------------------------------------------------------
+
+
+def _body(file: RobotFile, mechanism: Mechanism, found: Guess, log: LogFile, folder: Path) -> str:
+    section = _log_section(found, mechanism, log)
+    if file.is_description:
+        return file.data.decode().rstrip() + "\n" + section
+    source = Path(file.source)
+    path = os.path.relpath(source.absolute(), folder.absolute()) if source.is_file() else str(source)
+    head = [dump_flow({key: value}) for key, value in (("echelon", 1), ("name", mechanism.name), ("robot", path))]
+    return "\n".join([*head, _EFFECTS]) + section
+
+
+def _log_section(found: Guess, mechanism: Mechanism, log: LogFile) -> str:
+    columns = found.columns
+    lines = ["log:"]
+    if columns.time is not None:
+        lines.append(f"  {dump_flow({'time': _entry(columns.time)})}")
+    elif any(problem.startswith("no column is the time") for problem in found.problems):
+        lines.append("  rate: 1000                            # Hz; a guess, to be corrected")
+    for key, name in _KEYS.items():
+        group: Mapping[str, Channel] = getattr(columns, name)
+        if group:
+            lines += _group(key, group)
+        elif key in ("position", "output"):
+            lines.append(
+                f'  # {key}: "…_{{n}}"                       # one column for each of {listed(_names(mechanism, key))}'
+            )
+    used = {channel.column for group in columns.channels.values() for channel in group.values()}
+    used |= {columns.time.column} if columns.time is not None else set()
+    left = [name for name in log.names if name not in used]
+    return "\n".join([*lines, *(f"  {line}" for line in _comments(_UNUSED, left))]) + "\n"
+
+
+def _names(mechanism: Mechanism, key: str) -> list[str]:
+    return [output.name for output in mechanism.outputs] if key == "output" else list(mechanism.positions)
+
+
+def _group(key: str, group: Mapping[str, Channel]) -> list[str]:
+    """Lines that state the channels of a quantity: by a pattern where they have one, else one by one."""
+    pattern = _pattern(group)
+    if pattern is not None:
+        entry = _entry(pattern)
+        return [f"  {dump_flow({key: entry if isinstance(entry, str) else {'all': entry}})}"]
+    return [f"  {key}:", *(f"    {dump_flow({name: _entry(channel)})}" for name, channel in group.items())]
+
+
+def _entry(channel: Channel) -> str | dict[str, str | float]:
+    """A channel as a description states it."""
+    found: dict[str, str | float] = {"column": channel.column}
+    found |= {"unit": channel.unit} if channel.unit else {}
+    found |= {"scale": channel.scale} if channel.scale != 1 else {}
+    return found if len(found) > 1 else channel.column
+
+
+def _pattern(group: Mapping[str, Channel]) -> Channel | None:
+    """One channel whose name, with {n} or {name} in it, stands for all of them."""
+    names, channels = list(group), list(group.values())
+    first = channels[0]
+    if len(channels) < 2 or any(
+        (c.unit, c.scale, c.offset) != (first.unit, first.scale, first.offset) for c in channels
+    ):
+        return None
+    if all(c.column.replace(name, "{name}") == first.column.replace(names[0], "{name}") != first.column
+           for name, c in group.items()):  # fmt: skip
+        return replace(first, column=first.column.replace(names[0], "{name}"))
+    for number in reversed([*re.finditer(r"\d+", first.column)]):
+        shift = int(number.group()) - 1
+        before, after = first.column[: number.start()], first.column[number.end() :]
+        if all(channel.column == f"{before}{k + 1 + shift}{after}" for k, channel in enumerate(channels)):
+            field = "{n}" if shift == 0 else "{i}" if shift == -1 else f"{{n+{shift}}}"
+            return replace(first, column=f"{before}{field}{after}")
+    return None
+
+
+def _comments(title: str, texts: Sequence[str]) -> list[str]:
+    """Texts as comments: a list of sentences, or names in a row."""
+    if not texts:
+        return []
+    if title == _UNUSED:
+        return textwrap.wrap(f"# {title}: {', '.join(texts)}", _WIDTH, subsequent_indent="#   ")
+    lines = [f"# {title}:"]
+    for text in texts:
+        lines += textwrap.wrap(" ".join(text.split()), _WIDTH, initial_indent="#   - ", subsequent_indent="#     ")
+    return lines
+
+
+# -- trial ------------------------------------------------------------------------------------------------------------
+
+
+def _trial(body: str, folder: Path, paths: Sequence[Path]) -> tuple[str, ...]:
+    """What reading the logs with the set-up shows."""
+    try:
+        setup = load_setup(RobotFile(body.encode(), "setup.yaml", True, folder))
+        lines = []
+        for path in paths:
+            piece = next(read_log(path, setup.mechanism, setup.columns), None)
+            segments = () if piece is None else piece.segments
+            seconds = sum(len(segment) / segment.rate for segment in segments)
+            rate = f" at {segments[0].rate:.5g} Hz" if segments else ""
+            lines.append(f"{path.name}: {seconds:.4g} s{rate} in {counted(len(segments), 'stretch', 'stretches')}")
+            lines += [str(f) for f in (piece.findings if piece else ()) if f.severity is Severity.WARNING]
+    except InputError as error:
+        return (f"reading it failed: {error}",)
+    return tuple(lines)

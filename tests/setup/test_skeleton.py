@@ -1,0 +1,112 @@
+"""Set-ups that are written for a robot and a log: at most two commands to a first result."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import echelon as ec
+from echelon.setup.skeleton import skeleton
+from support.command_line import run
+from support.swinging_arm import ARM, Motion, swinging
+
+PENDULUM = """echelon: 1
+name: pendulum
+gravity: [0, -9.81, 0]
+modified_dh: [{joint: revolute}, {joint: revolute, a: 0.3}]
+effects: [offset]
+"""
+
+
+@pytest.fixture(scope="module")
+def motion() -> Motion:
+    return swinging()
+
+
+def written(folder: Path, log: pd.DataFrame, robot: str = ARM, **options: bool) -> str:
+    """The set-up for a robot and a log; both are in the folder."""
+    path = folder / ("arm.urdf" if robot.startswith("<") else "arm.yaml")
+    path.write_text(robot)
+    log.to_csv(folder / "log.csv", index=False, **options)  # type: ignore[call-overload]
+    return skeleton(path, [folder / "log.csv"], folder).text
+
+
+def test_two_commands_lead_from_strange_columns_to_a_model(motion: Motion, tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(ARM)
+    names = {"Uhr": motion["t"], "Winkel A": motion["q"][:, 0], "Winkel B": motion["q"][:, 1]}
+    names |= {"Moment A": motion["tau"][:, 0], "Moment B": motion["tau"][:, 1], "Temperatur": 20 + motion["t"]}
+    log, setup = tmp_path / "log.csv", tmp_path / "setup.yaml"
+    pd.DataFrame(names).to_csv(log, index=False)
+    said = run("setup", str(tmp_path / "arm.urdf"), str(log), "-o", str(setup))
+    assert said.returncode == 0, said.stderr
+    assert "log.csv: 10 s at 300 Hz in 1 stretch" in said.stdout
+    assert f"next:  echelon identify {setup} {log} -o result/" in said.stdout
+    assert "  # columns that are not used: Temperatur" in setup.read_text()
+    result = ec.identify(setup, log)
+    assert min(score.r2 for score in result.validations[-1].scores) > 0.99
+    refused = run("setup", str(tmp_path / "arm.urdf"), str(log), "-o", str(log))
+    assert refused.returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("pattern", "stated"),
+    [
+        ("q{n}", "position: 'q{n}'"),
+        ("actual_q_{i}", "position: 'actual_q_{i}'"),
+        ("{name} angle", "position: '{name} angle'"),
+        ("q{n+3} deg", "position: {all: {column: 'q{n+3} deg', unit: deg}}"),
+    ],
+)
+def test_patterns_units_and_questions(pattern: str, stated: str, motion: Motion, tmp_path: Path) -> None:
+    log = pd.DataFrame({"time [ms]": 1e3 * motion["t"]})
+    for k, name in enumerate(("shoulder_joint", "elbow_joint")):
+        column = pattern.replace("{n}", str(k + 1)).replace("{i}", str(k)).replace("{name}", name)
+        column = column.replace("{n+3}", str(k + 4))
+        log[column] = motion["q"][:, k] * (180 / np.pi if "deg" in column else 1)
+        log[f"tau_{k}"] = motion["tau"][:, k]
+    if "{n+3}" in pattern:  # numbers that begin with neither 0 nor 1 are those of a family by its values
+        log.columns = [column.replace(" deg", " Grad") for column in log.columns]
+        stated = "position: {all: {column: 'q{n+3} Grad', unit: deg}}"
+    text = written(tmp_path, log)
+    assert f"  {stated}\n" in text
+    assert "  time: {column: 'time [ms]', unit: ms}\n" in text
+    assert "not decided:\n#   - whether outputs are in N·m" in text
+    columns = ec.load_setup(tmp_path / "arm.urdf").columns
+    assert columns == ()
+
+
+def test_what_is_missing_is_asked_for(motion: Motion, tmp_path: Path) -> None:
+    log = pd.DataFrame({"q1": motion["q"][:, 0], "q2": motion["q"][:, 1], "x": motion["t"], "y": 1.0})
+    text = written(tmp_path, log)
+    assert "no columns for outputs of arm can be told from their names" in " ".join(text.replace("#", "").split())
+    assert '  # output: "…_{n}"' in text
+
+
+def test_logs_without_time_ask_for_the_rate(motion: Motion, tmp_path: Path) -> None:
+    log = pd.DataFrame(np.hstack([motion["q"], motion["tau"]]))
+    text = written(tmp_path, log, header=False)
+    assert "no column is the time: state the rate" in text
+    assert "  rate: 1000" in text
+    assert "  output: '{n+1}'" in text
+
+
+def test_currents_are_taken_for_torques_and_said_to_be(motion: Motion, tmp_path: Path) -> None:
+    log = pd.DataFrame({"timestamp": motion["t"]})
+    for k in (0, 1):
+        log[f"actual_q_{k}"], log[f"actual_current_{k}"] = motion["q"][:, k], motion["tau"][:, k]
+    text = written(tmp_path, log)
+    assert "  output: 'actual_current_{i}'" in text
+    assert "give the torque per ampere as scale" in " ".join(text.replace("#", "").split())
+
+
+def test_a_description_gets_a_section(motion: Motion, tmp_path: Path) -> None:
+    log = pd.DataFrame({"t": motion["t"], "q1": motion["q"][:, 0], "q2": motion["q"][:, 1]})
+    log["tau1"], log["tau2"] = motion["tau"].T
+    text = written(tmp_path, log, PENDULUM)
+    assert "\n" + PENDULUM + "log:\n  time: t\n" in text
+    (tmp_path / "setup.yaml").write_text(text)
+    with pytest.raises(ec.InputError, match="says already what its logs mean"):
+        skeleton(tmp_path / "setup.yaml", [tmp_path / "log.csv"], tmp_path)
