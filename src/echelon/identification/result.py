@@ -11,6 +11,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.identification.conditioning import Conditioning
 from echelon.identification.culprit import Culprit
+from echelon.identification.display import data_frame, figure, html
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
@@ -84,6 +85,40 @@ class Identification:
         if self.predict_with == "essential" and self.essential is not None:
             return self.essential.values
         return self.estimate.values
+
+    def to_dataframe(self) -> Any:
+        """The base parameters as a data frame of pandas.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Closed form, unit, the value that predictions use, and the estimate with its standard deviation and
+            interval, by base parameter.
+
+        Raises
+        ------
+        MissingExtraError
+            If pandas is not installed.
+        """
+        return data_frame(self)
+
+    def plot(self) -> Any:
+        """Measured and predicted outputs of the last validation.
+
+        Returns
+        -------
+        plotly.graph_objects.Figure
+            One diagram per output.
+
+        Raises
+        ------
+        MissingExtraError
+            If plotly is not installed.
+        """
+        return figure(self)
+
+    def _repr_html_(self) -> str:
+        return html(self)
 
     def __repr__(self) -> str:
         return f"Identification({self.base.mechanism.name}: {self.base.rank} base parameters, {len(self.logs)} logs)"

@@ -167,7 +167,7 @@ def fit_servos(setup: Setup, logs: Paths, *, on_step: Callable[[str], None] | No
         groups = scale_groups(mechanism)
 
         step("reading the logs")
-        paths = [path for log in logs for path in log_paths(log)]
+        paths = log_paths(logs)
         segments, findings = _segments(setup, paths)
         windows, unseen = _windows(segments, setup.settings.holdout)
 
