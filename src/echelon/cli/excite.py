@@ -22,8 +22,8 @@ from echelon.excite.exciting_trajectory import ExcitingTrajectory
 from echelon.excite.files.coefficients import text_of
 from echelon.excite.files.trajectory_files import design_to_json, read_trajectory, trajectory_content
 from echelon.excite.problem.prior_model import information_of_logs
+from echelon.excite.problem.task import UNCHECKED, task_of
 from echelon.excite.problem.task import changed as changed_entry
-from echelon.excite.problem.task import task_of
 from echelon.logs.finding import Severity
 from echelon.report.preview import preview_html
 from echelon.setup.setup import load_setup
@@ -126,7 +126,9 @@ def verdict(found: ExcitingTrajectory) -> str:
     """Whether all limits are kept, in a sentence."""
     broken = [margin.label for margin in found.margins if not margin.kept]
     if not broken:
-        return f"all {len(found.margins)} limits are kept at every time"
+        untouched = any(finding.text.startswith(UNCHECKED) for finding in found.findings)
+        kept = f"all {len(found.margins)} limits are kept at every time"
+        return f"{kept}; whether bodies touch was not looked at" if untouched else kept
     more = f" and {len(broken) - 6} more" if len(broken) > 6 else ""
     return f"broken limits: {', '.join(map(one_line, broken[:6]))}{more}"
 

@@ -14,7 +14,7 @@ from echelon.base.display import classification_rows, facts, headline, legend
 from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS
 from echelon.errors import one_line
-from echelon.logs.finding import Severity
+from echelon.logs.finding import Severity, counted
 
 if TYPE_CHECKING:
     from echelon.identification.result import Identification
@@ -66,7 +66,7 @@ def print_identification(result: Identification) -> None:
     for finding in result.findings:
         style = "yellow" if finding.severity is Severity.WARNING else "dim"
         console.print(Text(f"{finding.severity.value}: {one_line(str(finding))}", style=style))
-    for validation in result.validations:
+    for validation in result.pooled:
         console.print(_scores(validation))
     console.print(_parameters(result))
     console.print(Text(_conditioning(result)))
@@ -77,7 +77,7 @@ def print_identification(result: Identification) -> None:
 
 def _headline(result: Identification) -> str:
     estimate, name = result.estimate, one_line(result.base.mechanism.name)
-    logs = f"{len(result.logs)} log{'s' * (len(result.logs) != 1)}"
+    logs = counted(len(result.logs), "log")
     return f"{name}: {result.base.rank} base parameters by {estimate.method} from {sum(estimate.rows)} rows of {logs}"
 
 
@@ -88,12 +88,14 @@ def _scores(validation: Validation) -> Table:
         box=None,
         padding=(0, 2, 0, 0),
     )
-    prior = bool(validation.prior_scores)
-    for column in ("output", "rms", "% of range", "R²", *(("rms of prior",) if prior else ())):
+    beside = {"prior": validation.prior_scores, "no friction": validation.plain_scores}
+    models = [name for name, scores in beside.items() if scores]
+    for column in ("output", "rms", "% of range", "R²", "moving", "unfiltered", *models):
         table.add_column(column, justify="left" if column == "output" else "right")
     for k, score in enumerate(validation.scores):
-        cells = [Text(one_line(score.output)), _rms(score), _number(score.percent, 2), _number(score.r2, 5)]
-        table.add_row(*cells, *([_rms(validation.prior_scores[k])] if prior else []))
+        cells = [Text(one_line(score.output)), _rms(score), _number(score.percent, 2)]
+        r2 = [score.r2, score.moving.r2, score.raw.r2, *(beside[name][k].r2 for name in models)]
+        table.add_row(*cells, *(_number(value, 5) for value in r2))
     return table
 
 

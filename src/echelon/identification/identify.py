@@ -34,7 +34,7 @@ from echelon.identification.survey import survey
 from echelon.identification.validation import Models, Validation, by_role
 from echelon.identification.verdict import GOOD, overall_verdict
 from echelon.logs.columns.column_map import ColumnMap
-from echelon.logs.finding import Finding, Severity
+from echelon.logs.finding import Finding, Severity, counted
 from echelon.machine.target import one_thread
 from echelon.observe.observation import Observation
 from echelon.setup.logs import with_logs
@@ -110,7 +110,7 @@ def identify(
         prior = _prior(setup, base)
         prior_base = None if prior is None else _base_values(prior, base)
 
-        step(f"taking in {len(fitted_logs)} logs")
+        step(f"taking in {counted(len(fitted_logs), 'log')}")
         data = PassesOverData(plan, fitted_logs, client, memory)
         observation = without_rounding(data.observation, base.units)
         _check_rows(observation, fitted_logs)
@@ -221,10 +221,15 @@ def _essential(
 ) -> Estimate | None:
     if settings.essential == "none" or not conditions.is_complete:
         return None
-    # residuals that resemble their neighbours say less than their number
+    return essential(
+        observation, estimate.units, noise, criterion=settings.essential, correlation=_correlation(estimate)
+    )
+
+
+def _correlation(estimate: Estimate) -> float:
+    """Rows that say as much as one: residuals that resemble their neighbours say less than their number."""
     inflation = [value for value in estimate.diagnostics.get("inflation", {}).values() if np.isfinite(value)]
-    correlation = max(1.0, float(np.mean(inflation))) if inflation else 1.0
-    return essential(observation, estimate.units, noise, criterion=settings.essential, correlation=correlation)
+    return max(1.0, float(np.mean(inflation))) if inflation else 1.0
 
 
 def _tried(solve: Callable[[], Solved], unsolved: list[Finding]) -> Solved | None:
@@ -270,8 +275,12 @@ def _bounds(setup: Setup, base: BaseModel) -> Bounds:
 
 
 def _feasibility(base: BaseModel, observation: Observation, estimate: Estimate, noise: Floats) -> Feasibility:
-    """Distances are measured by the classical covariance: that of batches of time has no more rank than batches."""
-    return feasibility(base, estimate.values, solved(observation, base.units, _weights(noise)).inverse)
+    """Distances are measured by the classical covariance of as many rows as are independent.
+
+    That of batches of time has no more rank than there are batches.
+    """
+    covariance = _correlation(estimate) * solved(observation, base.units, _weights(noise)).inverse
+    return feasibility(base, estimate.values, covariance)
 
 
 def _weights(noise: Floats) -> Floats:

@@ -16,7 +16,7 @@ from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.validation import Validation, by_role
-from echelon.logs.finding import Finding, Severity
+from echelon.logs.finding import Finding, Severity, counted
 from echelon.logs.preparation.settings import Preparation
 
 if TYPE_CHECKING:
@@ -121,7 +121,8 @@ class Identification:
         return html(self)
 
     def __repr__(self) -> str:
-        return f"Identification({self.base.mechanism.name}: {self.base.rank} base parameters, {len(self.logs)} logs)"
+        logs = counted(len(self.logs), "log")
+        return f"Identification({self.base.mechanism.name}: {self.base.rank} base parameters, {logs})"
 
 
 _MOST = 12
@@ -130,7 +131,7 @@ _STRANGER = 0.3
 """R² below which, for every output, the model has nothing to do with the data."""
 FAR = 5.0
 """Standard deviations to the nearest robot that noise alone does not bring about."""
-_IMPOSSIBLE = 30.0
+IMPOSSIBLE = 30.0
 """Standard deviations from which on the model contradicts physics: what filters and unmodelled effects do is below."""
 _COSTLY = 1.5
 """Ratio of misfits from which on physical consistency costs more than noise does."""
@@ -141,7 +142,7 @@ def contradictions(feasible: Feasibility | None, culprit: Culprit | None, findin
     facts = []
     if culprit is not None:
         facts.append(f"it would be explained if {culprit.text}")
-    if feasible is not None and feasible.feasible is False and feasible.distance > _IMPOSSIBLE:
+    if feasible is not None and feasible.feasible is False and feasible.distance > IMPOSSIBLE:
         away = f"{feasible.distance:.2g} standard deviations away"
         facts.append(f"no robot can have its parameters, the nearest is {away}")
     facts += [str(finding) for finding in findings if finding.kind in ("contradiction", "computed")]
@@ -232,8 +233,10 @@ def _unphysical(feasible: Feasibility | None) -> Iterable[Finding]:
             "no physical robot has the estimated base parameters; the nearest one is "
             f"{feasible.distance:.2g} standard deviations away"
         )
-        if feasible.distance > FAR:
-            text += ": the model lacks something, or columns are exchanged, or their signs or units wrong"
+        if feasible.distance > IMPOSSIBLE:
+            text += ": columns are exchanged, or their signs or units wrong, or the model lacks something"
+        elif feasible.distance > FAR:
+            text += ": the model lacks something"
         yield Finding(Severity.WARNING, "feasibility", "", text)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from echelon.errors import InputError, one_line
 from echelon.excite.exciting_trajectory import ExcitingTrajectory
 from echelon.excite.problem.state_limits import ORDERS
+from echelon.excite.problem.task import UNCHECKED
 from echelon.excite.verify.margins import ACTIVE, Margin
 from echelon.report.closed_forms import ClosedForms
 from echelon.report.digits import significant
@@ -105,7 +106,7 @@ def _header(found: ExcitingTrajectory) -> Context:
     conditioning = found.conditioning
     return {
         "robot": found.base.mechanism.name,
-        "verdict": verdict(found.margins),
+        "verdict": verdict(found.margins, any(f.text.startswith(UNCHECKED) for f in found.findings)),
         "safe": found.safe and bool(found.margins),
         "broken": [margin for margin in found.margins if not margin.kept],
         "active": found.active,
@@ -125,8 +126,8 @@ def _header(found: ExcitingTrajectory) -> Context:
     }
 
 
-def verdict(margins: tuple[Margin, ...]) -> str:
-    """Whether limits are kept, in words.
+def verdict(margins: tuple[Margin, ...], untouched: bool = False) -> str:
+    """Whether limits are kept, in words; ``untouched`` if nobody looked whether bodies touch.
 
     >>> verdict((Margin("velocity of j1", "rad/s", -2.0, 2.0, -1.0, 1.5),))
     'Every limit is kept at every time.'
@@ -137,7 +138,8 @@ def verdict(margins: tuple[Margin, ...]) -> str:
     if not margins:
         return "No limit was checked."
     if not broken:
-        return "Every limit is kept at every time."
+        kept = "Every limit that was checked is kept at every time; whether bodies touch was not looked at."
+        return kept if untouched else "Every limit is kept at every time."
     return f"Do not run this: {broken} of {len(margins)} limits {'is' if broken == 1 else 'are'} broken."
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import isfinite, isinf
 from typing import Any
 
@@ -133,24 +133,31 @@ def _header(run: Identification) -> Context:
 def _summary(run: Identification) -> Context:
     """How well every output is predicted, on data the fit saw and on data it did not, beside the prior model."""
     tables = []
-    for validation in sorted(run.validations, key=lambda v: v.role != "validation"):  # unseen data say more
-        prior = {score.output: score for score in validation.prior_scores}
-        rows = [_scored(score, prior.get(score.output)) for score in validation.scores]
-        remarks = any(row["remarks"] for row in rows)
-        tables.append({"validation": validation, "rows": rows, "prior": bool(prior), "remarks": remarks})
+    together = [v for v in run.pooled if v not in run.validations]
+    every = [*together, *run.validations]
+    for validation in sorted(every, key=lambda v: v.role != "validation"):  # unseen data say more
+        beside = {"prior": validation.prior_scores, "no friction": validation.plain_scores}
+        models = {name: scores for name, scores in beside.items() if scores}
+        rows = [
+            _scored(score, [scores[k] for scores in models.values()], "prior" in models)
+            for k, score in enumerate(validation.scores)
+        ]
+        tables.append({"validation": validation, "rows": rows, "beside": list(models), "prior": "prior" in models})
     return {"tables": tables, "unseen": any(v.role == "validation" for v in run.validations)}
 
 
-def _scored(score: Score, prior: Score | None) -> Context:
-    """One output: its score, that of the prior, what a reader should notice, and R² as the length of a bar."""
+def _scored(score: Score, beside: Sequence[Score], has_prior: bool) -> Context:
+    """One output: its score, those of other models, what a reader should notice, and R² as the length of a bar."""
+    prior = beside[0] if has_prior else None
     remarks = ["a constant would predict better"] * (score.r2 < 0)
+    remarks += ["it varies less than the noise of its sensor"] * score.is_below_noise
     remarks += ["residual is not white"] * (score.whiteness < _WHITE)
     against = ""
     if prior is not None and isfinite(prior.rms) and isfinite(score.rms):
         gain = score.rms - prior.rms
         against = "equal" if abs(gain) <= _SAME * prior.rms else "better" if gain < 0 else "worse"
     bar = 100 * min(max(score.r2, 0.0), 1.0) if isfinite(score.r2) else 0.0
-    return {"score": score, "prior": prior, "against": against, "remarks": remarks, "bar": bar}
+    return {"score": score, "beside": beside, "against": against, "remarks": remarks, "bar": bar}
 
 
 def _outputs(run: Identification) -> list[dict[str, str]]:

@@ -33,6 +33,8 @@ from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.setup import Setup
 
+UNCHECKED = "collisions are not checked"
+"""How the finding begins that nobody looked whether bodies touch."""
 _SMOOTH = 0.02  # share of the smallest speed limit within which dry friction changes sign gradually
 
 
@@ -147,7 +149,7 @@ def _clearance(
     """Distances between bodies, and to obstacles."""
     section, file, folder = entry.collisions, setup.robot_file, Path(setup.source).parent
     if "collisions" not in entry.model_fields_set:
-        text = "collisions are not checked: state the section collisions, with obstacles and shapes"
+        text = f"{UNCHECKED}: state the section collisions, with obstacles and shapes"
         findings.append(Finding(Severity.WARNING, "collisions", setup.source, text))
         return None
     shapes, excluded = list(entry_shapes(mechanism, section.shapes, folder)), list(section.exclude)

@@ -3,8 +3,8 @@
   const data = JSON.parse(document.getElementById("plot-data").textContent);
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   const palettes = {
-    light: { ink: "#1b1f24", soft: "#5b6570", line: "#dfe3e8", measured: "#7b8794", predicted: "#0b5cad", prior: "#c05a00", band: "rgba(11,92,173,0.13)" },
-    dark: { ink: "#e6eaee", soft: "#9aa5b1", line: "#2b333c", measured: "#aeb8c2", predicted: "#58a8f2", prior: "#ffa14d", band: "rgba(108,178,245,0.18)" },
+    light: { ink: "#1b1f24", soft: "#5b6570", line: "#dfe3e8", measured: "#20262d", predicted: "#e8590c", prior: "#1c7ed6", band: "rgba(232,89,12,0.13)" },
+    dark: { ink: "#e6eaee", soft: "#9aa5b1", line: "#2b333c", measured: "#e6eaee", predicted: "#ff922b", prior: "#4dabf7", band: "rgba(255,146,43,0.18)" },
   };
   let printing = false;
   const colours = () => palettes[dark.matches && !printing ? "dark" : "light"];
@@ -42,7 +42,7 @@
     const c = colours();
     const signal = (name) => [floats(trace.signals[name][0], trace.start), floats(trace.signals[name][1])];
     const lines = [line("measured", signal("measured"), c.measured, { line: { color: c.measured, width: 2 } })];
-    if (trace.signals.prior && prior && prior.checked) lines.push(line("prior", signal("prior"), c.prior));
+    if (trace.signals.prior && prior && prior.checked) lines.push(line("prior", signal("prior"), c.prior, { line: { color: c.prior, width: 1.3, dash: "dot" } }));
     lines.push(line("predicted", signal("predicted"), c.predicted));
     lines.push(line("residual", signal("residual"), c.predicted, { yaxis: "y2", showlegend: false }));
     const time = trace.since === null ? "time / s" : "time since " + trace.since.toFixed(3) + " s / s";
