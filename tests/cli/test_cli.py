@@ -14,6 +14,7 @@ import pytest
 from echelon.results.schema import BaseModelRecord, json_schema
 from support.command_line import run, run_alone
 from support.paths import ROOT
+from support.selection import slow_unless
 
 PANDA, PENDULUM = str(ROOT / "examples/panda.yaml"), str(ROOT / "examples/double_pendulum.yaml")
 
@@ -159,7 +160,7 @@ def test_a_full_disk_is_one_line() -> None:
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
 
 
-@pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-8"])
+@pytest.mark.parametrize("encoding", slow_unless(["ascii"], ["cp1252", "ascii", "utf-8"]))
 def test_pipes_get_utf8_on_every_system(encoding: str) -> None:
     assert "1  ZZ1 + l1²·M2" in run_alone("derive", PENDULUM, PYTHONIOENCODING=encoding).stdout
 

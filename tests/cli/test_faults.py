@@ -19,6 +19,7 @@ from pathlib import Path
 import pytest
 
 from support.paths import ROOT
+from support.selection import slow_unless
 from support.writing_commands import COMMANDS, OUTPUTS, Contents, contents, workplace
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes and terminals of Linux")
@@ -108,7 +109,7 @@ def workers(folder: Path) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("name", ["derive", "generate"])
+@pytest.mark.parametrize("name", slow_unless(["derive"], ["derive", "generate"]))
 def test_signals_at_a_few_moments(folder: Path, name: str) -> None:
     check_moments(name, folder, 2)
 
@@ -215,6 +216,7 @@ def test_standard_output_by_its_name(folder: Path) -> None:
     assert (folder / "log").read_text().startswith("earlier\nslide: 2 base parameters")
 
 
+@pytest.mark.slow
 def test_a_terminal_that_goes_away(folder: Path) -> None:
     controller, terminal = pty.openpty()
     before = contents(folder)

@@ -101,7 +101,9 @@ def test_rows_have_the_null_space_of_the_closed_forms(name: str) -> None:
     np.testing.assert_allclose(reduced @ base.B_float(), rows, atol=1e-12 * np.abs(rows).max())
 
 
-@pytest.mark.parametrize("outputs", ["", "outputs: [{joint: crank}, {wrench: tool}]\n"])
+@pytest.mark.parametrize(
+    "outputs", ["outputs: [{joint: crank}, {wrench: tool}]\n", pytest.param("", marks=pytest.mark.slow)]
+)
 def test_numbers_in_place_of_closed_forms(outputs: str) -> None:
     mechanism = read(TILTED + outputs)
     closed, numbers = ec.base_parameters(mechanism), ec.base_parameters(mechanism, budget=0)

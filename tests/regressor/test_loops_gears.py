@@ -48,13 +48,13 @@ def rank_in_pinocchio(mechanism: ec.Mechanism) -> int:
 @pytest.mark.parametrize(
     ("ratio", "symbols", "place", "rank"),
     [
-        ("2*rocker", "n: 1", OUTSIDE, 10),
+        pytest.param("2*rocker", "n: 1", OUTSIDE, 10, marks=pytest.mark.slow),
         ("1/2*rocker", "n: 1", OUTSIDE, 10),
         ("-50.7*rocker", "n: 1", OUTSIDE, 10),
         ("n*rocker", "n: 3/4", OUTSIDE, 10),
         ("(n + 1)*rocker", "n: -2.5", OUTSIDE, 10),
         ("n*crank", "n: -2", INSIDE, 11),
-        ("n*crank", "n: 1/2", INSIDE, 11),
+        pytest.param("n*crank", "n: 1/2", INSIDE, 11, marks=pytest.mark.slow),
         ("-n*crank + rocker", "n: 1/2", INSIDE, 11),
     ],
 )

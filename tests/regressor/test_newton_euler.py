@@ -17,14 +17,18 @@ from echelon.regressor.virtual_power import virtual_power_form
 from support.float_regressor import FloatArray, float_regressor, random_states, standard_vector
 from support.random_mechanisms import mechanisms
 from support.robot_files import pinocchio_model, pinocchio_state, robot_file
+from support.selection import slow_unless
 
 ROBOTS = ("ur10_robot", "panda", "so100", "a1", "z1", "kinova", "romeo", "talos_full_v2", "icub", "g1_29dof_rev_1_0")
 # joints that are continuous or prismatic, beside kinova's and panda's
 ROBOTS += ("baxter", "pr2", "tiago")
 
 
+LARGE = {"romeo", "talos_full_v2", "icub", "pr2", "tiago"}
+
+
 @pytest.mark.parametrize("floating", [False, True])
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", slow_unless(lambda name: name not in LARGE, ROBOTS))
 def test_torques_equal_pinocchio(name: str, floating: bool) -> None:
     file = robot_file(name)
     # nothing is snapped, so both programs see the numbers of the file

@@ -26,7 +26,7 @@ log: {time: t, position: "q{n}", output: "tau{n}"}
 excitation:
   duration: 3
   harmonics: 2
-  starts: 2
+  starts: 1
   iterations: 30
   limits: {position: [-2, 2], velocity: 3, acceleration: 20, jerk: 400, effort: {j1: 12, j2: 5}}
   frames: [{body: j2, point: [0.3, 0, 0], box: {x: [-0.55, none]}}]

@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import TypeVar
+from typing import Any
 
 import pytest
 
-T = TypeVar("T")
 
-
-def slow_unless(quick: Callable[[T], bool] | Iterable[T], cases: Iterable[T]) -> list[object]:
+def slow_unless(quick: Callable[[Any], bool] | Iterable[Any], cases: Iterable[Any]) -> list[Any]:
     """Cases with the mark ``slow`` on those that are not among the quick ones."""
     if not callable(quick):
         quick = frozenset(quick).__contains__
-    return [case if quick(case) else pytest.param(case, marks=pytest.mark.slow) for case in cases]
+    return [case if quick(case) else _slow(case) for case in cases]
+
+
+def one_in(step: int, cases: Iterable[Any]) -> list[Any]:
+    """Cases of which the first of every few is quick."""
+    return [_slow(case) if k % step else case for k, case in enumerate(cases)]
+
+
+def _slow(case: Any) -> Any:
+    if hasattr(case, "marks"):
+        return pytest.param(*case.values, id=case.id, marks=[*case.marks, pytest.mark.slow])
+    return pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow)
