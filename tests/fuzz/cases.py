@@ -46,9 +46,9 @@ def import_all() -> None:
     """Whatever commands need, so that no child has to."""
     import echelon
 
-    others = ("mcap.reader", "mujoco", "pyarrow.csv", "pyarrow.parquet", "rosbags.rosbag2", "rosbags.typesys", "sympy")
+    others = ("mcap.reader", "mujoco", "pyarrow.csv", "pyarrow.parquet", "rosbags.rosbag1", "rosbags.rosbag2")
     ours = (found.name for found in pkgutil.walk_packages(echelon.__path__, "echelon."))
-    for name in (*others, "scipy.interpolate", "scipy.io", *ours):
+    for name in (*others, "rosbags.typesys", "sympy", "h5py", "scipy.interpolate", "scipy.io", *ours):
         with suppress(ImportError):  # such as what needs an extra
             import_module(name)
 

@@ -29,7 +29,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "claims": ("audit {setup} {file}",),
     "values": ("generate {base} -o {out} --parameters {file} --target python",),
     "trajectory": ("motion {file}", "motion {file}", "check-trajectory {setup} {file}"),
-    "log": ("read {file}", "read {file}", "identify {setup} {file} --target none", "predict {model} {file}"),
+    "log": ("read {file}", "setup {robot} {file}", "identify {setup} {file} --target none", "predict {model} {file}"),
 }  # fmt: skip
 
 
@@ -44,6 +44,7 @@ def command(kind: str, file: Path, material: Material, rng: Random) -> list[str]
         "setup": folder / "setup.yaml",
         "motion": folder / "motion.json",
         "base": folder / "base.json",
+        "robot": folder / "robot.yaml",
         "model": folder / "model.json",
     }
     return [word.format(**places) for word in rng.choice(known).split()]

@@ -180,6 +180,27 @@ def _mat(material: Material, rng: Random, folder: Path) -> Path:
     return _written(folder / "run.mat", stream.getvalue(), rng, 0.8)
 
 
+def _hdf5(material: Material, rng: Random, folder: Path) -> Path:
+    """Data sets in groups; or, with conventions of MATLAB's own, a MAT file of version 7.3."""
+    import h5py
+
+    matlab, stream = rng.random() < 0.4, io.BytesIO()
+    with h5py.File(stream, "w", userblock_size=512 if matlab else 0) as file:
+        for name, values in _columns(material, rng).items():
+            place = rng.choice(("", "", "log/")) + (name.strip("/.")[:60] or "x")
+            with suppress(TypeError, ValueError, OSError):  # texts, dates, names that are taken
+                data = np.atleast_1d(values)
+                found = file.create_dataset(place, data=data.T, compression=rng.choice((None, "gzip")))
+                found.attrs["MATLAB_class"] = np.bytes_(rng.choice(("double",) * 5 + ("char", "struct")))
+        if rng.random() < 0.3:
+            cells = file.create_dataset("cells", (rng.choice((1, 2, 300)),), dtype=h5py.ref_dtype)
+            cells[0] = file.ref
+    content = bytearray(stream.getvalue())
+    if matlab:
+        content[:26] = b"MATLAB 7.3 MAT-file, fuzz "
+    return _written(folder / ("run.mat" if matlab else "run.h5"), bytes(content), rng, 0.7)
+
+
 def _states(material: Material) -> list[dict[str, Any]]:
     log = material.log
     return [
@@ -245,6 +266,27 @@ def _bag(material: Material, rng: Random, folder: Path) -> Path:
     return path if rng.random() < 0.7 else database
 
 
+def _first_bag(material: Material, rng: Random, folder: Path) -> Path:
+    """A bag of ROS 1, packed or not."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types, kind, path = store.types, "sensor_msgs/msg/JointState", folder / "run.bag"
+    writer = Writer(path)
+    if rng.random() < 0.6:
+        writer.set_compression(rng.choice(list(Writer.CompressionFormat)))
+    with writer:
+        connection = writer.add_connection("/joint_states", kind, typestore=store)
+        for k, state in enumerate(_states(material)[:8]):
+            stamp = types["builtin_interfaces/msg/Time"](**state["header"]["stamp"])
+            header = types["std_msgs/msg/Header"](seq=k, stamp=stamp, frame_id="base")
+            q, tau = np.array(state["position"]), np.array(state["effort"])
+            data = bytes(store.serialize_ros1(types[kind](header, state["name"], q, np.zeros(0), tau), kind))
+            writer.write(connection, _START, changed_bytes(data, rng) if rng.random() < 0.1 else data)
+    return _written(path, path.read_bytes(), rng, 0.8)
+
+
 def _change_rows(database: Path, rng: Random) -> None:
     columns = [("topics", "name"), ("topics", "type"), ("topics", "offered_qos_profiles"), ("messages", "timestamp")]
     columns += [("message_definitions", "encoded_message_definition"), ("messages", "topic_id"), ("messages", "data")]
@@ -296,6 +338,8 @@ FORMATS: dict[str, Maker] = {
     "Parquet log": _parquet,
     "NumPy log": _npz,
     "MAT log": _mat,
+    "HDF5 log": _hdf5,
     "MCAP log": _mcap,
     "ROS bag": _bag,
+    "ROS 1 bag": _first_bag,
 }

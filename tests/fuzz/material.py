@@ -99,6 +99,7 @@ def make(folder: Path) -> Material:
     from echelon.results.saved import to_json
 
     (folder / "setup.yaml").write_text(SETUP, encoding="utf-8")
+    (folder / "robot.yaml").write_text(SETUP.split("log:")[0], encoding="utf-8")
     robot = ec.load(folder / "setup.yaml")
     base = ec.base_parameters(robot)
     log = _log(base)

@@ -13,6 +13,7 @@ from echelon.formats.robot_file import load
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.faults.plausibility import check_plausible, surplus_columns
 from echelon.logs.recording import Recording
+from support.column_maps import channels
 from support.faulty_logs import ARM, RATE, changed, clean
 
 GRIPPER = load("examples/gripper_coupled.yaml")
@@ -100,3 +101,6 @@ def test_a_log_with_more_joints() -> None:
     (found,) = surplus_columns(used, names)
     assert "'q_rad_7' beside the 6 columns" in found.text
     assert not surplus_columns(used, names[:7])
+    # columns without names: those of other quantities, mapped or not, are no joints
+    numbered = ColumnMap(positions=channels("{n}", ["a", "b"]), outputs=channels("{n}0", ["a", "b"]))
+    assert not surplus_columns(numbered, [str(k) for k in range(12)])

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, locating
-from echelon.hints import nearest_of
+from echelon.hints import nearest_of, nearest_word
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.columns.gear_sides import check_names, joint_coordinates, measured_outputs
 from echelon.logs.columns.quantities import units
@@ -149,9 +149,14 @@ def needed_columns(columns: ColumnMap, names: Sequence[str] = ()) -> tuple[str, 
     channels = [*time, *(channel for group in columns.channels.values() for channel in group.values())]
     found = list(dict.fromkeys(channel.column for channel in channels))
     if names:
-        strange = next((name for name in found if name not in names), None)
-        if strange is not None:
-            raise InputError(f"there is no column '{strange}'{nearest_of(strange, names)}")
+        strange = [name for name in found if name not in names]
+        if len(strange) == 1:
+            raise InputError(f"there is no column '{strange[0]}'{nearest_of(strange[0], names)}")
+        if strange:
+            near = {name: nearest_word(name, names) for name in strange}
+            guesses = (f"'{name}'" + (f" ('{near[name]}'?)" if near[name] else "") for name in strange)
+            raise InputError(f"there are no columns {listed(guesses)}: in brackets the nearest ones the log has, of "
+                             f"{listed(names)}")  # fmt: skip
         if columns.time is None and columns.rate is None:
             found += [name for name in time_candidates(names) if name not in found]
     return tuple(found)
