@@ -2,8 +2,8 @@
 
 A family has a column for every coordinate.  Positions are the family whose derivative another one is: velocities are
 integrated over windows instead of differentiating positions, so that noise and resolution count for little.  Without
-velocities, positions are much smoother than what is measured of forces.  What follows the positions but is not the
-first such family is their reference, and what is left are outputs, if it is one family.
+velocities, positions are much smoother than what is measured of forces.  Of two that follow one another the smoother
+one is the reference, and what is left are outputs, if it is one family.
 """
 
 from __future__ import annotations
@@ -21,6 +21,9 @@ _WINDOWS = 200
 _FOLLOWS = 0.9
 """Correlation from which on one family is the derivative of another."""
 _SAME = 0.98
+_SCALES = np.array([1.0, 180 / np.pi, np.pi / 180, 1e3, 1e-3])
+"""Sizes of a reference in units of those of the positions: both may be in other units."""
+_NEAR = 0.1
 _SMOOTHER = 1.5
 """Ratio of the steps of two families, in units of their spread, from which on one is smoother than the other."""
 _FORWARD = 0.999
@@ -129,8 +132,10 @@ def classified(
         root = roots[0] if roots else _smoothest(values)
         if root not in left:
             return {}
-        kinds["position"] = root
-        left.remove(root)
+        # what was measured is less smooth than what was asked for
+        like = [root, *(k for k in left if k != root and _alike(values[root], values[k]))]
+        kinds["position"] = max(like, key=lambda k: _bent(values[k]))
+        left.remove(kinds["position"])
     for kind, of in (("velocity", "position"), ("acceleration", "velocity")):
         children = [k for k in left if of in kinds and derived[kinds[of], k]]
         kinds |= {kind: children[0]} if children and kind not in kinds else {}
@@ -163,7 +168,13 @@ def _follows(lower: Floats, upper: Floats, step: Floats) -> bool:
 
 
 def _alike(first: Floats, second: Floats) -> bool:
-    return _share(first - first.mean(axis=0), second - second.mean(axis=0), _SAME) > 0.5
+    """Whether most columns are the same but for their unit; forces may follow positions, but are of another size."""
+    centred = first - first.mean(axis=0), second - second.mean(axis=0)
+    sizes = centred[0].std(axis=0), centred[1].std(axis=0)
+    moves = (sizes[0] > 0) & (sizes[1] > 0)
+    ratios = sizes[1][moves] / sizes[0][moves]
+    units = np.any(np.abs(ratios[:, None] / _SCALES - 1) < _NEAR, axis=1)
+    return _share(*centred, _SAME) > 0.5 and float(np.mean(units)) > 0.5
 
 
 def _share(a: Floats, b: Floats, least: float = _FOLLOWS) -> float:
@@ -177,14 +188,20 @@ def _share(a: Floats, b: Floats, least: float = _FOLLOWS) -> float:
     return float(np.mean(likeness > least))
 
 
+def _bent(values: Floats) -> float:
+    """Second differences of a family in units of its spread."""
+    spread = values.std(axis=0)
+    bends = np.sqrt(np.mean(np.diff(values, 2, axis=0) ** 2, axis=0))
+    return float(np.median(bends[spread > 0] / spread[spread > 0])) if (spread > 0).any() else 0.0
+
+
 def _smoothest(values: Sequence[Floats]) -> int | None:
-    """The family that is clearly smoother than all others."""
+    """The family that is clearly smoother than all others but its like."""
     rough = []
     for some in values:
         spread = some.std(axis=0)
         steps = np.sqrt(np.mean(np.diff(some, axis=0) ** 2, axis=0))
         rough.append(float(np.median(steps[spread > 0] / spread[spread > 0])) if (spread > 0).any() else np.inf)
-    order = np.argsort(rough)
-    if len(order) < 2 or not rough[order[1]] > _SMOOTHER * rough[order[0]]:
-        return None
-    return int(order[0])
+    first, *others = (int(k) for k in np.argsort(rough))
+    rivals = [k for k in others if not _alike(values[first], values[k])]
+    return first if rivals and rough[rivals[0]] > _SMOOTHER * rough[first] else None
