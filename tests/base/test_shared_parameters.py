@@ -208,9 +208,3 @@ def test_contradicting_inertial_values_are_refused() -> None:
 def test_what_cannot_be_shared_is_refused(change: tuple[str, str], message: str) -> None:
     with pytest.raises(ec.InputError, match=message):
         read(shared.PENDULUM.replace(*change))
-
-
-def test_shared_bodies_are_not_matched() -> None:
-    base = ec.base_parameters(model("two links"))
-    with pytest.raises(ec.InputError, match="bodies one, two: share their parameters, which cannot be matched"):
-        ec.match(base, base)
