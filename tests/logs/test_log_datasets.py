@@ -69,6 +69,17 @@ def test_every_episode_of_a_dataset_is_a_log(version: str, names: Any, tmp_path:
         open_log(folder / "episode_000007")
 
 
+def test_a_damaged_dataset_is_one_clear_error(tmp_path: Path) -> None:
+    folder = dataset(tmp_path / "pick", "v3.0")
+    (file,) = (folder / "data").rglob("*.parquet")
+    pq.write_table(pa.table({"action": [1.0]}), file)
+    with pytest.raises(InputError, match="pick: cannot be read as a LeRobot dataset"):
+        log_paths(folder)
+    file.unlink()
+    with pytest.raises(InputError, match="without data"):
+        log_paths(folder)
+
+
 def test_entries_without_names_are_numbered(tmp_path: Path) -> None:
     assert "action[1]" in open_log(log_paths(dataset(tmp_path / "pick", "v2.1", ["x", "x"]))[0]).names
 
@@ -85,10 +96,11 @@ FLAT = {"t": T, "q[0]": Q[:, 0], "q[1]": Q[:, 1]}
         FLAT,
         pd.DataFrame(FLAT),
         pl.DataFrame(FLAT),
+        pa.table(FLAT),
         pl.DataFrame({"t": T, "q": Q}),
         pd.DataFrame({"t": T, "q": list(Q)}),
     ],
-    ids=["dict", "rows across", "flat", "pandas", "polars", "polars of vectors", "pandas of vectors"],
+    ids=["dict", "rows across", "flat", "pandas", "polars", "pyarrow", "polars of vectors", "pandas of vectors"],
 )
 def test_samples_in_memory_are_logs(samples: Any) -> None:
     (log,) = log_paths(samples)

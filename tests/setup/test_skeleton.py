@@ -102,6 +102,14 @@ def test_currents_are_taken_for_torques_and_said_to_be(motion: Motion, tmp_path:
     assert "give the torque per ampere as scale" in " ".join(text.replace("#", "").split())
 
 
+def test_gears_that_a_urdf_states_are_offered(motion: Motion, tmp_path: Path) -> None:
+    gear = """<transmission name="t"><joint name="elbow_joint"/><actuator name="motor2">
+    <mechanicalReduction>100</mechanicalReduction></actuator></transmission></robot>"""
+    log = pd.DataFrame({"t": motion["t"], "q1": motion["q"][:, 0], "q2": motion["q"][:, 1]})
+    text = written(tmp_path, log, ARM.replace("</robot>", gear))
+    assert "\n# actuators: {motor2: 100*elbow_joint}\n" in text
+
+
 def test_a_description_gets_a_section(motion: Motion, tmp_path: Path) -> None:
     log = pd.DataFrame({"t": motion["t"], "q1": motion["q"][:, 0], "q2": motion["q"][:, 1]})
     log["tau1"], log["tau2"] = motion["tau"].T

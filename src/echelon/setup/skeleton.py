@@ -111,7 +111,23 @@ def _body(file: RobotFile, mechanism: Mechanism, found: Guess, log: LogFile, fol
     source = Path(file.source)
     path = os.path.relpath(source.absolute(), folder.absolute()) if source.is_file() else str(source)
     head = [dump_flow({key: value}) for key, value in (("echelon", 1), ("name", mechanism.name), ("robot", path))]
-    return "\n".join([*head, _EFFECTS]) + section
+    return "\n".join([*head, *_gears(file), _EFFECTS]) + section
+
+
+def _gears(file: RobotFile) -> list[str]:
+    """The gears that a URDF states, as a comment: they matter where columns were measured at motors."""
+    ratios = {}
+    for transmission in file.root.iter("transmission") if file.root.tag == "robot" else ():
+        joints, actuators = transmission.findall("joint"), transmission.findall("actuator")
+        ratio = transmission.findtext(".//mechanicalReduction") or "1"
+        if len(joints) == len(actuators) == 1 and ratio.strip() not in ("1", "1.0"):
+            ratios[str(actuators[0].get("name"))] = f"{ratio.strip()}*{joints[0].get('name')}"
+    if not ratios:
+        return []
+    return [
+        "# gears of the robot file, for columns that were measured at the motors:",
+        f"# {dump_flow({'actuators': ratios})}",
+    ]
 
 
 def _log_section(found: Guess, mechanism: Mechanism, log: LogFile) -> str:

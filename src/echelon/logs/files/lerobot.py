@@ -15,6 +15,7 @@ from typing import Any
 from echelon.errors import InputError, MissingExtraError
 from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json
+from echelon.logs.files.log_file import decoding
 
 _EPISODE = re.compile(r"episode_(\d+)")
 
@@ -31,7 +32,7 @@ def is_episode(path: Path) -> bool:
 
 def number_of(episode: Path) -> int:
     """The number of an episode."""
-    return int(path_number[1]) if (path_number := _EPISODE.fullmatch(episode.name)) else 0
+    return int(episode.name.removeprefix("episode_"))
 
 
 def data_files(dataset: Path) -> list[Path]:
@@ -48,8 +49,9 @@ def episodes(dataset: Path) -> list[Path]:
         import pyarrow.parquet as pq
     except ImportError:
         raise MissingExtraError("pyarrow", "identify") from None
-    tables = (pq.read_table(file, columns=["episode_index"]) for file in data_files(dataset))
-    numbers = sorted({int(number) for table in tables for number in table.column(0).unique().to_pylist()})
+    with decoding(str(dataset), "a LeRobot dataset"):
+        tables = (pq.read_table(file, columns=["episode_index"]) for file in data_files(dataset))
+        numbers = sorted({int(number) for table in tables for number in table.column(0).unique().to_pylist()})
     return [dataset / f"episode_{number:06d}" for number in numbers]
 
 

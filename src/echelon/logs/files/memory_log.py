@@ -60,9 +60,11 @@ class MemoryLog(_Path):
 
 
 def _columns(samples: Any) -> dict[str, Any]:
-    """Columns of a dict, or of a data frame with what its index says of time."""
+    """Columns of a dict, of a table, or of a data frame with what its index says of time."""
     if isinstance(samples, Mapping):
         return dict(samples)
+    if hasattr(samples, "column_names"):  # a table of pyarrow
+        return {name: samples.column(name).to_numpy() for name in samples.column_names}
     columns = {str(name): samples[name].to_numpy() for name in samples.columns}
     if len(columns) < len(samples.columns):
         raise InputError("two columns of the data frame have the same name")

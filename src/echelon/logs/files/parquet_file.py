@@ -224,8 +224,9 @@ class Episode:
     def __init__(self, path: Path) -> None:
         self.source, self._number = str(path), number_of(path)
         called = entry_names(path.parent)
-        files = [ParquetFile(file) for file in data_files(path.parent)]
-        self._files = [file for file in files if self._holds(file)]
+        files = data_files(path.parent)
+        named = [file for file in files if file.stem == path.name]  # up to version 2.1
+        self._files = [ParquetFile(file) for file in named or files if named or _may_hold(file, self._number)]
         if not self._files:
             raise InputError("the dataset has no frames of this episode", source=self.source)
         own = self._files[0].names
@@ -244,10 +245,13 @@ class Episode:
                     yield Table(self.source, columns, first=first)
                     first += int(inside.sum())
 
-    def _holds(self, file: ParquetFile) -> bool:
-        return _INDEX in file.names and any(
-            (table.columns[_INDEX] == self._number).any() for table in file.tables([_INDEX])
-        )
+
+def _may_hold(file: Path, number: int) -> bool:
+    """Whether a file may hold an episode, by the bounds that its groups of rows state."""
+    about = pq.read_metadata(file)
+    place = about.schema.names.index(_INDEX)
+    groups = (about.row_group(k).column(place).statistics for k in range(about.num_row_groups))
+    return any(some is None or not some.has_min_max or some.min <= number <= some.max for some in groups)
 
 
 def _origin(head: Any) -> int:
