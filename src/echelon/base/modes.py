@@ -22,6 +22,7 @@ from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.interpolation import rational
 from echelon.exact.numbers import Rational
+from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.mechanism.mechanism import Mechanism
 from echelon.regressor.linear import LinearForms
 from echelon.regressor.loops.curves import CurveSampler
@@ -72,7 +73,7 @@ def find_modes(
         try:
             prime = PrimeField.random(rng)
             found = _keys(_relations_at_poses(rows, prime, rng, order, poses), prime)
-        except DegenerateSampleError as error:
+        except (DegenerateSampleError, UnsolvedSystemError) as error:
             failure = str(error)
             continue
         new = found - orders.keys()

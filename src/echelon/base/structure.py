@@ -19,7 +19,7 @@ import numpy as np
 from echelon.base.modes import Dependence, InMode, Mode, dependence, find_modes, in_mode
 from echelon.base.own_mode import OwnPose
 from echelon.base.rows import Rows, rows_of
-from echelon.errors import DegenerateSampleError, EchelonError, OtherModeError
+from echelon.errors import DegenerateSampleError, EchelonError, OtherModeError, SingularPoseError
 from echelon.exact.field import PrimeField
 from echelon.mechanism.joint import Joint, Motion, Step, floating_motions
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
@@ -30,7 +30,7 @@ from echelon.program.sampling import FieldSampler
 from echelon.regressor.blocks import FEW_COLUMNS
 from echelon.regressor.energy import energy_changes, energy_form
 from echelon.regressor.linear import LinearForms
-from echelon.regressor.loops.closing import check_independent, closable_as_stated
+from echelon.regressor.loops.closing import check_independent, closable_as_stated, unsolved
 
 _SURPLUS_ROWS = 8
 _ATTEMPTS, _PASSES = 8, 2
@@ -103,7 +103,10 @@ def find_structure(mechanism: Mechanism, rng: np.random.Generator) -> Structure:
     rows, accepted, order = whole.columns(remaining), None, 0
     modes: list[Mode] = []
     if mechanism.closures:
-        modes, mode = _modes(mechanism, rows, remaining, rng)
+        try:
+            modes, mode = _modes(mechanism, rows, remaining, rng)
+        except SingularPoseError as error:
+            raise SingularPoseError(unsolved(mechanism, str(error))) from None
         supports, order = mode.dependence, mode.order
         accepted = InMode(rows, mode) if len(modes) > 1 or mode.marks is None else None
     else:

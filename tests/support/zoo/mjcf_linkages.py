@@ -3,7 +3,32 @@
 from __future__ import annotations
 
 from support.zoo.case import Case
-from support.zoo.mjcf_text import INERTIA
+from support.zoo.mjcf_text import INERTIA, mjcf
+
+BARS = """<body name="a"><joint name="a" axis="0 1 0"/>INERTIA
+  <body name="b" pos="0.3 0 0.1"><joint name="b" axis="0 1 0"/>INERTIA</body></body>
+<body name="c" pos="0.5 0 0"><joint name="c" axis="0 1 0"/>INERTIA</body>"""
+RACK = '<body name="rack" pos="0 1 0"><joint name="rack" type="slide" axis="1 0 0"/>INERTIA</body>'
+TENDON = '<tendon><fixed name="t"><joint joint="rack" coef="1"/><joint joint="a" coef="-0.1"/></fixed></tendon>'
+PIN = '<connect body1="b" body2="c" anchor="0.2 0 0.15"/>'
+
+
+def delta() -> str:
+    """A Delta robot whose parallelograms are rods with pins; they hang straight down, so its arms are stuck."""
+    arms, ends, pins = "", "", ""
+    for k in range(3):
+        rods, sites = "", ""
+        for s, y in ((f"r{k}", 0.05), (f"l{k}", -0.05)):
+            inner = f'<joint name="{s}" axis="1 0 0"/>INERTIA<site name="{s}" pos="0 0 -0.4"/>'
+            rods += f'<body name="{s}" pos="0 {y} 0">{inner}</body>'
+            sites += f'<site name="{s}end" pos="0.32 {y} 0"/>'
+            pins += f'<connect site1="{s}" site2="{s}end"/>'
+        bar = f'<body name="bar{k}" pos="0.2 0 0"><joint name="bar{k}" axis="0 1 0"/>INERTIA{rods}</body>'
+        arm = f'<body name="arm{k}" pos="0.12 0 0"><joint name="arm{k}" axis="0 1 0"/>INERTIA{bar}</body>'
+        arms += f'<body euler="0 0 {120 * k}">{arm}</body>'
+        ends += f'<body euler="0 0 {120 * k}">{sites}</body>'
+    return mjcf(f'{arms}<body name="top" pos="0 0 -0.4"><freejoint/>INERTIA{ends}</body>', pins, "arm0 arm1 arm2")
+
 
 MJCF_LINKAGES = {
     "rod, connects at both ends": Case(
@@ -97,4 +122,13 @@ MJCF_LINKAGES = {
    <connect body1="s2" body2="top" anchor="-0.4 0 0.3"/></equality><actuator><motor joint="up"/></actuator></mujoco>
 """.replace("INERTIA", INERTIA),
     ),
+    "four bar that moves a rack by a joint equality": Case(
+        1, 8, mjcf(BARS + RACK, PIN + '<joint joint1="a" joint2="rack" polycoef="0 10 0 0 0"/>')
+    ),
+    "four bar that moves a rack by a tendon": Case(
+        1,
+        8,
+        mjcf(BARS + RACK, PIN + '<tendon tendon1="t"/>').replace("<equality>", f"{TENDON}<equality>"),
+    ),
+    "delta connect mjcf": Case(3, 37, delta(), slow=True),
 }

@@ -104,12 +104,17 @@ def _joints(spec: Any, tendon: str, source: str, where: str) -> dict[str, Polyno
 
 
 def resolve(
-    relations: Sequence[Relation], reference: Mapping[str, Rational], driven: Collection[str], source: str
+    relations: Sequence[Relation],
+    reference: Mapping[str, Rational],
+    driven: Collection[str],
+    source: str,
+    sliding: Collection[str] = (),
 ) -> tuple[dict[str, Rational], tuple[StatedCoupling, ...], list[str]]:
     """Sort relations into joints that cannot move and joints that follow others.
 
     Where a joint equality's own joint follows already, or of the joints of a tendon, the last one that no actuator
-    drives follows the others, if none follows it by a nonlinear function.
+    drives follows the others, if none follows it by a nonlinear function.  With loops, those that slide come first, as
+    what turns must not follow them.
     """
 
     def error(element: str, problem: str) -> InputError:
@@ -124,8 +129,9 @@ def resolve(
         free = [name for name, function in left.terms.items() if function.ratio is not None]
         if free:
             bent = {n for other in known.values() for n, function in other.terms.items() if function.ratio is None}
-            last = max(free, key=lambda name: (name not in bent, order.index(name)))
-            wanted = relation.dependent if relation.dependent in free else last
+            last = max(free, key=lambda name: (name not in bent, name in sliding, order.index(name)))
+            as_stated = relation.dependent in free and (relation.dependent in sliding or last not in sliding)
+            wanted = relation.dependent if as_stated else last
             coupling = _solved(left, wanted)
             for name in [name for name, other in known.items() if wanted in other.terms]:
                 known[name] = substituted(known[name], {wanted: coupling}, error)

@@ -95,11 +95,11 @@ def _read(document: MjcfDocument, mimics: bool) -> LiteralTree:
     relations = [relation for relation in relations if mimics or len(relation.terms) == 1]
     driven, keyframes = driven_joints(spec), read_keyframes(spec)
     reader = _Reader(compile_spec(spec, document), source)
-    held, couplings, found = resolve(relations, reader.reference, driven, source)
+    loops = [equality for equality in equalities if equality not in couples]
+    held, couplings, found = resolve(relations, reader.reference, driven, source, slides(spec) if loops else ())
     notes += found
     notes += [f"joint '{name}' is held by an equality and cannot move" for name in held]
     model = reader.model
-    loops = [equality for equality in equalities if equality not in couples]
     weightless = model.opt.disableflags & import_mujoco().mjtDisableBit.mjDSBL_GRAVITY
     gravity: Triple = (0, 0, 0) if weightless else exact_triple(model.opt.gravity)
     return LiteralTree(
@@ -230,6 +230,11 @@ _BALL = ("w", "x", "y", "z")
 def driven_joints(spec: Any) -> tuple[str, ...]:
     """Names of the joints that actuators drive directly."""
     return tuple(dict.fromkeys(str(actuator.target) for actuator in spec.actuators if drives_joint(actuator)))
+
+
+def slides(spec: Any) -> list[str]:
+    """Names of the joints that slide."""
+    return [str(joint.name) for joint in spec.joints if joint.type == import_mujoco().mjtJoint.mjJNT_SLIDE]
 
 
 def read_poses(model: Any, keyframes: Mapping[str, Sequence[float]]) -> dict[str, dict[str, float]]:

@@ -127,6 +127,14 @@ class ClosedMotion:
         free: Floats = turned[(singular > RANK_TOLERANCE * singular.max(initial=0.0)).sum() :].T
         return free
 
+    def determined(self, q: Floats) -> Floats:
+        """The smallest singular value of the equations for the dependent velocities, about the largest, shape (N,)."""
+        if not self._dependent:
+            return np.ones(len(q))
+        singular = np.linalg.svd(self.closures.at(q)[1][:, :, self._dependent], compute_uv=False)
+        smallest: Floats = singular[:, len(self._dependent) - 1] / singular[:, 0]
+        return smallest
+
     def velocities(self, q: Floats, qd_independent: Floats) -> Floats:
         """Velocities of all coordinates, (N, velocities), from those of the independent ones, (N, independent)."""
         return self._completed(q, qd_independent, np.zeros(len(self.closures.owners)))

@@ -130,11 +130,16 @@ class _Real:
 
     def independent(self, first: Sequence[str]) -> tuple[str, ...]:
         """Coordinates that the others depend on; see :func:`independent_coordinates`."""
+        chosen, here = self._chosen(self.velocities, first), self.assembly.free_velocities(self.assembly.pose)
+        columns = [self.mechanism.velocities.index(name) for name in chosen]
+        if not first and here.shape[1] == self.mobility and _rank(here, _INDEPENDENT[-1], columns) < self.mobility:
+            return self._chosen(here, first)  # arms of a Delta robot do not move it where all its rods are parallel
+        return chosen
+
+    def _chosen(self, velocities: Floats, first: Sequence[str]) -> tuple[str, ...]:
         chosen: tuple[str, ...] = ()
         for threshold in _INDEPENDENT:  # what hardly moves on its own only if nothing else does
-            chosen = independent_coordinates(
-                self.mechanism, partial(_rank, self.velocities, threshold), first, self.velocities
-            )
+            chosen = independent_coordinates(self.mechanism, partial(_rank, velocities, threshold), first, velocities)
             if len(chosen) == self.mobility:
                 break
         return chosen
@@ -187,7 +192,7 @@ def _at(mechanism: Mechanism, pose: Floats) -> Mechanism:
     try:
         return closed_exactly(mechanism, pose)
     except ValueError as error:
-        raise InputError(_unsolved(mechanism, str(error))) from None
+        raise InputError(unsolved(mechanism, str(error))) from None
 
 
 def _in_numbers(mechanism: Mechanism, _: _Real) -> Mechanism:
@@ -211,8 +216,8 @@ def _jacobian(mechanism: Mechanism, work: float = inf) -> tuple[PrimeField, Resi
         except ShakyPoseError:
             raise InputError(_shaky(mechanism)) from None
         except (SingularPoseError, UnsolvedSystemError) as error:
-            raise InputError(_unsolved(mechanism, str(error))) from None
-    raise InputError(_unsolved(mechanism, "the equations have no solution at random points"))
+            raise InputError(unsolved(mechanism, str(error))) from None
+    raise InputError(unsolved(mechanism, "the equations have no solution at random points"))
 
 
 def _rigid(mechanism: Mechanism, assembly: Assembly) -> str:
@@ -236,7 +241,8 @@ def _shaky(mechanism: Mechanism) -> str:
     )
 
 
-def _unsolved(mechanism: Mechanism, reason: str) -> str:
+def unsolved(mechanism: Mechanism, reason: str) -> str:
+    """That no exact closed pose was found."""
     return (
         f"no exact closed pose was found for {shown_loops(mechanism)}: {reason}.  Give frames with which the loops are "
         "closed where all coordinates are zero, or at an assembly pose of multiples of 15 degrees (leave out the "

@@ -76,7 +76,10 @@ class PoseFinder:
         if self._takes_stated or self._blocks is None:
             return pose
         one = np.zeros(1, dtype=np.intp)
-        _, others = self._completed(positions, rng, one, pose.at(one), self._blocks, max(count, _LEAST_KEPT))
+        try:
+            _, others = self._completed(positions, rng, one, pose.at(one), self._blocks, max(count, _LEAST_KEPT))
+        except UnsolvedSystemError:  # links that lie upon each other leave infinitely many
+            return pose
         chosen = np.sort(rng.permutation(len(others.turns))[:count])
         return Pose(*(np.concatenate(parts) for parts in zip(pose.parts, others.at(chosen).parts, strict=True)))
 
