@@ -40,7 +40,8 @@ _LARGEST = 120
 """Base parameters beyond which physics is not asked: programmes of that size take seconds."""
 _PROGRAMMES = 12
 """Physical programmes that are solved at most."""
-_RATES = tuple(np.geomspace(0.1, 10, 41))
+_RATES = ((10.0, 31), (1.17, 9))  # how far from the best one rates are tried, and how many: coarse, then fine
+_SAME_RATE = 0.05  # relative difference from which on a rate is another one
 _ALIKE = 0.5  # cosine from which on outputs and what the prior predicts have something to do with one another
 _RIDGE = 1e-9  # of squares of columns: what the data leave open stays small
 _FLOOR = 1e-4  # of an output's spread: smaller residuals count as equal
@@ -82,6 +83,7 @@ class _Change:
 
     text: str
     positions: Floats | None = None  # shape (n, n): of position columns, without their offsets
+    velocities: Floats | None = None  # shape (n, n): of measured velocities alone
     shift: Floats | None = None  # shape (n,): added to them
     outputs: Floats | None = None  # shape (m, m)
     rate: float = 1.0  # times the rate that was taken
@@ -108,11 +110,14 @@ def rows_of(samples: Iterable[Samples]) -> States:
     return States(q, qd, qdd, y, fitted[chosen], dict(zip(names, rest.T, strict=True)))
 
 
-def culprit(base: BaseModel, samples: Iterable[Samples], columns: Sequence[ColumnMap] = ()) -> Culprit | None:
-    """The one change that restores physics and prediction, if there is one and only one."""
-    if any(len(motion.positions) != len(motion.velocities) for motion in base.mechanism.motions):
-        return None  # a quaternion has no column of its own
-    return _Search(base, rows_of(samples), columns[0] if columns else ColumnMap()).found()
+def culprit(
+    base: BaseModel, samples: Iterable[Samples], columns: Sequence[ColumnMap] = (), *, velocities: bool = False
+) -> Culprit | None:
+    """The one change that restores physics and prediction, if there is one and only one.
+
+    ``velocities`` says whether the samples' velocities were measured, not differentiated from positions.
+    """
+    return _Search(base, rows_of(samples), columns[0] if columns else ColumnMap(), velocities).found()
 
 
 def common_unit(observation: Observation, prior: Floats) -> Culprit | None:
@@ -132,8 +137,8 @@ def common_unit(observation: Observation, prior: Floats) -> Culprit | None:
 
 
 class _Search:
-    def __init__(self, base: BaseModel, rows: States, columns: ColumnMap) -> None:
-        self.base, self.rows, self.columns = base, rows, columns
+    def __init__(self, base: BaseModel, rows: States, columns: ColumnMap, velocities: bool) -> None:
+        self.base, self.rows, self.columns, self.velocities = base, rows, columns, velocities
         self.outputs = [output.name for output in base.mechanism.outputs]
         self.marks = _Marks(base, rows.y.shape[1])
         self._read = self.marks.products(rows)
@@ -163,7 +168,7 @@ class _Search:
             return inf
 
     def _normals(self, change: _Change) -> list[_Normal]:
-        same = change.positions is None and change.shift is None and change.rate == 1.0
+        same = change.positions is None and change.velocities is None and change.shift is None and change.rate == 1.0
         products = self._read if same else self.marks.products(self._changed(change))
         return self.marks.normals(products, change.outputs)
 
@@ -172,6 +177,8 @@ class _Search:
     def _changes(self) -> Iterator[_Change]:
         yield from self._of_outputs()
         yield from self._of_positions()
+        if self.velocities:
+            yield from self._of_velocities()
         yield from self._of_rate()
 
     def _of_outputs(self) -> Iterator[_Change]:
@@ -206,6 +213,14 @@ class _Search:
         yield _Change("all positions are in rad, not in degrees (unit: rad)", degrees(1) * np.eye(n))
         yield from self._of_gears()
 
+    def _of_velocities(self) -> Iterator[_Change]:
+        label, n = self._named("velocity", self._keys, self.columns.velocities), len(self._keys)
+        for i in range(n):
+            yield _Change(f"the sign of {label[i]} is wrong (scale: -1)", velocities=_scaled(n, i, -1.0))
+            yield _Change(f"{label[i]} is in degrees (unit: deg/s)", velocities=_scaled(n, i, radians(1)))
+        for i, j in combinations(range(n), 2):
+            yield _Change(f"{label[i]} and {label[j]} are exchanged", velocities=_exchanged(n, i, j))
+
     def _of_gears(self) -> Iterator[_Change]:
         """Positions or outputs that are on the other side of the gears."""
         if not self.base.mechanism.actuators:
@@ -214,33 +229,54 @@ class _Search:
         if set(driven) != set(self.names) or len(T) != len(self.names):
             return
         ratios = T[:, [driven.index(name) for name in self.names]]
-        behind = "the joints' side, not on the motors'"
-        ahead = "the motors' side, not on the joints'"
+        behind = "the joints' side of the gears, not on the motors'"
+        ahead = "the motors' side of the gears, not on the joints'"
         P = np.linalg.inv(self._channels)
+        for i, j in zip(*np.nonzero(ratios), strict=True):
+            yield from self._of_gear(i, self.names[j], abs(float(ratios[i, j])), (ahead, behind))
         for matrix, side in ((np.linalg.inv(ratios), ahead), (ratios, behind)):
-            yield _Change(f"positions are on {side} of the gears", self._channels @ matrix @ P)
+            yield _Change(f"positions are on {side}", self._channels @ matrix @ P)
             if len(self.outputs) == len(ratios):
                 forces = np.linalg.inv(matrix).T
-                yield _Change(f"outputs are on {side} of the gears", outputs=forces)
+                yield _Change(f"outputs are on {side}", outputs=forces)
+
+    def _of_gear(self, drive: int, joint: str, ratio: float, sides: tuple[str, str]) -> Iterator[_Change]:
+        """One column on the other side of one gear."""
+        names = (self.base.mechanism.actuators[drive].name, joint)
+        for name in names:
+            for factor, side in ((1 / ratio, sides[0]), (ratio, sides[1])):
+                if name in self.outputs:
+                    text = f"the output of '{name}' is on {side}"
+                    yield _Change(text, outputs=_scaled(len(self.outputs), self.outputs.index(name), 1 / factor))
+                if name in self._keys:
+                    text = f"the position of '{name}' is on {side}"
+                    yield _Change(text, _scaled(len(self._keys), self._keys.index(name), factor))
 
     def _of_rate(self) -> Iterator[_Change]:
-        stated = self.columns.rate
-        for rate in _RATES:
-            if abs(log(rate)) > 0.05:
-                words = f", {stated * rate:.4g} Hz in place of {stated:g} Hz" if stated else ""
-                yield _Change(f"the clock is wrong: the rate is about {rate:.3g} times that{words}", rate=rate)
+        """The rate that explains most, if it is not the one that was taken."""
+        rate = 1.0
+        for width, count in _RATES:
+            tried = rate * width ** np.linspace(-1, 1, count)
+            rate = min(map(float, tried), key=lambda r: self._free(_Change("", rate=r)))
+        if abs(log(rate)) > _SAME_RATE:
+            stated = self.columns.rate
+            words = f", {stated * rate:.4g} Hz in place of {stated:g} Hz" if stated else ""
+            yield _Change(f"the clock is wrong: the rate is about {rate:.3g} times that{words}", rate=rate)
 
     # -- columns -------------------------------------------------------------------------------------------------
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Coordinates that columns may be of."""
-        mechanism = self.base.mechanism
-        return (
-            mechanism.positions
-            if self.rows.q.shape[1] == len(mechanism.positions)
-            else mechanism.independent_velocities
-        )
+        """Coordinates that columns may be of: those with a velocity of their own, which quaternions have not."""
+        every, rates = self._coordinates
+        return tuple(name for name in every if name in rates)
+
+    @cached_property
+    def _coordinates(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Names of the columns of positions and of velocities."""
+        of, few = self.base.mechanism, self.base.mechanism.independent_velocities
+        whole = self.rows.q.shape[1] == len(of.positions)
+        return (of.positions if whole else few), (of.velocities if self.rows.qd.shape[1] == len(of.velocities) else few)
 
     @cached_property
     def _position_labels(self) -> list[str]:
@@ -276,8 +312,11 @@ class _Search:
 
     def _changed(self, change: _Change) -> States:
         rows = self.rows
-        if change.rate != 1.0:
-            rows = replace(rows, qd=rows.qd * change.rate, qdd=rows.qdd * change.rate**2)
+        if change.rate != 1.0:  # velocities that were measured do not depend on the clock
+            faster = 1.0 if self.velocities else change.rate
+            rows = replace(rows, qd=rows.qd * faster, qdd=rows.qdd * faster * change.rate)
+        if change.velocities is not None:
+            return self._turned(rows, self._channels.T @ change.velocities.T @ np.linalg.inv(self._channels).T)
         if change.positions is None and change.shift is None:
             return rows
         P, stated = self._channels, self.columns.positions
@@ -285,9 +324,17 @@ class _Search:
         matrix = np.eye(len(P)) if change.positions is None else change.positions
         shift = np.zeros(len(P)) if change.shift is None else change.shift
         back = np.linalg.inv(P).T
-        q = ((rows.q @ P.T - offset) @ matrix.T + offset + shift) @ back
-        whole = P.T @ matrix.T @ back
-        return replace(rows, q=q, qd=rows.qd @ whole, qdd=rows.qdd @ whole)
+        places, q = [self._coordinates[0].index(name) for name in self.names], rows.q.copy()
+        q[:, places] = ((q[:, places] @ P.T - offset) @ matrix.T + offset + shift) @ back
+        rows = replace(rows, q=q)
+        return rows if self.velocities else self._turned(rows, P.T @ matrix.T @ back)
+
+    def _turned(self, rows: States, matrix: Floats) -> States:
+        """Velocities and accelerations that belong to changed columns."""
+        places = [self._coordinates[1].index(name) for name in self.names]
+        qd, qdd = rows.qd.copy(), rows.qdd.copy()
+        qd[:, places], qdd[:, places] = qd[:, places] @ matrix, qdd[:, places] @ matrix
+        return replace(rows, qd=qd, qdd=qdd)
 
 
 def _scaled(size: int, place: int, factor: float) -> Floats:

@@ -1,0 +1,131 @@
+"""Which single mistake in a set-up explains contradictions: planted ones are named, none is where all is right."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+
+from echelon.base.model import BaseModel
+from echelon.identification.culprit import common_unit, culprit
+from echelon.identification.rows.rows import ModelRows
+from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.recording import Samples
+from support.simulated_models import Floats
+from support.simulated_systems import SYSTEMS, motion_of
+
+Plant = Callable[[Samples], Samples]
+EVERY = 4
+"""One sample of so many is enough."""
+
+
+@cache
+def case(name: str) -> tuple[BaseModel, Samples, Floats]:
+    """A system's base parameters, noisy samples of a motion, and true standard parameters."""
+    system, motion = SYSTEMS[name], motion_of(SYSTEMS[name])
+    with TemporaryDirectory() as folder:
+        base, truth = system.truth(Path(folder))
+    rng = np.random.default_rng(3)
+    y = motion.y + np.array(system.noise) * rng.standard_normal(motion.y.shape)
+    samples = system.samples(replace(motion, y=y).every(EVERY))
+    return base, samples, truth
+
+
+def by(values: Floats, place: int, factor: float = -1.0) -> Floats:
+    return values * np.where(np.arange(values.shape[1]) == place, factor, 1.0)
+
+
+def exchanged(values: Floats, i: int, j: int) -> Floats:
+    order = list(range(values.shape[1]))
+    order[i], order[j] = j, i
+    return values[:, order]
+
+
+def states(change: Callable[[Floats], Floats]) -> Plant:
+    """A change of position columns, which velocities and accelerations follow."""
+    return lambda s: replace(s, q=change(s.q), qd=change(s.qd), qdd=change(s.qdd))
+
+
+def outputs(change: Callable[[Floats], Floats]) -> Plant:
+    return lambda s: replace(s, y=change(s.y))  # type: ignore[arg-type]
+
+
+def clock(factor: float) -> Plant:
+    return lambda s: replace(s, qd=s.qd * factor, qdd=s.qdd * factor**2)
+
+
+PLANTED: dict[str, tuple[str, Plant, str]] = {
+    "sign of a torque": ("arm", outputs(lambda y: by(y, 4)), "the sign of the output of 'j5' is wrong"),
+    "sign of a position": ("arm", states(lambda q: by(q, 3)), "the sign of the position of 'j4' is wrong"),
+    "a joint that turns back": (
+        "arm",
+        lambda s: states(lambda q: by(q, 1))(outputs(lambda y: by(y, 1))(s)),
+        "'j2' turns the other way",
+    ),
+    "exchanged torques": ("arm", outputs(lambda y: exchanged(y, 1, 2)), "'j2' and the output of 'j3' are exchanged"),
+    "exchanged positions": ("arm", states(lambda q: exchanged(q, 0, 4)), "'j1' and the position of 'j5' are exchanged"),
+    "degrees": ("arm", states(lambda q: by(q, 2, 180 / np.pi)), "the position of 'j3' is in degrees"),
+    "zero": ("arm", lambda s: replace(s, q=s.q - np.eye(5)[2] * np.pi / 2), "zero of the position of 'j3'"),
+    "unit of a torque": ("arm", outputs(lambda y: by(y, 2, 1e3)), "the output of 'j3' is in mN·m"),
+    "rate": ("arm", clock(0.5), "the rate is about 2 times"),
+    "side of a gear": ("motor side", outputs(lambda y: by(y, 2, 40.0)), "the output of 'm3' is on the joints' side"),
+    "sign of a motor": ("motor side", outputs(lambda y: by(y, 3)), "the sign of the output of 'm4' is wrong"),
+    "loops": ("five-bar", outputs(lambda y: y[:, ::-1]), "are exchanged"),
+    "floating": ("floating", outputs(lambda y: by(y, 7)), "the sign of the output of 'left2' is wrong"),
+}
+
+
+@pytest.mark.parametrize("name", PLANTED)
+def test_planted_mistakes_are_named(name: str) -> None:
+    system, plant, words = PLANTED[name]
+    base, samples, _ = case(system)
+    found = culprit(base, [plant(samples)])
+    assert found is not None
+    assert words in found.text
+    assert found.after < 0.75 * found.before
+
+
+SLOWER = ("floating", "five-bar", "wrist sensor")
+
+
+@pytest.mark.parametrize("system", [pytest.param(s, marks=[pytest.mark.slow] * (s in SLOWER)) for s in SYSTEMS])
+def test_nothing_is_named_where_all_is_right(system: str) -> None:
+    base, samples, _ = case(system)
+    assert culprit(base, [samples]) is None
+
+
+def test_measured_velocities_have_mistakes_of_their_own() -> None:
+    base, samples, _ = case("arm")
+    found = culprit(base, [replace(samples, qd=by(samples.qd, 1), qdd=by(samples.qdd, 1))], velocities=True)
+    assert found is not None
+    assert "the sign of the velocity of 'j2' is wrong" in found.text
+    found = culprit(base, [replace(samples, q=by(samples.q, 1))], velocities=True)
+    assert found is not None
+    assert "the sign of the position of 'j2' is wrong" in found.text
+
+
+def test_columns_are_named_and_their_offsets_stay() -> None:
+    base, samples, _ = case("arm")
+    positions = {f"j{k}": Channel(f"enc{k}", offset=0.4 * (k == 2)) for k in range(1, 6)}
+    q = samples.q.copy()
+    q[:, 1] = 0.8 - q[:, 1]  # the sign of the column, before the offset of 0.4 is added
+    wrong = replace(samples, q=q, qd=by(samples.qd, 1), qdd=by(samples.qdd, 1))
+    found = culprit(base, [wrong], [ColumnMap(positions=positions)])
+    assert found is not None
+    assert "the position of 'j2' (column 'enc2') is wrong" in found.text
+
+
+def test_a_unit_that_all_outputs_share_is_told_by_the_prior() -> None:
+    base, samples, truth = case("arm")
+    right = ModelRows.of(base, [samples]).observation()
+    wrong = ModelRows.of(base, [replace(samples, y=1e3 * samples.y)]).observation()  # type: ignore[operator]
+    prior = 1.4 * base.values(truth)
+    assert common_unit(right, prior) is None
+    found = common_unit(wrong, prior)
+    assert found is not None
+    assert "all outputs are in mN·m" in found.text
