@@ -43,7 +43,7 @@ def fitted(
     rng = np.random.default_rng(seed)
     arm = servo_arms.servo_arm(urdf, rng)
     u = servo_arms.commands(arm, seconds, rng)
-    log = servo_arms.written(folder, servo_arms.simulated(arm, u, 0.025), u)
+    log = servo_arms.written(folder, arm.names, servo_arms.simulated(arm, u, 0.025), u)
     if known:
         setup = setup.with_settings(known={"Kp1": float(arm.gains[0])})
     fit = ec.fit_servos(setup, [log])
@@ -123,7 +123,7 @@ def test_identify_finds_ratios_and_says_that_the_scale_is_the_files(tmp_path: Pa
     rng = np.random.default_rng(5)
     arm = servo_arms.servo_arm(tmp_path / "swing.urdf", rng)
     u = servo_arms.commands(arm, 16.0, rng)
-    log = servo_arms.written(tmp_path, servo_arms.simulated(arm, u), u)
+    log = servo_arms.written(tmp_path, arm.names, servo_arms.simulated(arm, u), u)
     found = run("identify", str(tmp_path / "swing.yaml"), str(log), "-o", str(tmp_path / "out"))
     assert found.returncode == 0, found.stderr
     assert "damping gains" in found.stdout

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -89,19 +90,24 @@ def simulated(arm: ServoArm, commanded: np.ndarray, delay: float = 0.0) -> np.nd
     return np.round(np.array(found) / ENCODER) * ENCODER
 
 
-def written(folder: Path, q: np.ndarray, u: np.ndarray) -> Path:
-    """A Parquet file with the columns that ``examples/logs/so101.yaml`` states."""
+def written(folder: Path, names: Sequence[str], q: np.ndarray, u: np.ndarray) -> Path:
+    """A LeRobot dataset of one episode, with the columns that ``examples/logs/so101.yaml`` states."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    columns: Mapping[str, np.ndarray] = {
+    vector = {"dtype": "float64", "shape": [len(names)], "names": [f"{name}.pos" for name in names]}
+    features = {"observation.state": vector, "action": vector}
+    (folder / "dataset" / "meta").mkdir(parents=True)
+    (folder / "dataset" / "data" / "chunk-000").mkdir(parents=True)
+    (folder / "dataset" / "meta" / "info.json").write_text(json.dumps({"fps": RATE, "features": features}))
+    table = {
+        "observation.state": np.rad2deg(q).tolist(),
+        "action": np.rad2deg(u[: len(q)]).tolist(),
         "timestamp": np.arange(len(q)) / RATE,
-        **{f"observation.state.{k}": np.rad2deg(q[:, k]) for k in range(q.shape[1])},
-        **{f"action.{k}": np.rad2deg(u[:, k]) for k in range(q.shape[1])},
+        "episode_index": np.zeros(len(q), dtype=int),
     }
-    path = folder / "episode.parquet"
-    pq.write_table(pa.table(dict(columns)), path)
-    return path
+    pq.write_table(pa.table(table), folder / "dataset" / "data" / "chunk-000" / "file-000.parquet")
+    return folder / "dataset"
 
 
 def true_standard(arm: ServoArm, mechanism: Any) -> np.ndarray:

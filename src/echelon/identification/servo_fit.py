@@ -16,10 +16,11 @@ body's own size of the file's value; what the data say more precisely replaces t
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,16 +31,14 @@ from echelon.errors import InputError
 from echelon.identification.correlation import CorrelationSums
 from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.servo_motion import ServoMotion, Windows, smooth
-from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import Finding
 from echelon.logs.read_log import read_log
 from echelon.logs.recording import Segment
 from echelon.machine.target import one_thread
 from echelon.mechanism.mechanism import Mechanism
+from echelon.setup.logs import with_logs
 from echelon.setup.setup import Setup
 from echelon.signals.derivatives import savitzky_golay
-
-Paths = Sequence[str | os.PathLike[str]]
 
 _WINDOW, _RUN_IN = 1.0, 1.0  # s
 _STEPS = 60
@@ -130,17 +129,17 @@ def servo_joints(mechanism: Mechanism) -> dict[str, str]:
     }
 
 
-def fit_servos(setup: Setup, logs: Paths, *, on_step: Callable[[str], None] | None = None) -> ServoFit:
+def fit_servos(setup: Any, logs: Any, *, on_step: Callable[[str], None] | None = None) -> ServoFit:
     """Fit servo gains, friction and base parameters to measured positions and position commands.
 
     Parameters
     ----------
-    setup : Setup
+    setup : Setup, or what load_setup takes
         A robot with a ``servo`` effect at every joint, whose logs have the commanded positions as inputs.  The fit
         starts from its values, or those of ``prior``; ``settings.known`` fixes parameters, and ``settings.holdout`` is
         the share of each stretch that validates.
-    logs : sequence of path
-        A directory stands for all logs in it.
+    logs : path, dict of arrays, data frame, or several of them
+        A directory stands for all logs in it, that of a LeRobot dataset for its episodes.
     on_step : callable, optional
         Is told what is being done.
 
@@ -159,6 +158,7 @@ def fit_servos(setup: Setup, logs: Paths, *, on_step: Callable[[str], None] | No
     >>> setup = ec.load_setup("examples/logs/so101.yaml")
     >>> fit = ec.fit_servos(setup, ["episodes/"])                                               # doctest: +SKIP
     """
+    setup, paths, _ = with_logs(setup, logs)
     step, mechanism = on_step or (lambda _: None), setup.mechanism
     names = _checked_joints(mechanism)
     with one_thread():
@@ -167,7 +167,6 @@ def fit_servos(setup: Setup, logs: Paths, *, on_step: Callable[[str], None] | No
         groups = scale_groups(mechanism)
 
         step("reading the logs")
-        paths = log_paths(logs)
         segments, findings = _segments(setup, paths)
         windows, unseen = _windows(segments, setup.settings.holdout)
 
@@ -327,12 +326,12 @@ def _inertial(base: BaseModel) -> Floats:
 # -- data --------------------------------------------------------------------------------------------------------------
 
 
-def _segments(setup: Setup, paths: Sequence[os.PathLike[str]]) -> tuple[tuple[Segment, ...], tuple[Finding, ...]]:
+def _segments(setup: Setup, paths: Sequence[Path]) -> tuple[tuple[Segment, ...], tuple[Finding, ...]]:
     segments: list[Segment] = []
     findings: list[Finding] = []
     names = setup.mechanism.velocities
     for path in paths:
-        for piece in read_log(str(path), setup.mechanism, setup.columns, rate=setup.preparation.rate, outputs=False):
+        for piece in read_log(path, setup.mechanism, setup.columns, rate=setup.preparation.rate, outputs=False):
             findings += piece.findings
             segments += piece.segments
             lacking = [name for name in names if any(name not in s.inputs for s in piece.segments)]
