@@ -100,7 +100,8 @@ def test_the_arm_of_many_symbols_has_closed_forms(tmp_path: Path) -> None:
     assert len(base.matrix.symbols) > 10
 
 
-@pytest.mark.parametrize("mimic", slow_unless([(3,)], [(2,), (3,)]))
+@pytest.mark.slow
+@pytest.mark.parametrize("mimic", [(2,), (3,)])
 def test_couplings(mimic: tuple[int, ...], tmp_path: Path) -> None:
     """Numbers and closed forms agree where there are both."""
     robot = load(written(odd_arm(4, "0.3 0.4 0.5", mimic=mimic), tmp_path))
@@ -201,7 +202,7 @@ def test_a_negative_budget_is_refused() -> None:
 # -- saved sets, certificates and text --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["panda", "odd"])
+@pytest.mark.parametrize("name", slow_unless(["panda"], ["panda", "odd"]))
 def test_numbers_are_saved_and_verified(name: str, tmp_path: Path) -> None:
     robot = load(EXAMPLES / "panda.yaml" if name == "panda" else written(odd_arm(3), tmp_path))
     base, file = base_parameters(robot, budget=0), tmp_path / "base.json"

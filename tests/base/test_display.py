@@ -22,6 +22,7 @@ from echelon.mechanism.mechanism import Mechanism, Symbol
 from echelon.mechanism.reading import Snap
 from support import textbook_arms as arms
 from support.paths import ROOT, TESTS
+from support.selection import one_in
 
 GOLDENS = TESTS / "goldens"
 WRITERS: dict[str, Callable[[ec.BaseModel], str]] = {
@@ -108,7 +109,7 @@ def parses(latex: str) -> bool:
     return bool(mathtext.MathTextParser("path").parse(f"${latex.replace('tfrac', 'frac')}$"))  # all but \tfrac
 
 
-@pytest.mark.parametrize("name", SHOWN)
+@pytest.mark.parametrize("name", one_in(2, SHOWN))
 def test_latex_is_understood_by_matplotlib(name: str) -> None:
     assert all(parses(expression.latex) for expression in SHOWN[name]().expressions)
 

@@ -73,6 +73,7 @@ def test_a_floating_base_with_loops_is_refused() -> None:
         task_of(setup, setup.excitation)
 
 
+@pytest.mark.slow
 def test_clearances_hold_with_loops() -> None:
     """A post that the coupler would sweep over: capsules' distances from the frames of the closed motion."""
     setup = ec.load_setup(LOOPS / "four_bar.yaml")

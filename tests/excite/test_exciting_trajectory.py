@@ -94,6 +94,7 @@ excitation:
 """
 
 
+@pytest.mark.slow
 def test_limits_of_motors_hold_through_a_transmission(tmp_path: Path) -> None:
     (tmp_path / "arm.yaml").write_text(COUPLED)
     found = design(tmp_path / "arm.yaml")

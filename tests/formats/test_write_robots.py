@@ -18,6 +18,7 @@ from echelon.formats.writers.urdf_writer import generated_urdf
 from echelon.mechanism.mechanism import Mechanism
 from support.float_regressor import float_regressor, random_states
 from support.robot_files import robot_file
+from support.selection import slow_unless
 from support.written_robots import (
     EXACT,
     assert_near,
@@ -35,7 +36,10 @@ URDFS = [
 ]
 
 
-@pytest.mark.parametrize(("name", "floating"), URDFS)
+LARGE = {"tiago", "pr2", "romeo", "talos_full_v2", "icub"}
+
+
+@pytest.mark.parametrize(("name", "floating"), slow_unless(lambda case: case[0] not in LARGE, URDFS))
 def test_written_urdf_in_pinocchio_and_read_again(name: str, floating: bool) -> None:
     file = robot_file(name)
     options = replace(EXACT, floating=floating)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from support.api_objects import OBJECTS, held, public_classes, used
+from support.selection import slow_unless
 
 SLOW_TO_USE = ("identification", "excitation")
 """Used in this process only, and not in others as well: what they hold is."""
@@ -20,7 +21,7 @@ def pickled(found: Any) -> Any:
     return pickle.loads(pickle.dumps(found))
 
 
-@pytest.mark.parametrize("copied", [pickled, deepcopy])
+@pytest.mark.parametrize("copied", slow_unless([pickled], [pickled, deepcopy]))
 @pytest.mark.parametrize("name", OBJECTS)
 def test_a_copy_says_the_same(name: str, copied: Any) -> None:
     found, said = used(name)
@@ -46,7 +47,7 @@ def _use(objects: dict[str, Any], pipe: Any) -> None:
     pipe.send({name: OBJECTS[name].use(found) for name, found in objects.items()})
 
 
-@pytest.mark.parametrize("method", multiprocessing.get_all_start_methods())
+@pytest.mark.parametrize("method", slow_unless(["spawn"], multiprocessing.get_all_start_methods()))
 def test_other_processes_use_what_was_used_here(method: str) -> None:
     objects = {name: used(name) for name in OBJECTS if name not in SLOW_TO_USE}
     context = multiprocessing.get_context(method)

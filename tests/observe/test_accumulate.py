@@ -30,7 +30,7 @@ def noisy_log(base: ec.BaseModel, count: int, seed: int = 0) -> Log:
     return log | {"y": exact + 0.01 * rng.normal(size=exact.shape)}
 
 
-@pytest.fixture(scope="module", params=["panda.yaml", "tx40.yaml", "loops/delta.yaml"])
+@pytest.fixture(scope="module", params=["panda.yaml", "tx40.yaml", "loops/four_bar.yaml"])
 def base(request: pytest.FixtureRequest) -> ec.BaseModel:
     return ec.base_parameters(ec.load(EXAMPLES / request.param))
 

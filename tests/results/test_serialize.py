@@ -24,6 +24,7 @@ from echelon.results.saved import from_json, to_json
 from echelon.results.schema import BaseModelRecord, json_schema
 from support import textbook_arms as arms
 from support.paths import ROOT
+from support.selection import one_in
 
 FOLDER = ROOT / "examples"
 EXAMPLES = [
@@ -58,7 +59,7 @@ def check_round_trip(model: ec.BaseModel) -> None:
     assert ec.verify(again).rank == model.rank
 
 
-@pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
+@pytest.mark.parametrize("file", one_in(2, EXAMPLES), ids=lambda file: file.stem)
 def test_examples(file: Path) -> None:
     check_round_trip(ec.base_parameters(ec.load(file)))
 
