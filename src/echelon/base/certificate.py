@@ -22,18 +22,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import ceil, inf, log2, log10
+from math import ceil, log2, log10
 from typing import Any
 
 import numpy as np
 
-from echelon.base.ball_rows import check_stated
-from echelon.base.matrix import BaseMatrix
+from echelon.base.ball_rows import ball_rows, precision
+from echelon.base.matrix import BaseMatrix, StatedNumbers
 from echelon.errors import CertificateError, DegenerateSampleError
 from echelon.exact.elimination import rank
 from echelon.exact.field import ARRAY_BITS, CERTIFICATE_BITS, PrimeField
+from echelon.exact.numbers import Number
 from echelon.exact.polynomial import is_trigonometric, multiple_of
 from echelon.mechanism.stated import GENERAL, StatedValues
+from echelon.program.balls import ball
 from echelon.program.bounds import Size, polynomial_size, size_bound
 from echelon.program.sampling import FieldSampler
 from echelon.regressor.linear import LinearForms
@@ -82,6 +84,10 @@ _FEWEST_POINTS, _LOG10_ERROR, _LEAST_SHOWN = 2, -30.0, -1.0  # a point that show
 _LOG2_PRIMES = CERTIFICATE_BITS - 11
 """There are more primes of that many bits that are 23 modulo 24, one in eight of all."""
 _CURVES = 5
+_BALL_BITS, _BALL_STATES = 512, 8
+_WRONG_THERE = "the set is wrong at the stated values"
+_LOOSEST = 1e-30
+"""The largest error of a coefficient, beside the largest coefficient, with which a check means anything."""
 
 
 @dataclass(frozen=True)
@@ -155,10 +161,8 @@ def certify(
     certificate = replace(_certified(regressor, matrix, seed, values), modes=modes)
     if matrix.numbers is None:
         return certificate
-    residual = check_stated(regressor, matrix, random_generator(seed))
-    return replace(
-        certificate, numbers=len(matrix.numbers.columns), log10_residual=None if residual == -inf else residual
-    )
+    residual = _check_stated(regressor, matrix, matrix.numbers, random_generator(seed))
+    return replace(certificate, numbers=len(matrix.numbers.columns), log10_residual=residual)
 
 
 def _certified(regressor: LinearForms, matrix: BaseMatrix, seed: int, values: StatedValues | None) -> Certificate:
@@ -249,17 +253,25 @@ def _check_minimal(
 
 
 def _check_complete(
-    regressor: LinearForms, matrix: BaseMatrix, sampler: FieldSampler, rng: np.random.Generator, bits: int
+    regressor: LinearForms,
+    matrix: BaseMatrix,
+    sampler: FieldSampler,
+    rng: np.random.Generator,
+    bits: int,
+    stated: Mapping[str, Number] | None = None,
 ) -> int:
-    """Check X = X̄ B at a random point modulo a random prime; returns the prime."""
+    """Check X = X̄ B at a random point modulo a random prime; returns the prime.
+
+    Columns that are numbers are checked where symbols have their stated values, all others where these are random.
+    """
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng, bits)
         try:
-            _compare_at_point(regressor, matrix, sampler, field, rng)
+            _compare_at_point(regressor, matrix, sampler, field, rng, stated)
         except DegenerateSampleError:
             continue
         return field.p
-    raise CertificateError("every random point is singular")
+    raise CertificateError("every random point is singular" + " at the stated values" * (stated is not None))
 
 
 def _compare_at_point(
@@ -268,26 +280,34 @@ def _compare_at_point(
     sampler: FieldSampler,
     field: PrimeField,
     rng: np.random.Generator,
+    stated: Mapping[str, Number] | None,
 ) -> None:
-    symbols = {s: field.draw(rng, (1,)) for s in sorted({*sampler.symbols, *matrix.symbols})}
+    known = {s: np.array([field.embed(value)], dtype=field.dtype) for s, value in (stated or {}).items()}
+    names = sorted({*sampler.symbols, *matrix.symbols})
+    symbols = {s: known[s] if s in known else field.draw(rng, (1,)) for s in names}
     states = sampler.regions
     values = sampler.evaluate(field, rng, states, symbols)[:, 0]
     rows = matrix.modulo(symbols, field)
+    numbers = set(matrix.numbers.columns) if matrix.numbers else set()
+    columns = [c for c in range(len(matrix.parameters)) if (c in numbers) == (stated is not None)]
+    wrong = "the set is incomplete or wrong" if stated is None else _WRONG_THERE
     for k in range(states):
         entry = {key: int(value[k]) for key, value in zip(regressor.entries, values, strict=True)}
-        _compare_entries(entry, matrix, rows, field)
+        _compare_entries(entry, matrix, rows, field, columns, wrong)
 
 
 def _compare_entries(
-    entry: Mapping[tuple[int, int], int], matrix: BaseMatrix, rows: Sequence[Mapping[int, int]], field: PrimeField
+    entry: Mapping[tuple[int, int], int],
+    matrix: BaseMatrix,
+    rows: Sequence[Mapping[int, int]],
+    field: PrimeField,
+    columns: Sequence[int],
+    wrong: str,
 ) -> None:
-    """Check X = X̄ B for the values of X at one state and of B."""
+    """Check some columns of X = X̄ B for the values of X at one state and of B."""
     by_row: dict[int, dict[int, int]] = {}
     for (row, column), value in entry.items():
         by_row.setdefault(row, {})[column] = value
-    # columns of numbers are true at the stated values only, where they are checked on their own
-    stated = set(matrix.numbers.columns) if matrix.numbers else set()
-    general = [column for column in range(len(matrix.parameters)) if column not in stated]
     for actual in by_row.values():
         claimed = dict.fromkeys(range(len(matrix.parameters)), 0)
         for pivot, combination in zip(matrix.pivots, rows, strict=True):
@@ -295,10 +315,59 @@ def _compare_entries(
             if value:
                 for column, factor in combination.items():
                     claimed[column] += factor * value
-        for column in general:
+        for column in columns:
             if (actual.get(column, 0) - claimed[column]) % field.p:
                 name = matrix.parameters[column]
-                raise CertificateError(f"the set is incomplete or wrong: it does not reproduce the effect of {name}")
+                raise CertificateError(f"{wrong}: it does not reproduce the effect of {name}")
+
+
+def _check_stated(
+    regressor: LinearForms, matrix: BaseMatrix, numbers: StatedNumbers, rng: np.random.Generator
+) -> float | None:
+    """Check the columns that are numbers at the stated values; returns the logarithm of what balls leave, if any."""
+    if not numbers.columns:
+        return None
+    chosen = set(numbers.columns)
+    coefficients = [value for row in matrix.rows for column, value in row.items() if column in chosen]
+    if any(value.symbols() for value in coefficients):
+        raise CertificateError("a coefficient in a column of numbers is not a number")
+    size = max((abs(value.evaluate({}, float)) for value in coefficients), default=0.0)
+    if not numbers.radius <= _LOOSEST * max(1.0, size):
+        raise CertificateError(f"numbers with errors of {numbers.radius:.0e} prove nothing")
+    if numbers.radius:
+        return _check_in_balls(regressor, matrix, numbers, rng)
+    sampler = regressor.sampler()
+    values = numbers.exact(sampler.angles)
+    if values is None:
+        raise CertificateError("numbers at angles without exact sines cannot be exact")
+    for _ in range(_FEWEST_POINTS):
+        bits = CERTIFICATE_BITS if regressor.loops is None else ARRAY_BITS
+        _check_complete(regressor, matrix, sampler, rng, bits, values)
+    return None
+
+
+def _check_in_balls(
+    regressor: LinearForms, matrix: BaseMatrix, numbers: StatedNumbers, rng: np.random.Generator
+) -> float | None:
+    with precision(_BALL_BITS):
+        rows = ball_rows(regressor, numbers.at, _BALL_STATES, rng)
+        largest = max(1.0, *map(_upper, rows.ravel()))
+        allowed, worst = numbers.radius * largest * (matrix.rank + 1), 0.0
+        for column in numbers.columns:
+            left = rows[:, column]
+            for pivot, row in zip(matrix.pivots, matrix.rows, strict=True):
+                if column in row:
+                    left = left - rows[:, pivot] * ball(row[column].numerator.number or 0)
+            missed = max(map(_upper, left))
+            if not missed <= allowed:
+                name = matrix.parameters[column]
+                raise CertificateError(f"{_WRONG_THERE}: it does not reproduce the effect of {name}")
+            worst = max(worst, missed / largest)
+    return log10(worst) if worst else None
+
+
+def _upper(x: Any) -> float:
+    return float(abs(x).upper())
 
 
 def _identity_size(forms: Size, matrix: BaseMatrix, sampler: FieldSampler) -> Size:
