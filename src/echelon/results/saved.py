@@ -13,8 +13,6 @@ from echelon.base.certificate import Certificate
 from echelon.base.linear_base import LinearBase
 from echelon.base.matrix import BaseMatrix, StatedNumbers, coefficient_value
 from echelon.base.model import BaseModel
-from echelon.base.own import SpecialValues
-from echelon.base.reading_report import ReadingReport
 from echelon.errors import CertificateError, EchelonError, InputError
 from echelon.exact.expressions import parse
 from echelon.exact.polynomial import float_generators
@@ -165,9 +163,7 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
     except ValidationError:
         raise InputError("primes are decimal numbers", source=source, element="certificate") from None
     matrix = BaseMatrix(mechanism.parameters, pivots, rows, order, numbers)
-    special = None if record.special is None else made(SpecialValues, record.special)
-    reading = made(ReadingReport, record.reading)
-    model = BaseModel(mechanism, matrix, certificate, reading, record.seed, special, record.generic)
+    model = BaseModel(mechanism, matrix, certificate, record.reading, record.seed, record.special, record.generic)
     _check_derived(record, model)
     return model
 

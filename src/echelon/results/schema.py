@@ -1,6 +1,7 @@
 """The saved forms of base models and of identified models, declared once: JSON schema, writing and checking follow.
 
-:func:`record_of` fills a record from a result; pydantic's ``TypeAdapter`` makes the result's dataclasses from records.
+:func:`record_of` fills a record from a result; :func:`made` makes the result's dataclass from a record.  A dataclass
+that is saved as it is needs no record.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic import BaseModel as Schema
 
+from echelon.base.own import SpecialValues
+from echelon.base.reading_report import ReadingReport
 from echelon.choices import Derivative, FilterKind, Values
 from echelon.errors import InputError
 
@@ -83,54 +86,6 @@ class BaseParameterRecord(_Strict):
     terms: list[TermRecord] = Field(description="All terms, the representative included.")
 
 
-class SnapRecord(_Strict):
-    """A number that was read as a nearby exact one."""
-
-    element: str
-    literal: str
-    intended: str
-    difference: float
-
-
-class MimicRecord(_Strict):
-    """Ranks of a robot whose file couples joints."""
-
-    coupled: int
-    independent: int
-
-
-class MovedRecord(_Strict):
-    """How far a coordinate was moved to close the loops."""
-
-    coordinate: str
-    distance: float
-    unit: str
-    relative: float = Field(description="In rad or characteristic lengths.")
-    stated: bool = Field(description="Whether the assembly pose says where the coordinate is.")
-
-
-class AssembledRecord(_Strict):
-    """What was moved because the stated assembly pose does not close the loops."""
-
-    moved: list[MovedRecord] = Field(description="The largest move first.")
-    closure: str = Field(description="The closure that was open most.")
-    opening: float
-    unit: str
-    pose: dict[str, float] = Field(description="The closed pose that was taken.")
-
-
-class ReadingRecord(_Strict):
-    """How the file was read."""
-
-    snaps: list[SnapRecord] = []
-    notes: list[str] = []
-    literal_rank: int | None = Field(None, description="Rank without snapping, where something was snapped.")
-    decisive: list[SnapRecord] = Field([], description="Snaps that changed the rank.")
-    doubt: str = Field("", description="Float ranks of the literal numbers, where none confirms the exact one.")
-    mimics: MimicRecord | None = Field(None, description="Ranks with and without the couplings of the file's joints.")
-    assembled: AssembledRecord | None = Field(None, description="What was moved to close the loops, beyond rounding.")
-
-
 class CertificateRecord(_Strict):
     """Evidence; see the documentation of the certificate."""
 
@@ -148,14 +103,6 @@ class CertificateRecord(_Strict):
     modes: list[int] = Field([], description="With loops, ranks of all assembly modes that were found.")
     numbers: int = Field(0, description="Columns of B that are numbers, checked at the stated values only.")
     log10_residual: float | None = Field(None, description="Bound on what is left there, where they are not exact.")
-
-
-class SpecialRecord(_Strict):
-    """What the stated values change against general symbols."""
-
-    generic_rank: int = Field(description="Rank for general values of the symbols.")
-    rank: int = Field(description="Rank at the stated values.")
-    relations: list[str] = Field(description="Relations among the values that make the difference.")
 
 
 class NumbersRecord(_Strict):
@@ -180,8 +127,8 @@ class BaseModelRecord(_Strict):
     base: list[BaseParameterRecord]
     numbers: NumbersRecord | None = Field(None, description="What has no closed form within the budget.")
     classification: dict[str, list[str]]
-    reading: ReadingRecord
-    special: SpecialRecord | None = Field(None, description="Present where the stated values change the answer.")
+    reading: ReadingReport = Field(description="What was snapped when the file was read, and whether it mattered.")
+    special: SpecialValues | None = Field(None, description="Present where the stated values change the answer.")
     generic: bool = Field(False, description="Whether the set is for general values of the symbols.")
     certificate: CertificateRecord
     model: dict[str, Any] = Field(description="The mechanism as an Echelon description.")
