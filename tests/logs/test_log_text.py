@@ -64,6 +64,24 @@ def test_layouts_of_text(content: str, expected: dict[str, list[float]], tmp_pat
 
 
 @pytest.mark.usefixtures("parser")
+@pytest.mark.parametrize("rows", [1 << 17, 50])
+def test_few_rows_that_cannot_be_read_are_left_out_and_named(rows: int, tmp_path: Path) -> None:
+    lines = ["t,q", *(f"{k},{k / 2}" for k in range(300))]
+    lines[201:203] = ["garbage", "200,x", "201,100"]
+    tables = list(CsvFile(text(tmp_path, "\n".join([*lines, "300"]))).tables(rows=rows))
+    found = np.concatenate([table.columns["t"] for table in tables])
+    np.testing.assert_array_equal(found, [k for k in range(300) if k not in (200,)])
+    assert [row for table in tables for row in table.left_out] == [
+        "line 202: has 1 cell where the file has 2 columns",
+        "line 203, column 'q': 'x' is not a number",
+        "line 303: has 1 cell where the file has 2 columns",
+    ]
+    many = [line if k % 50 else "garbage" for k, line in enumerate(lines[1:])]
+    with pytest.raises(InputError, match="line 2: has 1 cell"):
+        list(CsvFile(text(tmp_path, "\n".join([*lines[:1], *many]))).tables())
+
+
+@pytest.mark.usefixtures("parser")
 @pytest.mark.parametrize(
     ("content", "problem"),
     [

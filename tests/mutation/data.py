@@ -4,6 +4,7 @@ from mutation.fault import Fault
 
 FILTERS, SIGNALS = "signals/test_filters.py", "signals/test_signals.py"
 UNITS, CLOCK = "logs/test_log_units.py", "logs/test_clock.py"
+GUESS = "logs/test_log_guess.py"
 LIMITS, SETUP = "inputs/test_documents.py", "identification/test_setup_files.py"
 
 FAULTS = (
@@ -29,6 +30,41 @@ FAULTS = (
         "len(self._open) - 9, self._source",
         "depth of YAML",
         LIMITS,
+    ),
+    Fault(
+        "logs/columns/by_values.py",
+        "return _share(moved, integral) > 0.5",
+        "return _share(integral, -moved) > 0.5",
+        "velocities by their values",
+        GUESS,
+    ),
+    Fault(
+        "logs/columns/column_guess.py",
+        "valid[number - first] for",
+        "valid[first - number] for",
+        "numbers of columns",
+        GUESS,
+    ),
+    Fault(
+        "logs/files/hdf5_file.py",
+        "stored.T if file.userblock_size else stored",
+        "stored",
+        "order of MATLAB's axes",
+        "logs/test_log_archives.py",
+    ),
+    Fault(
+        "logs/files/csv_file.py",
+        "int(second) - east",
+        "int(second) + east",
+        "time zones",
+        "logs/test_log_text.py",
+    ),
+    Fault(
+        "formats/robot_sources.py",
+        "pitch = atan2(-R[2, 0]",
+        "pitch = atan2(R[2, 0]",
+        "angles of Pinocchio's frames",
+        "formats/test_robot_sources.py",
     ),
     Fault("logs/columns/units.py", '"deg": _Unit(_PI / 180', '"deg": _Unit(_PI / 200', "degrees", UNITS),
     Fault("logs/columns/units.py", "sign = -1 if operator", "sign = 1 if operator", "quotients of units", UNITS),

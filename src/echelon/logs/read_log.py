@@ -17,7 +17,7 @@ from echelon.logs.columns.conversion import needed_columns, recording
 from echelon.logs.faults.examine import examine
 from echelon.logs.faults.plausibility import check_plausible, surplus_columns
 from echelon.logs.files.log_file import LogFile, Table
-from echelon.logs.finding import Finding
+from echelon.logs.finding import Finding, counted, listed, warning
 from echelon.logs.joined_log import opened
 from echelon.logs.preparation.segments import segments
 from echelon.logs.recording import Recording, Segment
@@ -60,12 +60,21 @@ def read_log(
         chosen, more = with_units(chosen, table, mechanism)
         findings += more
     while table is not None:
+        findings += _left_out(table)
         recorded = recording(table, chosen, mechanism, symbols)
         findings += check_plausible(recorded, mechanism, chosen)
         faults, usable = examine(recorded, mechanism, whole=whole)
         parts, more = segments(recorded, mechanism, usable, rate=rate, whole=whole)
         yield LogPiece(parts, (*findings, *faults, *more), chosen, recorded)
         findings, table, following = (), following, next(tables, None)
+
+
+def _left_out(table: Table) -> tuple[Finding, ...]:
+    """Rows that could not be read."""
+    if not table.left_out:
+        return ()
+    text = f"{counted(len(table.left_out), 'row')} cannot be read and left out: {listed(table.left_out)}"
+    return (warning("rows", table.source, text),)
 
 
 def chosen_columns(

@@ -92,7 +92,7 @@ def first_look(source: MessageSource) -> tuple[dict[str, Topic], dict[str, str]]
 
 
 class BagFile:
-    """A ROS 2 bag (a directory, or a lone ``.db3``) or an MCAP file.
+    """A bag of ROS 1 (``.bag``) or ROS 2 (a directory, or a lone ``.db3``), or an MCAP file.
 
     Every number in a message is a column named by its topic and path, ``/ft/wrench/force/x``; entries of arrays are
     ``/topic/data[0]``, or go by the names that the message lists: ``/joint_states/position/elbow``.  Each topic has its

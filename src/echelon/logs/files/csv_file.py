@@ -43,6 +43,10 @@ _STAMP = re.compile(
 )
 _NULLS = ["", "nan", "NaN", "NAN", "NA", "N/A", "null", "NULL", "None"]
 _SHOWN = 40
+_FEW = 0.01
+"""Share of the rows of a piece that may be garbage; of more, the file is of another layout."""
+_ENOUGH = 10
+"""Rows before one that is cut off, such as the last one of a recorder that was stopped."""
 _SNIFFED = 50
 _PREAMBLE = 100_000
 _AT_ONCE = 1 << 26
@@ -175,19 +179,21 @@ class BlockParser:
     dialect: Dialect
     picked: tuple[int, ...]  # columns whose numbers are wanted; the cells of the others may hold anything
 
-    def parse(self, lines: Sequence[bytes], line: int) -> list[Floats]:
-        """The picked columns of lines, ``line`` being the first one's number; blank lines and comments give no row."""
+    def parse(self, lines: Sequence[bytes], line: int, before: int = 0) -> tuple[list[Floats], list[InputError]]:
+        """The picked columns of lines, the first of them number ``line``, and what is wrong with rows left out.
+
+        Blank lines and comments give no row.  Rows are left out if they are few beside these and those ``before``, or
+        if the last one is cut off.
+        """
         text = b"\n".join(lines)
         if b"#" in text:
             text = _COMMENT.sub(b"", text)
         if self.dialect.decimal_comma:
             text = text.replace(b",", b".")
         if not text.strip():
-            return [np.empty(0) for _ in self.picked]
+            return [np.empty(0) for _ in self.picked], []
         columns = self._by_arrow(text)
-        if columns is None:
-            columns = self._by_cells(lines, line)
-        return columns
+        return (columns, []) if columns is not None else self._by_cells(lines, line, before)
 
     def _by_arrow(self, text: bytes) -> list[Floats] | None:
         """Columns of clean text through pyarrow, or through numpy if it is not installed or cannot cut the lines."""
@@ -227,16 +233,24 @@ class BlockParser:
             return None
         return [np.ascontiguousarray(rows[:, index]) for index in self.picked]
 
-    def _by_cells(self, lines: Sequence[bytes], line: int) -> list[Floats]:
-        columns: list[list[float]] = [[] for _ in self.picked]
+    def _by_cells(self, lines: Sequence[bytes], line: int, before: int) -> tuple[list[Floats], list[InputError]]:
+        rows: list[list[float]] = []
+        wrong: list[InputError] = []
         for current, raw in enumerate(lines, start=line):
             text = raw.decode("utf-8", errors="replace")
             if is_blank(text):
                 continue
-            row = self._row(text, current)
-            for index, values in zip(self.picked, columns, strict=True):
-                values.append(self._number(row[index], current, index))
-        return [np.array(values) for values in columns]
+            try:
+                row = self._row(text, current)
+                rows.append([self._number(row[index], current, index) for index in self.picked])
+            except InputError as error:
+                wrong.append(error)
+        count = before + len(rows)
+        cut_off = bool(wrong) and wrong[-1].element == f"line {line + len(lines) - 1}"
+        if len(wrong) - cut_off > _FEW * count or (wrong and count < _ENOUGH):
+            raise wrong[0]
+        table = np.array(rows).reshape(len(rows), len(self.picked))
+        return [np.ascontiguousarray(column) for column in table.T], wrong
 
     def _row(self, text: str, line: int) -> list[str]:
         names = self.dialect.names
@@ -284,10 +298,11 @@ class CsvFile:
         parser = BlockParser(self.source, self._dialect, tuple(place[name] for name in chosen))
         first, line = 0, self._dialect.start + 1
         for lines in self._pieces(rows, self._dialect.start):
-            columns = parser.parse(lines, line)
+            columns, wrong = parser.parse(lines, line, first)
             length = len(columns[0]) if columns else 0
             if length:
-                yield Table(self.source, dict(zip(chosen, columns, strict=True)), first=first)
+                left_out = tuple(f"{error.element}: {error.problem}" for error in wrong)
+                yield Table(self.source, dict(zip(chosen, columns, strict=True)), first=first, left_out=left_out)
             first, line = first + length, line + len(lines)
         if chosen and not first:
             raise InputError("holds the names of columns but no numbers", source=self.source)

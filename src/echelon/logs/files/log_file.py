@@ -37,6 +37,7 @@ class Table:
     # their columns have lengths and clocks of their own.  All other columns have one length and share one clock
     clocks: Mapping[str, str] = field(default_factory=dict)
     first: int = 0  # row of the file with which the table begins, for messages
+    left_out: tuple[str, ...] = ()  # rows that cannot be read, with their lines and reasons; they are not counted
 
 
 class LogFile(Protocol):
