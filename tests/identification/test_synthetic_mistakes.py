@@ -156,6 +156,17 @@ def test_torques_that_have_nothing_to_do_with_the_motion(tmp_path: Path) -> None
     assert result.reasons
 
 
+def test_computed_torques_are_recognised(tmp_path: Path) -> None:
+    """They have no noise, and are explained without a filter."""
+    setup, motion = ARM.load(tmp_path), motion_of(ARM)
+    some = motion.at(slice(0, 1000))
+    base, standard = ARM.truth(tmp_path)
+    y = base.predict(some.q, some.qd, some.qdd, base.values(standard))
+    log = ARM.log(replace(some, y=y), tmp_path / "run", setup.mechanism, seed=None)
+    (finding,) = of_kind(identify(setup, [log]), "computed")
+    assert "they look computed from a model or commanded" in finding.text
+
+
 def test_degrees_for_radians_are_refused(tmp_path: Path) -> None:
     motion = motion_of(ARM)
     with pytest.raises(InputError, match=r"are they in degrees \(unit: deg\)"):

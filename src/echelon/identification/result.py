@@ -145,7 +145,7 @@ def contradictions(feasible: Feasibility | None, culprit: Culprit | None, findin
     if feasible is not None and feasible.feasible is False and feasible.distance > IMPOSSIBLE:
         away = f"{feasible.distance:.2g} standard deviations away"
         facts.append(f"no robot can have its parameters, the nearest is {away}")
-    facts += [str(finding) for finding in findings if finding.kind in ("contradiction", "computed")]
+    facts += [str(finding) for finding in findings if finding.kind in ("contradiction",)]
     return facts
 
 
@@ -161,6 +161,7 @@ def fit_findings(
     return [
         *_culprit(culprit),
         *_strangers(validations),
+        *_computed(validations),
         *_silent(estimate),
         *_open(estimate, seen),
         *_unconverged(estimate),
@@ -201,6 +202,17 @@ def _strangers(validations: Sequence[Validation]) -> Iterable[Finding]:
                 "columns exchanged, or their signs or units wrong?"
             )
             yield Finding(Severity.WARNING, "stranger", validation.source, text)
+
+
+def _computed(validations: Sequence[Validation]) -> Iterable[Finding]:
+    told = [score for validation in validations for score in validation.scores if score.raw.deviation > 0]
+    if told and all(score.is_computed for score in told):
+        noise = max(score.noise / score.raw.deviation for score in told)
+        text = (
+            f"all outputs are predicted without a filter, and their noise is {noise:.1g} of their deviation: they look "
+            "computed from a model or commanded, not measured, so the fit repeats that model"
+        )
+        yield Finding(Severity.WARNING, "computed", "", text)
 
 
 def _silent(estimate: Estimate) -> Iterable[Finding]:

@@ -153,6 +153,9 @@ class Fit:
         )
 
 
+_EXPLAINED = 1e-3  # what no fit to measured samples leaves: friction alone is less regular
+_NOISELESS = 1e-4  # of an output's deviation: noise of the best sensors is ten times as large
+_SHOWING_NOISE = 1 << 14  # samples of a stretch that tell the noise of its sensor
 _ORDER = 4  # of the differences that leave the noise of a sensor: motion is slow against its samples
 _NAN = float("nan")
 EMPTY = Fit(0, *(_NAN,) * 6)
@@ -160,18 +163,18 @@ EMPTY = Fit(0, *(_NAN,) * 6)
 
 def fit(measured: Floats, predicted: Floats) -> Fit:
     """How well a prediction fits measured values, both of shape (k,)."""
-    if not len(measured):
-        return EMPTY
-    residual = measured - predicted
-    return Fit(
-        len(measured),
-        float(np.sqrt(np.mean(residual**2))),
-        float(residual.mean()),
-        float(measured.mean()),
-        float(measured.std()),
-        float(measured.min()),
-        float(measured.max()),
-    )
+    return fits(measured, predicted[:, None])[0]
+
+
+def fits(measured: Floats, predicted: Floats) -> list[Fit]:
+    """How well predictions of several models, shape (k, models), fit measured values of shape (k,)."""
+    count, models = predicted.shape
+    if not count:
+        return [EMPTY] * models
+    y = np.ascontiguousarray(measured)
+    about = (float(y.mean()), float(y.std()), float(y.min()), float(y.max()))
+    residuals = (y - predicted[:, k] for k in range(models))
+    return [Fit(count, float(np.sqrt(e @ e / count)), float(e.mean()), *about) for e in residuals]
 
 
 @dataclass(frozen=True)
@@ -238,6 +241,12 @@ class Score:
     def is_below_noise(self) -> bool:
         """Whether the output varies less than its sensor's noise, so that no model can explain it."""
         return self.whole.deviation < self.noise
+
+    @property
+    def is_computed(self) -> bool:
+        """Whether the output is too good to be measured: without noise, and predicted before any filter."""
+        # noise of exactly zero is that of steps, which a coarse sensor has
+        return 0 < self.noise < _NOISELESS * self.raw.deviation and 1 - self.raw.r2 < _EXPLAINED
 
     def __add__(self, other: Score) -> Score:
         """Of the rows of two logs; of times and probabilities the worse."""
@@ -412,12 +421,14 @@ class _Tally:
             some.moving[output],
         )
         raw, raw_guesses = some.samples[output] if some.samples else (y[:0], guesses[:0])
-        for k in range(self.models):
-            self.whole[k] += fit(y, guesses[:, k])
-            self.moving[k] += fit(y[moving], guesses[moving, k])
-            self.raw[k] += fit(raw, raw_guesses[:, k])
+        for sums, found in (
+            (self.whole, fits(y, guesses)),
+            (self.moving, fits(y[moving], guesses[moving])),
+            (self.raw, fits(raw, raw_guesses)),
+        ):
+            sums[:] = map(Fit.__add__, sums, found)
         if len(raw) > _ORDER:
-            self._noise += len(raw) * white_noise(raw, _ORDER) ** 2
+            self._noise += len(raw) * white_noise(raw[:_SHOWING_NOISE], _ORDER) ** 2
             self._count += len(raw)
         if len(y):
             where: Hashable = (some.source, some.segment)

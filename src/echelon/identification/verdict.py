@@ -94,6 +94,8 @@ def overall_verdict(judged: Validation, facts: Sequence[str] = ()) -> Judgement:
     if quiet:
         vary = "it varies" if len(quiet) == 1 else "they vary"
         sentences.append(f"Of {_listed(quiet)} nothing can be said: {vary} less than the noise of the sensor.")
+    if all(score.is_computed for score, _ in told):
+        sentences.append("The outputs have no noise: they look computed, not measured.")
     if judged.role != "validation":
         sentences.append("Without other data it stays open whether it carries over.")
     if judged.prior_scores and _total(judged.prior_scores, judged.scores) * PRIOR < 1:

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import comb
+from math import comb, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,7 @@ LEAST_SAMPLES = 64
 _PARTS = 4
 """Windows, without overlap, into which a signal is cut: so few for their resolution, so many for their mean."""
 
+_QUANTILE, _NORMAL = 0.9, 1.6449  # and that of the absolute value of a standard normal variable
 _LONGEST = 1 << 15
 _BINS = 1000
 _PER_OCTAVE = 8
@@ -174,7 +175,8 @@ def noise_deviation(spectrum: Spectrum, derivative: int = 0, cutoff: float = np.
 def white_noise(values: Floats, order: int) -> float:
     """Standard deviation of white noise in samples (N,) of a smooth signal, from differences of so high an order.
 
-    Differences take away what is smooth; the variance of noise they multiply by the binomial (2·order over order).
+    Differences take away what is smooth; the variance of noise they multiply by the binomial (2·order over order).  A
+    quantile tells their size, which single jumps, as of dry friction, do not sway.
     """
-    differences = np.diff(values, order)
-    return float(np.sqrt(np.mean(differences**2) / comb(2 * order, order)))
+    differences = np.abs(np.diff(values, order))
+    return float(np.quantile(differences, _QUANTILE)) / _NORMAL / sqrt(comb(2 * order, order))
