@@ -126,6 +126,7 @@ class _Builder:
                 frame,
                 lambda k: links[k].parent,
                 lambda k: read(links[k].rest, symbol_stem(links[k].name)),
+                self.snapping.symbols,
             )
         except ValueError as error:
             raise InputError(str(error), source=self.tree.source, element=stated.element) from None

@@ -7,20 +7,26 @@ equal, and the move is recorded like every number that is read as another one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import reduce
 from math import hypot
 from operator import matmul
 
-from echelon.exact.polynomial import Polynomial, is_trigonometric, symbol_of
+import numpy as np
+
+from echelon.exact.polynomial import Polynomial, as_polynomial, is_trigonometric, symbol_of
 from echelon.formats.reading_options import PRECISION
 from echelon.formats.snapping import Snapping
+from echelon.mechanism.closed_pose import turned_by
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import Motion, MotionKind
-from echelon.mechanism.mechanism import GROUND, Body
+from echelon.mechanism.mechanism import GROUND, Body, Symbol
 from echelon.mechanism.placement import IDENTITY, Placement, Vector, shift
 from echelon.mechanism.reading import Snap
+from echelon.mechanism.stated import placement_matrix
+from echelon.regressor.loops.exact_pose import unit_quaternion
 
 _MOST_ANGLES = 18  # a product of six rotations by three angles each has thousands of terms
 
@@ -32,22 +38,21 @@ def second_frame(
     frame: Placement,
     parent: Callable[[int], int],
     place: Callable[[int], Placement],
+    symbols: Mapping[str, Symbol],
 ) -> Placement:
     """A frame of the first member of a tree in the frame of the second one.
 
     ``place`` says where a member is in its parent's frame at the pose in question.  Where the kind of closure fixes no
-    directions, the axes are those of the second member.
+    directions, the axes are those of the second member.  Between many angles it is rounded to doubles.
     """
     inward, outward = list(_carriers(first, parent)), list(_carriers(second, parent))
     while inward and outward and inward[-1] == outward[-1]:
         inward.pop()
         outward.pop()
     places = {member: place(member) for member in (*inward, *outward)}
-    _check_angles([frame, *places.values()])
-    for member in inward:
-        frame = places[member] @ frame
-    for member in reversed(outward):
-        frame = places[member].inverse() @ frame
+    chain = [*(places[m].inverse() for m in outward), *(places[m] for m in reversed(inward)), frame]
+    angles = _angles(chain)
+    frame = reduce(matmul, chain) if len(angles) <= _MOST_ANGLES else _rounded(chain, angles, symbols)
     return frame if kind.directions else Placement(IDENTITY, frame.translation)
 
 
@@ -58,15 +63,26 @@ def _carriers(member: int, parent: Callable[[int], int]) -> Iterator[int]:
         member = parent(member)
 
 
-def _check_angles(placements: list[Placement]) -> None:
+def _angles(placements: list[Placement]) -> list[str]:
     generators = {g for placement in placements for entry in placement.entries() for g in entry.generators()}
-    angles = sorted({symbol_of(generator) for generator in generators if is_trigonometric(generator)})
-    if len(angles) > _MOST_ANGLES:
+    return sorted({symbol_of(generator) for generator in generators if is_trigonometric(generator)})
+
+
+def _rounded(chain: Sequence[Placement], angles: Sequence[str], symbols: Mapping[str, Symbol]) -> Placement:
+    """The product of placements in doubles, as a rational rotation and decimals."""
+    known = {name: symbol.value for name, symbol in symbols.items() if symbol.value is not None}
+    if not known.keys() >= {s for placement in chain for s in placement.symbols()}:
         shown = ", ".join(angles[:3])
         raise ValueError(
             f"between the two bodies lie {len(angles)} angles that are no multiples of 15° ({shown}, …), too many to "
-            "derive the second frame from the first: state both"
+            "derive the second frame from the first: state both, or values of all symbols"
         )
+    from scipy.spatial.transform import Rotation
+
+    pose = reduce(np.matmul, (placement_matrix(placement, known) for placement in chain))
+    quaternion = unit_quaternion(Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True).tolist())
+    x, y, z = (as_polynomial(Fraction(f"{value:.15f}")) for value in pose[:3, 3])
+    return shift(x, y, z) @ turned_by(*map(as_polynomial, quaternion))
 
 
 _PINS = (ClosureKind.SPHERICAL, ClosureKind.REVOLUTE)

@@ -82,7 +82,7 @@ class _Placed:
         coupled = motion.name in self.mechanism.dependent
         values = self._coupled(motion) if coupled else self.pose[motion.name]
         if motion.kind is MotionKind.BALL:
-            return _ball(values)
+            return turned_by(*values)
         if motion.kind is MotionKind.TRANSLATION:
             parts = [Polynomial({})] * 3
             parts[motion.axis] = values[0] * motion.sign
@@ -130,9 +130,8 @@ def _rational(ratio: Polynomial | None, name: str) -> Fraction:
     return Fraction(number)
 
 
-def _ball(quaternion: tuple[Polynomial, ...]) -> Placement:
+def turned_by(w: Polynomial, x: Polynomial, y: Polynomial, z: Polynomial) -> Placement:
     """The rotation of a unit quaternion."""
-    w, x, y, z = quaternion
     one = Polynomial.constant(1)
     return Placement(
         (

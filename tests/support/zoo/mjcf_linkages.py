@@ -30,6 +30,16 @@ def delta() -> str:
     return mjcf(f'{arms}<body name="top" pos="0 0 -0.4"><freejoint/>INERTIA{ends}</body>', pins, "arm0 arm1 arm2")
 
 
+def welded_chain() -> str:
+    """Eight revolute joints with three oblique angles between two and the next."""
+    axes = ("0 0 1", "0 1 0", "1 0 0", "0 0 1", "0 1 0", "1 0 0", "0 0 1", "0 1 0")
+    bodies = "".join(
+        f'<body name="l{k}" pos="0.1 {k / 20} 0.2" euler="{7 * k} {3 * k} 0"><joint name="l{k}" axis="{axis}"/>INERTIA'
+        for k, axis in enumerate(axes)
+    )
+    return mjcf(bodies + "</body>" * len(axes), '<weld body1="l7"/>')
+
+
 MJCF_LINKAGES = {
     "rod, connects at both ends": Case(
         3,
@@ -131,4 +141,5 @@ MJCF_LINKAGES = {
         mjcf(BARS + RACK, PIN + '<tendon tendon1="t"/>').replace("<equality>", f"{TENDON}<equality>"),
     ),
     "delta connect mjcf": Case(3, 37, delta(), slow=True),
+    "chain with many angles, welded to the world mjcf": Case(2, 36, welded_chain(), slow=True),
 }

@@ -125,9 +125,11 @@ class _Loops:
 
     def _met(self, kind: ClosureKind, first: int, second: int, frame: Placement, path: str) -> Placement:
         """Where a frame of the first body is on the second one while all coordinates are zero."""
-        bodies = self.mechanism.bodies
+        bodies, symbols = self.mechanism.bodies, {**self.mechanism.symbols, **self.expressions.named}
         try:
-            return second_frame(kind, first, second, frame, lambda k: bodies[k].parent, lambda k: _at_zero(bodies[k]))
+            return second_frame(
+                kind, first, second, frame, lambda k: bodies[k].parent, lambda k: _at_zero(bodies[k]), symbols
+            )
         except ValueError as error:
             raise self.expressions.error(path, str(error)) from None
 
