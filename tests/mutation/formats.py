@@ -91,8 +91,8 @@ FAULTS = (
     ),
     Fault(
         "formats/closure_frames.py",
-        "frame = places[member].inverse() @ frame",
-        "frame = frame @ places[member].inverse()",
+        "*(places[m] for m in reversed(inward)), frame]",
+        "*(places[m] for m in inward), frame]",
         "second frames of closures",
         "formats/test_closures_formats.py::test_the_second_frame_is_where_the_first_one_is_at_zero",
     ),
