@@ -15,7 +15,7 @@ from echelon.errors import InputError
 from echelon.excite.files.coefficients import trajectory_to_json
 from echelon.excite.files.trajectory_files import read_trajectory
 from echelon.identification.conditioning import without_rounding
-from echelon.identification.predict import Prediction
+from echelon.identification.validation import Score, fit
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.files.message_columns import nanoseconds
 from echelon.logs.preparation.settings import Preparation
@@ -88,12 +88,11 @@ def test_columns_of_rounding_are_zero() -> None:
 
 @pytest.mark.parametrize("level", [0.0, 5.0, 1e-300])
 def test_a_constant_output_has_no_r_squared(level: float) -> None:
-    measured = np.full((300, 1), level) * (1 + 1e-16 * np.random.default_rng(0).normal(size=(300, 1)))
-    found = Prediction("run", ("j",), ("N·m",), np.arange(300.0), measured + 0.5, measured)
-    rms, r2 = found.scores()
-    assert rms == [pytest.approx(0.5)]
-    assert r2 == [None]
-    assert "no R²" in _fit({"rms": rms[0], "r2": r2[0], "unit": "N·m"})
+    measured = np.full(300, level) * (1 + 1e-16 * np.random.default_rng(0).normal(size=300))
+    found = fit(measured, measured + 0.5)
+    assert found.rms == pytest.approx(0.5)
+    assert np.isnan(found.r2)
+    assert "no R²" in _fit(Score("j", "N·m", found, found, found))
 
 
 @pytest.mark.parametrize(
