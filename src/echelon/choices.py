@@ -9,6 +9,7 @@ from typing import Literal
 
 Order = Literal["base-to-tip", "tip-to-base"]
 """Which parameters become representatives: order of the columns."""
+Measured = Literal["drives", "file"]
 """Outputs: forces of all drives, or the sensors of an MJCF file."""
 Estimator = Literal["ols", "wls", "irls", "huber", "tls", "ridge", "iv"]
 """Estimators of base parameters."""

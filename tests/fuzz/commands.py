@@ -19,7 +19,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "linear model": ("derive {file}", "derive {file} --json"),
     "set-up": ("identify {file} {log} --target none -o {out}", "check-trajectory {file} {motion}"),
     "URDF": ("derive {file} --rank-only", "derive {file} --budget 0.01", "check-trajectory {file} {motion}"),
-    "MJCF": ("derive {file} --rank-only",),
+    "MJCF": ("derive {file} --rank-only", "derive {file} --measured file --rank-only"),
     "base model": ("verify {file}", "generate {file} -o {out} --target c", "audit {setup} {file}"),
     "identified model": (
         "predict {file} {log}",

@@ -31,7 +31,7 @@ Schema = Literal["description", "base-model", "identified", "trajectory"]
 
 
 @app.command(epilog="Example: echelon derive panda.urdf --format json -o panda.json")
-@reads_robot("floating", "gravity", "tolerance", "numeric", "mimic", "every_link", "massless", "symbols")
+@reads_robot("floating", "gravity", "tolerance", "numeric", "mimic", "every_link", "massless", "symbols", "measured")
 def derive(
     robot: Robot,
     read: dict[str, Any],

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from echelon.choices import Order
+from echelon.choices import Measured, Order
 
 Robot = Annotated[Path, typer.Argument(help="URDF, SDF, MJCF or Echelon description (YAML, JSON).")]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="File to write instead of the terminal.")]
@@ -64,6 +64,13 @@ _READING: dict[str, tuple[Any, Any]] = {
         ],
         "shared",
     ),
+    "measured": (
+        Annotated[
+            Measured,
+            typer.Option(help="Forces of all drives, or the sensors of an MJCF file."),
+        ],
+        "drives",
+    ),
 }
 """How a robot is read: options by name, with their defaults."""
 
@@ -107,6 +114,7 @@ def reading(
     numeric: bool = False,
     massless: list[str] | None = None,
     symbols: str = "shared",
+    measured: str = "drives",
 ) -> dict[str, Any]:
     """Keyword arguments of :func:`echelon.load`."""
     return {
@@ -117,5 +125,6 @@ def reading(
         "every_link": every_link,
         "massless": tuple(massless or ()),
         "separate_symbols": symbols == "separate",
+        "measured": measured,
         **({} if tolerance is None else {"tolerance": tolerance}),
     }

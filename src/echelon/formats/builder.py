@@ -1,4 +1,4 @@
-"""From a literal tree to a mechanism: bodies, couplings and closures.
+"""From a literal tree to a mechanism: bodies, couplings, closures and measured outputs.
 
 Links that are fixed to others become part of the bodies that carry them, and are remembered as riders.  Loops are
 assembled at the reference pose of the file, or at a keyframe that closes them better.
@@ -15,6 +15,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.exact.polynomial import Polynomial
 from echelon.formats.axis_relations import with_relations
 from echelon.formats.bodies import Bodies, Part
 from echelon.formats.closure_frames import second_frame, with_parallelogram
@@ -23,8 +24,10 @@ from echelon.formats.literal import (
     LiteralClosure,
     LiteralLink,
     LiteralPlacement,
+    LiteralSensor,
     LiteralStep,
     LiteralTree,
+    LiteralWrench,
     StatedCoupling,
     move_inertial,
     numeric_placements,
@@ -36,6 +39,7 @@ from echelon.formats.snapping import Snapping, symbol_stem
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.joint import Motion, MotionKind, Step, merge
 from echelon.mechanism.mechanism import ALL, GROUND, Mechanism, Symbol, setup_placements
+from echelon.mechanism.output import Cut, JointForce, Output, plain
 from echelon.mechanism.placement import Placement, shift, turn
 from echelon.mechanism.reading import Snap
 from echelon.regressor.loops.closed_motion import ClosedMotion, largest, normalised
@@ -66,6 +70,9 @@ class _Builder:
         self.floating_link = self._floating_link() if options.floating else None
         self.lumped = Bodies(0 if options.floating or options.every_link else 1)
         self.bodies = self.lumped.made
+        self.sensors = tree.sensors if options.measured == "file" else ()
+        wrenches = {s.link for s in self.sensors if isinstance(s, LiteralWrench)}
+        self.separate = {tree.links[k].name for k in wrenches}.union(options.separate)
 
     def build(self) -> Built:
         self._check_massless()
@@ -78,6 +85,7 @@ class _Builder:
         couplings = tuple(c.coupling for c in self.couplings.values())
         closures = tuple(self._closure(closure) for closure in self._moving_closures())
         mechanism = Mechanism(self.tree.name, tuple(self.bodies), gravity, couplings, closures=closures)
+        mechanism = replace(mechanism, measured=self._measured(mechanism))
         used = {s for b in self.bodies for s in b.joint.symbols()}
         used.update(s for placement in setup_placements(mechanism) for s in placement.symbols())
         symbols = {name: symbol for name, symbol in self.snapping.symbols.items() if name in used}
@@ -105,6 +113,33 @@ class _Builder:
             if link.joint and link.joint not in bodies and link.name in rides:
                 rides.setdefault(link.joint, rides[link.name])
         return rides
+
+    def _measured(self, mechanism: Mechanism) -> tuple[Output, ...] | None:
+        """What the sensors of the file measure, if that is asked for."""
+        if self.options.measured == "drives":
+            if self.tree.sensors:
+                unused = f"{len(self.tree.sensors)} sensors of forces in the file are not used"
+                self.notes.append(f"{unused}; --measured file takes them as outputs")
+            return None
+        motions = {m.name: m for m in mechanism.motions if m.name not in mechanism.dependent}
+        outputs = tuple(output for sensor in self.sensors for output in self._outputs(sensor, motions))
+        if not outputs:
+            raise InputError("it has no sensors of forces that could be outputs", source=self.tree.source)
+        return outputs
+
+    def _outputs(self, sensor: LiteralSensor, motions: Mapping[str, Motion]) -> Iterator[Output]:
+        if isinstance(sensor, LiteralWrench):
+            body, offset = self._ride(sensor.link)
+            frame = self.snapping.placements((*offset, *sensor.placements), symbol_stem(sensor.name))
+            letter, unit = ("t", "N·m") if sensor.angular else ("f", "N")
+            for axis, word in enumerate("xyz"):
+                cut = Cut(body, frame, on_parent=False, axis=axis, angular=sensor.angular)
+                yield plain(f"{sensor.name}.{letter}{word}", unit, cut)
+        elif sensor.joint in motions:
+            unit = "N" if motions[sensor.joint].kind is MotionKind.TRANSLATION else "N·m"
+            yield Output(sensor.name, unit, ((JointForce(sensor.joint), Polynomial.constant(sensor.weight)),))
+        else:
+            self.notes.append(f"{sensor.element} is left out: joint '{sensor.joint}' does not move freely")
 
     def _closure(self, stated: LiteralClosure) -> Closure:
         (first, offset), (second, other) = self._ride(stated.first), self._ride(stated.second)
@@ -152,7 +187,7 @@ class _Builder:
     def _makes_body(self, index: int, link: LiteralLink) -> bool:
         moves = any(not isinstance(step, LiteralPlacement) for step in link.steps)
         is_world = index == 0 and self.tree.root_is_world
-        kept = self.options.every_link or link.name in self.options.separate
+        kept = self.options.every_link or link.name in self.separate
         return moves or index == self.floating_link or (kept and not is_world)
 
     def _floating_link(self) -> int:

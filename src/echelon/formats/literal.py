@@ -84,12 +84,36 @@ class LiteralClosure:
 
 
 @dataclass(frozen=True)
+class LiteralEffort:
+    """A sensor of the force of a joint, times a weight."""
+
+    element: str
+    name: str
+    joint: str
+    weight: Rational = 1
+
+
+@dataclass(frozen=True)
+class LiteralWrench:
+    """A sensor of three forces, or three moments, that a link gets from its parent."""
+
+    element: str
+    name: str
+    link: int
+    placements: tuple[LiteralPlacement, ...]  # the sensor's frame in the link's
+    angular: bool  # moments or forces
+
+
+@dataclass(frozen=True)
 class LiteralFrame:
     """A named frame on a link, such as a site."""
 
     name: str
     link: int
     placements: tuple[LiteralPlacement, ...]  # in the link's frame
+
+
+LiteralSensor = LiteralEffort | LiteralWrench
 
 
 @dataclass(frozen=True)
@@ -109,6 +133,7 @@ class LiteralTree:
     poses: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     driven: tuple[str, ...] = ()  # coordinates with actuators
     has_mimics: bool = False  # whether the file couples joints, whatever is made of it
+    sensors: tuple[LiteralSensor, ...] = ()  # those that measure forces
     frames: tuple[LiteralFrame, ...] = ()  # named frames beside those of the links
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeVar
 
+from echelon.choices import Measured
 from echelon.errors import InputError
 from echelon.exact.expressions import parse
 from echelon.exact.numbers import Number, parts_of
@@ -61,6 +62,8 @@ class ReadingOptions:
     separate_symbols: bool = False  # give every number a symbol of its own, also where magnitudes are equal
     # fixed links that are kept as bodies of their own, because a sensor cuts between them and their parents
     separate: tuple[str, ...] = ()
+    # whether the forces of all drives are measured, or what the sensors of the file measure
+    measured: Measured = "drives"
     joints: tuple[StatedJoint, ...] = ()  # joints that are of other types than the file says
     # give the drive of every joint viscous and Coulomb friction and an offset, for files that cannot state any
     friction: bool = False
@@ -68,6 +71,8 @@ class ReadingOptions:
     def __post_init__(self) -> None:
         if not 0 <= self.tolerance <= 0.1:
             raise InputError(f"the snapping tolerance must be between 0 and 0.1 rad, not {self.tolerance}")
+        if self.measured not in ("drives", "file"):
+            raise InputError(f"measured is 'drives' or 'file', not '{self.measured}'")
 
 
 def gravity_vector(gravity: Gravity, stated: Vector) -> Vector | None:

@@ -13,6 +13,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from echelon.choices import Measured
 from echelon.errors import InputError
 from echelon.formats.builder import Built, build_mechanism
 from echelon.formats.literal import LiteralTree
@@ -246,6 +247,7 @@ def load(
     massless: Sequence[str] = (),
     gravity: Gravity = "file",
     separate_symbols: bool = False,
+    measured: Measured = "drives",
 ) -> Mechanism:
     """Read a robot description.
 
@@ -274,6 +276,9 @@ def load(
         Gravity in the base frame, m/s².
     separate_symbols : bool
         Give every number of a URDF or MJCF file a symbol of its own; otherwise equal magnitudes share one.
+    measured : "drives" or "file"
+        What is measured: the forces of all drives, or what the sensors of an MJCF file measure (see
+        ``docs/formats/mjcf.md``).  Descriptions state their outputs themselves.
 
     Returns
     -------
@@ -299,6 +304,7 @@ def load(
         tuple(massless),
         gravity,
         separate_symbols=separate_symbols,
+        measured=measured,
     )
     return open_robot(robot).mechanism(options)
 

@@ -1,4 +1,4 @@
-"""MJCF, the model format of MuJoCo: bodies, joints and loops.
+"""MJCF, the model format of MuJoCo: bodies and joints, loops, force sensors.
 
 MuJoCo itself compiles the file (see :mod:`echelon.formats.mjcf.mjcf_model`).  Its doubles become exact numbers through
 their shortest decimal, so 0.333 is 333/1000 although it went through a double.  Rotations become angles about fixed
@@ -11,23 +11,28 @@ relative pose.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from fractions import Fraction
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from echelon.errors import InputError
-from echelon.exact.numbers import Rational
+from echelon.exact.numbers import Rational, parse_decimal
 from echelon.formats.literal import (
     LiteralClosure,
+    LiteralEffort,
     LiteralFrame,
     LiteralLink,
     LiteralMotion,
     LiteralPlacement,
+    LiteralSensor,
     LiteralStep,
     LiteralTree,
+    LiteralWrench,
     Triple,
     central_inertial,
 )
@@ -94,12 +99,14 @@ def _read(document: MjcfDocument, mimics: bool) -> LiteralTree:
     relations = [read_relation(e, spec, source) for e in couples if mimics or (e.name1 and not e.name2)]
     relations = [relation for relation in relations if mimics or len(relation.terms) == 1]
     driven, keyframes = driven_joints(spec), read_keyframes(spec)
+    sensors = Sensors(spec)
     reader = _Reader(compile_spec(spec, document), source)
     loops = [equality for equality in equalities if equality not in couples]
     held, couplings, found = resolve(relations, reader.reference, driven, source, slides(spec) if loops else ())
     notes += found
     notes += [f"joint '{name}' is held by an equality and cannot move" for name in held]
     model = reader.model
+    measured = tuple(sensors.read(model))
     weightless = model.opt.disableflags & import_mujoco().mjtDisableBit.mjDSBL_GRAVITY
     gravity: Triple = (0, 0, 0) if weightless else exact_triple(model.opt.gravity)
     return LiteralTree(
@@ -108,12 +115,13 @@ def _read(document: MjcfDocument, mimics: bool) -> LiteralTree:
         tuple(reader.link(index, held) for index in range(model.nbody)),
         couplings,
         gravity,
-        (*notes, *reader.compiled.notes),
+        (*notes, *reader.compiled.notes, *sensors.notes),
         root_is_world=True,
         closures=tuple(read_closures(loops, model, spec)),
         poses=read_poses(model, keyframes) if loops else {},
         driven=driven,
         has_mimics=bool(couplings) or len(relations) < len(couples),
+        sensors=measured,
         frames=tuple(named_frames(model, spec)),
     )
 
@@ -215,6 +223,66 @@ class _Reader:
         centre = [float(v) for v in exact_triple(self.model.body_ipos[index])]
         inertial = central_inertial(float(exact_number(mass)), centre, np.diag(moments), rotation)
         return tuple(float(v) for v in inertial)
+
+
+_WRENCHES = {"mjSENS_FORCE": False, "mjSENS_TORQUE": True}
+
+
+class Sensors:
+    """The sensors of a spec, kept while it is compiled without them."""
+
+    def __init__(self, spec: Any) -> None:
+        self.notes: list[str] = []
+        self._sites = {site.name: site for site in spec.sites}
+        self._drives = {actuator.name: actuator for actuator in spec.actuators}
+        self._driven = Counter(str(actuator.target) for actuator in spec.actuators if drives_joint(actuator))
+        self._wrenches: list[tuple[str, str, Any, bool]] = []
+        self._efforts: list[LiteralEffort] = []
+        self._taken: set[str] = {sensor.name for sensor in spec.sensors if sensor.name}
+        others: Counter[str] = Counter()
+        for sensor in spec.sensors:
+            kind, target = str(sensor.type.name), str(sensor.objname)
+            label = f"sensor {kind.removeprefix('mjSENS_').lower()} '{sensor.name or target}'"
+            if kind in _WRENCHES:
+                name = self._named(sensor.name, target)
+                self._wrenches.append((label, name, self._sites[target], _WRENCHES[kind]))
+            elif kind == "mjSENS_JOINTACTFRC":
+                self._efforts.append(LiteralEffort(label, self._named(sensor.name, target), target))
+            elif kind == "mjSENS_ACTUATORFRC":
+                self._efforts += self._of_actuator(label, self._named(sensor.name, target), self._drives[target])
+            else:
+                others[kind.removeprefix("mjSENS_").lower()] += 1
+        if others and (self._wrenches or self._efforts):
+            counts = ", ".join(f"{kind} ({count})" for kind, count in sorted(others.items()))
+            self.notes.append(f"sensors of other quantities than drive forces and wrenches are left out: {counts}")
+
+    def read(self, model: Any) -> Iterator[LiteralSensor]:
+        """Those that measure forces, in terms of the compiled model."""
+        for label, name, site, angular in self._wrenches:
+            link, placements = site_frame(model, site, label)
+            if link:
+                yield LiteralWrench(label, name, link, placements, angular)
+            else:
+                self.notes.append(f"{label} is left out: the world has no parent")
+        yield from self._efforts
+
+    def _named(self, stated: str, target: str) -> str:
+        """The sensor's name, or one after what it is on."""
+        if stated:
+            return str(stated)
+        self._taken.add(name := unused(target, self._taken))
+        return name
+
+    def _of_actuator(self, label: str, name: str, actuator: Any) -> Iterator[LiteralEffort]:
+        joint, gear = str(actuator.target), parse_decimal(repr(float(actuator.gear[0])))
+        if not drives_joint(actuator):
+            self.notes.append(f"{label} is left out: it does not drive a joint directly")
+        elif self._driven[joint] > 1:
+            self.notes.append(f"{label} is left out: joint '{joint}' has other actuators, too")
+        elif not gear:
+            self.notes.append(f"{label} is left out: its gear is zero")
+        else:
+            yield LiteralEffort(label, name, joint, 1 / Fraction(gear))
 
 
 def drives_joint(actuator: Any) -> bool:
