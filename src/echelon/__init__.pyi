@@ -29,8 +29,8 @@ from echelon.errors import UnknownRelationsError as UnknownRelationsError
 from echelon.excite.excite import exciting_trajectory as exciting_trajectory
 from echelon.excite.excite import judged_trajectory as judged_trajectory
 from echelon.excite.exciting_trajectory import ExcitingTrajectory as ExcitingTrajectory
-from echelon.excite.files.trajectory_files import read_trajectory as read_trajectory
-from echelon.excite.files.trajectory_files import write_trajectory as write_trajectory
+from echelon.excite.files.read_trajectory import read_trajectory as read_trajectory
+from echelon.excite.files.write_trajectory import write_trajectory as write_trajectory
 from echelon.excite.problem.prior_model import information_of_logs as information_of_logs
 from echelon.excite.problem.trajectory import Trajectory as Trajectory
 from echelon.formats.linear_document import load_linear as load_linear

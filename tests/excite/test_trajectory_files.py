@@ -10,12 +10,13 @@ import pytest
 
 from echelon.errors import InputError, MissingExtraError
 from echelon.excite.files import trajectory_samples as samples_module
-from echelon.excite.files.trajectory_files import read_trajectory, write_trajectory
+from echelon.excite.files.read_trajectory import read_trajectory
 from echelon.excite.files.trajectory_samples import sampled
-from echelon.excite.problem.trajectory import uniform_splines
+from echelon.excite.files.write_trajectory import write_trajectory
+from echelon.excite.problem.trajectory import Trajectory, uniform_splines
 from support.trajectory_motions import NAMES, UNITS, motion, smooth, states
 
-SAMPLED = [".csv", ".parquet"]
+SAMPLED = [".csv", ".parquet", ".yaml"]
 
 
 # -- samples -----------------------------------------------------------------------------------------------------------
@@ -50,6 +51,17 @@ def test_samples_end_with_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
             np.testing.assert_allclose(pieces, whole, rtol=0, atol=1e-12 * np.abs(whole).max())
         np.testing.assert_array_equal(found.states[1], there(found.t, 1))
         monkeypatch.undo()
+
+
+def test_rounded_times_of_messages_contradict_nothing(tmp_path: Path) -> None:
+    """Fast samples of a slow motion: whole nanoseconds alone change its accelerations by 40 %."""
+    basis = uniform_splines(0.5, 1)
+    t = np.linspace(0, 0.5, 30)
+    points = np.linalg.lstsq(basis.values(t), np.column_stack([t + 0.01 * t**2, t]), rcond=None)[0]
+    there, path = Trajectory(NAMES, UNITS, basis, points), tmp_path / "run.yaml"
+    write_trajectory(there, path, 3001)
+    found = read_trajectory(path, NAMES, UNITS)
+    np.testing.assert_allclose(found(t, 1), there(t, 1), atol=1e-4)
 
 
 @pytest.mark.parametrize("suffix", SAMPLED)
@@ -104,7 +116,7 @@ def test_rates_that_are_wrong(rate: float, problem: str, tmp_path: Path) -> None
 
 def test_suffixes_that_are_not_known(tmp_path: Path) -> None:
     for call in (lambda p: write_trajectory(smooth(), p, 100), lambda p: read_trajectory(p, NAMES, UNITS)):
-        with pytest.raises(InputError, match=r"'.xml' names no kind.*valid are .json, .csv, .parquet"):
+        with pytest.raises(InputError, match=r"'.xml' names no kind.*valid are .json, .csv, .parquet, .yaml"):
             call(tmp_path / "run.xml")
     with pytest.raises(InputError, match="no such file"):
         read_trajectory(tmp_path / "run.csv", NAMES, UNITS)
@@ -121,7 +133,7 @@ def test_equal_trajectories_give_equal_files_whole(tmp_path: Path, suffix: str) 
 
 
 @pytest.mark.parametrize("share", [0.001, 0.1, 0.5, 0.9, 0.999])
-@pytest.mark.parametrize("suffix", [".json", ".parquet"])
+@pytest.mark.parametrize("suffix", [".json", ".parquet", ".yaml"])
 def test_a_file_that_was_cut_off_is_one_clear_error(tmp_path: Path, suffix: str, share: float) -> None:
     path = tmp_path / f"run{suffix}"
     write_trajectory(smooth(), path, 100)

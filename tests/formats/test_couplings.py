@@ -1,4 +1,4 @@
-"""Couplings that are polynomials: against the free tree's dynamics, and singular values."""
+"""Couplings that are polynomials and splines: against SciPy, the free tree's dynamics, and singular values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.polynomial import Polynomial as Numbers
+from numpy.polynomial import Polynomial as Powers
+from scipy.interpolate import CubicSpline
 
 import echelon as ec
 from echelon.dynamics.functions import robot_function
@@ -19,16 +20,17 @@ from echelon.exact.polynomial import Polynomial
 from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import read_description
 from echelon.formats.writers.description_writer import write_description
-from echelon.mechanism.coupling import Powers
+from echelon.mechanism.coupling import Spline, natural_spline
 from echelon.mechanism.lock_joints import lock_joints
 from echelon.mechanism.mechanism import Mechanism
 from support.float_functions import evaluate
 from support.float_regressor import FloatArray, float_regressor, random_states
 from support.pinocchio_loops import Constrained
 
-SLIDE = Numbers([0.05, -0.02, 0.1, 0, 0.01])
-LIFT = Numbers([0.001, 0.03, -0.02, 0, 0, 0.01])
-TILT = Numbers([0.3, 0.5, -0.2, 0.1])
+POINTS = [[-2, 0.03], [-1.2, 0.01], [-0.3, -0.012], [0, 0.001], [0.7, 0.02], [1.5, -0.04]]
+SLIDE = Powers([0.05, -0.02, 0.1, 0, 0.01])
+LIFT = CubicSpline(*np.array(POINTS).T, bc_type="natural")
+TILT = Powers([0.3, 0.5, -0.2, 0.1])
 
 LEG = """
 echelon: 1
@@ -47,9 +49,9 @@ bodies:
 COUPLED = """
 couplings:
   - slide: 0.1*knee^2 - 0.02*knee + 0.01*knee^4 + 0.05
-  - lift: 0.001 + 0.03*knee - 0.02*knee^2 + 0.01*knee^5
+  - lift: {spline: {of: knee, points: POINTS}}
   - tilt: 0.3 + 0.5*knee - 0.2*knee^2 + 0.1*knee^3 - 0.4*hip
-"""
+""".replace("POINTS", str(POINTS))
 
 
 def leg(
@@ -62,10 +64,19 @@ def leg(
 def followers(q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of hip and knee: positions of slide, lift and tilt, their first and second derivatives by the knee."""
     knee = q[:, 1]
-    rows = [[f(knee), d(knee), c(knee)] for f, d, c in ((f, f.deriv(), f.deriv(2)) for f in (SLIDE, LIFT, TILT))]
+    rows = [[f(knee), d(knee), c(knee)] for f, d, c in ((f, f.deriv(), f.deriv(2)) for f in (SLIDE, TILT))]
+    rows.insert(1, [beyond(LIFT, knee, k) for k in range(3)])
     values, slopes, bends = np.transpose(rows, (1, 2, 0))
     values[:, 2] -= 0.4 * q[:, 0]
     return values, slopes, bends
+
+
+def beyond(spline: CubicSpline, x: FloatArray, order: int) -> FloatArray:
+    """A derivative of a spline that goes on straight beyond its ends."""
+    at = np.clip(x, spline.x[0], spline.x[-1])
+    straight = spline(at, 1) * (x - at) if order == 0 else 0.0
+    found = spline(at, order) + straight
+    return np.where(at == x, found, found if order < 2 else 0.0)
 
 
 def all_states(q: FloatArray, qd: FloatArray, qdd: FloatArray) -> tuple[FloatArray, ...]:
@@ -85,9 +96,29 @@ def all_states(q: FloatArray, qd: FloatArray, qdd: FloatArray) -> tuple[FloatArr
 fractions = st.fractions(-3, 3, max_denominator=20)
 
 
+@given(st.lists(st.tuples(fractions, fractions), min_size=2, max_size=7, unique_by=lambda p: p[0]))
+def test_natural_splines_are_those_of_scipy(points: list[tuple[Fraction, Fraction]]) -> None:
+    x, y = np.array(sorted(points), dtype=float).T
+    expected = CubicSpline(x, y, bc_type="natural")
+    spline, constant = natural_spline(points)
+    size = 1 + max(np.abs(expected(x, k)).max() for k in range(3))
+    at = np.linspace(-4, 4, 41)
+    for order, found in enumerate(spline.floats(at, {})):
+        whole = found + float(constant) * (order == 0)
+        np.testing.assert_allclose(whole, beyond(expected, at, order), rtol=0, atol=1e-10 * size)
+    assert spline.floats(0.0, {})[0] == 0
+
+
+@given(st.lists(fractions, min_size=2, max_size=6, unique=True), fractions, fractions)
+def test_a_spline_through_points_of_a_line_is_that_line(x: list[Fraction], slope: Fraction, constant: Fraction) -> None:
+    spline, offset = natural_spline([(a, slope * a + constant) for a in x])
+    assert spline.ratio == slope
+    assert offset == constant
+
+
 @given(st.lists(fractions, max_size=4), st.lists(fractions, max_size=3), fractions, fractions)
 def test_functions_of_functions(a: list[Fraction], b: list[Fraction], offset: Fraction, x: Fraction) -> None:
-    outer, inner = (Powers(tuple(map(Polynomial.constant, c))) for c in (a, b))
+    outer, inner = (Spline(tuple(map(Polynomial.constant, c))) for c in (a, b))
     found, constant = outer.after(inner, Polynomial.constant(offset))
     assert constant.number is not None
     y = sum(c * x**k for k, c in enumerate(b, start=1)) + offset
@@ -96,12 +127,14 @@ def test_functions_of_functions(a: list[Fraction], b: list[Fraction], offset: Fr
     assert value + constant.number == expected
 
 
-@given(st.lists(fractions, max_size=5), st.floats(0.1, 3))
-def test_nothing_is_steeper_than_the_steepest(a: list[Fraction], reach: float) -> None:
-    function = Powers(tuple(map(Polynomial.constant, a)))
-    slopes = np.abs(function.floats(np.linspace(-reach, reach, 333), {})[1] + np.zeros(333))
-    assert max(slopes) <= function.steepest(reach, {}) * (1 + 1e-12) + 1e-300
-    assert function.steepest(reach, {}) <= max(slopes) + 0.1 * (1 + sum(map(abs, a)) * 200)
+@given(st.lists(fractions, max_size=5), st.lists(st.tuples(fractions, fractions), max_size=3), st.floats(0.1, 3))
+def test_nothing_is_steeper_than_the_steepest(
+    a: list[Fraction], knots: list[tuple[Fraction, Fraction]], reach: float
+) -> None:
+    spline = Spline(tuple(map(Polynomial.constant, a)), tuple((x, Polynomial.constant(c)) for x, c in knots))
+    slopes = np.abs(spline.floats(np.linspace(-reach, reach, 333), {})[1] + np.zeros(333))
+    assert max(slopes) <= spline.steepest(reach, {}) * (1 + 1e-12) + 1e-300
+    assert spline.steepest(reach, {}) <= max(slopes) + 0.1 * (1 + sum(map(abs, a)) * 200 + 50 * len(knots))
 
 
 # -- dynamics ----------------------------------------------------------------------------------------------------------
@@ -203,9 +236,10 @@ def svd_rank(mechanism: Mechanism) -> int:
     "coupled",
     [
         COUPLED,
+        COUPLED.replace("{spline: {of: knee, points: " + str(POINTS) + "}}", "knee^2"),
         "couplings: [slide: 0.1*knee^2 + l*knee, lift: 0.2*hip^3, tilt: 2*slide + knee]",
     ],
-    ids=["polynomials", "chain with a symbol"],
+    ids=["spline", "polynomials", "chain with a symbol"],
 )
 def test_rank_is_that_of_singular_values(coupled: str) -> None:
     mechanism = leg(coupled)
@@ -216,8 +250,23 @@ def test_rank_is_that_of_singular_values(coupled: str) -> None:
     np.testing.assert_allclose(found, float_regressor(mechanism, q, qd, qdd), atol=1e-9)
 
 
+def test_every_piece_counts() -> None:
+    """A slide that moves beyond a knot only: its mass is seen there."""
+    text = """
+echelon: 1
+gravity: none
+couplings: [{s: {terms: {j: {coefficients: [], knots: [[KNOT, 1]]}}}}]
+bodies:
+  - {name: a, joint: {type: prismatic, name: j, axis: x}}
+  - {name: b, parent: a, joint: {type: prismatic, name: s, axis: y}}
+"""
+    for knot in ("0", "1.5", "-2", "0.01"):
+        mechanism = read_description(text.replace("KNOT", knot), "slides.yaml", ReadingOptions())
+        assert ec.base_parameters(mechanism).rank == 2  # M1 + M2 everywhere, M2 beyond the knot
+
+
 def test_a_polynomial_of_degree_one_is_a_linear_coupling() -> None:
-    line = "couplings: [slide: {terms: {knee: {coefficients: [2, 0]}}, offset: 1}, lift: knee, tilt: hip]"
+    line = "couplings: [slide: {spline: {of: knee, points: [[-1, -1], [0, 1], [2, 5]]}}, lift: knee, tilt: hip]"
     mechanism, same = leg(line), leg("couplings: [slide: 2*knee + 1, lift: knee, tilt: hip]")
     assert mechanism.couplings == same.couplings
     assert mechanism.bodies == same.bodies
@@ -262,7 +311,13 @@ REFUSED = {
     "pi": ("couplings: [slide: (knee - pi/2)^2]", "pi can occur in the constant part only"),
     "degree": ("couplings: [slide: knee^40]", "powers 0 to 32"),
     "sum of two squared": ("couplings: [slide: hip + knee, tilt: slide^2]", "'slide' follows hip, knee"),
-    "unknown": ("couplings: [slide: {terms: {kne: 2}}]", "no coordinate 'kne'.*knee"),
+    "one point": ("couplings: [slide: {spline: {of: knee, points: [[0, 1]]}}]", "two points or more"),
+    "same point": ("couplings: [slide: {spline: {of: knee, points: [[0, 1], [0, 2]]}}]", "an x of its own"),
+    "unknown": ("couplings: [slide: {spline: {of: kne, points: [[0, 1], [1, 2]]}}]", "no coordinate 'kne'.*knee"),
+    "spline of a spline": (
+        "couplings: [slide: knee^2, lift: {spline: {of: slide, points: [[0, 1], [1, 2], [2, 0]]}}]",
+        "a spline of a coordinate that itself depends on others",
+    ),
     "loops": (
         "couplings: [slide: knee^2]\nloops: [{connects: [shank, patella], joint: spherical, at: {xyz: [0.1, 0, 0]}}]",
         "with loops, couplings must be linear",
@@ -284,7 +339,7 @@ def test_random_polynomials_against_the_free_tree(a: list[Fraction], seed: int) 
     powers = " + ".join(f"({c})*knee^{k}" for k, c in enumerate(a, start=1))
     mechanism, free = leg(f"couplings: [slide: '{powers}', lift: 0.5*knee, tilt: hip]"), leg("")
     q, qd, qdd = random_states(mechanism, 2, seed)
-    f = Numbers([0, *map(float, a)])
+    f = Powers([0, *map(float, a)])
     hip, knee = q.T
     slope, bend = f.deriv()(knee), f.deriv(2)(knee)
     jacobian = np.array([[[1, 0], [0, d], [0, 0.5], [0, 1], [1, 0]] for d in slope])

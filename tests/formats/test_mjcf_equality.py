@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.mjcf.mjcf_equality import Relation, resolve
-from echelon.mechanism.coupling import Powers
+from echelon.mechanism.coupling import Spline
 
 JOINTS = "abcde"
 small = st.integers(-3, 3)
@@ -27,7 +27,7 @@ def systems(draw: st.DrawFn) -> list[tuple[dict[str, int], int]]:
 
 
 def relation(number: int, row: dict[str, int], constant: int, joint: str) -> Relation:
-    terms = {name: Powers((Polynomial.constant(value),)) for name, value in row.items()}
+    terms = {name: Spline((Polynomial.constant(value),)) for name, value in row.items()}
     return Relation(f"equality {number}", joint, terms, Polynomial.constant(constant))
 
 

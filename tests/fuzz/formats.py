@@ -315,7 +315,10 @@ def _values(material: Material, rng: Random, folder: Path) -> Path:
 
 def _sampled(material: Material, rng: Random, folder: Path) -> Path:
     """The motion as a table."""
-    inner = Material(**{**vars(material), "log": material.samples})
+    points = material.message["points"]
+    times = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points]
+    columns = {"t": np.array(times)} | {f"q_j{j + 1}": np.array([p["positions"][j] for p in points]) for j in range(2)}
+    inner = Material(**{**vars(material), "log": columns})
     return (_csv if rng.random() < 0.5 else _parquet)(inner, rng, folder)
 
 
@@ -333,6 +336,7 @@ FORMATS: dict[str, Maker] = {
     "claims": _claims,
     "values": _values,
     "trajectory as JSON": _document("motion.json", lambda m, _: m.trajectory),
+    "trajectory as YAML": _document("motion.yaml", lambda m, _: m.message),
     "trajectory as a table": _sampled,
     "CSV log": _csv,
     "Parquet log": _parquet,

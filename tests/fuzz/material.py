@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import yaml
 
 import echelon as ec
 
@@ -71,8 +72,8 @@ class Material:
     log : dict of str to array
     trajectory : dict
         JSON-able data.
-    samples : dict of str to array
-        The same motion as a table.
+    message : dict
+        The same motion as a JointTrajectory.
     base, model : dict
         Results, JSON-able data.
     claims : str
@@ -84,7 +85,7 @@ class Material:
     mjcf: list[str]
     log: dict[str, Floats]
     trajectory: dict[str, Any]
-    samples: dict[str, Floats]
+    message: dict[str, Any]
     base: dict[str, Any]
     model: dict[str, Any]
     claims: str
@@ -93,6 +94,7 @@ class Material:
 def make(folder: Path) -> Material:
     """Everything, written into a folder where a command needs it as a file."""
     from echelon.excite.files.coefficients import trajectory_to_json
+    from echelon.excite.files.joint_trajectory import yaml_text
     from echelon.excite.files.trajectory_samples import sampled
     from echelon.excite.problem.trajectory import Fourier, Trajectory
     from echelon.results.identified import identification_to_json
@@ -109,7 +111,6 @@ def make(folder: Path) -> Material:
     coefficients = np.random.default_rng(3).normal(scale=0.1, size=(5, 2))
     trajectory = Trajectory(("j1", "j2"), ("rad", "rad"), Fourier(4.0, 2), coefficients)
     model = identification_to_json(ec.identify(ec.load_setup(folder / "setup.yaml"), [folder / "log.csv"]))
-    samples = sampled(trajectory, 10.0)
     (folder / "base.json").write_text(to_json(base), encoding="utf-8")
     (folder / "model.json").write_text(model, encoding="utf-8")
 
@@ -123,7 +124,7 @@ def make(folder: Path) -> Material:
         texts(("two_link", "loops/four_bar"), "{}.xml"),
         log,
         trajectory_to_json(trajectory),
-        {"t": samples.t, "q_j1": samples.states[0][:, 0], "q_j2": samples.states[0][:, 1]},
+        yaml.safe_load(yaml_text(sampled(trajectory, 10.0))),
         json.loads(to_json(base)),
         json.loads(model),
         "\n".join(str(expression) for expression in base.expressions),

@@ -21,7 +21,7 @@ import pytest
 import echelon as ec
 from echelon.claims.reading import read_claims
 from echelon.errors import InputError
-from echelon.excite.files.trajectory_files import read_trajectory
+from echelon.excite.files.read_trajectory import read_trajectory
 from echelon.inputs.content import COLUMNS, DEPTH, LIMITS, Limit, limits_table
 from echelon.inputs.json_text import parse_json
 from echelon.inputs.xml_text import parse_xml
@@ -87,10 +87,14 @@ READERS: dict[str, Act] = {
     "model.json": ec.load_identified,
     "claims.json": lambda path: read_claims(path),
     "motion.json": lambda path: read_trajectory(path, NAMES, UNITS),
+    "motion.yaml": lambda path: read_trajectory(path, NAMES, UNITS),
 }
 DOCUMENTS = {
+    "merge keys": ("motion.yaml", MERGED, "aliases"),
+    "aliases": ("motion.yaml", LISTS, "aliases"),
     "aliases in a description": ("robot.yaml", LISTS, "aliases"),
     "aliases in a set-up": ("setup.yaml", MERGED, "aliases"),
+    "endless list": ("motion.yaml", ENDLESS[: 1 << 20], "is not a trajectory"),
     "endless list in a description": ("robot.yaml", ENDLESS, "has more than 250,000 numbers"),
     "endless JSON list": ("base.json", "[" + "0," * 5_000_000 + "0]", "has more than 4,000,000 numbers"),
     "harmonics": ("motion.json", HARMONICS, "has 0 entries; needs 1000000000"),

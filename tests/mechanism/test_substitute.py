@@ -29,7 +29,7 @@ def left(mechanism: Mechanism) -> set[str]:
     found = {s for body in mechanism.bodies for s in body.joint.symbols()}
     found |= {s for part in mechanism.gravity or () for s in part.symbols()}
     found |= {
-        s for coupling in mechanism.couplings for _, f in coupling.terms for c in f.coefficients for s in c.symbols()
+        s for coupling in mechanism.couplings for _, f in coupling.terms for e in f.expressions for s in e.symbols()
     }
     return found | {s for c in mechanism.closures for f in (c.first_frame, c.second_frame) for s in f.symbols()}
 

@@ -137,6 +137,7 @@ def test_setups(case: str, tmp_path: Path) -> None:
 
 UNCOVERED = {
     "knee": "couplings: [{three: 0.1*one^2}]",
+    "spline": "couplings: [{three: {spline: {of: one, points: [[-1, 0.5], [0, 0], [1, 0.2]]}}}]",
     "gear of a symbol": "couplings: [{three: n*one}]",
     "stribeck": "effects: [{type: stribeck, at: one, velocity: 0.05}]",
     "signs together": "effects: [{parameter: P, unit: N, acts: [{at: one, term: 'sign(qd)*sign(qd[two])'}]}]",

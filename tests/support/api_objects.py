@@ -19,7 +19,6 @@ import numpy as np
 import echelon as ec
 from echelon.formats.robot_file import RobotFile
 from echelon.identification.conditioning import conditioning
-from echelon.identification.servo_fit import ServoScore
 from echelon.regressor.virtual_power import virtual_power_form
 from support.paths import EXAMPLES
 from support.pendulum_logs import pendulum, write_log
@@ -40,7 +39,7 @@ name: leg
 gravity: [0, -9.81, 0]
 symbols: {l1: 0.5}
 modified_dh: [{joint: revolute, name: hip}, {joint: revolute, name: knee, a: l1}, {joint: prismatic, name: lift}]
-couplings: [{lift: 0.03*knee - 0.02*knee^3}]
+couplings: [{lift: {spline: {of: knee, points: [[-2, 0.03], [-1, 0.01], [0, 0], [0.5, 0.004]]}}}]
 actuators: {m1: 32*hip, m2: 45*knee + 2*hip}
 effects: [{type: coulomb, at: all}]
 """,
@@ -108,11 +107,6 @@ def identification() -> ec.Identification:
 def identified() -> Any:
     ec.save_identification(identification(), file("model.json"))
     return ec.load_identified(file("model.json"))
-
-
-def servo() -> ec.ServoFit:
-    score = ServoScore("j1", 0.01, 0.99, 0.9)
-    return ec.ServoFit(base(), identification().estimate, 0.1, 0.01, (), (score,), (score,), (), ("run.parquet",), True)
 
 
 def prediction() -> Any:
@@ -203,14 +197,13 @@ def error(kind: type[Exception], *values: Any, **named: Any) -> Example:
 OBJECTS: Mapping[str, Example] = {
     "description": Example(load("double_pendulum.yaml"), read_literally),
     "description in numbers": Example(load("double_pendulum.yaml", symbolic=False), read_literally),
-    "actuators, a polynomial": Example(load("leg.yaml"), read_literally),
+    "actuators, a spline": Example(load("leg.yaml"), read_literally),
     "URDF": Example(load("gripper.urdf"), read_literally),
     "URDF in numbers": Example(load("gripper.urdf", symbolic=False), read_literally),
     "additions to a URDF": Example(load("added.yaml"), read_literally),
     "MJCF": Example(load("two_link.xml"), read_literally),
     "loop": Example(load("loops/four_bar.yaml"), read_literally),
     "base": Example(base, computed),
-    "servo fit": Example(servo),
     "base of a loop": Example(lambda: ec.base_parameters(load("loops/four_bar.yaml")()), along_loop),
     "base in numbers": Example(lambda: ec.base_parameters(load("double_pendulum.yaml")(), budget=0), str),
     "base of a URDF": Example(lambda: ec.base_parameters(load("gripper.urdf")()), str),

@@ -97,7 +97,7 @@ def excite(
 @reads_robot("floating", "gravity", "tolerance", "every_link", "massless")
 def check_trajectory(
     setup: SetupFile,
-    trajectory: Annotated[Path, typer.Argument(help="JSON, CSV or Parquet.")],
+    trajectory: Annotated[Path, typer.Argument(help="JSON, CSV, Parquet, or a ROS 2 JointTrajectory (YAML).")],
     read: dict[str, Any],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Preview page to write (HTML).")] = None,
     force: Force = False,

@@ -23,7 +23,7 @@ from echelon.exact.polynomial import Polynomial
 from echelon.formats.reading_options import StatedJoint
 from echelon.hints import nearest_of
 from echelon.mechanism.closure import ClosureKind
-from echelon.mechanism.coupling import Coupling, Powers
+from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.joint import MotionKind
 
 Triple = tuple[Rational, Rational, Rational]
@@ -143,7 +143,7 @@ class StatedCoupling:
 
     element: str  # what states it: a mimic element, an equality constraint, an entry of a description
     coordinate: str
-    terms: Mapping[str, Powers]  # functions of other coordinates, which may be dependent themselves
+    terms: Mapping[str, Spline]  # functions of other coordinates, which may be dependent themselves
     offset: Polynomial  # the constant part; of rotations it may contain pi
 
     @property
@@ -179,21 +179,24 @@ def substituted(
     coupling: StatedCoupling, known: Mapping[str, StatedCoupling], error: Callable[[str, str], InputError]
 ) -> StatedCoupling:
     """A coupling with functions of independent coordinates in the place of dependent ones."""
-    terms: dict[str, Powers] = {}
+    terms: dict[str, Spline] = {}
     offset = coupling.offset
     for name, function in coupling.terms.items():
-        inner = {name: Powers((Polynomial.constant(1),))}
+        inner = {name: Spline((Polynomial.constant(1),))}
         constant = Polynomial({})
         if name in known:
             inner, constant = dict(known[name].terms), known[name].offset
         if function.ratio is None and len(inner) > 1:
             several = ", ".join(inner)
             raise error(coupling.element, f"'{name}' follows {several}, so only linear functions of it are supported")
-        for independent, part in inner.items() or [(name, Powers(()))]:
-            found, value = function.after(part, constant)
-            terms[independent] = terms.get(independent, Powers(())) + found
+        for independent, part in inner.items() or [(name, Spline(()))]:
+            try:
+                found, value = function.after(part, constant)
+            except ValueError as problem:
+                raise error(coupling.element, str(problem)) from None
+            terms[independent] = terms.get(independent, Spline(())) + found
             offset, constant = offset + value, Polynomial({})
-    moving = {name: function for name, function in terms.items() if function.coefficients}
+    moving = {name: function for name, function in terms.items() if function.expressions}
     return StatedCoupling(coupling.element, coupling.coordinate, moving, offset)
 
 

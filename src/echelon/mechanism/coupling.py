@@ -1,91 +1,172 @@
-"""Couplings: coordinates that depend on others through sums of polynomials."""
+"""Couplings: coordinates that depend on others through sums of polynomials and cubic splines."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import pairwise
 from math import inf, isfinite
 from typing import Any, TypeVar
 
 import numpy as np
 
 from echelon.arrays import Floats
+from echelon.exact.numbers import Rational
 from echelon.exact.polynomial import Polynomial
 
 T = TypeVar("T")
 _ZERO = Polynomial({})
+_CUBIC = 3
 _CELLS = 500
 
 
 @dataclass(frozen=True)
-class Powers:
-    """f(x) = Σ aᵢ xⁱ over i ≥ 1, so that f(0) = 0; with one coefficient a linear function."""
+class Spline:
+    """f(x) = Σ aᵢ xⁱ + Σ cₖ |x − xₖ|³ over the knots that lie between 0 and x, so that f(0) = 0.
+
+    Without knots it is a polynomial, and with one coefficient a linear function.  A cubic spline is the polynomial of
+    its piece at zero, and from each knot on, seen from zero, what the third derivative's jump there adds.
+    """
 
     coefficients: tuple[Polynomial, ...]  # a₁, a₂, …; trailing zeros are dropped
+    knots: tuple[tuple[Rational, Polynomial], ...] = ()  # pairs xₖ, cₖ, sorted; those with cₖ = 0 are dropped
 
     def __post_init__(self) -> None:
         kept = len(self.coefficients)
         while kept and not self.coefficients[kept - 1]:
             kept -= 1
+        added: dict[Rational, Polynomial] = {}
+        for knot, jump in self.knots:
+            added[knot] = added.get(knot, _ZERO) + jump
         object.__setattr__(self, "coefficients", self.coefficients[:kept])
+        object.__setattr__(self, "knots", tuple((x, added[x]) for x in sorted(added) if added[x]))
 
     def __str__(self) -> str:
         x = Polynomial.generator("x")
-        powers = Polynomial.sum(c * x**k for k, c in enumerate(self.coefficients, start=1))
-        return str(powers if self.ratio is None else self.ratio)
+        text = str(Polynomial.sum(c * x**k for k, c in enumerate(self.coefficients, start=1)))
+        return str(self.ratio) if self.ratio is not None else text + f" and {len(self.knots)} knots" * bool(self.knots)
 
     @property
     def ratio(self) -> Polynomial | None:
         """The factor of a linear function; None for any other."""
-        if len(self.coefficients) > 1:
+        if self.knots or len(self.coefficients) > 1:
             return None
         return self.coefficients[0] if self.coefficients else _ZERO
 
-    def mapped(self, put: Callable[[Polynomial], Polynomial]) -> Powers:
-        """The function with other coefficients."""
-        return Powers(tuple(map(put, self.coefficients)))
+    @property
+    def expressions(self) -> tuple[Polynomial, ...]:
+        """All coefficients."""
+        return (*self.coefficients, *(jump for _, jump in self.knots))
 
-    def __add__(self, other: Powers) -> Powers:
+    def mapped(self, put: Callable[[Polynomial], Polynomial]) -> Spline:
+        """The function with other coefficients."""
+        return Spline(tuple(map(put, self.coefficients)), tuple((x, put(jump)) for x, jump in self.knots))
+
+    def __add__(self, other: Spline) -> Spline:
         length = max(len(self.coefficients), len(other.coefficients))
         a, b = ([*s.coefficients, *[_ZERO] * (length - len(s.coefficients))] for s in (self, other))
-        return Powers(tuple(x + y for x, y in zip(a, b, strict=True)))
+        return Spline(tuple(x + y for x, y in zip(a, b, strict=True)), (*self.knots, *other.knots))
 
-    def after(self, inner: Powers, offset: Polynomial) -> tuple[Powers, Polynomial]:
-        """The function of another one, x ↦ f(g(x) + offset), as powers and a constant."""
+    def after(self, inner: Spline, offset: Polynomial) -> tuple[Spline, Polynomial]:
+        """The function of another one, x ↦ f(g(x) + offset), as a spline and a constant."""
+        if self.ratio is not None:
+            ratio = self.ratio
+            return inner.mapped(lambda c: c * ratio), ratio * offset
+        if inner.ratio == 1 and not offset:
+            return self, offset
+        if self.knots or inner.knots:
+            raise ValueError("a spline of a coordinate that itself depends on others is not supported")
         argument, total = [offset, *inner.coefficients], [_ZERO]
         for coefficient in reversed((_ZERO, *self.coefficients)):
             total = _product(total, argument)
             total[0] = total[0] + coefficient
-        return Powers(tuple(total[1:])), total[0]
+        return Spline(tuple(total[1:])), total[0]
 
-    def derivatives(self, x: T, number: Callable[[Polynomial], T]) -> tuple[T, T, T]:
+    def derivatives(self, x: T, number: Callable[[Polynomial], T], beyond: Callable[[T], T]) -> tuple[T, T, T]:
         """f, f′ and f″ at a point, over any ring."""
         a = (_ZERO, *self.coefficients)
         slopes = [k * c for k, c in enumerate(a)][1:]
         curvatures = [k * c for k, c in enumerate(slopes)][1:]
-        return _horner(a, x, number), _horner(slopes, x, number), _horner(curvatures, x, number)
+        value, slope, curvature = (_horner(c, x, number) for c in (a, slopes, curvatures))
+        for knot, jump in self.knots:
+            sign = 1 if knot >= 0 else -1
+            distance: Any = (x - number(Polynomial.constant(knot))) * sign  # type: ignore[operator]
+            over = distance * beyond(distance)
+            value = value + number(jump) * over * over * over
+            slope = slope + number(jump * (_CUBIC * sign)) * over * over
+            curvature = curvature + number(jump * (_CUBIC * 2)) * over
+        return value, slope, curvature
 
     def floats(self, x: Floats | float, symbols: Mapping[str, float]) -> tuple[Any, Any, Any]:
         """f, f′ and f″ in double precision, at one point or at an array of points."""
         point: Any = x
-        return self.derivatives(point, lambda c: c.at(symbols))
+        return self.derivatives(point, lambda c: _float(c, symbols), lambda distance: 1.0 * (distance > 0))
 
     def steepest(self, reach: float, symbols: Mapping[str, float]) -> float:
         """What |f′| does not exceed while |x| stays within a reach: values on a grid, and what can lie between them."""
         if self.ratio is not None:
-            return abs(self.ratio.at(symbols))
+            return abs(_float(self.ratio, symbols))
         if not isfinite(reach):
             return inf
         slopes = self.floats(np.linspace(-reach, reach, 2 * _CELLS + 1)[1::2], symbols)[1]
-        # |f″| is at most what the sizes of all terms add up to at the end
-        sizes = self.mapped(lambda c: Polynomial.constant(Fraction(abs(c.at(symbols)))))
-        return float(np.abs(slopes).max() + sizes.floats(reach, {})[2] * reach / _CELLS)
+        # |f″| is at most what the sizes of all terms add up to at the end, each knot counted from zero on
+        sizes = self.mapped(lambda c: Polynomial.constant(Fraction(abs(_float(c, symbols)))))
+        bend = Spline(sizes.coefficients, tuple((0, size) for _, size in sizes.knots)).floats(reach, {})[2]
+        return float(np.abs(slopes).max() + bend * reach / _CELLS)
 
 
-def linear(ratio: Polynomial) -> Powers:
+def linear(ratio: Polynomial) -> Spline:
     """The linear function ratio · x."""
-    return Powers((ratio,))
+    return Spline((ratio,))
+
+
+def natural_spline(points: Sequence[tuple[Rational, Rational]]) -> tuple[Spline, Rational]:
+    """The natural cubic spline through points, straight beyond the first and the last, as a spline and a constant.
+
+    Its second derivatives mₖ at the points solve the tridiagonal equations (de Boor, A Practical Guide to Splines, IV)
+    hₖ₋₁ mₖ₋₁ + 2 (hₖ₋₁ + hₖ) mₖ + hₖ mₖ₊₁ = 6 (dₖ − dₖ₋₁), with steps h, slopes d of the chords and zero at the ends.
+    """
+    ordered = sorted((Fraction(x), Fraction(y)) for x, y in points)
+    if len(ordered) < 2 or any(a[0] == b[0] for a, b in pairwise(ordered)):
+        raise ValueError("a spline needs two points or more, each with an x of its own")
+    x, y = zip(*ordered, strict=True)
+    steps = [b - a for a, b in pairwise(x)]
+    chords = [(b - a) / h for (a, b), h in zip(pairwise(y), steps, strict=True)]
+    bends = [Fraction(0), *_bends(steps, chords), Fraction(0)]
+    thirds = [Fraction(0), *((b - a) / h for (a, b), h in zip(pairwise(bends), steps, strict=True)), Fraction(0)]
+    jumps = [(b - a) / (2 * _CUBIC) for a, b in pairwise(thirds)]
+    # before the first point it is straight; from the left, every knot adds c (x − xₖ)³
+    slope = chords[0] - steps[0] * bends[1] / (2 * _CUBIC)
+    pieces = [y[0] - slope * x[0], slope, Fraction(0), Fraction(0)]
+    for knot, jump in zip(x, jumps, strict=True):
+        if knot < 0:
+            pieces = [p + jump * q for p, q in zip(pieces, (-(knot**3), 3 * knot**2, -3 * knot, 1), strict=True)]
+    found = Spline(tuple(map(Polynomial.constant, pieces[1:])))
+    knots = tuple((knot, Polynomial.constant(jump)) for knot, jump in zip(x, jumps, strict=True))
+    return replace(found, knots=knots), pieces[0]
+
+
+def _bends(steps: Sequence[Fraction], chords: Sequence[Fraction]) -> list[Fraction]:
+    """Second derivatives at the inner points, by elimination."""
+    diagonal: list[Fraction] = []
+    right: list[Fraction] = []
+    for k in range(1, len(steps)):
+        middle, value = 2 * (steps[k - 1] + steps[k]), 6 * (chords[k] - chords[k - 1])
+        if diagonal:
+            factor = steps[k - 1] / diagonal[-1]
+            middle, value = middle - factor * steps[k - 1], value - factor * right[-1]
+        diagonal.append(middle)
+        right.append(value)
+    found: list[Fraction] = []
+    for k in reversed(range(len(diagonal))):
+        later = steps[k + 1] * found[0] if found else Fraction(0)
+        found.insert(0, (right[k] - later) / diagonal[k])
+    return found
+
+
+def _float(value: Polynomial, symbols: Mapping[str, float]) -> float:
+    return value.at(symbols)
 
 
 def _horner(coefficients: Sequence[Polynomial], x: T, number: Callable[[Polynomial], T]) -> T:
@@ -111,7 +192,7 @@ class Coupling:
     """
 
     coordinate: str
-    terms: tuple[tuple[str, Powers], ...]
+    terms: tuple[tuple[str, Spline], ...]
 
     @property
     def is_linear(self) -> bool:

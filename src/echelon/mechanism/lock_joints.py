@@ -11,7 +11,7 @@ from math import tan
 from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.hints import nearest_of
-from echelon.mechanism.coupling import Coupling, Powers
+from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.effect import Effect
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, merge
 from echelon.mechanism.mechanism import Body, Mechanism
@@ -75,8 +75,8 @@ def _with_coupled(mechanism: Mechanism, positions: Mapping[str, float]) -> dict[
     return found
 
 
-def _known(coupling: Coupling, function: Powers) -> Powers:
-    if any(value.number is None for value in function.coefficients):
+def _known(coupling: Coupling, function: Spline) -> Spline:
+    if any(value.number is None for value in function.expressions):
         raise InputError(
             f"the coupling of '{coupling.coordinate}' has symbols; only coordinates of known ratios can be held"
         )

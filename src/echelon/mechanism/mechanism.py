@@ -275,7 +275,7 @@ def setup_placements(mechanism: Mechanism) -> list[Placement]:
 
 def setup_ratios(mechanism: Mechanism) -> list[Polynomial]:
     """Expressions beside those of placements and of gravity: ratios and weights."""
-    found = [value for coupling in mechanism.couplings for _, f in coupling.terms for value in f.coefficients]
+    found = [value for coupling in mechanism.couplings for _, f in coupling.terms for value in f.expressions]
     found += [ratio for actuator in mechanism.actuators for _, ratio in actuator.terms]
     return found + [weight for output in mechanism.measured or () for _, weight in output.terms]
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TypeVar
 
 from echelon.mechanism.joint import Motion, MotionKind
@@ -87,7 +88,7 @@ class Recorder:
             slopes = self.slopes[coupling.coordinate] = {}
             for name, function in coupling.terms:
                 at = known[name]
-                value, slope, curvature = function.derivatives(at.position[0], self.program.polynomial)
+                value, slope, curvature = function.derivatives(at.position[0], self.program.polynomial, _positive)
                 slopes[name] = slope
                 position, rate = position + value, rate + at.rate[0] * slope
                 acceleration = acceleration + at.acceleration[0] * slope + at.rate[0] * at.rate[0] * curvature
@@ -184,6 +185,11 @@ def backward(mechanism: Mechanism, own: dict[int, T], before: Callable[[T, int],
         if index != GROUND:
             parent = mechanism.bodies[index].parent
             own[parent] = plus(own[parent], moved)
+
+
+def _positive(x: Scalar) -> Scalar:
+    """1 for positive values, 0 for negative ones."""
+    return (1 + x.sign()) * Fraction(1, 2)
 
 
 def _scaled(axis: Vec, factor: Scalar) -> Vec:

@@ -1,4 +1,4 @@
-"""Samples of a trajectory: tables with a column for the time and three for each coordinate, and messages of ROS 2."""
+"""Samples of a trajectory, and tables of them: a column for the time, three for each coordinate."""
 
 from __future__ import annotations
 
@@ -37,6 +37,7 @@ class Samples:
     # shape (N, n); positions (rad, m), velocities and accelerations; the last two NaN in columns that are not
     # known, or None
     states: tuple[Floats, Floats | None, Floats | None]
+    resolution: float = 0.0  # steps of the time stamps, s; 0 if they are those of floats
     names: tuple[str, ...] = ()  # what the columns of positions are called in the file, if not ``q_<name>``
 
     def column(self, order: int, coordinate: int) -> str:
@@ -220,36 +221,3 @@ def _check_units(path: str | os.PathLike[str], source: str, valid: dict[str, str
 def _listed(names: Sequence[str], most: int = 12) -> str:
     shown = ", ".join(f"'{one_line(name)}'" for name in names[:most])
     return shown + (", …" if len(names) > most else "")
-
-
-_NANO = 10**9  # steps of the message's times in a second
-_STATES = ("positions", "velocities", "accelerations")
-
-
-def yaml_text(samples: Samples) -> str:
-    """A message ``trajectory_msgs/JointTrajectory`` of ROS 2 that starts at once, as ``ros2 topic pub`` takes it."""
-    import yaml
-
-    names = yaml.safe_dump(list(samples.coordinates), default_flow_style=True, width=float("inf"), allow_unicode=True)
-    lines = [
-        "header:",
-        "  stamp: {sec: 0, nanosec: 0}",
-        "  frame_id: ''",
-        f"joint_names: {names.strip()}",
-        "points:",
-    ]
-    states = [values for values in samples.states if values is not None]
-    for time, *state in zip(samples.t.tolist(), *states, strict=True):
-        sec, nanosec = divmod(round(time * _NANO), _NANO)
-        lines += [
-            f"{mark} {field}: [{', '.join(map(_number, values.tolist()))}]"
-            for mark, field, values in zip("-  ", _STATES, state, strict=True)
-        ]
-        lines += ["  effort: []", f"  time_from_start: {{sec: {sec}, nanosec: {nanosec}}}"]
-    return "\n".join(lines) + "\n"
-
-
-def _number(value: float) -> str:
-    """All digits; YAML 1.1 takes 1e-05 for a text, unlike 1.0e-05."""
-    text = repr(value)
-    return text.replace("e", ".0e") if "e" in text and "." not in text else text

@@ -43,7 +43,7 @@ class MotionBounds:
         self._column = {name: k for k, name in enumerate(mechanism.velocities)}
         used = {s for body in mechanism.bodies for s in body.joint.symbols()}
         functions = [function for coupling in mechanism.couplings for _, function in coupling.terms]
-        used |= {s for function in functions for value in function.coefficients for s in value.symbols()}
+        used |= {s for function in functions for value in function.expressions for s in value.symbols()}
         self._symbols = symbol_values(mechanism, sorted(used))
         self._weights = {m.name: self._weighted(m.name, positions) for m in mechanism.motions}
         self._most = {name: float(weights @ positions) for name, weights in self._weights.items()}

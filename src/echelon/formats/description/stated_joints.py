@@ -5,17 +5,18 @@ Couplings make coordinates of joints sums of functions of independent ones.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
 from typing import TYPE_CHECKING, cast
 
 from echelon.exact.angle import Angle
-from echelon.exact.numbers import Number
+from echelon.exact.numbers import Number, Rational
 from echelon.exact.polynomial import Monomial, Polynomial, is_trigonometric, symbol_of
 from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.literal import LiteralMotion, StatedCoupling, resolved
 from echelon.hints import nearest_of
 from echelon.inputs.yaml_text import step_into
-from echelon.mechanism.coupling import Powers, linear
+from echelon.mechanism.coupling import Spline, linear, natural_spline
 from echelon.mechanism.joint import (
     Motion,
     MotionKind,
@@ -43,7 +44,8 @@ if TYPE_CHECKING:
         HelicalJoint,
         Joint,
         MotionStep,
-        PowersEntry,
+        SplineFunction,
+        SplineThrough,
     )
 
 
@@ -225,7 +227,7 @@ def read_couplings(
             stated.append(reader.read(coordinate, entry, path))
     found = list(resolved(stated, expressions.error).values())
     for coupling in found:
-        if any("pi" in value.generators() for function in coupling.terms.values() for value in function.coefficients):
+        if any("pi" in value.generators() for function in coupling.terms.values() for value in function.expressions):
             problem = "pi can occur in the constant part only, not in a ratio: use a symbol"
             raise expressions.error(coupling.element, problem)
     return found
@@ -244,10 +246,12 @@ class CouplingReader:
             raise self.expressions.error(path, problem)
 
     def read(self, coordinate: str, entry: CouplingEntry, path: str) -> StatedCoupling:
-        """A coupling as an expression, or term by term."""
+        """A coupling as an expression, term by term, or as a spline."""
         if isinstance(entry, str):
             terms, offset = self.polynomials(entry, path)
             return StatedCoupling(path, coordinate, terms, offset)
+        if hasattr(entry, "spline"):
+            return self._spline(coordinate, entry.spline, f"{path}.spline")
         offset = self.expressions.polynomial(entry.offset, f"{path}.offset")
         return StatedCoupling(path, coordinate, self._terms(entry, path), offset)
 
@@ -269,7 +273,7 @@ class CouplingReader:
             self.check(name, f"{path}.terms.{name}")
         return {name: self.expressions.length(ratio, f"{path}.terms.{name}") for name, ratio in entry.items()}
 
-    def polynomials(self, text: str, path: str) -> tuple[dict[str, Powers], Polynomial]:
+    def polynomials(self, text: str, path: str) -> tuple[dict[str, Spline], Polynomial]:
         """A sum of polynomials in one coordinate each, and its constant part."""
         terms: dict[str, dict[int, dict[Monomial, Number]]] = {}
         offset: dict[Monomial, Number] = {}
@@ -287,13 +291,13 @@ class CouplingReader:
             rest = tuple(factor for factor in monomial if factor[0] != name)
             terms.setdefault(name, {}).setdefault(exponent, {})[rest] = coefficient
         functions = {
-            name: Powers(tuple(Polynomial(powers.get(k, {})) for k in range(1, max(powers) + 1)))
+            name: Spline(tuple(Polynomial(powers.get(k, {})) for k in range(1, max(powers) + 1)))
             for name, powers in terms.items()
         }
         return functions, Polynomial(offset)
 
-    def _terms(self, entry: CouplingTerms, path: str) -> dict[str, Powers]:
-        found: dict[str, Powers] = {}
+    def _terms(self, entry: CouplingTerms, path: str) -> dict[str, Spline]:
+        found: dict[str, Spline] = {}
         for name, term in entry.terms.items():
             where = f"{path}.terms.{name}"
             self.check(name, where)
@@ -303,9 +307,34 @@ class CouplingReader:
                 found[name] = self._function(term, where)
         return found
 
-    def _function(self, entry: PowersEntry, path: str) -> Powers:
-        paths = (f"{path}.coefficients[{k}]" for k in range(len(entry.coefficients)))
-        return Powers(tuple(map(self.expressions.length, entry.coefficients, paths)))
+    def _function(self, entry: SplineFunction, path: str) -> Spline:
+        coefficients = [
+            self.expressions.length(c, f"{path}.coefficients[{k}]") for k, c in enumerate(entry.coefficients)
+        ]
+        knots = [
+            (self._rational(knot, f"{path}.knots[{k}]"), self.expressions.length(jump, f"{path}.knots[{k}]"))
+            for k, (knot, jump) in enumerate(entry.knots)
+        ]
+        return Spline(tuple(coefficients), tuple(knots))
+
+    def _spline(self, coordinate: str, entry: SplineThrough, path: str) -> StatedCoupling:
+        self.check(entry.of, f"{path}.of")
+        points = [self._point(point, f"{path}.points[{k}]") for k, point in enumerate(entry.points)]
+        try:
+            function, offset = natural_spline(points)
+        except ValueError as error:
+            raise self.expressions.error(f"{path}.points", str(error)) from None
+        return StatedCoupling(path, coordinate, {entry.of: function}, Polynomial.constant(offset))
+
+    def _point(self, texts: Sequence[str], path: str) -> tuple[Rational, Rational]:
+        x, y = (self._rational(text, path) for text in texts)
+        return x, y
+
+    def _rational(self, text: str, path: str) -> Rational:
+        value = self.expressions.number(text, path)
+        if not isinstance(value, int | Fraction):
+            raise self.expressions.error(path, f"'{text}' must be a rational number here")
+        return value
 
 
 def offset_placement(coupling: StatedCoupling, motion: Motion, stem: str, expressions: Expressions) -> Placement:

@@ -15,7 +15,7 @@ from echelon.errors import InputError
 from echelon.exact.numbers import Rational, inverse, parse_decimal
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.literal import StatedCoupling, substituted
-from echelon.mechanism.coupling import Powers
+from echelon.mechanism.coupling import Spline
 
 JOINT = "joint"
 TENDON = "tendon"
@@ -30,7 +30,7 @@ class Relation:
 
     element: str
     dependent: str  # the joint that it determines; empty where any may be chosen
-    terms: Mapping[str, Powers]  # by joint
+    terms: Mapping[str, Spline]  # by joint
     constant: Polynomial
 
 
@@ -72,19 +72,19 @@ def read_relation(equality: Any, spec: Any, source: str) -> Relation:
     offset, *powers = (Polynomial.constant(parse_decimal(repr(float(a)))) for a in equality.data[:_SIZE])
     first, second = str(equality.name1), str(equality.name2)
     if equality_kind(equality) == JOINT:
-        terms = {first: Powers((-_ONE,))}
+        terms = {first: Spline((-_ONE,))}
         if second:
-            terms[second] = Powers(tuple(powers))
+            terms[second] = Spline(tuple(powers))
         return Relation(where, first, terms, offset)
-    terms = {name: Powers((-coefficient,)) for name, coefficient in _joints(spec, first, source, where).items()}
+    terms = {name: Spline((-coefficient,)) for name, coefficient in _joints(spec, first, source, where).items()}
     follows = _joints(spec, second, source, where) if second else {}
     if len(follows) > 1 and any(powers[1:]):
         raise InputError(
             f"a nonlinear function of {len(follows)} joints is not supported; {_IGNORE}", source=source, element=where
         )
     for name, coefficient in follows.items():
-        function, _ = Powers(tuple(powers)).after(Powers((coefficient,)), Polynomial({}))
-        terms[name] = terms.get(name, Powers(())) + function
+        function, _ = Spline(tuple(powers)).after(Spline((coefficient,)), Polynomial({}))
+        terms[name] = terms.get(name, Spline(())) + function
     return Relation(where, "", terms, offset)
 
 
@@ -158,9 +158,9 @@ def _solved(relation: Relation, joint: str) -> StatedCoupling:
 def _counted(coupling: StatedCoupling, reference: Mapping[str, Rational]) -> StatedCoupling:
     """A coupling of displacements as one of positions, which count from the reference positions."""
     offset = coupling.offset + reference[coupling.coordinate]
-    terms: dict[str, Powers] = {}
+    terms: dict[str, Spline] = {}
     for name, function in coupling.terms.items():
-        terms[name], constant = function.after(Powers((_ONE,)), Polynomial.constant(-reference[name]))
+        terms[name], constant = function.after(Spline((_ONE,)), Polynomial.constant(-reference[name]))
         offset = offset + constant
     return StatedCoupling(coupling.element, coupling.coordinate, terms, offset)
 

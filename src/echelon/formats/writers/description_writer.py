@@ -16,7 +16,7 @@ from echelon.formats.bodies import BASE
 from echelon.formats.description.stated_expressions import GENERIC
 from echelon.formats.schema.schema_setup import COMPONENTS
 from echelon.mechanism.closure import Closure
-from echelon.mechanism.coupling import Coupling, Powers
+from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.effect import Effect
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step
 from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, Symbol, setup_expressions
@@ -171,10 +171,13 @@ def _coupling(coupling: Coupling) -> dict[str, Any]:
     return {coupling.coordinate: {"terms": {name: _function(function) for name, function in coupling.terms}}}
 
 
-def _function(function: Powers) -> str | dict[str, Any]:
+def _function(function: Spline) -> str | dict[str, Any]:
     if function.ratio is not None:
         return expression_text(function.ratio)
-    return {"coefficients": [expression_text(c) for c in function.coefficients]}
+    written: dict[str, Any] = {"coefficients": [expression_text(c) for c in function.coefficients]}
+    if function.knots:
+        written["knots"] = [[decimal_text(knot), expression_text(jump)] for knot, jump in function.knots]
+    return written
 
 
 # -- symbols --------------------------------------------------------------------------------------------------------
