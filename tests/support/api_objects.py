@@ -19,6 +19,7 @@ import numpy as np
 import echelon as ec
 from echelon.formats.robot_file import RobotFile
 from echelon.identification.conditioning import conditioning
+from echelon.identification.servo_fit import ServoScore
 from echelon.regressor.virtual_power import virtual_power_form
 from support.paths import EXAMPLES
 from support.pendulum_logs import pendulum, write_log
@@ -107,6 +108,11 @@ def identification() -> ec.Identification:
 def identified() -> Any:
     ec.save_identification(identification(), file("model.json"))
     return ec.load_identified(file("model.json"))
+
+
+def servo() -> ec.ServoFit:
+    score = ServoScore("j1", 0.01, 0.99, 0.9)
+    return ec.ServoFit(base(), identification().estimate, 0.1, 0.01, (), (score,), (score,), (), ("run.parquet",), True)
 
 
 def prediction() -> Any:
@@ -204,6 +210,7 @@ OBJECTS: Mapping[str, Example] = {
     "MJCF": Example(load("two_link.xml"), read_literally),
     "loop": Example(load("loops/four_bar.yaml"), read_literally),
     "base": Example(base, computed),
+    "servo fit": Example(servo),
     "base of a loop": Example(lambda: ec.base_parameters(load("loops/four_bar.yaml")()), along_loop),
     "base in numbers": Example(lambda: ec.base_parameters(load("double_pendulum.yaml")(), budget=0), str),
     "base of a URDF": Example(lambda: ec.base_parameters(load("gripper.urdf")()), str),
