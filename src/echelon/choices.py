@@ -15,10 +15,6 @@ Estimator = Literal["ols", "wls", "irls", "huber", "tls", "ridge", "iv"]
 """Estimators of base parameters."""
 Criterion = Literal["bic", "f-test", "relative_std"]
 """Criteria of the elimination of base parameters that the data do not need."""
-Derivative = Literal["central", "savitzky_golay", "fourier"]
-"""How positions are differentiated: ``"savitzky_golay"`` smooths as well, ``"fourier"`` is for periodic motions."""
-FilterKind = Literal["fir", "butterworth", "chebyshev"]
-"""Filters over both sides of the equation: symmetric and finite, or run forwards and backwards."""
 Values = Literal["estimate", "essential", "physical"]
 """Values that predictions use."""
 Optimality = Literal["d_optimal", "a_optimal", "condition"]

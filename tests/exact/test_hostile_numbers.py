@@ -98,14 +98,10 @@ def test_a_constant_output_has_no_r_squared(level: float) -> None:
 @pytest.mark.parametrize(
     ("path", "value"),
     [
-        (("preparation", "order"), "x"),
-        (("preparation", "order"), 10**9),
-        (("preparation", "cutoff"), -1),
-        (("preparation", "cutoff"), [1]),
-        (("preparation", "decimation"), {"a": 1}),
-        (("preparation", "decimation"), [0]),
+        (("preparation", "band"), -1),
+        (("preparation", "band"), [1]),
+        (("preparation", "trim"), "x"),
         (("preparation", "measured"), "qd"),
-        (("preparation", "derivative"), "guess"),
         (("preparation", "delays"), 3),
         (("preparation", "unknown"), 3),
         (("columns", 0, "positions"), ["q_1"]),
@@ -139,9 +135,9 @@ def test_records_keep_what_they_say(folder: Path) -> None:
     document = json.loads((folder / "model.json").read_text())
     loaded = load_identified(folder / "model.json")
     assert loaded.columns == tuple(made(ColumnMap, ColumnMapRecord.model_validate(c)) for c in document["columns"])
-    record = PreparationRecord.model_validate(document["preparation"] | {"cutoff": "inf", "decimation": [2, 3]})
+    record = PreparationRecord.model_validate(document["preparation"] | {"band": "inf", "measured": ["qd"]})
     prepared = made(Preparation, record)
-    assert (prepared.cutoff, prepared.decimation) == (float("inf"), (2, 3))
+    assert (prepared.band, prepared.measured) == (float("inf"), ("qd",))
 
 
 @pytest.mark.parametrize("scale", [1e300, 1e-300, 1e15, 1e-15])

@@ -25,7 +25,7 @@ modified_dh:
   - {joint: revolute, a: l1, inertial: {mass: 1.0, com: [0.1, 0, 0], inertia: {xx: 0.1, yy: 0.1, zz: 0.1}}}
 effects: [{type: viscous, at: all}, {type: coulomb, at: j2}]
 log: [{time: t, position: "q{n}", output: "tau{n}"}]
-preparation: {cutoff: 10, output_cutoff: 8, still: 0.02, delays: {}}
+preparation: {band: 8, still: 0.02, delays: {}}
 identification: {physical: false, essential: none, holdout: 0.2}
 excitation:
   duration: 4

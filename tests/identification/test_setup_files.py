@@ -74,7 +74,7 @@ def test_preparation_and_settings(tmp_path: Path) -> None:
     setup = read(
         tmp_path,
         """
-preparation: {cutoff: auto, output_cutoff: inf, decimation: 20, still: {j1: 0.01}, delays: {}}
+preparation: {band: inf, measured: qd, still: {j1: 0.01}, delays: {}}
 identification:
   estimator: huber
   known: {Ia1: 0.25}
@@ -84,9 +84,8 @@ identification:
   prior: {weight: 3}
 """,
     )
-    assert setup.preparation.cutoff is None
-    assert setup.preparation.output_cutoff == math.inf
-    assert setup.preparation.decimation == (20,)
+    assert setup.preparation.band == math.inf
+    assert setup.preparation.measured == ("qd",)
     assert setup.preparation.still == {"j1": 0.01}
     assert setup.preparation.delays == {}
     settings = setup.settings
@@ -113,9 +112,9 @@ def test_a_robot_file_stands_for_a_set_up() -> None:
         ("log: {position: q}", "'q' is one column for several channels"),
         ("log: {position: {m1: {column: q, offset: 3*k}}}", "'k' in '3*k' has no value"),
         ("log: {position: {m1: {column: q, scale: 0}}}", "must be finite and not zero"),
-        ("preparation: {cutoff: -3}", "preparation.cutoff"),
-        ("preparation: {decimation: [10, 2.5]}", "a whole number from 1 on, found '2.5'"),
-        ("preparation: {derivativ: central}", "did you mean 'derivative'?"),
+        ("preparation: {band: -3}", "preparation.band"),
+        ("preparation: {measured: [qdx]}", "preparation.measured"),
+        ("preparation: {bandd: 3}", "did you mean 'band'?"),
         ("identification: {estimator: olss}", "did you mean 'ols'?"),
         ("identification: {physical: false, predict: physical}", "a physical fit that is switched off"),
         ("identification: {level: 1.5}", "identification.level"),

@@ -139,7 +139,7 @@ def test_windows_do_not_change_the_result(
 
 @pytest.mark.parametrize(
     "preparation",
-    [PREPARATION, PREPARATION.model_copy(update={"still": 0.0, "decimation": (), "output_cutoff": np.inf})],
+    [PREPARATION, PREPARATION.model_copy(update={"still": 0.0, "band": np.inf})],
 )
 @pytest.mark.parametrize("count", [1, 3, 40])
 def test_batches_add_up_to_the_whole(count: int, preparation: Preparation, plan: Plan, folder: Path) -> None:

@@ -261,7 +261,7 @@ def from_positions(name: str, blur: float, seeds: int = SEEDS) -> Hits:
     """Whether intervals cover when states are derived from noisy positions."""
     system, (base, truth) = ALL[name], model_of(name)
     still = system.setup.get("preparation", {}).get("still", 0.0)
-    preparation = Preparation(cutoff=12.0, output_cutoff=np.inf, decimation=(), still=still, delays={})
+    preparation = Preparation(band=4.0, measured=(), still=still, delays={})
     rows = (prepared(system, base, seed, blur, preparation) for seed in range(seeds))
     return hits((irls(some.observation(), some.units) for some in rows), truth)
 

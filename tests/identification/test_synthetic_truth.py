@@ -57,7 +57,7 @@ def test_noise_is_found(result: Result) -> None:
     """What is left of white noise after the low-pass of both sides: its share of the band."""
     motion = motion_of(result.system)
     nyquist = 0.5 / (motion.time[1] - motion.time[0])
-    share = np.sqrt(result.model.preparation.output_cutoff / nyquist)
+    share = np.sqrt(result.model.preparation.band / nyquist)
     noise = np.array([result.document["estimate"]["noise"][o.name] for o in result.base.mechanism.outputs])
     ratio = noise / share / result.system.noise
     assert (ratio > 0.9).all(), ratio

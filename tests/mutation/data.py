@@ -98,8 +98,8 @@ FAULTS = (
     ),
     Fault(
         "logs/preparation/states.py",
-        "qdd = from_velocity",
-        "qdd = qdd",
+        "qdd = derivatives(qd, rate)[0]",
+        "derivatives(qd, rate)[0]",
         "accelerations from measured velocities",
         "signals/test_prepare.py",
     ),
@@ -125,9 +125,7 @@ FAULTS = (
         "a filter without delay",
         FILTERS,
     ),
-    Fault(
-        "signals/derivatives.py", "w * sines, -w * cosines", "w * sines, w * cosines", "derivatives of sines", SIGNALS
-    ),
+    Fault("signals/derivatives.py", "-205 / 72", "-206 / 72", "second derivatives", SIGNALS),
     Fault(
         "signals/derivatives.py",
         "2 * second[:, 1:] - growth * omega",
@@ -138,17 +136,24 @@ FAULTS = (
     Fault("signals/clock.py", "if off > _COARSE * median or", "if", "the period of coarse stamps", CLOCK),
     Fault(
         "signals/clock.py",
-        "np.sinc(places - rest)",
-        "np.sinc(places + rest)",
+        "(rest - m) / (k - m)",
+        "(rest + m) / (k - m)",
         "shifts by parts of a sample",
         SIGNALS,
     ),
     Fault(
-        "signals/periods.py",
-        "0.5 * (before - after)",
-        "0.5 * (after - before)",
-        "periods between samples",
-        SIGNALS,
+        "logs/preparation/states.py",
+        "ROOM * preparation.band",
+        "preparation.band",
+        "one side is not attenuated",
+        "signals/test_prepare.py",
+    ),
+    Fault(
+        "identification/band.py",
+        "_EXPLAINED = 0.5",
+        "_EXPLAINED = -99.0",
+        "a band that the model explains",
+        "identification/test_band.py",
     ),
     Fault("signals/spectrum.py", "step = 2 * np.sin(", "step = np.sin(", "power of positions", SIGNALS),
     Fault("setup/columns.py", '{"n": i + 1, "i": i', '{"n": i, "i": i', "numbers in names of columns", SETUP),

@@ -14,9 +14,7 @@ from echelon.setup.setup import Setup
 from support.paths import ROOT
 
 RATE = 200.0
-PREPARATION = Preparation(
-    cutoff=10.0, output_cutoff=8.0, decimation=(5,), still=0.02, delays={}, reasons={"all": "stated by the test"}
-)
+PREPARATION = Preparation(band=8.0, measured=(), still=0.02, delays={}, reasons={"all": "stated by the test"})
 
 
 def pendulum(**changed: object) -> Setup:

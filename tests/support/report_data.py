@@ -118,13 +118,12 @@ FINDINGS = (
 )
 
 PREPARATION = Preparation(
-    cutoff=24.0,
-    output_cutoff=20.0,
-    decimation=(5,),
+    band=20.0,
+    measured=(),
     still={"j1": 0.02, "j2": 0.01},
     delays={"j1": 0.004},
     rate=250.0,
-    reasons={"cutoff": "99.9 % of the motion's power lies below 8 Hz; three times that.", "rate": "that of the log"},
+    reasons={"band": "12 times 1.7 Hz, the mean frequency of the velocity of j1", "rate": "that of the log"},
 )
 
 

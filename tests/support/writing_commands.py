@@ -27,7 +27,7 @@ bodies:
 effects:
   - {type: viscous, at: all}
 log: {time: t, position: {slide: x}, output: {slide: f}}
-preparation: {cutoff: 20}
+preparation: {band: 10}
 excitation:
   duration: 2
   starts: 1

@@ -139,7 +139,7 @@ def identify(
         culprit = None if prior_base is None else common_unit(observation, prior_base)
         if culprit is None and (unsolved or _is_doubtful(validations, feasible)):
             step("looking for a mistake in the set-up")
-            measured = "qd" in plan.preparation.measured
+            measured = "qd" in (plan.preparation.measured or ())
             culprit = find_culprit(base, data.samples(), columns, velocities=measured)
 
     findings = [Finding(Severity.NOTE, "assumed", setup.source, text) for text in setup.assumed]

@@ -18,8 +18,7 @@ from echelon.errors import InputError
 from echelon.identification.rows.plan import Plan
 from echelon.identification.rows.rows import ModelRows
 from echelon.identification.validation import Score, validated
-from echelon.logs.preparation.prepare import at_rate
-from echelon.logs.preparation.states import needed, states, usable
+from echelon.logs.preparation.states import states, usable
 from echelon.logs.read_log import LogPiece, read_log
 from echelon.logs.recording import Samples, Segment
 
@@ -119,11 +118,10 @@ def _at_rows(plan: Plan, model: ModelRows, values: Floats, piece: LogPiece) -> F
 def _stretches(
     plan: Plan, model: ModelRows, values: Floats, segments: Iterable[Segment]
 ) -> Iterator[tuple[float, float, Floats]]:
-    """Start (s), rate (Hz) and predicted outputs (N, m) of stretches that are long enough to be differentiated."""
+    """Start (s), rate (Hz) and predicted outputs (N, m) of stretches."""
     mechanism = plan.base.mechanism
     for segment in segments:
-        piece, settings = usable(segment, mechanism), at_rate(plan.preparation, segment.rate)
-        if len(piece) >= needed(piece.rate, settings):
-            q, qd, qdd = states(piece, settings, mechanism)
-            samples = Samples(piece.source, piece.start, piece.rate, q, qd, qdd, None, piece.inputs)
-            yield piece.start, piece.rate, model.predict(samples, values)
+        piece = usable(segment, mechanism)
+        q, qd, qdd = states(piece, plan.preparation, mechanism)
+        samples = Samples(piece.source, piece.start, piece.rate, q, qd, qdd, None, piece.inputs)
+        yield piece.start, piece.rate, model.predict(samples, values)

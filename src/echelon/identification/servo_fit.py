@@ -38,7 +38,8 @@ from echelon.machine.target import one_thread
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.logs import with_logs
 from echelon.setup.setup import Setup
-from echelon.signals.derivatives import savitzky_golay
+from echelon.signals.derivatives import derivatives
+from echelon.signals.filters import lowpass
 
 _WINDOW, _RUN_IN = 1.0, 1.0  # s
 _STEPS = 60
@@ -371,9 +372,10 @@ def _band(rate: float) -> float:
 
 def _states(segments: Sequence[Segment]) -> tuple[Floats, Floats, Floats]:
     """Positions with smooth derivatives, all segments on end."""
-    parts = [savitzky_golay(s.signals["q"], s.rate, _band(s.rate)) for s in segments]
-    q, qd, qdd = (np.vstack([part[k] for part in parts]) for k in range(3))
-    return q, qd, qdd
+    filtered = [lowpass(s.signals["q"], _band(s.rate), s.rate) for s in segments]
+    parts = [derivatives(q, s.rate) for q, s in zip(filtered, segments, strict=True)]
+    qd, qdd = (np.vstack([part[k] for part in parts]) for k in range(2))
+    return np.vstack(filtered), qd, qdd
 
 
 def _speed(segments: Sequence[Segment]) -> float:
@@ -448,7 +450,7 @@ def _pulls(segments: Sequence[Segment], names: Sequence[str], delay: float) -> F
     for s in segments:
         times = np.arange(len(s)) / s.rate
         late = [np.interp(times - delay - 0.5 / s.rate, times, s.inputs[name]) for name in names]
-        parts.append(savitzky_golay(np.stack(late, axis=1), s.rate, _band(s.rate))[0])
+        parts.append(lowpass(np.stack(late, axis=1), _band(s.rate), s.rate))
     return np.vstack(parts)
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
+from echelon.identification.band import with_band
 from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import Finding, Severity
@@ -35,7 +36,7 @@ _LONGEST = 0.02
 """Longest delay that is looked for, s: beyond it the log is at fault."""
 _STEPS = 20
 """Delays to either side that are tried before the parabola through the best ones."""
-_GAIN = 0.05
+_GAIN = 0.1
 """Least share of the residual's squares that a delay must remove."""
 _SHORTEST = 10 * _LONGEST
 """Segments are at least so long, s."""
@@ -162,6 +163,9 @@ def survey(setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequenc
         text = f"only the first {_LOGS} of {len(paths)} fitted logs and of {len(unseen)} others were examined"
         findings.append(Finding(Severity.NOTE, "survey", "", text))
     preparation = chosen(setup.preparation, segments, setup.mechanism)
+    if setup.preparation.band is None:
+        preparation, noisy = with_band(preparation, segments, base)
+        findings += noisy
     preparation = preparation.model_copy(update={"delays": setup.preparation.delays})
     preparation = with_delays(preparation, segments, base)
     return Survey(preparation, tuple(columns), tuple(findings))

@@ -11,7 +11,7 @@ import numpy as np
 from echelon.arrays import Flags, Floats
 
 if TYPE_CHECKING:
-    from echelon.signals.filters import Reduction
+    from echelon.signals.filters import FirFilter
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,11 @@ class Samples:
     y: Floats | None  # shape (N, outputs); measured outputs, not yet reduced
     inputs: Mapping[str, Floats] = field(default_factory=dict)  # shape (N,)
     # low-pass and decimation that the regressor's columns and y still have to pass, both alike
-    reduction: Reduction | None = None
+    reduction: FirFilter | None = None
     # samples (before reduction) that count: what lies outside is there for filters only, or spoilt by them
     first: int = 0
     stop: int | None = None
-    moving: Flags | None = None  # shape (N, outputs); where rows of an output count; everywhere if None
+    moving: Flags | None = None  # shape (N, outputs); where the direction of dry friction is known; everywhere if None
 
     def __len__(self) -> int:
         return len(self.q)

@@ -44,14 +44,8 @@ _CHOSEN = {
     "physical": "the physically consistent fit",
 }
 _SETTINGS = {
-    "cutoff": ("low-pass over positions", "Hz"),
-    "order": ("order of that filter", ""),
-    "derivative": ("derivatives", ""),
-    "measured": ("taken from the log", ""),
-    "period": ("period of the motion", "s"),
-    "average": ("averaged over periods", ""),
-    "output_cutoff": ("low-pass over both sides", "Hz"),
-    "output_filter": ("kind of that filter", ""),
+    "band": ("kept of both sides, up to", "Hz"),
+    "measured": ("derivatives from the log", ""),
     "still": ("left out below the speed", ""),
     "delays": ("delays undone", "s"),
     "trim": ("left out at both ends", "s"),

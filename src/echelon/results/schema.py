@@ -13,7 +13,7 @@ from pydantic import BaseModel as Schema
 
 from echelon.base.own import SpecialValues
 from echelon.base.reading_report import ReadingReport
-from echelon.choices import Derivative, FilterKind, Values
+from echelon.choices import Values
 from echelon.errors import InputError
 
 SCHEMA_NAME: Literal["echelon.base-model/1"] = "echelon.base-model/1"
@@ -23,7 +23,6 @@ Value = Annotated[float, Field(ge=-1e100, le=1e100)]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 CutOff = Annotated[Positive | Literal["inf"] | None, AfterValidator(lambda c: c if c is None else float(c))]
-Stages = Annotated[list[Annotated[int, Field(ge=1, le=10**6)]] | None, Field(max_length=20)]
 
 Record = TypeVar("Record", bound=Schema)
 Made = TypeVar("Made")
@@ -165,20 +164,12 @@ class ColumnMapRecord(_Finite):
 class PreparationRecord(_Finite):
     """How logs were prepared, every choice filled in."""
 
-    cutoff: CutOff = Field(description="Of the low-pass over positions, Hz; 'inf' for none.")
-    order: int = Field(ge=1, le=100, description="Of that Butterworth filter.")
-    derivative: Derivative
+    band: CutOff = Field(description="What both sides of the equation keep, Hz; 'inf' for all.")
     measured: list[Literal["qd", "qdd"]]
-    period: Positive | None
-    average: bool
-    output_cutoff: CutOff = Field(description="Of the filter over both sides of the equation, Hz; 'inf' for none.")
-    output_filter: FilterKind
-    decimation: Stages
     still: NotNegative | dict[str, NotNegative] | None
     delays: dict[str, float] | None
     trim: NotNegative
     rate: Positive | None
-    chosen_at: Positive | None
     reasons: dict[str, str]
 
 

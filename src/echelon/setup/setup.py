@@ -106,8 +106,8 @@ def load_setup(robot: Any, *, prior: Any = None, **reading: Any) -> Setup:
     --------
     >>> import echelon as ec
     >>> setup = ec.load_setup("examples/logs/emps.yaml")
-    >>> setup.columns[0].positions["slide"].column, setup.preparation.cutoff
-    ('q_meas_m', 100.0)
+    >>> setup.columns[0].positions["slide"].column, setup.preparation.band
+    ('q_meas_m', None)
     """
     file, options = open_robot(robot), ReadingOptions(**reading)
     if file.is_description:

@@ -11,18 +11,16 @@ A model that is linear in its parameters stays true when every column of the reg
 linear filter (Gautier's parallel filter); noise above the band of the motion goes, and so does the work.  The usual
 choice is a symmetric finite filter that is computed only where samples remain: a block of results is a banded matrix
 times a block of the signal, so a million samples of 250 columns take about half a second on one processor.  Kaiser's
-window, because its length has a formula and its attenuation can be asked for.  Recursive filters are there to repeat
-what others did.
+window, because its length has a formula and its attenuation can be asked for.
 """
 
 from __future__ import annotations
 
 import os
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, isfinite, prod
+from math import ceil, isfinite
 
 import numpy as np
 import numpy.typing as npt
@@ -38,8 +36,9 @@ LOWEST = 1e-6
 FAR = 1e-9
 """Influence of a sample, as a share of its value, below which a result does not depend on it."""
 
-NEAR = 1e-2
-"""Influence of what lies beyond the end of a signal, below which a result is not spoilt by it."""
+NEAR = 3e-2
+"""Influence of what lies beyond the end of a signal, below which a result is not spoilt by it: the signal turned about
+its end, which is taken for it there, is far from wrong."""
 
 _ORIGIN = 1e-9
 """Radius within which a pole forgets everything in one sample; exactly zero has no residue of the same form."""
@@ -54,11 +53,9 @@ _QUICK = 1 << 18
 """Products of a block: beyond as many, libraries use several threads, which cost more than they gain where others need
 the processors too, such as the thread that reads the next piece of a log."""
 PASSED = 0.8
-"""Share of the band below half the rate after decimation that is kept where no cut-off is given."""
-_MOST_TAPS = 40
-"""Products per sample and column beyond which two filters are worth it."""
-_ROOM = 5.0
-"""Rate after the first of two filters, relative to the cut-off: wide enough for a short first filter."""
+"""Share of the band below half the rate after decimation that is kept."""
+WORTH = 0.4
+"""Highest edge that is worth a filter, as a share of the rate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,19 +78,18 @@ class ZeroPhase:
             low, high = (middle, high) if 2 * float(weights @ size**middle) > influence else (low, middle)
         return high
 
-    def apply(self, values: Floats, padding: int | None = None, every: int = 1) -> Floats:
-        """The filtered values (N, …), every k-th of them; ``padding`` samples continue each end, turned about it."""
+    def apply(self, values: Floats, padding: int) -> Floats:
+        """The filtered values (N, …); ``padding`` samples continue each end, turned about it."""
         from scipy.signal import sosfiltfilt, zpk2sos
 
         sections = zpk2sos(self.zeros, self.poles, self.gain)  # type: ignore[arg-type]  # complex, as they must be
-        length = 3 * (2 * len(sections) + 1 - _at_origin(sections)) if padding is None else padding
-        length = min(length, len(values) - 1)
+        length = min(padding, len(values) - 1)
 
         def along_time(rows: Floats) -> Floats:
             found: Floats = sosfiltfilt(sections, rows, axis=-1, padlen=length)
             return found
 
-        return by_channel(along_time, values, every)
+        return by_channel(along_time, values)
 
     def _residues(self) -> Complexes:
         """Coefficients c of the response Σ c p^|lag| to an impulse."""
@@ -107,12 +103,7 @@ class ZeroPhase:
         return found
 
 
-def _at_origin(sections: Floats) -> int:
-    """How many sections are of first order, as scipy counts them for the length of its padding."""
-    return int(min((sections[:, 2] == 0).sum(), (sections[:, 5] == 0).sum()))
-
-
-def by_channel(function: Callable[[Floats], Floats], values: Floats, every: int = 1) -> Floats:
+def by_channel(function: Callable[[Floats], Floats], values: Floats) -> Floats:
     """Apply a function of rows (channels, N) along time to values (N, …), on all processors.
 
     Channels are laid along time in memory for it: recursions then read one number after another, and they free the
@@ -120,13 +111,13 @@ def by_channel(function: Callable[[Floats], Floats], values: Floats, every: int 
     """
     values = np.asarray(values, dtype=np.float64)
     table = values.reshape(len(values), -1)
-    result = np.empty((-(-len(values) // every), table.shape[1]))
+    result = np.empty(table.shape)
     processors = os.cpu_count() or 1
     group = max(1, min(16, -(-table.shape[1] // processors)))
 
     def work(first: int) -> None:
         some = slice(first, first + group)
-        result[:, some] = function(np.ascontiguousarray(table[:, some].T)).T[::every]
+        result[:, some] = function(np.ascontiguousarray(table[:, some].T)).T
 
     starts = range(0, table.shape[1], group)
     if values.size < 1 << 17 or len(starts) == 1:
@@ -137,7 +128,7 @@ def by_channel(function: Callable[[Floats], Floats], values: Floats, every: int 
 
         with ThreadPoolExecutor(processors) as pool:
             list(pool.map(work, starts))
-    return result.reshape(len(result), *values.shape[1:])
+    return result.reshape(values.shape)
 
 
 def butterworth(cutoff: float, rate: float, order: int = 4) -> ZeroPhase:
@@ -148,15 +139,6 @@ def butterworth(cutoff: float, rate: float, order: int = 4) -> ZeroPhase:
     if not 1 <= order <= 12:
         raise InputError(f"order {order} of a Butterworth filter: expected a whole number from 1 to 12")
     zeros, poles, gain = butter(order, cutoff, fs=rate, output="zpk")
-    return ZeroPhase(np.asarray(zeros, complex), np.asarray(poles, complex), float(gain))
-
-
-def chebyshev(edge: float, rate: float) -> ZeroPhase:
-    """A Chebyshev low-pass of order 8 with 0.05 dB ripple, forwards and backwards; ``edge`` ends the pass-band, Hz."""
-    from scipy.signal import cheby1
-
-    check_cutoff(edge, rate)
-    zeros, poles, gain = cheby1(8, 0.05, 2 * edge / rate, output="zpk")
     return ZeroPhase(np.asarray(zeros, complex), np.asarray(poles, complex), float(gain))
 
 
@@ -177,31 +159,9 @@ def check_cutoff(cutoff: float, rate: float) -> None:
         )
 
 
-class Reduction(ABC):
-    """A linear filter along time that keeps every k-th sample."""
-
-    @property
-    @abstractmethod
-    def factor(self) -> int:
-        """Samples before, per sample after."""
-
-    @property
-    @abstractmethod
-    def reach(self) -> int:
-        """Samples on either side that a result depends on."""
-
-    @abstractmethod
-    def apply(self, values: Floats) -> Floats:
-        """The filtered values at the samples that remain; shape (N, …) to (kept, …)."""
-
-    def kept(self, count: int) -> Integers:
-        """Indices of the samples, of ``count``, that remain: the multiples of ``factor``."""
-        return np.arange(0, count, self.factor, dtype=np.intp)
-
-
 @dataclass(frozen=True, eq=False)
-class FirFilter(Reduction):
-    """A symmetric finite filter, computed where samples remain."""
+class FirFilter:
+    """A symmetric finite filter that keeps every k-th sample, and is computed where samples remain."""
 
     taps: Floats  # shape (2 reach + 1,); symmetric, with sum 1
     factor: int = 1
@@ -210,6 +170,10 @@ class FirFilter(Reduction):
     def reach(self) -> int:
         """Samples on either side that a result depends on."""
         return len(self.taps) // 2
+
+    def kept(self, count: int) -> Integers:
+        """Indices of the samples, of ``count``, that remain: the multiples of ``factor``."""
+        return np.arange(0, count, self.factor, dtype=np.intp)
 
     def apply(self, values: Floats) -> Floats:
         """The filtered values at the samples that remain, shape (N, …) to (kept, …).
@@ -266,93 +230,9 @@ def fir_lowpass(cutoff: float, rate: float, factor: int = 1, *, width: float | N
     return FirFilter(taps / taps.sum(), factor)
 
 
-@dataclass(frozen=True, eq=False)
-class Recursive(Reduction):
-    """A recursive filter forwards and backwards, then decimation."""
+def reduction(edge: float, rate: float) -> FirFilter | None:
+    """The filter over both sides of the equation that keeps the band up to an edge, Hz, and samples enough for it.
 
-    both: ZeroPhase
-    factor: int = 1
-
-    @cached_property
-    def reach(self) -> int:
-        """Samples on either side that a result depends on, to within 1e-9 of the signal."""
-        return self.both.reach(FAR)
-
-    def apply(self, values: Floats) -> Floats:
-        """The filtered values at the samples that remain."""
-        return self.both.apply(values, every=self.factor)
-
-
-@dataclass(frozen=True, eq=False)
-class Stages(Reduction):
-    """Several reductions, one after another."""
-
-    stages: tuple[Reduction, ...]
-
-    @property
-    def factor(self) -> int:
-        """Samples before, per sample after all stages."""
-        return prod(stage.factor for stage in self.stages)
-
-    @property
-    def reach(self) -> int:
-        """Samples on either side that a result depends on."""
-        total = 0
-        for stage in reversed(self.stages):
-            total = stage.reach + stage.factor * total
-        return total
-
-    def apply(self, values: Floats) -> Floats:
-        """The values after all stages."""
-        for stage in self.stages:
-            values = stage.apply(values)
-        return values
-
-
-def reduction(kind: str, cutoff: float, rate: float, factors: Sequence[int]) -> Reduction | None:
-    """The filter over both sides of the equation that settings describe; None if nothing is to be done.
-
-    ``fir`` and ``butterworth`` (order 4, both ways) are one filter for all factors.  ``chebyshev`` (order 8, 0.05 dB,
-    both ways) is one for every factor, with 0.8 of the band that it leaves: the ``decimate`` of MATLAB and scipy.  An
-    infinite cut-off stands for what the decimation needs.
+    None where the edge is so near half the rate that no filter is worth it.
     """
-    if kind not in ("fir", "butterworth", "chebyshev"):
-        raise InputError(f"there is no filter '{kind}'; expected fir, butterworth or chebyshev")
-    wrong = next((factor for factor in factors if factor < 1 or factor != int(factor)), None)
-    if wrong is not None:
-        raise InputError(f"decimation by {wrong}: expected whole numbers from 1 on")
-    factors = [int(factor) for factor in factors if factor > 1]
-    if not factors and cutoff == np.inf:
-        return None
-    if kind == "chebyshev":
-        return _chebyshev_stages(cutoff, rate, factors)
-    total = prod(factors)
-    edge = cutoff if isfinite(cutoff) else PASSED * rate / total / 2
-    if kind == "fir":
-        return _fir_stages(edge, rate, total)
-    check_cutoff(edge, rate / total)
-    return Recursive(butterworth(edge, rate), total)
-
-
-def _fir_stages(edge: float, rate: float, total: int) -> Reduction:
-    """One filter, or for a narrow band two: a short one that decimates, then a sharp one at the low rate.
-
-    The first leaves the second's transition band alone, so together they attenuate as one filter would.
-    """
-    whole = fir_lowpass(edge, rate, total)
-    stop = (1 + WIDEST) * edge
-    first = max((k for k in range(1, total + 1) if total % k == 0 and rate / k >= _ROOM * edge), default=1)
-    if len(whole.taps) <= _MOST_TAPS * total or first == 1:
-        return whole
-    return Stages(
-        (fir_lowpass(stop, rate, first, width=rate / first - 2 * stop), fir_lowpass(edge, rate / first, total // first))
-    )
-
-
-def _chebyshev_stages(cutoff: float, rate: float, factors: Sequence[int]) -> Reduction:
-    stages: list[Reduction] = []
-    for factor in factors or [1]:
-        left = PASSED * rate / factor / 2
-        stages.append(Recursive(chebyshev(cutoff if factor == 1 else min(left, cutoff), rate), factor))
-        rate /= factor
-    return stages[0] if len(stages) == 1 else Stages(tuple(stages))
+    return None if edge > WORTH * rate else fir_lowpass(edge, rate, max(1, int(PASSED * rate / 2 / edge)))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effor
 from echelon.formats.schema.schema_excite import EVERY, ExcitationEntry
 from echelon.identification.physics.prior_information import prior_from
 from echelon.identification.rows.plan import Plan
+from echelon.identification.rows.rows import ModelRows
 from echelon.identification.survey import survey
 from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import Finding, Severity
@@ -55,9 +55,10 @@ def information_of_logs(setup: Setup, logs: Sequence[str | os.PathLike[str]]) ->
     base = base_parameters(setup.mechanism, seed=setup.seed)
     paths = log_paths(logs)
     found = survey(setup, base, paths)
-    # a row for every sample: filters average what decimation leaves out, so that counting rows would count too few
-    whole = found.preparation.model_copy(update={"output_cutoff": inf, "decimation": ()})
-    rows = Plan(base, setup.columns, whole).rows(paths)
+    plan = Plan(base, setup.columns, found.preparation)
+    # a row for every sample: the filter averages what decimation leaves out, so that counting rows would count too few
+    every = [replace(some, reduction=None) for path in paths for some in plan.samples(path)]
+    rows = ModelRows.of(base, every)
     return information_of(rows.observation(), entry.noise)
 
 

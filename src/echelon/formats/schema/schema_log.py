@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
-from echelon.choices import Criterion, Derivative, Estimator, FilterKind, Values
+from echelon.choices import Criterion, Estimator, Values
 from echelon.formats.schema.schema_geometry import Model
 from echelon.formats.schema.schema_types import (
     AS_LIST,
@@ -72,6 +72,10 @@ def _auto(value: object) -> object:
     return None if value == "auto" else value
 
 
+def _listed(value: object) -> object:
+    return None if value is None or value == "auto" else _stages(value)
+
+
 Real = Annotated[float, BeforeValidator(_real), WithJsonSchema({"type": ["number", "string"]})]
 Whole = Annotated[int, BeforeValidator(_whole), WithJsonSchema({"type": ["integer", "string"]})]
 Positive = Annotated[Real, Field(gt=0)]
@@ -82,7 +86,7 @@ Corner = Annotated[tuple[Real, Real, Real], _Tuple]
 Box = Annotated[tuple[Corner, Corner], AS_LIST, AfterValidator(_box)]
 Ellipsoid = Annotated[tuple[Corner, Corner], AS_LIST, AfterValidator(_ellipsoid)]
 Automatic = BeforeValidator(_auto)
-_STAGES = WithJsonSchema({"type": ["integer", "string", "array", "null"], "items": {"type": ["integer", "string"]}})
+_DERIVATIVES = WithJsonSchema({"type": ["array", "string", "null"], "items": {"enum": ["qd", "qdd"]}})
 
 
 def number_or_mapping(value: object) -> str:
@@ -149,22 +153,11 @@ class LogEntry(Model):
 class PreparationEntry(Model):
     """How logs become samples; what is absent, or auto, is chosen from the data."""
 
-    cutoff: Annotated[Positive | None, Automatic] = Field(
-        None, description="Zero-phase low-pass over positions, Hz; inf for none.", examples=[20]
+    band: Annotated[Positive | None, Automatic] = Field(
+        None, description="What both sides of the equation keep, from 0 Hz up to this; inf for all.", examples=[5]
     )
-    order: Whole = Field(4, description="Order of that Butterworth filter.", examples=[4])
-    derivative: Derivative = Field("central", description="How positions are differentiated.", examples=["central"])
-    measured: Annotated[tuple[Literal["qd", "qdd"], ...], AS_LIST] = Field(
-        (), description="Derivatives to take from the log.", examples=[["qd"]]
-    )
-    period: Annotated[Positive | None, Automatic] = Field(None, description="Of a periodic motion, s.", examples=[10])
-    average: Flag = Field(False, description="Average over the periods.", examples=[True])
-    output_cutoff: Annotated[Positive | None, Automatic] = Field(
-        None, description="Low-pass over both sides of the equation, Hz; inf for none.", examples=[10]
-    )
-    output_filter: FilterKind = Field("fir", description="Its kind.", examples=["chebyshev"])
-    decimation: Annotated[Annotated[tuple[Whole, ...], BeforeValidator(_stages)] | None, Automatic, _STAGES] = Field(
-        None, description="Decimation of both sides, stage by stage.", examples=[20, [10, 10]]
+    measured: Annotated[tuple[Literal["qd", "qdd"], ...] | None, BeforeValidator(_listed), _DERIVATIVES] = Field(
+        None, description="Derivatives to take from the log; [] for none.", examples=[["qd"]]
     )
     still: (
         Annotated[

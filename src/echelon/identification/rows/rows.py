@@ -130,6 +130,8 @@ class Rows(Protocol):
 
 _WINDOW = 1 << 14
 """Samples whose regressor is held at once: a few tens of megabytes for an arm, and long against filters."""
+_UNKNOWN = 0.05
+"""Weight of samples near standstill in a row, beyond which the direction of its dry friction counts as unknown."""
 _REACHES = 8  # windows are at least so many times longer than what the filter reaches
 
 
@@ -222,7 +224,8 @@ class ModelRows:
         times = (samples.start + places[inside] / samples.rate,) * len(self._columns)
         matrices = tuple(entries[np.ix_(inside, columns)] for columns in self._columns)
         block = RowBlock(samples.source, segment, times, matrices, tuple(y[inside].T))
-        return block if samples.moving is None else block.taken(tuple(samples.moving[places[inside]].T))
+        moving = _moving(samples, slice(low, high))
+        return block if moving is None else block.taken(tuple(moving[inside].T))
 
     def _entries(self, samples: Samples, low: int, high: int) -> Floats:
         """Entries of the regressor, shape (high − low, entries)."""
@@ -272,8 +275,16 @@ def rows_taken(samples: Samples, values: Floats) -> tuple[Floats, Floats, Flags 
     kept = np.arange(len(samples)) if reduction is None else reduction.kept(len(samples))
     reduced = values if reduction is None else reduction.apply(values)
     inside = (kept >= samples.first) & (kept < stop)
-    moving = None if samples.moving is None else samples.moving[kept[inside]]
-    return samples.start + kept[inside] / samples.rate, reduced[inside], moving
+    moving = _moving(samples, slice(None))
+    return samples.start + kept[inside] / samples.rate, reduced[inside], None if moving is None else moving[inside]
+
+
+def _moving(samples: Samples, some: slice) -> Flags | None:
+    """Rows of some samples that are fitted, shape (rows, outputs); all if None."""
+    if samples.moving is None or samples.reduction is None:
+        return None if samples.moving is None else samples.moving[some]
+    unknown = samples.reduction.apply((~samples.moving[some]).astype(float))
+    return np.asarray(np.abs(unknown) <= _UNKNOWN)
 
 
 def observed(layout: Layout, block: RowBlock) -> Observation:

@@ -1,9 +1,9 @@
-"""Settings of the preparation that follow from the data, with reasons in words.
+"""Settings of the preparation that follow from the signals alone, with reasons in words.
 
-Positions are filtered where acceleration is lost in noise.  Regressor and torques are filtered far below that, because
-noise of torques begins where the motion ends.  That is after a dozen times the mean frequency of the velocities, which
-leaves room for their products, for the sines of angles and for the steps of dry friction.  Samples beyond what this
-band needs are redundant.
+Regressor and outputs keep one band.  It has room for the motion, the products of velocities, the sines of angles and
+the steps of dry friction, which is a dozen times the mean frequency of the velocities, and it ends where acceleration
+is lost in noise.  Where outputs are measured, the model itself may narrow it further: see
+:mod:`echelon.identification.band`.
 """
 
 from __future__ import annotations
@@ -11,70 +11,80 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import isfinite, prod
 
 import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, locating
 from echelon.formats.schema.schema_log import PreparationEntry
-from echelon.logs.columns.quantities import motion_of, quaternion_columns, signal_names
-from echelon.logs.preparation.prepare import RATES_ALIKE, WORTH, decimation_stages, rubs, speed_rows
+from echelon.logs.columns.quantities import quaternion_columns, signal_names
+from echelon.logs.preparation.prepare import rubs, speed_rows
 from echelon.logs.preparation.settings import Preparation
-from echelon.logs.preparation.states import usable, velocity_names
+from echelon.logs.preparation.states import states_cutoff, usable, velocity_names
 from echelon.logs.recording import Segment
-from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
-from echelon.signals.filters import PASSED
-from echelon.signals.periods import find_period
+from echelon.signals.derivatives import REACH, derivatives
+from echelon.signals.filters import NEAR, PASSED, butterworth, lowpass
 from echelon.signals.spectrum import Spectrum, best_cutoff, noise_deviation, spectrum
 
 HARMONICS = 12
-"""Times the mean frequency of the fastest velocity, up to which regressor and outputs are kept: on logs of five robots,
-from drives of one axis to seven joints, fits to held-out data were best between 10 and 18."""
+"""Times the mean frequency of the fastest velocity, up to which regressor and outputs are kept at most: on logs of five
+robots, from drives of one axis to seven joints, fits to held-out data were best between 10 and 18."""
 
-SIGMAS = 3.0
-"""Standard deviations of a velocity's noise, within which its sign says nothing."""
+SIGMAS = 2.0
+"""Standard deviations of a velocity's noise, within which its sign says nothing; beyond, one in forty is wrong."""
 
 ROWS = 10
-"""Rows per parameter that decimation leaves at least."""
+"""Rows per parameter below which none are left out."""
+
+FLATTEST = 1 / 6
+"""Share of the rate up to which derivatives are right to two thousandths."""
+
+_RATES_ALIKE = 1e-3
+_AGREEING = 0.05
+"""Largest difference of measured from differentiated velocities, by their own size within the motion's band, that a
+sensor of velocity may have; more is another signal, or one that is late or filtered."""
 
 
 def chosen(preparation: PreparationEntry, segments: Sequence[Segment], mechanism: Mechanism) -> Preparation:
-    """Settings with every None filled in from the data, and the reasons; of several rates that of the longest."""
-    data = _Data(_checked(segments, mechanism), mechanism)
+    """Settings with every None filled in from the signals, and the reasons; of several rates from the longest."""
+    log = Signals.of(segments, mechanism)
     made = Preparation(**dict(preparation))
-    for choose in (_period, _cutoff, _output_cutoff, _decimation, _still):
-        made = choose(data, made)
-    return made.model_copy(update={"delays": made.delays or {}, "chosen_at": data.rate})
-
-
-def _checked(segments: Sequence[Segment], mechanism: Mechanism) -> tuple[Segment, ...]:
-    if not segments:
-        raise InputError("there is no data to choose settings from")
-    longest = max(segments, key=len).rate
-    alike = [segment for segment in segments if abs(segment.rate - longest) <= RATES_ALIKE * longest]
-    return tuple(usable(segment, mechanism) for segment in alike)
+    for choose in (_measured, _band, with_still):
+        made = choose(log, made)
+    return made.model_copy(update={"delays": made.delays or {}})
 
 
 @dataclass(frozen=True, eq=False)
-class _Data:
-    """What choices look at."""
+class Signals:
+    """What choices look at: stretches of one rate."""
 
     segments: tuple[Segment, ...]
     mechanism: Mechanism
 
+    @staticmethod
+    def of(segments: Sequence[Segment], mechanism: Mechanism) -> Signals:
+        """The stretches that have the rate of the longest."""
+        if not segments:
+            raise InputError("there is no data to choose settings from")
+        longest = max(segments, key=len).rate
+        alike = [segment for segment in segments if abs(segment.rate - longest) <= _RATES_ALIKE * longest]
+        return Signals(tuple(usable(segment, mechanism) for segment in alike), mechanism)
+
     @property
     def rate(self) -> float:
+        """Samples per second."""
         return self.segments[0].rate
 
     @property
-    def samples(self) -> int:
-        return sum(len(segment) for segment in self.segments)
-
-    @property
     def source(self) -> str:
+        """The log, or the first one."""
         return self.segments[0].source
+
+    def rows(self, made: Preparation) -> float:
+        """Rows of all outputs that a band leaves."""
+        samples = sum(len(segment) for segment in self.segments)
+        return samples * len(self.mechanism.outputs) * min(1.0, 2 * (made.band or np.inf) / PASSED / self.rate)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -102,122 +112,127 @@ class _Data:
             raise InputError(problem, source=self.source)
         return found
 
+    @cached_property
+    def fastest(self) -> tuple[str, float]:
+        """The position whose velocity has the highest mean frequency, and that frequency, Hz."""
+        found = {k: self.spectra[k].mean_frequency(self._clean(k)) for k in self.moving}
+        fastest = max(found, key=lambda k: found[k])
+        return self.names[fastest], found[fastest]
 
-def _reasoned(made: Preparation, name: str, value: object, reason: str) -> Preparation:
+    @cached_property
+    def lost(self) -> tuple[str, float]:
+        """The position whose acceleration is lost in noise last, and from where on, Hz."""
+        found = {k: self._clean(k) for k in self.moving}
+        last = max(found, key=lambda k: found[k])
+        return self.names[last], found[last]
+
+    def _clean(self, column: int) -> float:
+        return best_cutoff(self.spectra[column])
+
+    @property
+    def agreeing(self) -> bool:
+        """Whether velocities were logged that are those of the positions."""
+        if any("qd" not in segment.signals for segment in self.segments) or self.disagreement > _AGREEING:
+            return False
+        return all(self.spectra_of("qd")[k].moves for k in self.moving)
+
+    @cached_property
+    def disagreement(self) -> float:
+        """Largest rms of measured less differentiated velocities in the band of the motion, by that of the velocity."""
+        edge, segment = 2 * self.fastest[1], max(self.segments, key=len)
+        if edge > FLATTEST * segment.rate or quaternion_columns(self.mechanism, "q", len(self.names)):
+            return np.inf
+        x, v = (lowpass(segment.signals[name], edge, segment.rate)[:, self.moving] for name in ("q", "qd"))
+        spoilt = butterworth(edge, segment.rate).reach(NEAR) + REACH
+        apart, size = (np.std(some[spoilt:-spoilt], axis=0) for some in (derivatives(x, segment.rate)[0] - v, v))
+        return float(np.max(apart / size)) if len(v) > 2 * spoilt and (size > 0).all() else np.inf
+
+    def noise(self, made: Preparation) -> Floats:
+        """Standard deviation of the noise that the velocity of a state has, for every velocity."""
+        cutoff = states_cutoff(made, self.rate)
+        if "qd" in (made.measured or ()):
+            return np.array([noise_deviation(s, 0, cutoff) for s in self.spectra_of("qd")])
+        noise = [noise_deviation(s, 1, cutoff) for s in self.spectra]
+        balls = quaternion_columns(self.mechanism, "q", len(noise))
+        found: list[float] = []
+        column = 0
+        while column < len(noise):
+            if column in balls:  # the angular velocity is twice the product of the quaternion with its derivative
+                found += 3 * [2 * float(np.sqrt(np.mean(np.square(noise[column : column + 4]))))]
+            else:
+                found.append(noise[column])
+            column += 4 if column in balls else 1
+        return np.array(found)
+
+
+def reasoned(made: Preparation, name: str, value: object, reason: str) -> Preparation:
+    """The preparation with one more setting chosen, and why."""
     return made.model_copy(update={name: value, "reasons": {**made.reasons, name: reason}})
 
 
-def _period(data: _Data, made: Preparation) -> Preparation:
-    if made.period is not None or not (made.average or made.derivative == "fourier"):
+def _measured(log: Signals, made: Preparation) -> Preparation:
+    if made.measured is not None:
         return made
-    longest = max(data.segments, key=len)
-    with locating(data.source):
-        period = find_period(longest.signals["q"], data.rate)
-    times = len(longest) / data.rate / period
-    return _reasoned(made, "period", period, f"{period:.6g} s: after it the motion repeats itself, {times:.3g} times")
-
-
-def _cutoff(data: _Data, made: Preparation) -> Preparation:
-    if made.cutoff is not None:
-        return made
-    best = {k: best_cutoff(data.spectra[k], 2, made.order) for k in data.moving}
-    highest = max(best, key=lambda k: best[k])
-    if not isfinite(best[highest]):
-        clean = [k for k in best if not isfinite(best[k])]
-        best.update({k: _clean(data.spectra[k]) for k in clean})
-        highest = max(best, key=lambda k: best[k])
-        if len(clean) == len(best) and made.derivative == "central":
-            return _reasoned(made, "cutoff", np.inf, "none: the positions have no noise that a filter could take away")
-    noise = noise_deviation(data.spectra[highest])
-    name = data.names[highest]
-    reason = (
-        f"{best[highest]:.3g} Hz: above it the acceleration of {name} is lost in noise, of which its position has "
-        f"{noise:.2g} {_unit(data.mechanism, name)} (standard deviation)"
+    if any("qd" not in segment.signals for segment in log.segments):
+        return reasoned(made, "measured", (), "none: the log has no velocities")
+    if quaternion_columns(log.mechanism, "q", len(log.names)):
+        return reasoned(made, "measured", (), "none: orientations are differentiated")
+    velocities = log.spectra_of("qd")
+    if not all(velocities[k].moves for k in log.moving):
+        return reasoned(made, "measured", (), "none: velocities of the log are lost in noise")
+    top = HARMONICS * log.fastest[1]
+    from_positions, from_sensors = (
+        np.array([noise_deviation(some[k], order, top) for k in log.moving])
+        for some, order in ((log.spectra, 1), (velocities, 0))
     )
-    return _reasoned(made, "cutoff", best[highest], reason)
-
-
-def _clean(found: Spectrum) -> float:
-    """A cut-off for a position without noise, where others have some: far above its motion."""
-    return float(min(3 * found.band_edge(0.999, 2), 0.4 * found.rate))
-
-
-def _unit(mechanism: Mechanism, name: str) -> str:
-    motion = motion_of(mechanism, name)
-    return "m" if motion is not None and motion.kind is MotionKind.TRANSLATION else "rad"
-
-
-def _output_cutoff(data: _Data, made: Preparation) -> Preparation:
-    if made.output_cutoff is not None:
-        return made
-    given = prod(made.decimation or ())
-    if given > 1 and made.output_filter == "chebyshev":
-        return _reasoned(made, "output_cutoff", np.inf, "what the decimation leaves")
-    below = made.cutoff if made.cutoff is not None else np.inf
-    frequencies = {k: data.spectra[k].mean_frequency(below) for k in data.moving}
-    fastest = max(frequencies, key=lambda k: frequencies[k])
-    found = HARMONICS * frequencies[fastest]
-    reason = (
-        f"{found:.3g} Hz: {HARMONICS} times {frequencies[fastest]:.2g} Hz, the mean frequency of the velocity of "
-        f"{data.names[fastest]}"
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gain = float(np.exp(np.nanmean(np.log(from_positions / from_sensors))))
+    apart = log.disagreement
+    if apart > _AGREEING:
+        text = f"none: the velocities of the log differ from those of its positions by {apart:.0%} of their size"
+        return reasoned(made, "measured", (), text)
+    if not gain > 1:
+        return reasoned(made, "measured", (), f"none: they have {1 / gain:.3g} times the noise of positions")
+    return reasoned(
+        made, "measured", ("qd",), f"velocities: differentiated positions have {gain:.3g} times their noise"
     )
-    most = PASSED * data.rate / given / 2
-    if given > 1 and found > most:
-        return _reasoned(made, "output_cutoff", most, f"{most:.3g} Hz: the band that decimation by {given} leaves")
-    if found > WORTH * data.rate:
-        return _reasoned(made, "output_cutoff", np.inf, "none: the motion fills the band of the log")
-    return _reasoned(made, "output_cutoff", found, reason)
 
 
-def _decimation(data: _Data, made: Preparation) -> Preparation:
-    if made.decimation is not None:
+def _band(log: Signals, made: Preparation) -> Preparation:
+    if made.band is not None:
         return made
-    cutoff = made.output_cutoff if made.output_cutoff is not None else np.inf
-    factor = max(1, int(PASSED * data.rate / 2 / cutoff)) if isfinite(cutoff) else 1
-    rows = data.samples * len(data.mechanism.outputs)
-    enough = ROWS * max(1, len(data.mechanism.parameters))
-    reason = f"a band of {cutoff:.3g} Hz needs no more than one sample of {factor}"
-    if factor > max(1, rows // enough):
-        factor = max(1, rows // enough)
-        reason = f"one sample of {factor}, which leaves {ROWS} rows per parameter"
-    if factor == 1:
-        return _reasoned(made, "decimation", (), "none: every sample is needed")
-    return _reasoned(made, "decimation", decimation_stages(factor, made.output_filter), reason)
+    name, mean = log.fastest
+    found = HARMONICS * mean
+    reason = f"{found:.3g} Hz: {HARMONICS} times {mean:.2g} Hz, the mean frequency of the velocity of {name}"
+    who, lost = log.lost
+    if "qd" not in (made.measured or ()) and lost < found:
+        found, reason = lost, f"{lost:.3g} Hz: above it the acceleration of {who} is lost in noise"
+    if found > FLATTEST * log.rate:
+        found = FLATTEST * log.rate
+        reason = f"{found:.3g} Hz: a sixth of the rate, up to which derivatives are right to two thousandths"
+    return reasoned(made, "band", found, reason)
 
 
-def _still(data: _Data, made: Preparation) -> Preparation:
-    if made.still is not None:
+def with_still(log: Signals, made: Preparation) -> Preparation:
+    """The preparation with the speeds below which rows of an output leave the fit, where it leaves them open."""
+    if made.still is not None and "still" not in made.reasons:
         return made
-    noise = _velocity_noise(data, made)
-    names = velocity_names(data.mechanism, len(data.names))
+    noise = log.noise(made)
+    names = velocity_names(log.mechanism, len(log.names))
     found: dict[str, float] = {}
-    for output in data.mechanism.outputs:
-        rows = speed_rows(data.mechanism, output, names) if rubs(data.mechanism, output) else None
+    for output in log.mechanism.outputs:
+        rows = speed_rows(log.mechanism, output, names) if rubs(log.mechanism, output) else None
         if rows is not None:
             found[output.name] = SIGMAS * float(np.sqrt(rows**2 @ noise**2).max())
     if not found:
-        return _reasoned(made, "still", 0.0, "none: no output has dry friction")
+        return reasoned(made, "still", 0.0, "none: no output has dry friction")
+    parameters = len(log.mechanism.parameters)
+    if log.rows(made) < ROWS * parameters:
+        text = f"none: {log.rows(made):.0f} rows are too few for {parameters} parameters to leave any out"
+        return reasoned(made, "still", 0.0, text)
     listed = ", ".join(f"{name} {value:.2g}" for name, value in found.items())
     reason = (
         f"{listed} (m/s, rad/s): {SIGMAS:g} standard deviations of the velocity's noise, within which the direction of "
         "dry friction is unknown"
     )
-    return _reasoned(made, "still", found, reason)
-
-
-def _velocity_noise(data: _Data, made: Preparation) -> Floats:
-    """Standard deviation of the noise of every velocity, within the band of the rows, which are means over it."""
-    cutoff = min(made.cutoff or np.inf, made.output_cutoff or np.inf)
-    if "qd" in made.measured and "qd" in data.segments[0].signals:
-        return np.array([noise_deviation(s, 0, cutoff, made.order) for s in data.spectra_of("qd")])
-    noise = [noise_deviation(s, 1, cutoff, made.order) for s in data.spectra]
-    balls = quaternion_columns(data.mechanism, "q", len(noise))
-    found: list[float] = []
-    column = 0
-    while column < len(noise):
-        if column in balls:  # the angular velocity is twice the product of the quaternion with its derivative
-            found += 3 * [2 * float(np.sqrt(np.mean(np.square(noise[column : column + 4]))))]
-        else:
-            found.append(noise[column])
-        column += 4 if column in balls else 1
-    return np.array(found)
+    return reasoned(made, "still", found, reason)

@@ -1,8 +1,7 @@
 """Preparation: from segments of a log to samples for least squares.
 
-At the ends of a segment the filters have nothing to work on: what they spoil there is left out.  Of a periodic motion
-that is to be averaged one mean period remains, continued on both sides for the filters.  Where an output feels dry
-friction, rows near rest are left out, because the direction of friction is unknown there.
+At the ends of a segment the filters have nothing to work on: what they spoil there is left out.  Where an output feels
+dry friction, rows near rest leave the fit, because the direction of friction is unknown there.
 """
 
 from __future__ import annotations
@@ -10,34 +9,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, inf, isfinite, log, prod
+from math import ceil
 
 import numpy as np
 
 from echelon.arrays import Flags, Floats
-from echelon.errors import InputError, locating
+from echelon.errors import InputError
 from echelon.logs.preparation.settings import Preparation
-from echelon.logs.preparation.states import needed, states, states_reach, usable, velocity_names
+from echelon.logs.preparation.states import states, states_reach, usable, velocity_names
 from echelon.logs.recording import Samples, Segment
 from echelon.mechanism.effect import Side
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output
 from echelon.mechanism.stated import symbol_values
 from echelon.signals.clock import shift_reach, shifted
-from echelon.signals.filters import FAR, NEAR, PASSED, Reduction, reduction
-from echelon.signals.periods import average
-
-RATES_ALIKE = 1e-3
-"""Rates that differ by less, relatively, count as one."""
-
-WORTH = 0.4
-"""Highest cut-off over both sides that is worth a filter, as a share of the rate."""
-
-_STAGE = 12
-"""Largest factor of one Chebyshev stage, as its authors advise."""
-
-MEMORY = 2.0
-"""Times the filters' reach that windows overlap: what is forgotten to 1e-18 survives two differentiations."""
+from echelon.signals.filters import NEAR, FirFilter, reduction
 
 
 def speed_rows(mechanism: Mechanism, output: Output, names: Sequence[str]) -> Floats | None:
@@ -83,12 +69,11 @@ class PreparationPlan:
     rate: float  # samples per second
 
     @cached_property
-    def reduction(self) -> Reduction | None:
+    def reduction(self) -> FirFilter | None:
         """The filter over both sides of the equation."""
-        made = self.preparation
-        if made.output_cutoff is None or made.decimation is None:
-            raise InputError("settings are still open: choose output_cutoff and decimation from the data first")
-        return reduction(made.output_filter, made.output_cutoff, self.rate, made.decimation)
+        if self.preparation.band is None:
+            raise InputError("the band is still open: choose the settings from the data first", element="band")
+        return reduction(self.preparation.band, self.rate)
 
     @property
     def factor(self) -> int:
@@ -119,21 +104,10 @@ class PreparationPlan:
         filters = max(states_reach(self.rate, self.preparation, NEAR), self.shift)
         return filters + ceil(self.preparation.trim * self.rate - 1e-9)
 
-    @cached_property
-    def inner(self) -> int:
-        """Samples on either side that states and outputs depend on."""
-        return max(ceil(MEMORY * max(states_reach(self.rate, self.preparation, FAR), self.shift)), self.spoilt)
-
-    @cached_property
-    def outer(self) -> int:
-        """Samples on either side that rows depend on; a multiple of the factor."""
-        samples = ceil(MEMORY * self.reduction.reach) if self.reduction else 0
-        return -(-samples // self.factor) * self.factor
-
     @property
     def needed(self) -> int:
         """Fewest samples of which one row remains."""
-        return max(2 * self.spoilt + self.factor, needed(self.rate, self.preparation))
+        return 2 * self.spoilt + self.factor
 
     def check(self, count: int, source: str) -> None:
         """Refuse a segment that is too short."""
@@ -144,8 +118,8 @@ class PreparationPlan:
                 source=source,
             )
 
-    def samples(self, piece: Segment, rows: slice, counts: slice) -> Samples:
-        """Some rows of a usable piece as samples, of which some count; both are numbers of rows of the piece."""
+    def samples(self, piece: Segment, rows: slice) -> Samples:
+        """Some rows of a usable piece as samples."""
         q, qd, qdd = (some[rows] for some in states(piece, self.preparation, self.mechanism))
         y = piece.signals.get("y")
         return Samples(
@@ -158,8 +132,6 @@ class PreparationPlan:
             y=None if y is None else self._on_time(y)[rows],
             inputs={name: values[rows] for name, values in piece.inputs.items()},
             reduction=self.reduction,
-            first=counts.start - rows.start,
-            stop=counts.stop - rows.start,
             moving=self._moving(qd, q.shape[1]),
         )
 
@@ -199,67 +171,13 @@ class PreparationPlan:
         return given
 
 
-def at_rate(preparation: Preparation, rate: float) -> Preparation:
-    """The settings for a log of another rate than that which they were chosen at.
-
-    Decimation leaves rows as dense as before, as nearly as whole factors allow; a filter whose cut-off the log's own
-    band does not reach is left out.
-    """
-    before = preparation.chosen_at
-    if before is None or abs(rate - before) <= RATES_ALIKE * before:
-        return preparation
-    factor = max(1, round(prod(preparation.decimation or ()) * rate / before))
-    stages = decimation_stages(factor, preparation.output_filter) if factor > 1 else ()
-    cutoff, output_cutoff = (
-        inf if value is not None and value > WORTH * rate else value
-        for value in (preparation.cutoff, preparation.output_cutoff)
-    )
-    if factor > 1 and output_cutoff is not None and isfinite(output_cutoff):
-        output_cutoff = min(output_cutoff, PASSED * rate / factor / 2)
-    return preparation.model_copy(update={"cutoff": cutoff, "output_cutoff": output_cutoff, "decimation": stages})
-
-
-def decimation_stages(factor: int, kind: str) -> tuple[int, ...]:
-    """A factor, or for Chebyshev filters several small ones whose product is not larger."""
-    if kind != "chebyshev" or factor <= _STAGE:
-        return (factor,)
-    count = ceil(log(factor) / log(_STAGE))
-    return (int(factor ** (1 / count) + 1e-9),) * count
-
-
 def prepare(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> Samples:
     """Samples of a segment, without what filters spoil at its ends and what is to be trimmed.
 
-    Settings must not be open; see ``chosen``.  With ``average`` the samples that count are one mean period, which is
-    continued on both sides for the filter over both sides of the equation.
+    Settings must not be open; see ``chosen``.
     """
     piece = usable(segment, mechanism)
-    preparation = at_rate(preparation, piece.rate)
-    if preparation.average:
-        return _mean_period(piece, preparation, mechanism)
     plan = PreparationPlan(preparation, mechanism, piece.rate)
     plan.check(len(piece), piece.source)
     inside = slice(plan.spoilt, len(piece) - plan.spoilt)
-    return plan.samples(piece, inside, inside)
-
-
-def _mean_period(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> Samples:
-    """One mean period as samples that count, between as many copies as the filters need."""
-    if preparation.period is None:
-        raise InputError("averaging needs the period of the motion", source=segment.source, element="period")
-    with locating(segment.source):
-        means = {name: average(values, segment.rate, preparation.period) for name, values in segment.signals.items()}
-        inputs = {name: average(values, segment.rate, preparation.period) for name, values in segment.inputs.items()}
-    count, rate = len(means["q"][0]), means["q"][1]
-    plan = PreparationPlan(preparation, mechanism, rate)
-    states, both = -(-plan.inner // count), -(-plan.outer // count)
-    copies = states + both
-
-    def tiled(mean: tuple[Floats, float]) -> Floats:
-        return np.concatenate([mean[0]] * (2 * copies + 1))
-
-    signals = {name: tiled(mean) for name, mean in means.items()}
-    start = segment.start - copies * preparation.period
-    piece = Segment(segment.source, start, rate, signals, {name: tiled(mean) for name, mean in inputs.items()})
-    rows = slice(states * count, (copies + both + 1) * count)
-    return plan.samples(piece, rows, slice(copies * count, (copies + 1) * count))
+    return plan.samples(piece, inside)

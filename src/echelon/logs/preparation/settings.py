@@ -10,5 +10,4 @@ from echelon.formats.schema.schema_log import PreparationEntry
 class Preparation(PreparationEntry):
     """How a log becomes samples for least squares: the section of a set-up, with what was chosen from the data."""
 
-    chosen_at: float | None = Field(None, description="Rate of the logs that choices were made from, Hz.")
     reasons: dict[str, str] = Field({}, description="For settings that were chosen: why, in a sentence.")

@@ -1,5 +1,8 @@
 """States from positions: filtered and differentiated, each coordinate by its kind.
 
+A low-pass that took acceleration off the regressor and not off the outputs would make inertias too large.  So it lies
+far above the band that both sides keep, and is there only for what products of states would fold into that band.
+
 Positions of a free rotation are quaternions, whose derivatives become the angular velocity in the moved body's axes.
 With loops the independent coordinates are enough, and they alone: filtering all of them would open the loops.
 """
@@ -8,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from math import ceil, isfinite, pi
+from math import inf, isfinite
 
 import numpy as np
 
@@ -19,20 +22,15 @@ from echelon.logs.preparation.settings import Preparation
 from echelon.logs.recording import Segment
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
-from echelon.signals.derivatives import (
-    CENTRAL_REACH,
-    body_rates,
-    central,
-    continuous,
-    fourier,
-    savitzky_golay,
-    savitzky_golay_window,
-)
-from echelon.signals.filters import FAR, butterworth, lowpass
+from echelon.signals.derivatives import REACH, body_rates, continuous, derivatives
+from echelon.signals.filters import FAR, WORTH, butterworth, lowpass
 
 States = tuple[Floats, Floats, Floats]
 
-_ROUNDINGS = 8.0  # of a position, that add up in its derivatives
+ROOM, ORDER = 3.0, 4
+"""Low-pass over positions, relative to the band of both sides: within the band its gain is right to 2e-4, and to 3 % up
+to where the filter of both sides lets nothing pass."""
+_ROUNDINGS = 16.0  # of a position, that add up in its derivatives
 MEASURED = ("qd", "qdd")
 """Derivatives that may be taken from a log."""
 
@@ -70,29 +68,38 @@ def velocity_names(mechanism: Mechanism, columns: int) -> tuple[str, ...]:
 
 
 def states(segment: Segment, preparation: Preparation, mechanism: Mechanism) -> States:
-    """Positions (N, positions), velocities and accelerations (N, velocities) of a usable segment, filtered alike."""
-    rate = segment.rate
-    x, xd, xdd = _without_rounding(*differentiated(segment.signals["q"], rate, preparation), rate, preparation)
-    balls = quaternion_columns(mechanism, "q", x.shape[1])
-    q, qd, qdd = _by_kind(x, xd, xdd, balls)
-    measured = {name: _measured(segment, name) for name in preparation.measured}
+    """Positions (N, positions), velocities and accelerations (N, velocities) of a usable segment."""
+    rate, cutoff = segment.rate, states_cutoff(preparation, segment.rate)
+    x = lowpass(segment.signals["q"], cutoff, rate, ORDER)
+    q, qd, qdd = _by_kind(x, *_without_rounding(x, *derivatives(x, rate), rate), mechanism)
+    measured = {name: lowpass(_measured(segment, name), cutoff, rate, ORDER) for name in preparation.measured or ()}
     if "qd" in measured:
-        qd, from_velocity, _ = differentiated(measured["qd"], rate, preparation)
-        qdd = from_velocity
-    if "qdd" in measured:
-        qdd = differentiated(measured["qdd"], rate, preparation)[0]
-    return q, qd, qdd
+        qd = measured["qd"]
+        qdd = derivatives(qd, rate)[0]
+    return q, qd, measured.get("qdd", qdd)
 
 
-def _without_rounding(x: Floats, xd: Floats, xdd: Floats, rate: float, preparation: Preparation) -> States:
-    """States in which derivatives no larger than rounding of positions are zero, so that a joint at rest is at rest.
+def states_cutoff(preparation: Preparation, rate: float) -> float:
+    """Low-pass over positions, Hz, which leaves the band of both sides as it is; inf where there is no room for one."""
+    if preparation.band is None:
+        raise InputError("the band is still open: choose the settings from the data first", element="band")
+    cutoff = ROOM * preparation.band
+    return cutoff if cutoff <= WORTH * rate else inf
+
+
+def states_reach(rate: float, preparation: Preparation, influence: float = FAR) -> int:
+    """Samples on either side that a state depends on by more than this share of a signal."""
+    cutoff = states_cutoff(preparation, rate)
+    return REACH + (butterworth(cutoff, rate, ORDER).reach(influence) if isfinite(cutoff) else 0)
+
+
+def _without_rounding(x: Floats, xd: Floats, xdd: Floats, rate: float) -> tuple[Floats, Floats]:
+    """Derivatives that are zero where they are no larger than rounding of positions, so that a joint at rest rests.
 
     What is computed from speeds of 1e-17 rad/s has columns that differ, and so would seem to be identified.
     """
-    highest = min(rate, 2 * pi * _cutoff(preparation))
     rounding = _ROUNDINGS * np.finfo(float).eps * np.abs(x)
-    still, steady = np.abs(xd) <= rounding * highest, np.abs(xdd) <= rounding * highest**2
-    return x, np.where(still, 0.0, xd), np.where(steady, 0.0, xdd)
+    return np.where(np.abs(xd) <= rounding * rate, 0.0, xd), np.where(np.abs(xdd) <= rounding * rate**2, 0.0, xdd)
 
 
 def _measured(segment: Segment, name: str) -> Floats:
@@ -105,8 +112,9 @@ def _measured(segment: Segment, name: str) -> Floats:
     return segment.signals[name]
 
 
-def _by_kind(x: Floats, xd: Floats, xdd: Floats, balls: tuple[int, ...]) -> States:
+def _by_kind(x: Floats, xd: Floats, xdd: Floats, mechanism: Mechanism) -> States:
     """States in which the rates of quaternions are angular velocities and accelerations."""
+    balls = quaternion_columns(mechanism, "q", x.shape[1])
     if not balls:
         return x, xd, xdd
     parts: list[States] = []
@@ -118,40 +126,3 @@ def _by_kind(x: Floats, xd: Floats, xdd: Floats, balls: tuple[int, ...]) -> Stat
         column = some.stop
     q, qd, qdd = (np.hstack([part[k] for part in parts]) for k in range(3))
     return q, qd, qdd
-
-
-def differentiated(values: Floats, rate: float, preparation: Preparation) -> States:
-    """Filtered values (N, columns) with two derivatives, in the way that settings say."""
-    cutoff = _cutoff(preparation)
-    if preparation.derivative == "fourier":
-        if preparation.period is None:
-            raise InputError("a Fourier series needs the period of the motion", element="period")
-        return fourier(values, rate, preparation.period, cutoff)
-    if preparation.derivative == "savitzky_golay":
-        return savitzky_golay(values, rate, cutoff)
-    return central(lowpass(values, cutoff, rate, preparation.order), rate)
-
-
-def states_reach(rate: float, preparation: Preparation, influence: float = FAR) -> int:
-    """Samples on either side that a state depends on by more than this share of a signal."""
-    cutoff = _cutoff(preparation)
-    if preparation.derivative == "fourier":
-        return 0
-    if preparation.derivative == "savitzky_golay":
-        return savitzky_golay_window(cutoff, rate) // 2
-    if not isfinite(cutoff):
-        return CENTRAL_REACH
-    return butterworth(cutoff, rate, preparation.order).reach(influence) + CENTRAL_REACH
-
-
-def needed(rate: float, preparation: Preparation) -> int:
-    """Fewest samples that can be differentiated."""
-    if preparation.derivative == "fourier":
-        return ceil((preparation.period or 0.0) * rate)
-    return max(3, 2 * states_reach(rate, preparation, 1.0) + 1) if preparation.derivative == "savitzky_golay" else 3
-
-
-def _cutoff(preparation: Preparation) -> float:
-    if preparation.cutoff is None:
-        raise InputError("the cut-off is still open: choose the settings from the data first", element="cutoff")
-    return preparation.cutoff

@@ -1,0 +1,92 @@
+"""The band of both sides, chosen by the model: planted parameters come back from coarse encoders at any rate."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import echelon as ec
+from echelon.identification.band import with_band
+from echelon.identification.estimators.estimate import Estimate
+from echelon.identification.estimators.least_squares import irls
+from echelon.identification.rows.rows import ModelRows
+from echelon.logs.preparation.choices import chosen
+from echelon.logs.preparation.prepare import prepare
+from echelon.logs.preparation.settings import Preparation
+from echelon.logs.recording import Segment
+from support.paths import ROOT
+
+TRUE = np.array([0.31, 0.9, 0.01, 0.07, 0.25, -0.02])
+SIZES = np.array([[0.5, 0.3], [0.4, 0.3], [0.2, 0.2]])
+
+
+@cache
+def pendulum() -> ec.BaseModel:
+    return ec.base_parameters(ec.load(ROOT / "examples" / "double_pendulum.yaml"))
+
+
+def log(rate: float, step: float, noise: float, seed: int, seconds: float = 20.0) -> Segment:
+    """A swing between 0.3 and 1.3 Hz that never repeats, by encoders of a step, rad, with relative noise in torques."""
+    rng = np.random.default_rng([3, seed])
+    w = 2 * np.pi * np.array([[0.3, 0.4], [0.7, 0.8], [1.1, 1.2]]) * rng.uniform(0.9, 1.1, (3, 2))
+    waves = np.exp(1j * (np.arange(0, seconds, 1 / rate)[:, None, None] * w + rng.uniform(0, 6, (3, 2))))
+    q, qd, qdd = ((SIZES * waves * (1j * w) ** k).real.sum(axis=1) for k in range(3))
+    y = pendulum().predict(q, qd, qdd, TRUE)
+    y = y + noise * y.std(axis=0) * np.sqrt(rate / 100) * rng.standard_normal(y.shape)
+    return Segment("planted", 0.0, rate, {"q": np.round(q / step) * step, "y": y})
+
+
+def fitted(segment: Segment, preparation: Preparation) -> Estimate:
+    rows = ModelRows.of(pendulum(), [prepare(segment, preparation, pendulum().mechanism)])
+    return irls(rows.observation(), rows.units)
+
+
+def automatic(segment: Segment) -> Preparation:
+    return with_band(chosen(Preparation(delays={}), [segment], pendulum().mechanism), [segment], pendulum())[0]
+
+
+@pytest.mark.parametrize(("rate", "step"), [(30.0, 1e-6), (30.0, 1e-2), (100.0, 1e-3), (1000.0, 1e-2)])
+def test_planted_parameters_come_back(rate: float, step: float) -> None:
+    """Means over seeds within chance, errors as large as intervals say."""
+    found = []
+    for seed in range(12):
+        segment = log(rate, step, 0.03, seed)
+        estimate = fitted(segment, automatic(segment))
+        found.append((estimate.values - TRUE) / estimate.std)
+    errors = np.array(found)
+    assert np.abs(errors.mean(axis=0)).max() < 3.5 / np.sqrt(len(errors)) + 1 / 3
+    assert np.mean(np.abs(errors) < 1.96) > 0.85
+
+
+def test_coarse_encoders_narrow_the_band() -> None:
+    """A band that is wide open is narrowed: noise of the acceleration shows in residuals before it biases."""
+    fine, coarse = log(100.0, 1e-6, 1e-4, 0), log(100.0, 3e-3, 1e-4, 0)
+    wide = chosen(Preparation(delays={}, measured=()), [fine], pendulum().mechanism).model_copy(update={"band": 14.0})
+    found, _ = with_band(wide, [coarse], pendulum())
+    assert found.band is not None
+    assert found.band < 7
+    errors = [np.abs(fitted(coarse, some).values - TRUE).max() for some in (found, wide)]
+    assert errors[0] < 0.3 * errors[1]
+
+
+def test_the_band_ends_where_the_model_explains_no_more() -> None:
+    """A vibration of the outputs that no parameter knows stays outside."""
+    segment = log(100.0, 1e-6, 1e-3, 1)
+    t = np.arange(len(segment)) / 100
+    hum = np.random.default_rng(0).standard_normal(segment.signals["y"].shape)
+    hum = np.apply_along_axis(np.convolve, 0, hum, np.sin(2 * np.pi * 5 * t[:60]) / 30, "same")
+    y = segment.signals["y"] + 0.3 * segment.signals["y"].std(axis=0) * hum / hum.std(axis=0)
+    found = automatic(Segment("planted", 0.0, 100.0, {"q": segment.signals["q"], "y": y}))
+    assert found.band is not None
+    assert 1.5 < found.band < 5
+    assert "explains less than half" in found.reasons["band"]
+
+
+def test_noise_that_no_band_mends_is_said() -> None:
+    segment = log(100.0, 0.15, 1e-6, 0)
+    made = chosen(Preparation(delays={}), [segment], pendulum().mechanism)
+    _, findings = with_band(made, [segment], pendulum())
+    assert [finding.kind for finding in findings] == ["noisy positions"]
+    assert "standard deviations" in findings[0].text
