@@ -9,7 +9,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # commands that tests start would compile all modules anew
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help venv demo test lint slow faults mutate fuzz bench clean
+.PHONY: help venv demo test lint slow faults mutate fuzz bench dist clean
 .DELETE_ON_ERROR:
 
 help:
@@ -20,6 +20,7 @@ help:
 	@echo "make mutate  plant small faults in the core, which the tests must notice"
 	@echo "make fuzz    send mutated files of every format through the commands"
 	@echo "make bench   compare speed and results with other tools"
+	@echo "make dist    build wheel and source distribution, and try both in fresh environments"
 	@echo "make venv    only set up the development environment"
 	@echo "make clean   remove the environment and everything generated"
 	@echo "PYTHON=...   the interpreter to build the environment with (3.11 or later)"
@@ -64,6 +65,12 @@ fuzz: $(DEV)
 
 bench: $(DEV)
 	$(BIN)/python benchmarks/bench.py
+
+dist: $(CORE)
+	rm -rf dist
+	$(BIN)/python -m pip install --quiet "build>=1.2"
+	$(BIN)/python -m build --outdir dist
+	$(PYTHON) packaging/smoke.py dist/*
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
