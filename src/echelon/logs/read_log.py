@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from echelon.errors import locating
-from echelon.logs.columns.column_guess import guess_columns, with_units
+from echelon.logs.columns.column_guess import guess_columns
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.columns.conversion import needed_columns, recording
+from echelon.logs.columns.guessed_units import with_units
 from echelon.logs.faults.examine import examine
 from echelon.logs.faults.plausibility import check_plausible, surplus_columns
 from echelon.logs.files.log_file import LogFile, Table

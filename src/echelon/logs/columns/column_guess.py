@@ -5,23 +5,19 @@ What is clear is taken, and what is not is asked about, all of it in one message
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from difflib import get_close_matches
-
-import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.logs.columns.by_values import Family, blocks, classified, clock, clock_unit, families
+from echelon.logs.columns.by_values import Family, blocks, classified, clock, families
 from echelon.logs.columns.column_map import Channel, ColumnMap
 from echelon.logs.columns.column_names import Meaning, aliases, meaning, words
-from echelon.logs.columns.quantities import actuators, coordinates, motion_of, units
+from echelon.logs.columns.quantities import actuators, coordinates, units
 from echelon.logs.columns.units import factor
 from echelon.logs.files.log_file import Table
-from echelon.logs.finding import Finding, listed, note, warning
-from echelon.mechanism.joint import MotionKind
+from echelon.logs.finding import listed
 from echelon.mechanism.mechanism import Mechanism
 
 Meanings = Mapping[str, Meaning]
@@ -31,9 +27,6 @@ Look = Callable[[], Table]
 _NEEDED = ("position", "output")
 _OPTIONAL = ("velocity", "acceleration", "reference")
 _ADVICE = "say under log which they are, or let  echelon setup ROBOT LOG -o setup.yaml  write it"
-_TURNS = 4 * math.pi
-_DEGREES = 720.0
-_NEAR = 0.05
 
 
 @dataclass(frozen=True)
@@ -70,26 +63,31 @@ def guess(
     groups, problems = _by_names(meanings, mechanism, outputs)
     notes: list[str] = []
     headerless = all(name.isdecimal() for name in names)
-    absent = [kind for kind in _NEEDED[: 1 + outputs] if not groups[kind]]
+    needed = _NEEDED[: 1 + outputs]
+    absent = [kind for kind in needed if not groups[kind]]
     if absent and look is not None and (by_values or (headerless and not problems)):
         clear = [name for name, said in meanings.items() if said.kind not in absent and not headerless]
-        for kind, family in _by_values(names, clear, mechanism, look().columns, groups).items():
-            if not groups.get(kind):
-                groups[kind] = {n: Channel(c) for n, c in zip(_valid(mechanism, kind), family.columns, strict=True)}
-                notes.append(f"{family.label} taken for the {_several(kind)} of {listed(groups[kind])} by their values")
-        absent = [kind for kind in absent if not groups[kind]]
+        notes += _filled(groups, _by_values(names, clear, mechanism, look().columns, groups), mechanism)
+        absent = [kind for kind in needed if not groups[kind]]
         problems = problems if absent else []
     if absent and not problems:
         problems.append(_question(absent, names, meanings, mechanism, look))
     unnamed = names if headerless else [name for name in names if name not in meanings and by_values]
     time, trouble = _time(meanings, unnamed, look)
     if any(said.kind == "current" for column, said in meanings.items() if column in _columns(groups["output"])):
-        text = (
-            "the outputs are currents by their names, and were taken for torques: give the torque per ampere as scale"
-        )
-        notes.append(text)
+        notes.append("the outputs are currents by their names, taken for torques: give the torque per ampere as scale")
     kinds = (groups[kind] for kind in ("position", "velocity", "acceleration", "output", "reference"))
     return Guess(ColumnMap(time, None, *kinds), (*problems, *trouble), tuple(notes))
+
+
+def _filled(groups: dict[str, dict[str, Channel]], seen: Mapping[str, Family], mechanism: Mechanism) -> list[str]:
+    """Put families of columns where names say nothing; says which."""
+    notes = []
+    for kind, family in seen.items():
+        if not groups.get(kind):
+            groups[kind] = {n: Channel(c) for n, c in zip(_valid(mechanism, kind), family.columns, strict=True)}
+            notes.append(f"{family.label} taken for the {_several(kind)} of {listed(groups[kind])} by their values")
+    return notes
 
 
 def _several(kind: str) -> str:
@@ -273,50 +271,3 @@ def _nearest(column: str) -> str:
         if close:
             return f"{known[close[0]]}?"
     return ""
-
-
-def with_units(columns: ColumnMap, table: Table, mechanism: Mechanism) -> tuple[ColumnMap, tuple[Finding, ...]]:
-    """Guessed columns with the units that their magnitudes ask for, and what was assumed."""
-    notes: list[Finding] = []
-    time = columns.time
-    if time is not None and not time.unit and time.column in table.columns:
-        unit = clock_unit(table.columns[time.column])
-        if unit:
-            text = f"the time '{time.column}' is taken to be in {unit}: in seconds no robot would be logged so slowly"
-            notes.append(note("units", table.source, text))
-        time = replace(time, unit=unit)
-    turning = {name: some for name, some in columns.positions.items() if _turns(mechanism, name)}
-    far = [np.nanmax(np.abs(table.columns[some.column]), initial=0.0) for some in turning.values()]
-    plain = turning and not any(some.unit for some in turning.values())
-    positions = columns.positions
-    if plain and 2 * sum(size > _TURNS for size in far) > len(far) and max(far) <= _DEGREES:
-        positions = {**positions, **{name: replace(some, unit="deg") for name, some in turning.items()}}
-        text = f"positions up to {max(far):.4g} are taken to be in degrees"
-        notes.append(warning("units", table.source, text))
-    guessed = replace(columns, time=time, positions=positions)
-    return replace(guessed, velocities=_with_rates(guessed, table, mechanism)), tuple(notes)
-
-
-def _turns(mechanism: Mechanism, name: str) -> bool:
-    motion = motion_of(mechanism, name)
-    return motion is not None and motion.kind is MotionKind.ROTATION
-
-
-def _with_rates(columns: ColumnMap, table: Table, mechanism: Mechanism) -> dict[str, Channel]:
-    """Velocities in deg/s where they are to positions as degrees are to radians."""
-    found = dict(columns.velocities)
-    times = None if columns.time is None else table.columns.get(columns.time.column)
-    for name, channel in columns.velocities.items():
-        position = columns.positions.get(name)
-        if channel.unit or position is None or times is None or not _turns(mechanism, name):
-            continue
-        q, v = table.columns[position.column] * factor(position.unit, "rad"), table.columns[channel.column]
-        if len(q) != len(v) or len(q) != len(times):
-            continue
-        step = np.diff(times) * factor(columns.time.unit if columns.time else "", "s")
-        moved, area = np.diff(q), 0.5 * (v[1:] + v[:-1]) * step
-        usable = np.isfinite(moved) & np.isfinite(area)
-        ratio = np.linalg.norm(area[usable]) / max(float(np.linalg.norm(moved[usable])), 1e-300)
-        if abs(ratio * math.pi / 180 - 1) < _NEAR:
-            found[name] = replace(channel, unit="deg/s")
-    return found
