@@ -60,8 +60,8 @@ def test_what_is_changed_has_no_reading(files: tuple[Path, Path]) -> None:
     assert replace(mechanism) == mechanism
 
 
-def test_friction_is_part_of_the_literal_reading(files: tuple[Path, Path]) -> None:
-    mechanism = open_robot(files[0]).mechanism(ReadingOptions(friction=True))
+def test_usual_effects_are_part_of_the_literal_reading(files: tuple[Path, Path]) -> None:
+    mechanism = open_robot(files[0]).mechanism(ReadingOptions(usual_effects=True))
     assert mechanism.reading is not None
     assert [e.parameter for e in mechanism.reading.literal().effects] == ["Fv1", "Fv2", "Fc1", "Fc2", "Fo1", "Fo2"]
     assert mechanism.reading.literal().effects == mechanism.effects

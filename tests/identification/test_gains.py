@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from echelon.mechanism.joint import translation
 from echelon.setup.setup import Setup
 from support.observation_rows import ArrayRows
 from support.payloads import LOAD, Truth, truth, with_drives
+from support.simulated_systems import SYSTEMS, motion_of
 from support.textbook_arms import body, modified_dh, tree
 from support.textbook_arms import puma560 as puma
 
@@ -290,3 +292,16 @@ def test_gains_from_logs(three: Truth, tmp_path: Path) -> None:
         ec.gains_from_logs(setup, [free], [carrying])
     with pytest.raises(ec.InputError, match=r"common factor|ratios"):
         ec.gains_from_logs(setup, [free])
+
+
+def test_currents_that_are_given_as_torques_contradict_each_other(tmp_path: Path) -> None:
+    """Drives of different gains: each would need inertias of its own."""
+    system, constants = SYSTEMS["arm"], np.array([3.0, 2.5, 1.2, 0.5, 0.3])
+    motion = motion_of(system)
+    setup = system.load(tmp_path).with_settings(physical=False)
+    log = system.log(replace(motion, y=motion.y / constants), tmp_path / "run", setup.mechanism)
+    (found,) = (f for f in ec.identify(setup, [log]).findings if f.kind == "gains")
+    factors = dict(re.findall(r"(j\d) ([\d.]+) times", found.text))
+    assert list(factors) == ["j1", "j2", "j4", "j5"]
+    np.testing.assert_allclose([float(f) for f in factors.values()], (constants / 1.2)[[0, 1, 3, 4]], rtol=0.1)
+    assert "{type: drive_gain, at: all}" in found.text

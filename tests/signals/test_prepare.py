@@ -33,7 +33,7 @@ effects:
 def pendulum(tmp_path_factory: pytest.TempPathFactory) -> ec.Mechanism:
     """A double pendulum with dry friction."""
     file = tmp_path_factory.mktemp("robot") / "pendulum.yaml"
-    file.write_text((ROOT / "examples" / "double_pendulum.yaml").read_text() + FRICTION)
+    file.write_text((ROOT / "examples" / "double_pendulum.yaml").read_text().partition("effects:")[0] + FRICTION)
     return ec.load(file)
 
 

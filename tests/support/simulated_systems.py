@@ -105,7 +105,7 @@ def _floats() -> System:
         {},
         (1.0, 1.2, 0.8, 0.2, 0.3, 0.25, 0.1, 0.05, 0.12, 0.02),
         "urdf",
-        {"log": {"time": "time", "position": "{name}", "output": "force.{name}"}},
+        {"effects": "none", "log": {"time": "time", "position": "{name}", "output": "force.{name}"}},
         "parquet",
         joint_forces,
         reading={"floating": True},
@@ -153,6 +153,7 @@ def _wrist() -> System:
         (0.2, 0.3, 0.1, 0.04, 0.3, 0.3, 0.5, 0.01, 0.01, 0.008),
         "mjcf",
         {
+            "effects": "none",
             "outputs": [
                 {"joint": "all"},
                 {"wrench": "tool", "name": "ft", "frame": {"xyz": [0, 0, "0.02"], "rpy": [0, 0, "pi/4"]}},

@@ -88,12 +88,14 @@ def _cluster(where: str | None) -> Any:
 def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
     """Everything that is written, by name, so that nothing is written unless all of it can be."""
     from echelon.formats.writers.robot_writer import identified_robot
+    from echelon.identification.physics.departure import KIND as FAR_FROM_PRIOR
     from echelon.report.report import report_html
     from echelon.results.identified import identification_to_json
 
     files = {MODEL: identification_to_json(result), REPORT: report_html(result)}
     if result.physical is not None:
-        for robot in identified_robot(result.base.mechanism, result.physical.standard, setup.robot_file):
+        remarks = [finding.text for finding in result.findings if finding.kind == FAR_FROM_PRIOR]
+        for robot in identified_robot(result.base.mechanism, result.physical.standard, setup.robot_file, remarks):
             files[robot.name] = robot.text
     if target != NO_CODE:
         from echelon.codegen import generate

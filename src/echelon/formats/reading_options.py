@@ -65,8 +65,8 @@ class ReadingOptions:
     # whether the forces of all drives are measured, or what the sensors of the file measure
     measured: Measured = "drives"
     joints: tuple[StatedJoint, ...] = ()  # joints that are of other types than the file says
-    # give the drive of every joint viscous and Coulomb friction and an offset, for files that cannot state any
-    friction: bool = False
+    # give drives the usual effects where the file lists none
+    usual_effects: bool = False
 
     def __post_init__(self) -> None:
         if not 0 <= self.tolerance <= 0.1:

@@ -7,7 +7,7 @@ or with the joints that it couples independent.
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -19,9 +19,8 @@ from echelon.formats.builder import Built, build_mechanism
 from echelon.formats.literal import LiteralTree
 from echelon.formats.reading_options import ANGLE_TOLERANCE, Gravity, ReadingOptions
 from echelon.formats.robot_sources import content_of, described_path, expanded, is_xacro, text_of
+from echelon.formats.usual_effects import with_usual_effects
 from echelon.inputs.xml_text import parse_xml
-from echelon.mechanism.effect import Effect, Side, ready_made
-from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.reading import Reading
 from echelon.mechanism.stated import in_numbers
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
 _DESCRIPTIONS = (".yaml", ".yml", ".json")
 _XML = (".urdf", ".sdf", ".world", ".xml", ".mjcf", ".xacro")
 _SUPPORTED = "URDF (.urdf), SDF (.sdf), MJCF (.xml, .mjcf) or an Echelon description (.yaml, .yml, .json)"
-_FRICTION = ("viscous", "coulomb", "offset")
 
 
 @dataclass(frozen=True)
@@ -161,8 +159,15 @@ class RobotFile:
         options = ReadingOptions() if options is None else options
         built = self.built(options, literal)
         mechanism = built.mechanism if options.symbolic else in_numbers(built.mechanism)
-        mechanism = _with_friction(mechanism) if options.friction else mechanism
+        if self._wants_usual_effects(options):
+            robot = self.robot
+            mechanism = with_usual_effects(mechanism, {} if robot is None else robot.tree().drives)
         return mechanism.as_read(Reading(built.snaps, built.notes, self, options))
+
+    def _wants_usual_effects(self, options: ReadingOptions) -> bool:
+        if not self.is_description or self.description.effects is None:
+            return options.usual_effects
+        return "usual" in self.description.effects
 
     def built(self, options: ReadingOptions, literal: Collection[str] = ()) -> Built:
         """The robot with symbols, and what was read as exact."""
@@ -217,23 +222,6 @@ def read_description(text: str | bytes, source: str, options: ReadingOptions) ->
     """
     data = text.encode() if isinstance(text, str) else text
     return RobotFile(data, source, is_description=True).mechanism(options)
-
-
-def _with_friction(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with viscous and Coulomb friction and an offset in the drive of every joint coordinate."""
-    effects = tuple(effect for kind in _FRICTION for effect in _at_every_joint(mechanism, kind))
-    return replace(mechanism, effects=effects)
-
-
-def _at_every_joint(mechanism: Mechanism, kind: str) -> Iterator[Effect]:
-    for index, body in enumerate(mechanism.bodies):
-        joint = body.joint
-        motions = [m for m in joint.motions if m.name in mechanism.independent_velocities]
-        body_label = mechanism.joint_label(index)
-        for k, motion in enumerate(() if joint.kind == "floating" else motions):
-            label = body_label if len(motions) == 1 else f"{body_label}_{k + 1}"
-            slides = motion.kind is MotionKind.TRANSLATION
-            yield from ready_made(kind, motion.name, Side.ACTUATOR, label, sliding=slides)
 
 
 def load(

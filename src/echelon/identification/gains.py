@@ -233,6 +233,18 @@ def _gain_of_output(layout: Layout, gains: Sequence[str]) -> tuple[tuple[str, ..
 def _check_scale(observation: Observation, gains: Sequence[str]) -> None:
     """Refuse drives whose equations stay homogeneous: outputs that share parameters share their scale."""
     layout = observation.layout
+    for outputs, parameters in _sharing(layout):
+        lost = [layout.parameters[c] for c in sorted(parameters) if layout.parameters[c] in gains]
+        if lost and not any(np.abs(observation.factors[k][:, -1]).max(initial=0.0) for k in outputs):
+            raise InputError(
+                f"0 = X ζ − i K holds for every multiple of a solution, so the data determine only ratios of "
+                f"{', '.join(lost)} and the masses: add runs with a payload of known mass, or give a known parameter, "
+                "such as one gain from a data sheet"
+            )
+
+
+def _sharing(layout: Layout) -> list[tuple[set[int], set[int]]]:
+    """Outputs that share parameters, with all that they depend on."""
     groups: list[tuple[set[int], set[int]]] = []
     for output, columns in enumerate(layout.columns):
         outputs, parameters = {output}, set(columns)
@@ -241,14 +253,55 @@ def _check_scale(observation: Observation, gains: Sequence[str]) -> None:
             outputs |= group[0]
             parameters |= group[1]
         groups.append((outputs, parameters))
-    for outputs, parameters in groups:
-        lost = [layout.parameters[c] for c in sorted(parameters) if layout.parameters[c] in gains]
-        if lost and not any(np.abs(observation.factors[k][:, -1]).max(initial=0.0) for k in outputs):
-            raise InputError(
-                f"0 = X ζ − i K holds for every multiple of a solution, so the data determine only ratios of "
-                f"{', '.join(lost)} and the masses: add runs with a payload of known mass, or give a known parameter, "
-                "such as one gain from a data sheet"
-            )
+    return groups
+
+
+_APART, _REMOVED = 1.4, 0.3
+"""Ratio of gains, and share of an output's squares that gains of their own remove, from which on outputs contradict."""
+
+
+def contradicting_gains(observation: Observation, units: Sequence[str], noise: Floats) -> dict[str, float]:
+    """Outputs that contradict the others through what they share, with the factor that would reconcile them.
+
+    Each output's unit is an unknown gain, but for one that fixes the scale; gains are compared with their median.
+    """
+    layout = observation.layout
+    used = [k for k, count in enumerate(observation.counts) if count and np.isfinite(noise[k])]
+    together = max(([k for k in used if k in outputs] for outputs, _ in _sharing(layout)), key=len, default=[])
+    if len(together) < 3:
+        return {}
+    scaled = together[1:]
+    names = tuple(f"gain of {layout.outputs[k]}" for k in scaled)
+    try:
+        found = fit_currents(
+            _with_gains(observation, scaled, names),
+            [*units, *("" for _ in names)],
+            [(names[scaled.index(k)],) if k in scaled else () for k in range(len(layout.outputs))],
+        )
+    except InputError:  # the data do not tell
+        return {}
+    gains = np.array([1.0, *found.values[len(layout.parameters) :]])
+    deviations = np.array([0.0, *found.std[len(layout.parameters) :]])
+    if not ((gains > 0).all() and (deviations < 0.1 * gains).all()):
+        return {}
+    factors = gains / np.median(gains)
+    removed = 1 - (found.noise[together] / gains / noise[together]) ** 2
+    if not (removed > _REMOVED).any():
+        return {}
+    pairs = zip(together, factors, strict=True)
+    return {layout.outputs[k]: float(f) for k, f in pairs if not 1 / _APART < f < _APART}
+
+
+def _with_gains(observation: Observation, scaled: Sequence[int], names: tuple[str, ...]) -> Observation:
+    """The equations 0 = X ζ − y K for some outputs, as they are for the others."""
+    layout, count = observation.layout, len(observation.layout.parameters)
+    columns, factors = list(layout.columns), list(observation.factors)
+    for place, k in enumerate(scaled):
+        columns[k] = (*columns[k], count + place)
+        R = factors[k]
+        factors[k] = upper_triangle(np.column_stack([R[:, :-1], -R[:, -1], np.zeros(len(R))]))
+    whole = Layout(layout.outputs, (*layout.parameters, *names), tuple(columns))
+    return Observation(whole, tuple(factors), observation.counts)
 
 
 Paths = Sequence[str | os.PathLike[str]]

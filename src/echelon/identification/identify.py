@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -15,6 +15,7 @@ from echelon.base.base_set import Identifiability
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
 from echelon.errors import EchelonError, InputError, MissingExtraError
+from echelon.formats.usual_effects import with_rotors
 from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
 from echelon.identification.culprit import common_unit
 from echelon.identification.culprit import culprit as find_culprit
@@ -22,8 +23,11 @@ from echelon.identification.estimators.essential import essential
 from echelon.identification.estimators.estimate import Estimate, solved
 from echelon.identification.estimators.fit import fitted, usable_noise
 from echelon.identification.estimators.least_squares import minimum_norm, noise_estimate
+from echelon.identification.gains import contradicting_gains, gain_names
+from echelon.identification.missing import Missing, missing_effects
 from echelon.identification.passes_over_data import PassesOverData, Task
 from echelon.identification.physics.bounds import Bounds
+from echelon.identification.physics.departure import departures
 from echelon.identification.physics.feasibility import Feasibility, feasibility
 from echelon.identification.physics.fit import PhysicalFit, physical_fit
 from echelon.identification.physics.prior_information import Prior, prior_from
@@ -45,7 +49,7 @@ if TYPE_CHECKING:
 
     from echelon.formats.schema.schema_log import IdentificationEntry
 
-Paths = Sequence[str | os.PathLike[str]]
+Logs = tuple[Path, ...]
 OnStep = Callable[[str], None]
 
 Solved = TypeVar("Solved")
@@ -100,7 +104,25 @@ def identify(
     >>> result = ec.identify("arm.urdf", "log.csv")                                         # doctest: +SKIP
     """
     setup, given, others = with_logs(setup, logs, validate_on)
-    step, settings = on_step or (lambda _: None), setup.settings
+    step = on_step or (lambda _: None)
+    result, lacking = _fitted(setup, given, others, client, step, memory)
+    remarks = [missing.finding(lists_effects=not setup.assumed) for missing in lacking]
+    drives = {place for missing in lacking if missing.is_rotor for place in missing.places}
+    if setup.assumed and drives:
+        # nobody has said that there are none, so they are taken in
+        step("trying rotors in the drives")
+        remarks = [remark for missing, remark in zip(lacking, remarks, strict=True) if missing.is_rotor]
+        setup = replace(setup, mechanism=with_rotors(setup.mechanism, drives))
+        result, lacking = _fitted(setup, given, others, client, step, memory)
+        remarks += [missing.finding(lists_effects=not setup.assumed) for missing in lacking]
+    return replace(result, findings=limited([*remarks, *result.findings]))
+
+
+def _fitted(
+    setup: Setup, given: Logs, others: Logs, client: Client | None, step: OnStep, memory: int
+) -> tuple[Identification, list[Missing]]:
+    """The model with the effects of a set-up, and effects that it lacks."""
+    settings = setup.settings
     with one_thread():
         step("deriving the base parameters")
         base = base_parameters(setup.mechanism, seed=setup.seed)
@@ -140,14 +162,22 @@ def identify(
         if culprit is None and (unsolved or _is_doubtful(validations, feasible)):
             step("looking for a mistake in the set-up")
             measured = "qd" in (plan.preparation.measured or ())
-            culprit = find_culprit(base, data.samples(), columns, velocities=measured)
+            culprit = find_culprit(base, data.fitted(), columns, velocities=measured)
+        step("looking for effects that the model lacks")
+        lacking = _lacking(data, estimate, unseen_logs)
 
     findings = [Finding(Severity.NOTE, "assumed", setup.source, text) for text in setup.assumed]
     findings += [*surveyed.findings, *(() if prior is None else prior.findings), *unsolved]
+    apart = list(_contradictions(observation, base, noise)) if conditions.is_complete and culprit is None else []
+    if apart or culprit is not None:  # what residuals follow then is no effect
+        lacking = [missing for missing in lacking if missing.usual]
+    findings += apart
+    if physical is not None and prior is not None:
+        findings += departures(base.mechanism, physical.standard, prior.values, physical.prior_weight)
     facts = contradictions(feasible, culprit, findings)
     findings += fit_findings(estimate, conditions, feasible, physical, validations, culprit)
     judgement = overall_verdict(by_role(validations)[-1], facts)
-    return Identification(
+    result = Identification(
         base,
         tuple(map(str, fitted_logs)),
         plan.preparation,
@@ -163,6 +193,7 @@ def identify(
         judgement.text,
         (*judgement.reasons, *([] if conditions.is_complete else [conditions.verdict])),
     )
+    return result, lacking
 
 
 def _split_logs(
@@ -336,6 +367,29 @@ def _validations(data: PassesOverData, models: Models, unseen_logs: Sequence[Pat
     first = list(data.validations(models, seen))
     reference = first[0] if len(first) == 1 else None
     return (*first, *data.validations(models, unseen, reference))
+
+
+def _contradictions(observation: Observation, base: BaseModel, noise: Floats) -> Iterator[Finding]:
+    """Outputs whose units differ, as those of currents that are given as torques."""
+    factors = contradicting_gains(observation, base.units, noise)
+    if factors and not gain_names(base):
+        shown = ", ".join(f"{name} {factor:.3g} times" for name, factor in factors.items())
+        text = (
+            "outputs contradict each other through the inertias that they share, unless some are multiplied "
+            f"({shown}): are they currents, or in other units? State scales, or map currents under 'input' and add "
+            "{type: drive_gain, at: all} to 'effects'"
+        )
+        yield Finding(Severity.WARNING, "gains", "", text)
+
+
+def _lacking(data: PassesOverData, estimate: Estimate, unseen_logs: Sequence[Path]) -> list[Missing]:
+    """Effects that the model lacks; none are sought where no data are held out to tell."""
+    fitted = chain.from_iterable(data.samples(path, "first") for path in data.paths)
+    if data.plan.holdout:
+        unseen = chain.from_iterable(data.samples(path, "last") for path in data.paths)
+    else:
+        unseen = chain.from_iterable(data.samples(path, "all") for path in unseen_logs)
+    return missing_effects(data.plan.base, estimate.values, estimate.noise, fitted, unseen)
 
 
 def _record(setup: Setup, plan: Plan, columns: Sequence[ColumnMap]) -> dict[str, Any]:

@@ -68,7 +68,7 @@ class PassesOverData:
 
     def rows(self) -> Rows:
         """The rows of what is fitted, for methods that go through them again and again."""
-        return KeptRows(ModelRows(self.plan.base, self.samples, self.plan.symbols))
+        return KeptRows(ModelRows(self.plan.base, self.fitted, self.plan.symbols))
 
     def validations(
         self, models: Models, tasks: Sequence[Task], reference: Validation | None = None
@@ -78,11 +78,11 @@ class PassesOverData:
         function = self._validated_here if self.client is None else _validated
         return each(self.client, partial(function, models, reference, limit), self.plan, tasks)
 
-    def samples(self) -> Iterable[Samples]:
+    def fitted(self) -> Iterable[Samples]:
         """Prepared samples of what is fitted."""
-        return chain.from_iterable(self._samples(path, "first") for path in self.paths)
+        return chain.from_iterable(self.samples(path, "first") for path in self.paths)
 
-    def _samples(self, path: Path, part: Part) -> Iterable[Samples]:
+    def samples(self, path: Path, part: Part) -> Iterable[Samples]:
         """Samples of a part of a log, from memory if they are there."""
         kept = self._kept.get(path)
         if kept is None or part == "all":
@@ -99,7 +99,7 @@ class PassesOverData:
     def _validated_here(
         self, models: Models, reference: Validation | None, limit: int, plan: Plan, task: Task
     ) -> Validation:
-        return _judged(models, reference, limit, plan, task, self._samples(*task[:2]))
+        return _judged(models, reference, limit, plan, task, self.samples(*task[:2]))
 
 
 def _taken(count: int, plan: Plan, path: Path) -> tuple[Batch, ...]:

@@ -52,6 +52,10 @@ class EffectTerm:
 
 KINDS: dict[str, tuple[EffectTerm, ...]] = {
     "viscous": (EffectTerm("Fv", "N·m·s/rad", "N·s/m", "qd"),),
+    "asymmetric_viscous": (
+        EffectTerm("Fvp", "N·m·s/rad", "N·s/m", "(1 + sign(qd))/2*qd"),
+        EffectTerm("Fvn", "N·m·s/rad", "N·s/m", "(1 - sign(qd))/2*qd"),
+    ),
     "coulomb": (EffectTerm("Fc", "N·m", "N", "sign(qd)"),),
     "asymmetric_coulomb": (
         EffectTerm("Fcp", "N·m", "N", "(1 + sign(qd))/2"),
@@ -59,10 +63,26 @@ KINDS: dict[str, tuple[EffectTerm, ...]] = {
     ),
     "offset": (EffectTerm("Fo", "N·m", "N", "1"),),
     "stribeck": (EffectTerm("Fs", "N·m", "N", "sign(qd)*exp(-(abs(qd)/({velocity}))**({exponent}))"),),
+    "load_friction": (EffectTerm("Fl", "", "", "sign(qd)*abs(i)"),),
+    "temperature_friction": (
+        EffectTerm("FvT", "N·m·s/(rad·K)", "N·s/(m·K)", "i*qd"),
+        EffectTerm("FcT", "N·m/K", "N/K", "i*sign(qd)"),
+    ),
     "rotor_inertia": (EffectTerm("Ia", "kg·m²", "kg", "qdd"),),
     "spring": (
         EffectTerm("Ks", "N·m/rad", "N/m", "q"),
         EffectTerm("Ps", "N·m", "N", "1"),
+    ),
+    "counterbalance": (EffectTerm("Kb", "N·m", "N", "sin(q + ({phase}))"),),
+    "cable": (
+        EffectTerm("Kc", "N·m/rad", "N/m", "q"),
+        EffectTerm("Kcc", "N·m/rad²", "N/m²", "q**2"),
+        EffectTerm("Kccc", "N·m/rad³", "N/m³", "q**3"),
+    ),
+    "stop": (EffectTerm("Kx", "N·m/rad", "N/m", "max(q - ({upper}), 0) + min(q - ({lower}), 0)"),),
+    "ripple": (
+        EffectTerm("Rs{harmonic}_", "N·m", "N", "sin(({harmonic})*q)"),
+        EffectTerm("Rc{harmonic}_", "N·m", "N", "cos(({harmonic})*q)"),
     ),
     "drive_gain": (EffectTerm("Kt", "N·m/A", "N/A", "-i"),),
     "servo": (EffectTerm("Kp", "N·m/rad", "N/m", "q - i"),),
@@ -72,7 +92,12 @@ KINDS: dict[str, tuple[EffectTerm, ...]] = {
 The input of a servo is the position that it is commanded to, and Kp its gain.
 """
 
-CONSTANTS: dict[str, dict[str, str | None]] = {"stribeck": {"velocity": None, "exponent": "2"}}
+CONSTANTS: dict[str, dict[str, str | None]] = {
+    "stribeck": {"velocity": None, "exponent": "2"},
+    "counterbalance": {"phase": None},
+    "stop": {"lower": None, "upper": None},
+    "ripple": {"harmonic": None},
+}
 """Constants that a ready-made effect needs, with defaults."""
 
 
@@ -80,11 +105,12 @@ def ready_made(
     kind: str, at: str, side: Side, label: str, *, sliding: bool, constants: dict[str, str] | None = None
 ) -> tuple[Effect, ...]:
     """The parameters of a ready-made effect at one coordinate."""
+    stated = constants or {}
     return tuple(
         Effect(
-            f"{entry.symbol}{label}",
+            f"{entry.symbol.format(**stated)}{label}",
             entry.force_unit if sliding else entry.torque_unit,
-            (Action(at, side, entry.term.format(**(constants or {}))),),
+            (Action(at, side, entry.term.format(**stated)),),
         )
         for entry in KINDS[kind]
     )

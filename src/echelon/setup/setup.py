@@ -13,15 +13,12 @@ from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.formats.schema.schema_log import IdentificationEntry, PreparationEntry
+from echelon.hints import listed
 from echelon.logs.columns.column_map import ColumnMap
+from echelon.mechanism.effect import KINDS
 from echelon.mechanism.mechanism import Mechanism
 from echelon.seeds import DEFAULT_SEED
 from echelon.setup.columns import stated_columns
-
-_ASSUMED = (
-    "the robot file states no friction, so every joint got viscous and Coulomb friction and an offset; a set-up file "
-    "with 'robot' and 'effects' can say otherwise"
-)
 
 
 @dataclass(frozen=True)
@@ -86,8 +83,9 @@ def load_setup(robot: Any, *, prior: Any = None, **reading: Any) -> Setup:
     ----------
     robot : path-like, str or model
         An Echelon description, whose sections ``log``, ``preparation`` and ``identification`` are read as well; or
-        anything else that :func:`echelon.load` takes, for which everything is left to choose, and whose joints get
-        friction and an offset.
+        anything else that :func:`echelon.load` takes, for which everything is left to choose.  Without a list of
+        effects every measured drive gets viscous and Coulomb friction and an offset, and a rotor and a spring where
+        the robot file states one.
     prior : the same, optional
         Another description of the robot with inertial values, instead of the one that the file names.
     **reading
@@ -109,29 +107,46 @@ def load_setup(robot: Any, *, prior: Any = None, **reading: Any) -> Setup:
     >>> setup.columns[0].positions["slide"].column, setup.preparation.band
     ('q_meas_m', None)
     """
-    file, options = open_robot(robot), ReadingOptions(**reading)
-    if file.is_description:
-        setup = _described(file, options)
-    else:
-        mechanism = file.mechanism(replace(options, friction=True))
-        setup = Setup(file.source, mechanism, robot_file=file, assumed=(_ASSUMED,))
+    file, options = open_robot(robot), ReadingOptions(**reading, usual_effects=True)
+    setup = _described(file, options) if file.is_description else _bare(file, options)
     return setup if prior is None else replace(setup, prior=open_robot(prior).mechanism(options))
+
+
+def _bare(file: RobotFile, options: ReadingOptions) -> Setup:
+    mechanism = file.mechanism(options)
+    return Setup(file.source, mechanism, robot_file=file, assumed=_assumed(mechanism))
+
+
+def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
+    """What is said of effects that nobody stated."""
+    kinds = {KINDS[kind][0].term: kind for kind in ("viscous", "rotor_inertia", "spring")}
+    places: dict[str, list[str]] = {kind: [] for kind in kinds.values()}
+    for action in (effect.actions[0] for effect in mechanism.effects):
+        if action.term in kinds:
+            places[kinds[action.term]].append(action.at)
+    if not places.pop("viscous"):
+        return ()
+    text = "no effects are stated, so every measured drive got viscous and Coulomb friction and an offset"
+    for kind, names in places.items():
+        text += f", and {kind.replace('_', ' ')} where the robot file shows one ({listed(names)})" if names else ""
+    return (f"{text}; 'effects: none' in a set-up leaves them out",)
 
 
 def _described(file: RobotFile, options: ReadingOptions) -> Setup:
     mechanism, robot, document = file.mechanism(options), file.description, file.checked_document
     entry = robot.identification
-    listed = isinstance(robot.log, tuple)
+    many = isinstance(robot.log, tuple)
     logs = robot.log if isinstance(robot.log, tuple) else (robot.log,)
     folder, prior = file.directory or Path(), entry.prior.file
     stated = None if prior is None else open_robot(folder / prior).mechanism(options)
     return Setup(
         file.source,
         mechanism,
-        tuple(stated_columns(log, mechanism, document, f"log[{k}]" if listed else "log") for k, log in enumerate(logs)),
+        tuple(stated_columns(log, mechanism, document, f"log[{k}]" if many else "log") for k, log in enumerate(logs)),
         robot.preparation,
         entry,
         stated,
         file.robot,
+        assumed=() if robot.effects is not None else _assumed(mechanism),
         excitation=robot.excitation,
     )

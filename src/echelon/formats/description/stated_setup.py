@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -13,6 +12,7 @@ from echelon.formats.bodies import BASE
 from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.description.stated_joints import CouplingReader, Joints
 from echelon.formats.description.stated_loops import FindPart
+from echelon.formats.usual_effects import effect_label, slides
 from echelon.hints import nearest_of
 from echelon.mechanism.coupling import Coupling, linear
 from echelon.mechanism.effect import Action, Effect, Side, ready_made
@@ -127,9 +127,12 @@ class _Setup:
     def _effects(self) -> Iterator[Sequence[Effect]]:
         from echelon.formats.schema.schema_setup import OwnEffect
 
-        for index, entry in enumerate(self.robot.effects):
+        for index, entry in enumerate(self.robot.effects or ()):
             path = f"effects[{index}]"
-            yield [self._own(entry, path)] if isinstance(entry, OwnEffect) else self._ready(entry, path)
+            if isinstance(entry, OwnEffect):
+                yield [self._own(entry, path)]
+            elif not isinstance(entry, str):  # the usual ones join when it is known what is measured
+                yield self._ready(entry, path)
 
     def _own(self, entry: OwnEffect, path: str) -> Effect:
         actions = tuple(
@@ -144,13 +147,12 @@ class _Setup:
         if names == (EVERY,):
             joints, drives = self.mechanism.velocities, [a.name for a in self.mechanism.transmission.actuators]
             names = tuple(joints if entry.side == "joint" else drives)
-        constants = {} if entry.velocity is None else {"velocity": entry.velocity, "exponent": entry.exponent}
         found: list[tuple[Effect, ...]] = []
         for name in names:
             side = self._side(name, entry.side, f"{path}.at")
-            label = entry.label or self._label(name)
-            sliding = self._slides(name)
-            found.append(ready_made(entry.type, name, side, label, sliding=sliding, constants=constants))
+            label = entry.label or effect_label(self.mechanism, name)
+            sliding = slides(self.mechanism, name)
+            found.append(ready_made(entry.type, name, side, label, sliding=sliding, constants=entry.constants))
         if entry.label is None or len(found) < 2:
             return [effect for effects in found for effect in effects]
         return [self._shared(effects, f"{path}.label") for effects in zip(*found, strict=True)]
@@ -161,16 +163,6 @@ class _Setup:
             raise self.expressions.error(path, "one label is for places that all turn or all slide")
         return replace(effects[0], actions=tuple(action for effect in effects for action in effect.actions))
 
-    def _label(self, at: str) -> str:
-        """The number of the body that a coordinate moves, or the number at the end of an actuator's name."""
-        for index, body in enumerate(self.mechanism.bodies):
-            moved = [name for motion in body.joint.motions for name in motion.velocities]
-            if at in moved:
-                stem = self.mechanism.joint_label(index)
-                return stem if len(moved) == 1 else f"{stem}_{moved.index(at) + 1}"
-        number = re.search(r"\d+$", at)
-        return number.group() if number else f"_{at}"
-
     def _side(self, at: str, stated: str | None, path: str) -> Side:
         drives = [actuator.name for actuator in self.mechanism.transmission.actuators]
         joints = [name for motion in self.mechanism.motions for name in motion.velocities]
@@ -178,11 +170,6 @@ class _Setup:
         if at not in valid:
             raise self.expressions.error(path, f"there is no {stated or 'coordinate'} '{at}'{nearest_of(at, valid)}")
         return Side(stated) if stated else Side.ACTUATOR if at in drives else Side.JOINT
-
-    def _slides(self, at: str) -> bool:
-        drives = {a.name: a.terms[0][0] for a in self.mechanism.transmission.actuators}
-        joint = drives.get(at, at)
-        return any(m.kind is MotionKind.TRANSLATION and joint in m.velocities for m in self.mechanism.motions)
 
     # -- outputs ---------------------------------------------------------------------------------------------------
 
@@ -211,7 +198,7 @@ class _Setup:
 
     def _plain(self, channel: Channel, at: str, name: str | None, count: int) -> Output:
         chosen = at if name is None else name if count == 1 else f"{name}.{at}"
-        return plain(chosen, "N" if self._slides(at) else "N·m", channel)
+        return plain(chosen, "N" if slides(self.mechanism, at) else "N·m", channel)
 
     def _joint(self, name: str, path: str) -> JointForce:
         valid = self.mechanism.independent_velocities

@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from math import isfinite
+from math import isfinite, nan
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,7 @@ from echelon.formats.mjcf.mjcf_model import (
     MjcfDocument,
     compile_spec,
     import_mujoco,
+    name_all,
     parse_spec,
 )
 from echelon.formats.mjcf.mjcf_numbers import (
@@ -98,7 +99,8 @@ def _read(document: MjcfDocument, mimics: bool) -> LiteralTree:
     couples = [equality for equality in equalities if equality_kind(equality) in (JOINT, TENDON)]
     relations = [read_relation(e, spec, source) for e in couples if mimics or (e.name1 and not e.name2)]
     relations = [relation for relation in relations if mimics or len(relation.terms) == 1]
-    driven, keyframes = driven_joints(spec), read_keyframes(spec)
+    name_all("joint", spec.joints)
+    driven, drives, keyframes = driven_joints(spec), stated_drives(spec), read_keyframes(spec)
     sensors = Sensors(spec)
     reader = _Reader(compile_spec(spec, document), source)
     loops = [equality for equality in equalities if equality not in couples]
@@ -120,6 +122,7 @@ def _read(document: MjcfDocument, mimics: bool) -> LiteralTree:
         closures=tuple(read_closures(loops, model, spec)),
         poses=read_poses(model, keyframes) if loops else {},
         driven=driven,
+        drives=drives,
         has_mimics=bool(couplings) or len(relations) < len(couples),
         sensors=measured,
         frames=tuple(named_frames(model, spec)),
@@ -303,6 +306,22 @@ def driven_joints(spec: Any) -> tuple[str, ...]:
 def slides(spec: Any) -> list[str]:
     """Names of the joints that slide."""
     return [str(joint.name) for joint in spec.joints if joint.type == import_mujoco().mjtJoint.mjJNT_SLIDE]
+
+
+_DRIVES = {"damping": "viscous", "frictionloss": "coulomb", "armature": "rotor_inertia", "stiffness": "spring"}
+"""Attributes of joints, and the effects that they are."""
+
+
+def stated_drives(spec: Any) -> dict[str, dict[str, float]]:
+    """Effects that joints state, and which of them actuators drive through gears."""
+    found: dict[str, dict[str, float]] = {}
+    for joint in spec.joints:
+        numbers = {kind: float(np.ravel(getattr(joint, key))[0]) for key, kind in _DRIVES.items()}
+        found[str(joint.name)] = {kind: value for kind, value in numbers.items() if value}
+    for actuator in spec.actuators:
+        if drives_joint(actuator) and abs(actuator.gear[0]) not in (0.0, 1.0):
+            found.setdefault(str(actuator.target), {}).setdefault("rotor_inertia", nan)
+    return {name: numbers for name, numbers in found.items() if numbers}
 
 
 def read_poses(model: Any, keyframes: Mapping[str, Sequence[float]]) -> dict[str, dict[str, float]]:

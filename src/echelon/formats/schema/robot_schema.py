@@ -241,13 +241,18 @@ class RobotDescription(Model):
         examples=[{"m5": "45*j5", "m6": "32*j5 + 32*j6"}],
     )
     rotors: Annotated[tuple[RotorEntry, ...], AS_LIST] = Field((), description="Spinning rotors.")
-    effects: Annotated[
-        tuple[EffectEntry, ...],
-        AS_LIST,
-        BeforeValidator(effect_list, json_schema_input_type=tuple[EffectEntry | str, ...] | dict[str, Any]),
-    ] = Field(
-        (),
-        description="Friction, springs, rotor inertia and other forces: a list, or by joint or type.",
+    effects: (
+        Annotated[
+            tuple[EffectEntry, ...],
+            AS_LIST,
+            BeforeValidator(effect_list, json_schema_input_type=tuple[EffectEntry | str, ...] | dict[str, Any]),
+        ]
+        | None
+    ) = Field(
+        None,
+        description="Friction, springs, rotor inertia and other forces: a list, or by joint or type, or none. usual "
+        "stands for friction and an offset in every drive, and rotors and springs where the robot file shows any; "
+        "default: usual for logs, else none.",
         examples=[[{"type": "viscous", "at": "all"}], ["viscous", "coulomb"], {"elbow": ["viscous", "offset"]}],
     )
     outputs: Annotated[tuple[OutputEntry, ...], AS_LIST] | None = Field(

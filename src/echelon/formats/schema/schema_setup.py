@@ -8,6 +8,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from echelon.formats.schema.schema_geometry import Direction, Frame, Model
 from echelon.formats.schema.schema_types import AS_LIST, Expression, Name, refusal
+from echelon.mechanism.effect import CONSTANTS
 
 Side = Literal["joint", "actuator"]
 Component = Literal["fx", "fy", "fz", "tx", "ty", "tz"]
@@ -65,7 +66,22 @@ class LinearTerms(Model):
 
 
 Ready = Literal[
-    "viscous", "coulomb", "asymmetric_coulomb", "offset", "rotor_inertia", "spring", "drive_gain", "servo", "stribeck"
+    "viscous",
+    "coulomb",
+    "asymmetric_viscous",
+    "asymmetric_coulomb",
+    "offset",
+    "stribeck",
+    "load_friction",
+    "temperature_friction",
+    "rotor_inertia",
+    "spring",
+    "counterbalance",
+    "cable",
+    "stop",
+    "ripple",
+    "drive_gain",
+    "servo",
 ]
 
 
@@ -85,12 +101,31 @@ class ReadyEffect(Model):
         None, description="Ends the names of its parameters, which all places share.", examples=["5"]
     )
     velocity: Expression | None = Field(None, description="Stribeck velocity, rad/s or m/s.", examples=["0.05"])
-    exponent: Expression = Field("2", description="Exponent of a Stribeck term.", examples=["2"])
+    exponent: Expression | None = Field(None, description="Exponent of a Stribeck term; default: 2.", examples=["2"])
+    phase: Expression | None = Field(
+        None, description="Of a counterbalance: its force is proportional to sin(q + phase).", examples=["0.0872665"]
+    )
+    lower: Expression | None = Field(None, description="Position below which a stop is touched.", examples=["-2.9"])
+    upper: Expression | None = Field(None, description="Position beyond which a stop is touched.", examples=["2.9"])
+    harmonic: Expression | None = Field(
+        None, description="Of a ripple: how often it repeats in a turn.", examples=["6", "101"]
+    )
+
+    @property
+    def constants(self) -> dict[str, str]:
+        """Constants of the effect, defaults included."""
+        needed = CONSTANTS.get(self.type, {})
+        return {name: str(getattr(self, name) or default) for name, default in needed.items()}
 
     @model_validator(mode="after")
     def _check_constants(self) -> Self:
-        if (self.velocity is not None) != (self.type == "stribeck"):
-            raise refusal("a stribeck effect needs a velocity" if self.velocity is None else "only stribeck has one")
+        needed = CONSTANTS.get(self.type, {})
+        for name in {name for some in CONSTANTS.values() for name in some}:
+            if getattr(self, name) is not None and name not in needed:
+                raise refusal(f"a {self.type} effect has no '{name}'")
+        for name, default in needed.items():
+            if getattr(self, name) is None and default is None:
+                raise refusal(f"a {self.type} effect needs '{name}'")
         return self
 
 
@@ -117,13 +152,16 @@ class OwnEffect(Model):
     )
 
 
-def ready_or_own(value: object) -> str:
+def usual_ready_or_own(value: object) -> str:
     """Tag of an effect."""
+    if value == "usual":
+        return "usual"
     return "own" if isinstance(value, dict) and "parameter" in value else "ready"
 
 
 EffectEntry = Annotated[
-    Annotated[OwnEffect, Tag("own")] | Annotated[ReadyEffect, Tag("ready")], Discriminator(ready_or_own)
+    Annotated[OwnEffect, Tag("own")] | Annotated[ReadyEffect, Tag("ready")] | Annotated[Literal["usual"], Tag("usual")],
+    Discriminator(usual_ready_or_own),
 ]
 
 
@@ -138,7 +176,9 @@ def effect_list(value: object) -> object:
     if isinstance(value, dict):
         return [entry for key, some in value.items() for entry in _of_one(str(key), some)]
     if isinstance(value, list | tuple):
-        return [{"type": entry, "at": "all"} if isinstance(entry, str) else entry for entry in value]
+        return [
+            {"type": entry, "at": "all"} if isinstance(entry, str) and entry != "usual" else entry for entry in value
+        ]
     return value
 
 

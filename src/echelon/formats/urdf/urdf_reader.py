@@ -7,6 +7,7 @@ refused.  The reader checks the tree completely, because the rest of Echelon rel
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import nan
 from pathlib import PurePath
 from typing import Any
 
@@ -42,6 +43,16 @@ JOINT_TYPES = (*_MOTIONS, "fixed")
 _SINGLE_AXIS = ("revolute", "continuous", "prismatic")
 _DEFAULT_AXIS: Triple = (1, 0, 0)
 _MOST_NAMED = 6  # links in messages
+_FRICTION = {"damping": "viscous", "friction": "coulomb"}
+"""Attributes of <dynamics>, and the effects that they are."""
+
+
+def stated_number(text: str | None) -> float:
+    """A number that nothing else checks; what is none is as good as zero here."""
+    try:
+        return float(text or 0)
+    except ValueError:
+        return 0.0
 
 
 def read_urdf(root: Any, source: str, *, mimics: bool = True) -> LiteralTree:
@@ -69,7 +80,25 @@ class _Reader:
         couplings = tuple(self._couplings()) if mimics else ()
         name = self.root.get("name") or "robot"
         has_mimics = any(joint.find("mimic") is not None for joint in self.joints.values())
-        return LiteralTree(name, self.source, links, couplings, notes=tuple(self.notes), has_mimics=has_mimics)
+        return LiteralTree(
+            name,
+            self.source,
+            links,
+            couplings,
+            notes=tuple(self.notes),
+            drives=dict(self._drives()),
+            has_mimics=has_mimics,
+        )
+
+    def _drives(self) -> Iterator[tuple[str, dict[str, float]]]:
+        """Friction that joints state, and which of them a transmission drives."""
+        geared = {e.get("name") for part in self.root.findall("transmission") for e in part.findall("joint")}
+        for name, joint in self.joints.items():
+            dynamics = joint.find("dynamics")
+            stated = {} if dynamics is None else {_FRICTION[k]: v for k, v in dynamics.items() if k in _FRICTION}
+            numbers = {kind: value for kind, text in stated.items() if (value := stated_number(text))}
+            if numbers or name in geared:
+                yield name, numbers | ({"rotor_inertia": nan} if name in geared else {})
 
     # -- tree ------------------------------------------------------------------------------------------------------
 

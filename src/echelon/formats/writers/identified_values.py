@@ -36,6 +36,10 @@ _ROUNDING = 1e-9
 """How far below zero an eigenvalue may be, relative to the largest, that a solver left on the edge of the cone."""
 
 
+_NEGLIGIBLE = 1e-12
+"""Size of a body, relative to the largest, that is none but for rounding."""
+
+
 @dataclass(frozen=True)
 class Load:
     """What a body weighs."""
@@ -70,6 +74,10 @@ def sorted_values(mechanism: Mechanism, standard: npt.ArrayLike) -> IdentifiedVa
         else:
             for body in mechanism.sharing[parameter.body]:
                 bodies[body][parameter.kind] = value
+    least = _NEGLIGIBLE * max((np.abs(body).max() for body in bodies), default=0.0)
+    for ten in bodies:
+        if np.abs(ten).max() < least:
+            ten[:] = 0.0
     for carrier in mechanism.carriers:
         _check_consistency(mechanism.bodies[carrier], bodies[carrier])
     return IdentifiedValues(tuple(bodies), effects)
@@ -156,7 +164,8 @@ def _is_relative(path: str) -> bool:
 
 
 VISCOUS, COULOMB, ROTOR_INERTIA = "viscous friction", "Coulomb friction", "rotor inertia"
-_TERMS = {"qd": VISCOUS, "sign(qd)": COULOMB, "qdd": ROTOR_INERTIA}
+STIFFNESS, OFFSET = "stiffness of springs", "constant forces"
+_TERMS = {"qd": VISCOUS, "sign(qd)": COULOMB, "qdd": ROTOR_INERTIA, "q": STIFFNESS, "1": OFFSET}
 
 
 @dataclass(frozen=True)
@@ -226,8 +235,8 @@ def _simple(mechanism: Mechanism, action: Action, value: float) -> _Simple | Non
     if len(terms) != 1 or not known.keys() >= set(terms[0][1].symbols()):
         return None
     coordinate, ratio = terms[0]
-    gear = abs(ratio.at(known))
-    return _Simple(kind, coordinate, value * (gear if kind == COULOMB else gear * gear))
+    gear = ratio.at(known)
+    return _Simple(kind, coordinate, value * {COULOMB: abs(gear), OFFSET: gear}.get(kind, gear * gear))
 
 
 def _obstacle(
@@ -240,6 +249,6 @@ def _obstacle(
         return f"{file_format} has no place for {simple.kind}, left out"
     if simple.coordinate not in coordinates:
         return f"{file_format} has no place for effects at what is no single-axis joint of the file, left out"
-    if simple.value < 0:
+    if simple.value < 0 and simple.kind != OFFSET:
         return f"simulators refuse negative {simple.kind}, left out"
     return ""

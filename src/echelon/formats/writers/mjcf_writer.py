@@ -9,7 +9,7 @@ body gets an empty one.  Settings that would change these values afterwards are 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -26,8 +26,10 @@ from echelon.formats.mjcf.mjcf_model import (
 )
 from echelon.formats.writers.identified_values import (
     COULOMB,
+    OFFSET,
     ROTOR,
     ROTOR_INERTIA,
+    STIFFNESS,
     VISCOUS,
     IdentifiedValues,
     Load,
@@ -80,17 +82,18 @@ def _with_includes(text: str, source: str, included: Mapping[str, bytes]) -> str
 
 
 _FORMAT = "MJCF"
-_ATTRIBUTES = {VISCOUS: "damping", COULOMB: "frictionloss", ROTOR_INERTIA: "armature"}
+_FRICTION = {VISCOUS: "damping", COULOMB: "frictionloss", ROTOR_INERTIA: "armature"}
+_ATTRIBUTES = {**_FRICTION, STIFFNESS: "stiffness", OFFSET: "springref"}
 _HARMFUL = ("inertiafromgeom", "balanceinertia", "boundmass", "boundinertia", "settotalmass")
 """Settings of the compiler that may change stated inertias; without them it does not."""
 _HARMLESS = ("auto", "false")
 
 
 def edited_mjcf(
-    mechanism: Mechanism, values: IdentifiedValues, model: NamedModel, source: str
+    mechanism: Mechanism, values: IdentifiedValues, model: NamedModel, source: str, remarks: Sequence[str] = ()
 ) -> tuple[str, tuple[str, ...]]:
     """The text of an MJCF document with identified values in the place of its own."""
-    return _Writer(mechanism, values, model, source).written()
+    return _Writer(mechanism, values, model, source).written(remarks)
 
 
 class _Writer:
@@ -99,12 +102,12 @@ class _Writer:
         self.editor = model.editor
         self.indices = {b.name: k for k, b in enumerate(mechanism.bodies) if b.joint.kind != ROTOR}
 
-    def written(self) -> tuple[str, tuple[str, ...]]:
+    def written(self, remarks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
         known = set(self.model.bodies.values())
         strange = next((name for name in self.indices if name not in known), None)
         if strange is not None:
             raise InputError("the model has no such body", source=self.source, element=f"body '{strange}'")
-        notes = [*self._write_bodies(), *self._write_joints(), *self._write_compiler()]
+        notes = [*remarks, *self._write_bodies(), *self._write_joints(), *self._write_compiler()]
         notes += reading_notes(self.mechanism, self.values, self.editor.root, _FORMAT)
         if self.mechanism.bodies and self.mechanism.bodies[0].joint.name == "base" and self._base_is_fixed:
             notes.append("the base is fixed in this file as in the input, although it was identified floating")
@@ -162,13 +165,50 @@ class _Writer:
         single = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
         stated = {str(joint.name): joint for joint in self.model.spec.joints if joint.type in single}
         effects = joint_effects(self.mechanism, self.values.effects, _ATTRIBUTES, stated, _FORMAT)
+        written = {name: dict(effects.attributes.get(name, {})) for name in stated}
+        yield from self._counted_elsewhere(stated, written)
         for element, name in self.model.joints.items():
-            numbers = effects.attributes.get(name, {})
+            numbers = self._with_spring(stated[name], written[name]) if name in stated else {}
             self.editor.set_attributes(element, {key: number_text(value) for key, value in numbers.items()})
-        keys = (*_ATTRIBUTES.values(), "stiffness")
-        said = {name: {key: _first(getattr(joint, key)) for key in keys} for name, joint in stated.items()}
-        yield from kept_notes(said, effects.attributes)
+        said = {
+            name: {key: _first(getattr(joint, key)) for key in (*_FRICTION.values(), "stiffness")}
+            for name, joint in stated.items()
+        }
+        yield from kept_notes(said, written)
         yield from effects.notes
+        yield from self._lost_offsets(written)
+
+    def _counted_elsewhere(self, stated: Mapping[str, Any], written: dict[str, dict[str, float]]) -> Iterator[str]:
+        """Take away armatures that identified inertias hold, and what joints have that follow others.
+
+        The identified values of the joint that leads cover those.
+        """
+        cleared: dict[str, list[str]] = {}
+        for name, joint in stated.items():
+            for key in _FRICTION.values() if name in self.mechanism.dependent else ("armature",):
+                if _first(getattr(joint, key)) and key not in written[name]:
+                    written[name][key] = 0.0
+                    cleared.setdefault(key, []).append(name)
+        for key, joints in cleared.items():
+            yield f"{key} is zero where other identified values hold it: {listed(joints)}"
+
+    def _with_spring(self, joint: Any, numbers: Mapping[str, float]) -> dict[str, float]:
+        """Attributes of a joint, with the constant force as the place where its spring rests."""
+        found = {key: value for key, value in numbers.items() if key != "springref"}
+        if not numbers.get("stiffness"):
+            return found
+        rest = -numbers.get("springref", 0.0) / numbers["stiffness"]
+        degrees = self.model.spec.compiler.degree and joint.type == import_mujoco().mjtJoint.mjJNT_HINGE
+        return {**found, "springref": float(np.degrees(rest)) if degrees else rest}
+
+    def _lost_offsets(self, written: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+        lost = [
+            f"{number_text(numbers['springref'])} at '{name}'"
+            for name, numbers in written.items()
+            if numbers.get("springref") and not numbers.get("stiffness")
+        ]
+        if lost:
+            yield f"{_FORMAT} has no place for {OFFSET} without springs, left out (SI units): {', '.join(lost)}"
 
     def _write_compiler(self) -> Iterator[str]:
         changed: list[str] = []

@@ -6,8 +6,8 @@ description with values, which says everything, and a URDF of its geometry where
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,9 +28,9 @@ class WrittenRobot:
 
 
 def identified_robot(
-    mechanism: Mechanism, standard: npt.ArrayLike, file: RobotFile | None = None
+    mechanism: Mechanism, standard: npt.ArrayLike, file: RobotFile | None = None, remarks: Sequence[str] = ()
 ) -> tuple[WrittenRobot, ...]:
-    """Write identified standard parameters into the robot's file.  Shapes: standard (p,).
+    """Write identified standard parameters, shape (p,), into the robot's file, with remarks at its head.
 
     >>> from echelon.formats.robot_file import open_robot
     >>> file = open_robot("examples/two_link.xml")
@@ -43,36 +43,38 @@ def identified_robot(
     """
     values = sorted_values(mechanism, standard)
     if file is None or file.is_description or file.root.tag == "sdf":
-        return _from_description(mechanism, values)
+        return _from_description(mechanism, values, remarks)
     text = decoded(file.data, file.source)
     if file.root.tag == "mujoco":
         from echelon.formats.writers.mjcf_writer import NamedModel, edited_mjcf
 
         model = NamedModel(text, file.mjcf)
         if not model.is_complete:  # it multiplies or attaches bodies
-            return _from_description(mechanism, values)
-        return (WrittenRobot("identified.xml", *edited_mjcf(mechanism, values, model, file.source)),)
+            return _from_description(mechanism, values, remarks)
+        return (WrittenRobot("identified.xml", *edited_mjcf(mechanism, values, model, file.source, remarks)),)
     from echelon.formats.writers.urdf_writer import edited_urdf
 
-    return (WrittenRobot("identified.urdf", *edited_urdf(mechanism, values, text, file.source)),)
+    return (WrittenRobot("identified.urdf", *edited_urdf(mechanism, values, text, file.source, remarks)),)
 
 
-def _from_description(mechanism: Mechanism, values: IdentifiedValues) -> tuple[WrittenRobot, ...]:
+def _from_description(
+    mechanism: Mechanism, values: IdentifiedValues, remarks: Sequence[str]
+) -> tuple[WrittenRobot, ...]:
     import yaml
 
     from echelon.formats.writers.description_writer import write_description
     from echelon.formats.writers.urdf_writer import generated_urdf, urdf_obstacle
 
     document = write_description(_with_values(mechanism, values))
-    dumped: Any = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
+    dumped = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
+    dumped = "".join(f"# {' '.join(remark.split())}\n" for remark in remarks) + str(dumped)
     obstacle = urdf_obstacle(mechanism, values)
     if obstacle:
-        return (
-            WrittenRobot("identified.yaml", str(dumped), (f"there is no URDF of this robot beside it: {obstacle}",)),
-        )
+        missing = f"there is no URDF of this robot beside it: {obstacle}"
+        return (WrittenRobot("identified.yaml", dumped, (*remarks, missing)),)
     return (
-        WrittenRobot("identified.yaml", str(dumped), ()),
-        WrittenRobot("identified.urdf", *generated_urdf(mechanism, values)),
+        WrittenRobot("identified.yaml", dumped, tuple(remarks)),
+        WrittenRobot("identified.urdf", *generated_urdf(mechanism, values, remarks)),
     )
 
 

@@ -10,7 +10,7 @@ joints with massless links between.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import atan2, cos, hypot, sin
@@ -21,6 +21,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.exact.polynomial import as_polynomial
+from echelon.formats.urdf.urdf_reader import stated_number
 from echelon.formats.writers.description_writer import expression_text
 from echelon.formats.writers.identified_values import (
     COULOMB,
@@ -53,9 +54,11 @@ SINGLE_AXIS = ("revolute", "continuous", "prismatic")
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
-def edited_urdf(mechanism: Mechanism, values: IdentifiedValues, text: str, source: str) -> tuple[str, tuple[str, ...]]:
+def edited_urdf(
+    mechanism: Mechanism, values: IdentifiedValues, text: str, source: str, remarks: Sequence[str] = ()
+) -> tuple[str, tuple[str, ...]]:
     """A URDF document with identified values in the place of its own."""
-    return _Writer(mechanism, values, XmlEditor(text, source), source).written()
+    return _Writer(mechanism, values, XmlEditor(text, source), source).written(remarks)
 
 
 def inertial_lines(load: Load) -> list[str]:
@@ -78,11 +81,11 @@ class _Writer:
         self.carriers = {_end(joint, "child"): _end(joint, "parent") for joint in self.joints.values()}
         self.bodies = {b.name: k for k, b in enumerate(mechanism.bodies) if b.joint.kind != ROTOR}
 
-    def written(self) -> tuple[str, tuple[str, ...]]:
+    def written(self, remarks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
         strange = next((name for name in self.bodies if name not in self.links), None)
         if strange is not None:
             raise InputError("the file has no such link", source=self.source, element=f"body '{strange}'")
-        notes = [*self._write_links()]
+        notes = [*remarks, *self._write_links()]
         effects = joint_effects(self.mechanism, self.values.effects, DYNAMICS, self._single_axes(), FORMAT)
         notes += self._write_dynamics(effects)
         notes += effects.notes
@@ -147,7 +150,7 @@ class _Writer:
             written = {key: number_text(value) for key, value in numbers.items()}
             element = joint.find("dynamics")
             if element is not None:
-                stated[name] = {key: _number(element.get(key)) for key in DYNAMICS.values()}
+                stated[name] = {key: stated_number(element.get(key)) for key in DYNAMICS.values()}
                 self.editor.set_attributes(element, written)
             elif written:
                 attributes = "".join(f' {key}="{value}"' for key, value in written.items())
@@ -157,14 +160,6 @@ class _Writer:
 
 def _end(joint: Any, tag: str) -> str:
     return str(joint.find(tag).get("link"))
-
-
-def _number(text: str | None) -> float:
-    """A number that nothing else checks; what is none is as good as zero here."""
-    try:
-        return float(text or 0)
-    except ValueError:
-        return 0.0
 
 
 _TYPES = {MotionKind.ROTATION: "continuous", MotionKind.TRANSLATION: "prismatic"}
@@ -196,9 +191,11 @@ def urdf_obstacle(mechanism: Mechanism, values: IdentifiedValues) -> str:
     return f"symbols without values: {', '.join(unknown)}" if unknown else ""
 
 
-def generated_urdf(mechanism: Mechanism, values: IdentifiedValues) -> tuple[str, tuple[str, ...]]:
+def generated_urdf(
+    mechanism: Mechanism, values: IdentifiedValues, remarks: Sequence[str] = ()
+) -> tuple[str, tuple[str, ...]]:
     """A URDF document of a mechanism without an obstacle (see :func:`urdf_obstacle`)."""
-    return _Generator(mechanism, values).document()
+    return _Generator(mechanism, values).document(remarks)
 
 
 @dataclass(frozen=True)
@@ -217,7 +214,7 @@ class _Generator:
         self.joints = {motion.name for motion in mechanism.motions}
         self.effects = joint_effects(mechanism, values.effects, DYNAMICS, self._single, FORMAT)
 
-    def document(self) -> tuple[str, tuple[str, ...]]:
+    def document(self, remarks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
         lines: list[str] = []
         seats: dict[int, _Seat] = {}
         if not any(_floats(self.mechanism, index) for index in range(len(self.mechanism.bodies))):
@@ -232,7 +229,7 @@ class _Generator:
                 joints, seats[index] = self._joints(body, seats[body.parent])
                 lines += joints
             lines += self._link(index, seats[index])
-        notes = tuple(self._notes())
+        notes = (*remarks, *self._notes())
         inside = "".join(f"  {line}\n" for line in [*head_comment(notes), *lines])
         head = f'<?xml version="1.0" encoding="UTF-8"?>\n<robot name={quoted(self.mechanism.name)}>\n'
         return f"{head}{inside}</robot>\n", notes

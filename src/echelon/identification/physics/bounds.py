@@ -56,7 +56,7 @@ class Bounds:
                 )
 
 
-_SIGNED_KINDS = ("viscous", "coulomb", "asymmetric_coulomb", "rotor_inertia")
+_SIGNED_KINDS = ("viscous", "asymmetric_viscous", "coulomb", "asymmetric_coulomb", "load_friction", "rotor_inertia")
 _DIAGONAL = (0, 3, 5, 9)
 """XX, YY, ZZ and M, which cannot be negative by themselves."""
 

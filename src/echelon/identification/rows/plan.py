@@ -46,11 +46,11 @@ def split(samples: Samples, share: float = SHARE, guard: int = 0) -> tuple[Sampl
             "left out on either side of the cut; give a longer log, or hold out a log of its own",
             source=samples.source,
         )
-    held = replace(_part(samples, cut, len(samples)), first=guard, stop=stop - cut)
-    return replace(_part(samples, 0, cut), stop=cut - guard), held
+    held = replace(part_of(samples, cut, len(samples)), first=guard, stop=stop - cut)
+    return replace(part_of(samples, 0, cut), stop=cut - guard), held
 
 
-def _part(samples: Samples, begin: int, end: int) -> Samples:
+def part_of(samples: Samples, begin: int, end: int) -> Samples:
     """Some of the samples, as a segment that knows nothing of the others."""
 
     def cut(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -23,6 +23,7 @@ from echelon.logs.columns.units import factor
 from echelon.logs.files.log_file import Table
 from echelon.logs.finding import listed
 from echelon.logs.recording import Recording
+from echelon.mechanism.effect import KINDS
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import GAP, nominal_period
 
@@ -180,7 +181,15 @@ def recording(
         }
         if "output" in given:
             signals["y"] = measured_outputs(mechanism, given["output"], symbols)
-        return Recording(table.source, aligned.time, signals, given.get("input", {}))
+        outputs = dict(zip((o.name for o in mechanism.outputs), signals["y"].T, strict=True)) if "y" in signals else {}
+        loads = {name: outputs[name] for name in _loaded(mechanism) if name in outputs}
+        return Recording(table.source, aligned.time, signals, {**loads, **given.get("input", {})})
+
+
+def _loaded(mechanism: Mechanism) -> set[str]:
+    """Places with friction that grows with the load, which is what is measured there unless another input is stated."""
+    term = KINDS["load_friction"][0].term
+    return {action.at for effect in mechanism.effects for action in effect.actions if action.term == term}
 
 
 def _aligned(table: Table, columns: ColumnMap) -> Alignment:

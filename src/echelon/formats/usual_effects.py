@@ -1,0 +1,86 @@
+"""The effects of a robot that states none, and what effects at a coordinate are called.
+
+Hardly any file states friction that was measured, and a fit without it spoils inertias.  So every measured drive gets
+viscous and Coulomb friction and an offset.  A rotor adds as much as a link to some robots and nothing to others: it is
+there where the file gives a joint an armature or a transmission.  Numbers that the file states become prior values.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
+from math import isfinite
+
+from echelon.mechanism.effect import Effect, Side, ready_made
+from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.output import Cut, JointForce
+
+DriveNumbers = Mapping[str, Mapping[str, float]]
+"""What a file states of the drives of coordinates: kinds of effects with values, nan where only the kind is known."""
+
+EVERYWHERE = ("viscous", "coulomb", "offset")
+_WHERE_STATED = ("rotor_inertia", "spring")
+_ONLY_FIRST = ("spring",)  # its preload is the offset
+
+
+def with_usual_effects(mechanism: Mechanism, stated: DriveNumbers) -> Mechanism:
+    """The mechanism with the usual effects in every drive, or joint, that is measured, before its own effects."""
+    found: list[Effect] = []
+    places = list(_measured_places(mechanism))
+    for kind in (*EVERYWHERE, *_WHERE_STATED):
+        for name, side in places:
+            if kind in EVERYWHERE or kind in stated.get(name, {}):
+                found += _made(mechanism, kind, name, side, stated)
+    return replace(mechanism, effects=(*found, *mechanism.effects))
+
+
+def with_rotors(mechanism: Mechanism, drives: Collection[str]) -> Mechanism:
+    """The mechanism with the inertia of rotors in some drives as well."""
+    places = [(name, side) for name, side in _measured_places(mechanism) if name in drives]
+    found = [effect for place in places for effect in _made(mechanism, "rotor_inertia", *place, {})]
+    added = replace(mechanism, effects=(*mechanism.effects, *found))
+    return added if mechanism.reading is None else added.as_read(mechanism.reading)
+
+
+def _measured_places(mechanism: Mechanism) -> Iterator[tuple[str, Side]]:
+    """Drives whose force is measured, and joints whose torque is; a floating base has neither."""
+    floating = [body.joint for body in mechanism.bodies if body.joint.kind == "floating"]
+    free = {name for joint in floating for motion in joint.motions for name in motion.velocities}
+    seen: set[str] = set()
+    channels = [channel for output in mechanism.outputs for channel, _ in output.terms]
+    for channel in sorted(channels, key=lambda channel: isinstance(channel, JointForce)):
+        if isinstance(channel, Cut):
+            continue
+        joint = isinstance(channel, JointForce)
+        name = channel.coordinate if isinstance(channel, JointForce) else channel.actuator
+        if name not in free | seen:
+            yield name, Side.JOINT if joint else Side.ACTUATOR
+        seen.add(name)
+
+
+def _made(mechanism: Mechanism, kind: str, name: str, side: Side, stated: DriveNumbers) -> tuple[Effect, ...]:
+    made = ready_made(kind, name, side, effect_label(mechanism, name), sliding=slides(mechanism, name))
+    value = stated.get(name, {}).get(kind)
+    if value is not None and isfinite(value):
+        made = (replace(made[0], value=value), *made[1:])
+    return made[:1] if kind in _ONLY_FIRST else made
+
+
+def effect_label(mechanism: Mechanism, at: str) -> str:
+    """The number of the body that a coordinate moves, or the number at the end of an actuator's name."""
+    for index, body in enumerate(mechanism.bodies):
+        moved = [name for motion in body.joint.motions for name in motion.velocities]
+        if at in moved:
+            stem = mechanism.joint_label(index)
+            return stem if len(moved) == 1 else f"{stem}_{moved.index(at) + 1}"
+    number = re.search(r"\d+$", at)
+    return number.group() if number else f"_{at}"
+
+
+def slides(mechanism: Mechanism, at: str) -> bool:
+    """Whether a coordinate, or the first joint of an actuator, is a translation."""
+    drives = {a.name: a.terms[0][0] for a in mechanism.transmission.actuators}
+    joint = drives.get(at, at)
+    return any(m.kind is MotionKind.TRANSLATION and joint in m.velocities for m in mechanism.motions)
