@@ -105,9 +105,11 @@ class _Place:
 
 
 def _places(mechanism: Mechanism) -> Iterator[_Place]:
-    independent = [m for m in mechanism.motions if m.name not in mechanism.dependent]
-    positions = [name for motion in independent for name in motion.positions]
-    velocities = [name for motion in independent for name in motion.velocities]
+    measured = mechanism.independent_velocities  # with loops, logs hold no others
+    positions, velocities = (
+        [name for name in names if not mechanism.closures or name in measured]
+        for names in (mechanism.positions, mechanism.velocities)
+    )
     known, drives = known_values(mechanism), {a.name: a.terms for a in mechanism.transmission.actuators}
     for k, output in enumerate(mechanism.outputs):
         channel = output.terms[0][0]
