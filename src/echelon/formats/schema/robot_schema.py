@@ -245,7 +245,7 @@ class RobotDescription(Model):
         Annotated[
             tuple[EffectEntry, ...],
             AS_LIST,
-            BeforeValidator(effect_list, json_schema_input_type=tuple[EffectEntry | str, ...] | dict[str, Any]),
+            BeforeValidator(effect_list, json_schema_input_type=tuple[EffectEntry | str, ...] | dict[str, Any] | str),
         ]
         | None
     ) = Field(
