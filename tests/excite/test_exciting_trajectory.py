@@ -337,7 +337,7 @@ def test_changes_are_checked_like_the_section(tmp_path: Path) -> None:
     assert re.search(r"excitation: unknown key; did you mean 'duration'", refusal(file, durations=3))
     assert "excitation.duration" in refusal(file, duration=-1)
     assert "expected a square matrix" in refusal(file, prior_information=[[np.nan]])
-    assert "the robot has 24 base parameters" in refusal(file, prior_information=[[1.0]])
+    assert "the robot has 15 base parameters" in refusal(file, prior_information=[[1.0]])
 
 
 MESH = """

@@ -70,7 +70,7 @@ def identified(folder: Path, given: str, true: str, **more: str) -> tuple[str, e
     setup = ec.load_setup(folder / "setup.yaml")
     result = ec.identify(setup, [folder / "run.csv"])
     assert result.physical is not None
-    (written,) = identified_robot(setup.mechanism, result.physical.standard, setup.robot_file)
+    (written,) = identified_robot(result.base.mechanism, result.physical.standard, setup.robot_file)
     return written.text, result
 
 

@@ -167,8 +167,8 @@ FAULTS = (
     Fault("setup/setup.py", 'f"log[{k}]" if many', 'f"log[0]" if many', "which log an error is about", SETUP),
     Fault(
         "setup/setup.py",
-        "ReadingOptions(**reading, usual_effects=True)",
-        "ReadingOptions(**reading)",
+        "replace(options, usual_effects=True)",
+        "options",
         "friction of bare robot files",
         f"{SETUP} identification/test_synthetic_files.py",
     ),

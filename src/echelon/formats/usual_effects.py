@@ -33,15 +33,19 @@ def with_usual_effects(mechanism: Mechanism, stated: DriveNumbers) -> Mechanism:
         for name, side in places:
             if kind in EVERYWHERE or kind in stated.get(name, {}):
                 found += _made(mechanism, kind, name, side, stated)
-    return replace(mechanism, effects=(*found, *mechanism.effects))
+    return _with(mechanism, (*found, *mechanism.effects))
 
 
 def with_rotors(mechanism: Mechanism, drives: Collection[str]) -> Mechanism:
     """The mechanism with the inertia of rotors in some drives as well."""
     places = [(name, side) for name, side in _measured_places(mechanism) if name in drives]
     found = [effect for place in places for effect in _made(mechanism, "rotor_inertia", *place, {})]
-    added = replace(mechanism, effects=(*mechanism.effects, *found))
-    return added if mechanism.reading is None else added.as_read(mechanism.reading)
+    return _with(mechanism, (*mechanism.effects, *found))
+
+
+def _with(mechanism: Mechanism, effects: tuple[Effect, ...]) -> Mechanism:
+    changed = replace(mechanism, effects=effects)
+    return changed if mechanism.reading is None else changed.as_read(mechanism.reading)
 
 
 def _measured_places(mechanism: Mechanism) -> Iterator[tuple[str, Side]]:

@@ -106,15 +106,15 @@ def identify(
     setup, given, others = with_logs(setup, logs, validate_on)
     step = on_step or (lambda _: None)
     result, lacking = _fitted(setup, given, others, client, step, memory)
-    remarks = [missing.finding(lists_effects=not setup.assumed) for missing in lacking]
+    remarks = [missing.finding(lists_effects=setup.states_effects) for missing in lacking]
     drives = {place for missing in lacking if missing.is_rotor for place in missing.places}
-    if setup.assumed and drives:
+    if drives and not setup.states_effects:
         # nobody has said that there are none, so they are taken in
         step("trying rotors in the drives")
         remarks = [remark for missing, remark in zip(lacking, remarks, strict=True) if missing.is_rotor]
         setup = replace(setup, mechanism=with_rotors(setup.mechanism, drives))
         result, lacking = _fitted(setup, given, others, client, step, memory)
-        remarks += [missing.finding(lists_effects=not setup.assumed) for missing in lacking]
+        remarks += [missing.finding(lists_effects=setup.states_effects) for missing in lacking]
     return replace(result, findings=limited([*remarks, *result.findings]))
 
 

@@ -21,12 +21,12 @@ from echelon.logs.files.open_log import log_paths
 from echelon.logs.joined_log import opened
 from echelon.logs.read_log import first_table
 from echelon.mechanism.mechanism import Mechanism
-from echelon.setup.setup import Setup, load_setup
+from echelon.setup.setup import Setup, load_setup, with_usual
 
 
 def with_logs(setup: Any, logs: Any, others: Any = ()) -> tuple[Setup, tuple[Path, ...], tuple[Path, ...]]:
     """A set-up that knows its columns, or what one is made from; and the paths of two lists of logs."""
-    setup = setup if isinstance(setup, Setup) else load_setup(setup)
+    setup = with_usual(setup if isinstance(setup, Setup) else load_setup(setup))
     fitted, unseen = (joined(log_paths(some), setup.mechanism, setup.columns) for some in (logs, others))
     if setup.columns:
         return setup, fitted, unseen

@@ -13,6 +13,7 @@ from echelon.formats.reading_options import ReadingOptions
 from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.formats.schema.schema_log import IdentificationEntry, PreparationEntry
+from echelon.formats.usual_effects import with_usual_effects
 from echelon.hints import listed
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.mechanism.effect import KINDS
@@ -41,6 +42,8 @@ class Setup:
         Another description of the robot, with inertial values, for a prior.
     robot_file : RobotFile, optional
         The URDF, SDF or MJCF file that holds the robot, if one does.
+    states_effects : bool
+        Whether the file says what effects there are; without, the usual ones are identified.
     assumed : tuple of str
         What was taken for granted where the file is silent, in sentences.
     excitation : ExcitationEntry
@@ -55,6 +58,7 @@ class Setup:
     settings: IdentificationEntry = field(default_factory=IdentificationEntry.model_construct)
     prior: Mechanism | None = None
     robot_file: RobotFile | None = None
+    states_effects: bool = True
     assumed: tuple[str, ...] = ()
     excitation: ExcitationEntry = field(default_factory=ExcitationEntry.model_construct)
     seed: int = DEFAULT_SEED
@@ -107,14 +111,23 @@ def load_setup(robot: Any, *, prior: Any = None, **reading: Any) -> Setup:
     >>> setup.columns[0].positions["slide"].column, setup.preparation.band
     ('q_meas_m', None)
     """
-    file, options = open_robot(robot), ReadingOptions(**reading, usual_effects=True)
+    file, options = open_robot(robot), ReadingOptions(**reading)
     setup = _described(file, options) if file.is_description else _bare(file, options)
     return setup if prior is None else replace(setup, prior=open_robot(prior).mechanism(options))
 
 
 def _bare(file: RobotFile, options: ReadingOptions) -> Setup:
-    mechanism = file.mechanism(options)
-    return Setup(file.source, mechanism, robot_file=file, assumed=_assumed(mechanism))
+    mechanism = file.mechanism(replace(options, usual_effects=True))
+    return Setup(file.source, mechanism, robot_file=file, states_effects=False, assumed=_assumed(mechanism))
+
+
+def with_usual(setup: Setup) -> Setup:
+    """The set-up with the usual effects, where its file is silent about effects."""
+    if setup.states_effects or setup.mechanism.effects:
+        return setup
+    drives = {} if setup.robot_file is None else setup.robot_file.tree().drives
+    mechanism = with_usual_effects(setup.mechanism, drives)
+    return replace(setup, mechanism=mechanism, assumed=(*_assumed(mechanism), *setup.assumed))
 
 
 def _assumed(mechanism: Mechanism) -> tuple[str, ...]:
@@ -147,6 +160,6 @@ def _described(file: RobotFile, options: ReadingOptions) -> Setup:
         entry,
         stated,
         file.robot,
-        assumed=() if robot.effects is not None else _assumed(mechanism),
+        states_effects=robot.effects is not None,
         excitation=robot.excitation,
     )
