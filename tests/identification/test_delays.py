@@ -63,3 +63,21 @@ def test_stated_delays_stay(base: ec.BaseModel) -> None:
 
 def prepared(base: ec.BaseModel, segment: Segment) -> Preparation:
     return chosen(Preparation(), [segment], base.mechanism)
+
+
+def test_an_output_that_comes_later_than_the_others_has_a_delay_of_its_own(base: ec.BaseModel) -> None:
+    early, late = run(base, 0.0), run(base, 0.012)
+    y = np.stack([early.signals["y"][:, 0], late.signals["y"][:, 1]], axis=1)
+    segment = Segment("run.csv", 0.0, RATE, {"q": early.signals["q"], "y": y})
+    found = with_delays(prepared(base, segment).model_copy(update={"delays": None}), [segment], base).delays
+    assert found is not None
+    assert found["j2"] - found.get("j1", 0.0) == pytest.approx(0.012, abs=5e-4)
+
+
+@pytest.mark.parametrize("rate", [RATE, 50 * RATE])
+def test_stretches_too_short_for_a_delay_have_none(base: ec.BaseModel, rate: float) -> None:
+    """As of a log whose rate is stated far too high."""
+    whole = run(base, 0.01)
+    short = Segment("run.csv", 0.0, rate, {name: values[:400] for name, values in whole.signals.items()})
+    made = Preparation(band=8.0, measured=(), still=0.0)
+    assert with_delays(made, [short], base).delays is not None

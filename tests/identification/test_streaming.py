@@ -21,6 +21,7 @@ from echelon.identification.estimators.least_squares import irls
 from echelon.identification.identify import identify
 from echelon.identification.passes_over_data import PassesOverData
 from echelon.identification.result import Identification
+from echelon.identification.rows import plan as model_plan
 from echelon.identification.rows import rows as model_rows
 from echelon.identification.rows.batches import BATCHES, Batcher, grouped, total
 from echelon.identification.rows.ingest import ingest
@@ -231,3 +232,16 @@ def test_factors_of_parts_are_those_of_the_whole(rows: int, columns: int, seed: 
     if 0 < columns <= rows:
         R = np.linalg.qr(matrix, mode="r")
         np.testing.assert_allclose(np.abs(found), np.abs(R), atol=1e-9)
+
+
+def test_a_stretch_that_is_too_short_is_left_out(plan: Plan, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Never the whole log, unless there is nothing else."""
+    (piece,) = model_plan.read_log(folder / "run1.parquet", plan.base.mechanism, plan.columns)
+    (segment,) = piece.segments
+    short = replace(segment, signals={name: values[:25] for name, values in segment.signals.items()})
+    pieces = [replace(piece, segments=(short, segment))]
+    monkeypatch.setattr(model_plan, "read_log", lambda *_, **__: iter(pieces))
+    assert len(list(plan.samples("run1"))) == 1
+    pieces[0] = replace(piece, segments=(short,))
+    with pytest.raises(InputError, match="an uninterrupted stretch has 25 samples"):
+        list(plan.samples("run1"))

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from echelon.logs.faults.examine import examine
-from echelon.logs.faults.standstill import resolution
+from echelon.logs.faults.standstill import resolution, stuck
 from echelon.logs.finding import Severity
 from echelon.logs.recording import Recording
 from support.faulty_logs import ARM, COUNT, RATE, changed, clean, one
@@ -63,3 +63,15 @@ def test_encoders_that_creep_are_not_held() -> None:
     q = np.stack([ramp, ramp + 1], axis=1)
     y = np.random.default_rng(0).normal(size=q.shape)
     assert "held" not in [finding.kind for finding in examine(Recording("run", time, {"q": q, "y": y}), ARM)[0]]
+
+
+@pytest.mark.parametrize("step", [1e-3, 1e-2, 3e-2])
+def test_steps_of_a_coarse_encoder_are_no_stuck_sensor(step: float) -> None:
+    """Although a velocity that was measured finely goes on while the position is held."""
+    time = np.arange(8000) / 1000
+    q, qd = 0.4 * np.sin(2 * time), 0.8 * np.cos(2 * time)
+    held = np.round(q / step) * step
+    everywhere = np.ones(len(time), dtype=bool)
+    assert not list(stuck(time, held, [np.cos(3 * time)], qd, everywhere, False))
+    held[2000:2600] = held[2000]
+    assert list(stuck(time, held, [np.cos(3 * time)], qd, everywhere, False))

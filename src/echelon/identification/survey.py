@@ -5,7 +5,8 @@ devices.  A constant delay d between them leaves a residual that no parameters e
 the outputs' own least-squares fits are smallest: W stays, y is shifted, and one R-factor of W gives the residuals of
 all fits.  Outputs that come over one bus are late together, and a single one with many parameters could explain almost
 anything by a delay of its own; so one delay is sought for all, by the mean of the logarithms of their residuals, and
-taken only where it removes more than noise would.
+taken only where it removes more than noise would.  An output has one of its own only where that differs by more than
+half a period and removes twice as much of what is left.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ from echelon.errors import InputError
 from echelon.identification.band import with_band
 from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.logs.columns.column_map import ColumnMap
-from echelon.logs.finding import Finding, Severity
+from echelon.logs.finding import Finding, Severity, counted
 from echelon.logs.preparation.choices import chosen
-from echelon.logs.preparation.prepare import prepare
+from echelon.logs.preparation.prepare import PreparationPlan, prepare
 from echelon.logs.preparation.settings import Preparation
 from echelon.logs.read_log import LogPiece, read_log
 from echelon.logs.recording import Samples, Segment
@@ -51,11 +52,17 @@ def with_delays(preparation: Preparation, segments: Sequence[Segment], base: Bas
     tried = np.linspace(-_LONGEST, _LONGEST, 2 * _STEPS + 1)
     squares = _residuals(preparation.model_copy(update={"delays": {}}), segments, base, tried)
     delay, gain = _best(tried, squares)
-    if gain < _GAIN:
-        text = f"none: no common delay would remove {_GAIN:.0%} of the residuals' squares"
-        return preparation.model_copy(update={"delays": {}, "reasons": {**preparation.reasons, "delays": text}})
-    found = {output.name: delay for output in base.mechanism.outputs}
+    delay = delay if gain >= _GAIN else 0.0
+    found = {output.name: delay for output in base.mechanism.outputs if delay}
     text = f"outputs are {1e3 * delay:.2g} ms behind positions: undoing it removes {gain:.0%} of the residuals' squares"
+    if not delay:
+        text = f"none: no common delay would remove {_GAIN:.0%} of the residuals' squares"
+    rate = max(segments, key=len).rate
+    for k, output in enumerate(base.mechanism.outputs):
+        own, share = _best(tried, squares[:, [k]], np.interp(delay, tried, squares[:, k]))
+        if share >= 2 * _GAIN and abs(own - delay) > 0.5 / rate:
+            found[output.name] = own
+            text += f"; {output.name} {1e3 * own:.2g} ms, which removes {share:.0%} of what is left of it"
     return preparation.model_copy(update={"delays": found, "reasons": {**preparation.reasons, "delays": text}})
 
 
@@ -69,12 +76,16 @@ def _residuals(preparation: Preparation, segments: Sequence[Segment], base: Base
         if len(segment) / segment.rate < _SHORTEST or left <= 0:
             continue
         begun, left = _beginning(segment, left), left - len(segment)
-        samples = _inner(prepare(begun, preparation, base.mechanism), float(delays[-1]))
+        if len(begun) <= PreparationPlan(preparation, base.mechanism, begun.rate).needed + 2 * _margin(begun, delays):
+            continue
+        samples = _inner(prepare(begun, preparation, base.mechanism), _margin(begun, delays))
         blocks = list(ModelRows.of(base, [samples]).blocks())
         assert samples.y is not None
         for output in range(count):
             matrices[output] += [block.matrices[output] for block in blocks]
             values[output].append(_late(samples, samples.y[:, output], output, delays))
+    if not values[0]:
+        return np.zeros((len(delays), count))
     return np.stack([_rest(np.vstack(a), np.vstack(b)) for a, b in zip(matrices, values, strict=True)], axis=1)
 
 
@@ -90,9 +101,14 @@ def _late(samples: Samples, y: Floats, output: int, delays: Floats) -> Floats:
     return rows if moving is None else rows[moving[:, output]]
 
 
-def _inner(samples: Samples, longest: float) -> Samples:
-    """The samples without those near the ends, which a shift would need values beyond the ends for."""
-    margin = int(np.ceil(longest * samples.rate)) + shift_reach(longest * samples.rate)
+def _margin(segment: Segment, delays: Floats) -> int:
+    """Samples near an end that shifts would need values beyond the end for."""
+    longest = float(delays[-1]) * segment.rate
+    return int(np.ceil(longest)) + shift_reach(longest)
+
+
+def _inner(samples: Samples, margin: int) -> Samples:
+    """The samples without those near the ends."""
     stop = len(samples) if samples.stop is None else samples.stop
     return replace(samples, first=max(samples.first, margin), stop=min(stop, len(samples) - margin))
 
@@ -114,8 +130,8 @@ def _rest(matrix: Floats, values: Floats) -> Floats:
     return squares
 
 
-def _best(delays: Floats, squares: Floats) -> tuple[float, float]:
-    """The delay with the smallest residuals, and the share of the squares at delay zero that it removes."""
+def _best(delays: Floats, squares: Floats, before: float | None = None) -> tuple[float, float]:
+    """The delay with the smallest residuals, and the share it removes of the squares ``before``, or at delay zero."""
     told = squares[:, (squares > 0).all(axis=0)]
     if not told.size:
         return 0.0, 0.0
@@ -123,11 +139,12 @@ def _best(delays: Floats, squares: Floats) -> tuple[float, float]:
     least = int(np.argmin(errors))
     if least in (0, len(delays) - 1):
         return 0.0, 0.0  # no minimum within reach: something else is wrong
-    before, middle, after = errors[least - 1 : least + 2]
-    bend = before - 2 * middle + after
-    offset = 0.5 * (before - after) / bend if bend > 0 else 0.0
+    left, middle, right = errors[least - 1 : least + 2]
+    bend = left - 2 * middle + right
+    offset = 0.5 * (left - right) / bend if bend > 0 else 0.0
     step = delays[1] - delays[0]
-    return float(delays[least] + offset * step), float(1 - np.exp(middle - errors[len(delays) // 2]))
+    reference = errors[len(delays) // 2] if before is None else np.log(before)
+    return float(delays[least] + offset * step), float(1 - np.exp(middle - reference))
 
 
 _LOGS = 64
@@ -168,7 +185,20 @@ def survey(setup: Setup, base: BaseModel, paths: Sequence[Path], unseen: Sequenc
         findings += noisy
     preparation = preparation.model_copy(update={"delays": setup.preparation.delays})
     preparation = with_delays(preparation, segments, base)
+    findings += _short(preparation, segments, base)
     return Survey(preparation, tuple(columns), tuple(findings))
+
+
+def _short(preparation: Preparation, segments: Sequence[Segment], base: BaseModel) -> list[Finding]:
+    """What is said of stretches that filters leave nothing of."""
+    short = [s for s in segments if PreparationPlan(preparation, base.mechanism, s.rate).is_short(s)]
+    if not short:
+        return []
+    needed = PreparationPlan(preparation, base.mechanism, short[0].rate).needed / short[0].rate
+    lost = sum(len(segment) / segment.rate for segment in short)
+    stretches = counted(len(short), "stretch is", "stretches are")
+    text = f"{stretches} shorter than the {needed:.3g} s that filters need; left out ({lost:.3g} s in all)"
+    return [Finding(Severity.WARNING, "short", f"{short[0].source}, from {short[0].start:g} s", text)]
 
 
 def _first_piece(setup: Setup, path: Path) -> LogPiece:

@@ -24,7 +24,7 @@ from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.identification.rows.rows import ModelRows
 from echelon.logs.columns.column_map import ColumnMap
-from echelon.logs.preparation.prepare import prepare
+from echelon.logs.preparation.prepare import PreparationPlan, prepare
 from echelon.logs.preparation.settings import Preparation
 from echelon.logs.read_log import read_log
 from echelon.logs.recording import Samples, Segment
@@ -92,16 +92,22 @@ class Plan:
         outputs: bool = True,
         reference: bool = False,
     ) -> Iterator[Samples]:
-        """Prepared samples of a log, stretch by stretch."""
-        mechanism = self.base.mechanism
+        """Prepared samples of a log, stretch by stretch; what is too short is left out, unless it is all there is."""
+        mechanism, short, any_left = self.base.mechanism, None, False
         rate = self.preparation.rate
         for piece in read_log(path, mechanism, self.columns, rate=rate, symbols=self.symbols, outputs=outputs):
             for segment in piece.segments:
+                if PreparationPlan(self.preparation, mechanism, segment.rate).is_short(segment):
+                    short = segment
+                    continue
+                any_left = True
                 samples = prepare(segment, self.preparation, mechanism)
                 if reference:
                     asked = prepare(_along_reference(segment), self.preparation, mechanism)
                     samples = replace(asked, moving=samples.moving, first=samples.first, stop=samples.stop)
                 yield from self.parts(samples, part)
+        if short is not None and not any_left:
+            PreparationPlan(self.preparation, mechanism, short.rate).check(short)
 
     def rows(self, paths: Sequence[str | Path], part: Part = "all", *, reference: bool = False) -> ModelRows:
         """The rows of some logs, along the measured or the reference positions; they are read again in every pass."""

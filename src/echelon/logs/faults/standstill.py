@@ -21,6 +21,7 @@ _USUAL = 20
 _ABRUPT = 0.3
 _JUMP = 5.0
 _MOVED = 0.02
+_STEPS = 2.0
 
 _PINNED_RUN = 5
 _PINNED = 10
@@ -66,7 +67,9 @@ def stuck(
         if output:
             if values[start] not in extremes:
                 yield start, stop
-        elif _contradicted(time, values, speed, start, stop, usable) or _abrupt(values, start, stop, usual, fast):
+        elif _contradicted(time, values, speed, start, stop, usable, usual) or _abrupt(
+            values, start, stop, usual, fast
+        ):
             yield start, stop
 
 
@@ -82,11 +85,14 @@ def _moves(others: Sequence[Floats], speed: Floats | None, start: int, stop: int
     return moved or (speed is not None and bool(np.any(speed[start:stop])))
 
 
-def _contradicted(time: Floats, values: Floats, speed: Floats | None, start: int, stop: int, usable: Flags) -> bool:
+def _contradicted(
+    time: Floats, values: Floats, speed: Floats | None, start: int, stop: int, usable: Flags, step: float
+) -> bool:
+    """Whether the velocity says that a held position moved further than the steps of its sensor explain."""
     if speed is None:
         return False
     travelled = float(np.sum(0.5 * (speed[start + 1 : stop] + speed[start : stop - 1]) * np.diff(time[start:stop])))
-    return abs(travelled) > _MOVED * float(np.ptp(values[usable]))
+    return abs(travelled) > max(_MOVED * float(np.ptp(values[usable])), _STEPS * step)
 
 
 def _abrupt(values: Floats, start: int, stop: int, usual: float, fast: float) -> bool:

@@ -109,13 +109,17 @@ class PreparationPlan:
         """Fewest samples of which one row remains."""
         return 2 * self.spoilt + self.factor
 
-    def check(self, count: int, source: str) -> None:
+    def is_short(self, segment: Segment) -> bool:
+        """Whether filters and what is trimmed leave nothing of a segment."""
+        return len(segment) < self.needed
+
+    def check(self, segment: Segment) -> None:
         """Refuse a segment that is too short."""
-        if count < self.needed:
+        if self.is_short(segment):
             raise InputError(
-                f"an uninterrupted stretch has {count} samples; the filters and the time left out at the ends need "
-                f"{self.needed:.6g} ({self.needed / self.rate:.3g} s)",
-                source=source,
+                f"an uninterrupted stretch has {len(segment)} samples; the filters and the time left out at the ends "
+                f"need {self.needed:.6g} ({self.needed / self.rate:.3g} s)",
+                source=segment.source,
             )
 
     def samples(self, piece: Segment, rows: slice) -> Samples:
@@ -178,6 +182,6 @@ def prepare(segment: Segment, preparation: Preparation, mechanism: Mechanism) ->
     """
     piece = usable(segment, mechanism)
     plan = PreparationPlan(preparation, mechanism, piece.rate)
-    plan.check(len(piece), piece.source)
+    plan.check(piece)
     inside = slice(plan.spoilt, len(piece) - plan.spoilt)
     return plan.samples(piece, inside)
