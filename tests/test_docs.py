@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import doctest
-import os
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from support.command_line import run
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -32,11 +31,7 @@ def test_console_example(block: str) -> None:
     for command, expected in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", block, re.MULTILINE):
         program, *arguments = shlex.split(command)
         assert program == "echelon"
-        done = subprocess.run(
-            [sys.executable, "-c", "from echelon.cli import main; main()", *arguments],
-            capture_output=True, text=True, encoding="utf-8", cwd=ROOT, check=False,
-            env={**os.environ, "PYTHONPATH": str(ROOT / "src"), "PYTHONIOENCODING": "utf-8"},
-        )  # fmt: skip
+        done = run(*arguments, cwd=ROOT)
         actual = done.stdout + done.stderr
         assert doctest.OutputChecker().check_output(expected, actual, FLAGS), f"{command} printed:\n{actual}"
 

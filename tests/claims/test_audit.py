@@ -178,7 +178,7 @@ def test_rounded_angles_of_a_file_explain_small_differences() -> None:
     assert ec.audit(ec.load(file, tolerance=0), claims).verdict is ec.Verdict.EQUAL_TO_PRINTED_DIGITS
 
 
-@pytest.mark.parametrize(("name", "rank"), [("ur10_robot", 36), ("panda", 51)])
+@pytest.mark.parametrize(("name", "rank"), [pytest.param("ur10_robot", 36, marks=pytest.mark.slow), ("panda", 51)])
 def test_decimals_of_a_numeric_program(name: str, rank: int) -> None:
     file = robot_file(name)
     claims, count = numeric_claims(file, 6)

@@ -328,6 +328,7 @@ def test_the_example_from_end_to_end(tmp_path: Path) -> None:
     assert found["condition_numbers"]["plain"] == pytest.approx(document["condition_numbers"]["plain"], rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_library_says_the_same_as_the_command(made: Made) -> None:
     file, _, done = made
     found = ec.exciting_trajectory(ec.load_setup(file))

@@ -196,7 +196,7 @@ CLOSED = {
 }
 
 
-@pytest.mark.parametrize("case", CLOSED)
+@pytest.mark.parametrize("case", slow_unless(["all"], CLOSED))
 def test_closed_streams(folder: Path, case: str) -> None:
     numbers, arguments, expected = CLOSED[case]
     exec_ = f"import os, sys; [os.close(n) for n in {numbers}]; os.execv(sys.executable, sys.argv[1:])"
@@ -247,6 +247,7 @@ def test_a_terminal_gets_its_cursor_back(folder: Path) -> None:
 PLAIN = {"LANG": "C", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
+@pytest.mark.slow
 def test_plain_locales(folder: Path) -> None:
     (folder / "größe.yaml").write_bytes(
         (folder / "slide.yaml").read_bytes().replace(b"name: slide\n", "name: größe\n".encode())

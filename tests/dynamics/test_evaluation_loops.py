@@ -47,7 +47,7 @@ def made(name: str) -> Case:
 
 
 def cases(*names: str) -> list[object]:
-    return slow_unless(lambda name: name not in ("delta", "gough_stewart"), names)
+    return slow_unless(lambda name: name not in ("bennett", "delta", "gough_stewart", "three_rps"), names)
 
 
 @pytest.fixture(params=cases(*FILES))

@@ -27,6 +27,7 @@ from support.generated_code import reference
 from support.loop_states import closed_states, independent_columns
 from support.paths import ROOT
 from support.pinocchio_loops import Constrained
+from support.selection import one_in
 from support.written_robots import random_parameters
 
 LOOPS = ROOT / "examples" / "loops"
@@ -91,7 +92,7 @@ def close(found: FloatArray, expected: FloatArray, tolerance: float = 1e-9) -> N
     np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * max(np.abs(expected).max(), 1e-3))
 
 
-@pytest.mark.parametrize("mechanism", ALL)
+@pytest.mark.parametrize("mechanism", one_in(2, ALL))
 def test_equations_of_motion_are_those_of_the_tree_in_independent_coordinates(mechanism: Mechanism | str) -> None:
     mechanism = made(mechanism)
     zeta, (q, qd, qdd) = random_parameters(mechanism), closed_states(mechanism, 4)
@@ -173,7 +174,7 @@ def test_simulated_motion_keeps_its_energy_but_for_the_work_of_the_drives(name: 
     np.testing.assert_allclose(energy() - start, work, atol=1e-8)
 
 
-@pytest.mark.parametrize("mechanism", ALL)
+@pytest.mark.parametrize("mechanism", one_in(2, ALL))
 def test_forces_of_closures_are_lagrange_multipliers(mechanism: Mechanism | str) -> None:
     mechanism = made(mechanism)
     zeta, (q, qd, qdd) = random_parameters(mechanism), closed_states(mechanism, 3)

@@ -90,6 +90,7 @@ def test_the_robot_stays_near_the_trajectory() -> None:
 # -- better than others ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_better_than_random_motions_and_sines() -> None:
     """With the same limits, noise and duration."""
     held_out = [rows(random_motion(seed)) for seed in (100, 101)]

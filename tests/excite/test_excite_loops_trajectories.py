@@ -16,6 +16,7 @@ from support.excitation_loops import LOOPS, base
 FOUR_BAR = {"limits": {"velocity": 5, "acceleration": 50, "jerk": "none"}, "duration": 6, "starts": 1}
 
 
+@pytest.mark.slow
 def test_a_trajectory_of_a_four_bar_beats_random_motions() -> None:
     setup = ec.load_setup(LOOPS / "four_bar.yaml")
     found = ec.exciting_trajectory(setup, **FOUR_BAR)

@@ -255,7 +255,7 @@ def test_loops_may_connect_fixed_links_of_a_robot_file(tmp_path: Path) -> None:
 # -- examples and round trips ------------------------------------------------------------------------------------------
 
 
-LARGE = ("biped.xml", "gough_stewart.yaml")
+LARGE = ("bennett.yaml", "biped.xml", "delta.yaml", "gough_stewart.yaml", "three_rps.yaml")
 
 
 @pytest.mark.parametrize("file", slow_unless(lambda f: f.name not in LARGE, EXAMPLES), ids=lambda file: file.name)

@@ -24,6 +24,7 @@ from echelon.results.schema import json_schema as result_schema
 from support import textbook_arms as arms
 from support.float_regressor import float_regressor, random_states
 from support.paths import ROOT
+from support.selection import one_in
 
 EXAMPLES = {
     "cart_pole": 4,
@@ -153,7 +154,7 @@ ROBOTS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", one_in(2, ROBOTS))
 def test_round_trip(robot: Callable[[], Mechanism]) -> None:
     mechanism = robot()
     text = json.dumps(write_description(mechanism))

@@ -147,6 +147,7 @@ def test_patience_ends_within_half_a_minute() -> None:
     assert cluster._PATIENCE + 2 * cluster._LOOK < 30
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_started_anew_is_an_error_and_then_serves_again(start: Start) -> None:
     scheduler, address = start(SCHEDULER, 0)
     start(WORKER, address, "")

@@ -47,7 +47,7 @@ def _use(objects: dict[str, Any], pipe: Any) -> None:
     pipe.send({name: OBJECTS[name].use(found) for name, found in objects.items()})
 
 
-@pytest.mark.parametrize("method", slow_unless(["spawn"], multiprocessing.get_all_start_methods()))
+@pytest.mark.parametrize("method", slow_unless(["fork"], multiprocessing.get_all_start_methods()))
 def test_other_processes_use_what_was_used_here(method: str) -> None:
     objects = {name: used(name) for name in OBJECTS if name not in SLOW_TO_USE}
     context = multiprocessing.get_context(method)

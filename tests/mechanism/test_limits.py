@@ -29,6 +29,7 @@ from echelon.inputs.yaml_text import parse_yaml
 from echelon.logs.files.open_log import open_log, read_table
 from fuzz.child import run_alone
 from support.paths import ROOT
+from support.selection import slow_unless
 
 SECONDS = 10
 MEMORY = 400 << 20
@@ -279,7 +280,7 @@ LOGS: dict[str, tuple[str, Callable[[Path], object], str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", LOGS)
+@pytest.mark.parametrize("case", slow_unless(lambda case: case != "gzip of blank lines", LOGS))
 def test_logs_that_multiply(case: str, tmp_path: Path) -> None:
     name, make, problem = LOGS[case]
     make(tmp_path / name)

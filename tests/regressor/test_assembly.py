@@ -28,6 +28,7 @@ from support import textbook_arms as arms
 from support.float_regressor import FloatArray
 from support.paths import ROOT
 from support.pinocchio_loops import Constrained
+from support.selection import one_in
 
 EXAMPLES = ROOT / "examples" / "loops"
 
@@ -49,7 +50,7 @@ def independent_columns(mechanism: Mechanism) -> list[int]:
 # -- closure equations -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("mechanism", ALL)
+@pytest.mark.parametrize("mechanism", one_in(2, ALL))
 def test_the_jacobian_is_the_derivative_everywhere(mechanism: Mechanism) -> None:
     closures = ClosureValues(mechanism)
     q, qd, _ = oracles.random_states(mechanism, 4)
