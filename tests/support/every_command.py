@@ -73,6 +73,7 @@ COMMANDS = {
     "excite-loop": "excite loop.yaml --duration 3 --harmonics 2 --starts 1 --iterations 10 --json",
     "check": "check-trajectory arm.yaml motion/trajectory.csv -o check.html --json",
     "setup": "setup gripper.urdf run1.csv",
+    "what-logs-show": "check arm.yaml run1.csv --json",
     "identify": "identify arm.yaml run1.csv run2.csv -o identified",
     "identify-json": "identify arm.yaml run1.csv --estimator huber --no-physical --target none --json",
     "complement": "excite arm.yaml --prior-log run1.csv --starts 1 --iterations 5 --json",
