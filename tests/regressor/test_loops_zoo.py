@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 import echelon as ec
+from echelon.base.reading_report import doubt_of_directions
 from echelon.base.structure import find_structure
 from support.closed_states import check, read, states
 from support.selection import one_in
 from support.zoo import ZOO, Case
+from support.zoo.linkages import ROOTS, delta
 
 SUBSETS = {
     "four bar, floating base": {"{joint: crank}": 18, "{wrench: coupler, components: [fx, fy]}": 14},
@@ -53,6 +55,14 @@ def test_the_rank_is_that_of_closed_states(case: Case) -> None:
 )
 def test_the_rank_of_some_measurements(name: str, output: str, rank: int) -> None:
     check(read(f"{ZOO[name].text}outputs: [{output}]\n"), rank)
+
+
+@pytest.mark.slow
+def test_directions_without_exact_values_are_doubted() -> None:
+    """Arms along (1, 2, 0): rods that are stated beside them are not parallel to them exactly."""
+    mechanism = read(delta("universal, axis: x, axis2: y", ROOTS))
+    assert "do not confirm 67: rank 34" in doubt_of_directions(mechanism, ec.base_structure(mechanism).rank)
+    assert not doubt_of_directions(read(delta("universal, axis: x, axis2: y")), 34)
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) for n in ZOO])

@@ -110,6 +110,18 @@ def _shared(mechanism: Mechanism) -> list[str]:
     ]
 
 
+def doubt_of_directions(mechanism: Mechanism, rank: int) -> str:
+    """What speaks against a rank with loops where directions have no exact values, such as (1, 2, 0); empty if nothing.
+
+    Points that are stated along such a direction are not on it exactly.
+    """
+    oblique = any(s.exact is None and s.stands_for is None and s.value is not None for s in mechanism.symbols.values())
+    coarse = mechanism.reading is not None and any(snap.difference > ROUNDING for snap in mechanism.reading.snaps)
+    if not mechanism.closures or not oblique or coarse:
+        return ""
+    return _doubt(mechanism, None, rank, rank, None)
+
+
 def _doubt(
     mechanism: Mechanism, recorded: LinearForms | None, literal: int, intended: int, matrix: BaseMatrix | None
 ) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 from echelon.base.numeric_rank import NumericComparison, compare_numeric
 from echelon.base.own import OwnAnswer, own_answer
-from echelon.base.reading_report import MimicRanks, mechanism_notes, mimic_ranks
+from echelon.base.reading_report import MimicRanks, doubt_of_directions, mechanism_notes, mimic_ranks
 from echelon.base.sensors import SensorReport, sensor_report
 from echelon.base.special import SpecialGeometry, special_geometry
 from echelon.cli.destination import Destination, deliver
@@ -74,8 +74,8 @@ def _rank_text(answer: OwnAnswer, mimics: MimicRanks | None, moved: Assembled | 
     if moved is not None:
         lines.append(f"assembly pose: {moved}")
     lines += [f"note: {note}" for note in mechanism_notes(robot)]
-    if answer.undecided:
-        lines.append(f"doubt: {answer.undecided}")
+    if doubt := answer.undecided or doubt_of_directions(robot, structure.rank):
+        lines.append(f"doubt: {doubt}")
     if len(structure.modes) > 1:
         ranks = ", ".join(map(str, structure.modes))
         lines.append(f"assembly modes: base parameters {ranks}; this is the one with {structure.rank}")

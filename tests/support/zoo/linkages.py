@@ -174,10 +174,14 @@ def gough(base: tuple[Point, ...], top: tuple[Point, ...], pairs: tuple[tuple[in
     return robot.text
 
 
-def delta(rod: str) -> str:
-    """Arms along (1, 0), (-3, 4)/5 and (-3, -4)/5, frames in full, rods in parallel pairs between balls."""
+ARMS = ((1, 0), (Fraction(-3, 5), Fraction(4, 5)), (Fraction(-3, 5), Fraction(-4, 5)))
+ROOTS = ((1, 2), (-2, 1), (-1, -3))
+
+
+def delta(rod: str, arms: tuple[tuple[int | Fraction, int | Fraction], ...] = ARMS) -> str:
+    """Arms along some directions, frames in full, rods in parallel pairs between balls."""
     robot = Drawn()
-    for k, (c, s) in enumerate(((1, 0), (Fraction(-3, 5), Fraction(4, 5)), (Fraction(-3, 5), Fraction(-4, 5)))):
+    for k, (c, s) in enumerate(arms):
         robot.body(f"arm{k}", "base", (2 * c, 2 * s, 0), turn(f"[{-s}, {c}, 0]"))
         for name, w in (("a", Fraction(1, 2)), ("b", Fraction(-1, 2))):
             robot.body(f"rod{k}{name}", f"arm{k}", (3 * c - s * w, 3 * s + c * w, -1), rod)
