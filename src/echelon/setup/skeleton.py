@@ -30,10 +30,8 @@ from echelon.setup.logs import joined
 from echelon.setup.setup import load_setup
 
 _EFFECTS = """\
-effects:                                # of every joint; those that the logs do not show come out near zero
-  - viscous
-  - coulomb
-  - offset
+effects:
+  - usual                               # friction and an offset in every drive; rotors that the robot file states
   # - rotor_inertia                     # geared motors, whose rotors weigh more than links
   # - {type: stribeck, at: all, velocity: 0.05}
 """
