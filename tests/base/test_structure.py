@@ -15,8 +15,9 @@ import echelon as ec
 from echelon.errors import DegenerateSampleError
 from echelon.exact.angle import Angle
 from echelon.exact.polynomial import Polynomial
+from echelon.mechanism.body import Body
 from echelon.mechanism.joint import Joint, Motion, ball, floating_motions, rotation, translation
-from echelon.mechanism.mechanism import Body, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement, rotate, turn
 from support import textbook_arms as arms
 from support.float_regressor import FloatArray, float_regressor, random_states

@@ -16,9 +16,10 @@ from echelon.base.structure import find_structure
 from echelon.exact.elimination import reduced_echelon
 from echelon.exact.field import PrimeField
 from echelon.exact.polynomial import Polynomial
+from echelon.mechanism.body import ALL, GROUND
 from echelon.mechanism.effect import Side, ready_made
 from echelon.mechanism.joint import MotionKind, ball, floating_motions, rotation, translation
-from echelon.mechanism.mechanism import ALL, GROUND, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut, JointForce, Output, plain
 from echelon.mechanism.transmission import Actuator
 from echelon.regressor import virtual_power

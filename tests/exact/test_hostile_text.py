@@ -23,7 +23,7 @@ from echelon.exact.numbers import in_double_range, surd
 from echelon.exact.polynomial import Polynomial, multiple_of
 from echelon.exact.syntax import is_whole
 from echelon.formats.snapping import symbol_stem
-from echelon.mechanism.mechanism import Symbol
+from echelon.mechanism.body import Symbol
 from echelon.models.model_text import constant_values
 from echelon.program.tape import Program
 from echelon.program.text import record_expression

@@ -14,8 +14,9 @@ import echelon as ec
 from echelon.errors import InputError
 from echelon.identification.physics.prior_information import prior_from
 from echelon.identification.physics.pseudo_inertia import is_physical
+from echelon.mechanism.body import GROUND, Body
 from echelon.mechanism.joint import Joint, merge, rotation
-from echelon.mechanism.mechanism import GROUND, Body, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement
 from support import textbook_arms as arms
 from support.measured_logs import measured

@@ -13,8 +13,9 @@ import pytest
 import echelon as ec
 from echelon.claims.witness import random_states
 from echelon.exact.polynomial import Polynomial
+from echelon.mechanism.body import GROUND
 from echelon.mechanism.effect import Action, Effect, Side
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut, plain
 from echelon.mechanism.placement import Placement
 from echelon.mechanism.transmission import Actuator

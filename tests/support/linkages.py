@@ -6,9 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from echelon.exact.expressions import parse
+from echelon.mechanism.body import GROUND, Body
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import ball, rotation, screw, translation
-from echelon.mechanism.mechanism import GROUND, Body, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement, shift
 from support import textbook_arms as arms
 

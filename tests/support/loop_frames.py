@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from echelon.exact.polynomial import float_generators
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.body import GROUND
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement
 from support.textbook_poses import Array, pose_of
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from hypothesis import strategies as st
 
 from echelon.exact.polynomial import Polynomial
+from echelon.mechanism.body import Body
 from echelon.mechanism.joint import (
     Motion,
     ball,
@@ -18,7 +19,7 @@ from echelon.mechanism.joint import (
     translation,
     universal_motions,
 )
-from echelon.mechanism.mechanism import Body, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from support import textbook_arms as arms
 
 VALUES = {"a": "0.3", "b": "-0.45", "c": "0.2", "h": "0.05", "g": "9.81"}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from echelon.exact.expressions import parse, parse_angle
+from echelon.mechanism.body import ALL, GROUND, Body, Symbol
 from echelon.mechanism.coupling import Coupling, linear
 from echelon.mechanism.joint import (
     Joint,
@@ -19,7 +20,7 @@ from echelon.mechanism.joint import (
     translation,
     universal_motions,
 )
-from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, Symbol
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement, Vector, shift, turn
 
 DOWN = "0 0 -g"

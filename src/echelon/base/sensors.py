@@ -15,7 +15,8 @@ from echelon.errors import ClosedFormError, DegenerateSampleError, EchelonError,
 from echelon.exact.elimination import rank, reduced_echelon
 from echelon.exact.field import PrimeField, Residues
 from echelon.exact.unknown import SOLVING, Work
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.body import GROUND
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut, Output, plain
 from echelon.mechanism.placement import Placement
 from echelon.program.sampling import FieldSampler

@@ -18,8 +18,9 @@ from echelon.base.matrix import sympy_number
 from echelon.errors import ClosedFormError
 from echelon.exact.numbers import Number
 from echelon.exact.polynomial import Monomial, Polynomial, cosine, is_trigonometric, sine, symbol_of
+from echelon.mechanism.body import GROUND
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement
 from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.tape import Program

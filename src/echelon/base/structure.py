@@ -21,8 +21,9 @@ from echelon.base.own_mode import OwnPose
 from echelon.base.rows import Rows, rows_of
 from echelon.errors import DegenerateSampleError, EchelonError, OtherModeError, SingularPoseError
 from echelon.exact.field import PrimeField
+from echelon.mechanism.body import ALL, GROUND, Body
 from echelon.mechanism.joint import Joint, Motion, Step, floating_motions
-from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut
 from echelon.mechanism.placement import Placement
 from echelon.mechanism.stated import UNITS, has_values

@@ -25,9 +25,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from echelon.inertia.spatial import Array
+from echelon.mechanism.body import GROUND
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.joint import Step as Described
-from echelon.mechanism.mechanism import GROUND
 from echelon.program.scalar import Scalar
 from echelon.regressor.probes import Probes
 from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, identity, product, scale, transposed

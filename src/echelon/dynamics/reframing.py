@@ -24,8 +24,9 @@ import numpy as np
 from echelon.conventions import PER_BODY
 from echelon.exact.polynomial import Polynomial
 from echelon.inertia.spatial import Array, pseudo_inertia
+from echelon.mechanism.body import GROUND
 from echelon.mechanism.joint import Joint, MotionKind, Step, merge
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut
 from echelon.mechanism.placement import ORIGIN, Placement, Vector
 from echelon.program.scalar import Scalar

@@ -22,8 +22,8 @@ from echelon.exact.numbers import cosine_of_turn
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.reading_options import LENGTH_TOLERANCE, PRECISION
 from echelon.formats.snapping import Snapping
+from echelon.mechanism.body import GROUND, Body
 from echelon.mechanism.joint import Motion, MotionKind, Step, merge
-from echelon.mechanism.mechanism import GROUND, Body
 from echelon.mechanism.placement import Matrix, Placement, Vector, multiply, rotate, transpose, turn
 from echelon.mechanism.reading import Snap
 from echelon.mechanism.stated import vanishes

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import matmul
 
+from echelon.mechanism.body import ALL, GROUND, Body
 from echelon.mechanism.joint import Joint, Step, floating_motions, merge
-from echelon.mechanism.mechanism import ALL, GROUND, Body
 from echelon.mechanism.placement import Placement
 
 BASE = "base"

@@ -36,9 +36,10 @@ from echelon.formats.literal import (
 )
 from echelon.formats.reading_options import ReadingOptions, gravity_vector
 from echelon.formats.snapping import Snapping, symbol_stem
+from echelon.mechanism.body import ALL, GROUND, Symbol
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.joint import Motion, MotionKind, Step, merge
-from echelon.mechanism.mechanism import ALL, GROUND, Mechanism, Symbol, setup_placements
+from echelon.mechanism.mechanism import Mechanism, setup_placements
 from echelon.mechanism.output import Cut, JointForce, Output, plain
 from echelon.mechanism.placement import Placement, shift, turn
 from echelon.mechanism.reading import Snap

@@ -19,10 +19,10 @@ import numpy as np
 from echelon.exact.polynomial import Polynomial, as_polynomial, is_trigonometric, symbol_of
 from echelon.formats.reading_options import PRECISION
 from echelon.formats.snapping import Snapping
+from echelon.mechanism.body import GROUND, Body, Symbol
 from echelon.mechanism.closed_pose import turned_by
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import Motion, MotionKind
-from echelon.mechanism.mechanism import GROUND, Body, Symbol
 from echelon.mechanism.placement import IDENTITY, Placement, Vector, shift
 from echelon.mechanism.reading import Snap
 from echelon.mechanism.stated import placement_matrix

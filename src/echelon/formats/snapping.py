@@ -24,6 +24,7 @@ from echelon.exact.numbers import Rational, decimal_text, inverse, square_root
 from echelon.exact.polynomial import Polynomial, as_polynomial, format_polynomial
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree, Triple
 from echelon.formats.reading_options import LARGEST_ANGLE, LENGTH_TOLERANCE, PRECISION, ReadingOptions
+from echelon.mechanism.body import Symbol
 from echelon.mechanism.joint import (
     Motion,
     MotionKind,
@@ -31,7 +32,6 @@ from echelon.mechanism.joint import (
     floating_motions,
     planar_motions,
 )
-from echelon.mechanism.mechanism import Symbol
 from echelon.mechanism.placement import Placement, Vector, as_matrix, shift, turn
 from echelon.mechanism.reading import Snap
 

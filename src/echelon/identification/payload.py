@@ -22,7 +22,7 @@ from echelon.errors import InputError
 from echelon.hints import nearest_of
 from echelon.identification.rows.rows import ModelRows, RowBlock, Rows, observed
 from echelon.logs.recording import Samples
-from echelon.mechanism.mechanism import ALL
+from echelon.mechanism.body import ALL
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
 

@@ -33,8 +33,9 @@ from echelon.exact.polynomial import (
     sine,
     symbol_of,
 )
+from echelon.mechanism.body import Symbol
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import Mechanism, Symbol, setup_expressions, setup_placements, setup_ratios
+from echelon.mechanism.mechanism import Mechanism, setup_expressions, setup_placements, setup_ratios
 from echelon.mechanism.placement import Placement
 from echelon.mechanism.substitute import substituted
 from echelon.program.text import phase_symbols

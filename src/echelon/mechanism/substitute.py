@@ -22,10 +22,11 @@ from echelon.exact.polynomial import (
     sine,
     symbol_of,
 )
+from echelon.mechanism.body import Body
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.effect import Effect
 from echelon.mechanism.joint import Motion, MotionKind, Step, merge
-from echelon.mechanism.mechanism import Body, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Channel, Cut, Output
 from echelon.mechanism.placement import Matrix, Placement, Vector
 

@@ -17,8 +17,9 @@ import numpy as np
 
 from echelon.exact.elimination import rank
 from echelon.exact.field import PrimeField
+from echelon.mechanism.body import ALL, GROUND
 from echelon.mechanism.effect import Side
-from echelon.mechanism.mechanism import ALL, GROUND, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import GENERAL, StatedValues
 from echelon.program.sampling import FieldSampler
 from echelon.program.tape import Program

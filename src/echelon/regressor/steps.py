@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeVar
 
+from echelon.mechanism.body import GROUND
 from echelon.mechanism.joint import Motion, MotionKind
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement
 from echelon.program.tape import Program, Scalar
 from echelon.regressor.spatial import Mat, Vec, apply, transposed

@@ -16,7 +16,8 @@ from echelon.base.base_set import Identifiability
 from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import one_line
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.body import GROUND
+from echelon.mechanism.mechanism import Mechanism
 from echelon.report.pose import Pose, projection, widest_view
 
 CLASSES = {

@@ -14,7 +14,8 @@ from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.result import Identification
 from echelon.inertia.convert import convert
-from echelon.mechanism.mechanism import Body, Mechanism
+from echelon.mechanism.body import Body
+from echelon.mechanism.mechanism import Mechanism
 from echelon.report.closed_forms import ClosedForms
 from echelon.report.digits import to_place, with_uncertainty
 from echelon.report.page import Context

@@ -10,8 +10,9 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import EchelonError
+from echelon.mechanism.body import GROUND
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement
 from echelon.mechanism.stated import placement_matrix, symbol_values
 from echelon.regressor.loops.assembly import Assembly

@@ -16,8 +16,9 @@ from echelon.arrays import Floats
 from echelon.dynamics.kinematics import Kinematics
 from echelon.errors import EchelonError, one_line
 from echelon.excite.exciting_trajectory import ExcitingTrajectory
+from echelon.mechanism.body import GROUND, Body
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import GROUND, Body, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 from echelon.regressor.loops.assembly import Assembly
 from echelon.report.page import Context, packed

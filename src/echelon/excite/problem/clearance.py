@@ -33,8 +33,9 @@ from echelon.excite.problem.state_limits import Slopes, StateConstraint
 from echelon.excite.problem.stated_shapes import WORLD
 from echelon.formats.mjcf.mjcf_model import import_mujoco
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
+from echelon.mechanism.body import GROUND
 from echelon.mechanism.joint import MotionKind
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 
 _OLDEST = (3, 12)
 """Versions of MuJoCo before this one have wrong distances, by up to decimetres, for some convex shapes far apart."""

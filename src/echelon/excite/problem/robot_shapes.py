@@ -23,7 +23,8 @@ from echelon.formats.literal import LiteralPlacement, LiteralTree, numeric_place
 from echelon.formats.mjcf.mjcf_model import import_mujoco, keep_bodies, parse_spec
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
 from echelon.formats.robot_file import RobotFile
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.body import GROUND
+from echelon.mechanism.mechanism import Mechanism
 
 STAND_IN = "shapes of the set-up can stand in for it"
 """Advice for a shape that cannot be read."""

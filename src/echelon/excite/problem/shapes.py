@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
-from echelon.mechanism.mechanism import GROUND
+from echelon.mechanism.body import GROUND
 
 _RIGID = 1e-9  # how far a rotation matrix may be from orthogonal
 

@@ -24,7 +24,8 @@ from echelon.errors import InputError
 from echelon.excite.problem.robot_shapes import find_mesh, mesh_shape, mesh_vertices
 from echelon.excite.problem.shapes import Kind, Shape, placed, z_along
 from echelon.formats.literal import rotation_matrix
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.body import GROUND
+from echelon.mechanism.mechanism import Mechanism
 
 WORLD = ("world", "base", "ground")
 """Names of the fixed world, unless a body has one of them."""

@@ -24,8 +24,9 @@ from echelon.exact.polynomial import Polynomial
 from echelon.excite.problem.clearance import Clearance
 from echelon.excite.problem.shapes import Shape, extent, plane_gaps
 from echelon.excite.verify.margins import Margin
+from echelon.mechanism.body import GROUND
 from echelon.mechanism.joint import Motion, MotionKind, Step
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement
 from echelon.mechanism.stated import placement_matrix, symbol_values
 

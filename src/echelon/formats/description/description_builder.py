@@ -31,8 +31,9 @@ from echelon.formats.reading_options import ReadingOptions, StatedJoint, gravity
 from echelon.formats.snapping import numeric_value, symbol_stem
 from echelon.hints import nearest_of, unused
 from echelon.inputs.yaml_text import step_into
+from echelon.mechanism.body import ALL, GROUND, Body
 from echelon.mechanism.joint import Joint, Motion, Step, floating_motions, merge
-from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import ORIGIN, Placement
 from echelon.mechanism.reading import Snap
 

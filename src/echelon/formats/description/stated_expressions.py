@@ -25,7 +25,8 @@ from echelon.formats.literal import LiteralTree
 from echelon.formats.reading_options import NOT_FINITE, ReadingOptions, checked_size, gravity_vector
 from echelon.formats.snapping import Snapping
 from echelon.hints import nearest
-from echelon.mechanism.mechanism import Mechanism, Symbol, setup_expressions
+from echelon.mechanism.body import Symbol
+from echelon.mechanism.mechanism import Mechanism, setup_expressions
 from echelon.mechanism.placement import ORIGIN, Placement, Vector
 from echelon.mechanism.reading import Snap
 from echelon.mechanism.stated import symbol_roles

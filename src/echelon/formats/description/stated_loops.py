@@ -18,10 +18,11 @@ from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.description.stated_joints import Joints
 from echelon.formats.snapping import symbol_stem
 from echelon.hints import nearest_of
+from echelon.mechanism.body import Body
 from echelon.mechanism.closed_pose import follow
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import X, Y, Z
-from echelon.mechanism.mechanism import Body, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement, turn
 from echelon.regressor.loops.closing import close
 from echelon.regressor.loops.exact_pose import check_pose

@@ -14,10 +14,11 @@ from echelon.formats.description.stated_joints import CouplingReader, Joints
 from echelon.formats.description.stated_loops import FindPart
 from echelon.formats.usual_effects import effect_label, slides
 from echelon.hints import nearest_of
+from echelon.mechanism.body import Body
 from echelon.mechanism.coupling import Coupling, linear
 from echelon.mechanism.effect import Action, Effect, Side, ready_made
 from echelon.mechanism.joint import Joint, Motion, MotionKind, merge
-from echelon.mechanism.mechanism import Body, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, Channel, Cut, JointForce, Output, plain
 from echelon.mechanism.transmission import Actuator
 

@@ -15,11 +15,12 @@ from echelon.exact.polynomial import Polynomial, format_polynomial
 from echelon.formats.bodies import BASE
 from echelon.formats.description.stated_expressions import GENERIC
 from echelon.formats.schema.schema_setup import COMPONENTS
+from echelon.mechanism.body import ALL, GROUND, Body, Symbol
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.coupling import Coupling, Spline
 from echelon.mechanism.effect import Effect
 from echelon.mechanism.joint import Joint, Motion, MotionKind, Step
-from echelon.mechanism.mechanism import ALL, GROUND, Body, Mechanism, Symbol, setup_expressions
+from echelon.mechanism.mechanism import Mechanism, setup_expressions
 from echelon.mechanism.output import ActuatorForce, Cut, JointForce, Output
 from echelon.mechanism.placement import IDENTITY, ORIGIN, Placement, Vector
 

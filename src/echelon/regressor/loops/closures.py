@@ -16,9 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.exact.field import PrimeField, Residues
+from echelon.mechanism.body import GROUND
 from echelon.mechanism.closure import Closure
 from echelon.mechanism.joint import Motion
-from echelon.mechanism.mechanism import GROUND, Mechanism
+from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement
 from echelon.program.tape import Scalar
 from echelon.regressor.loops.moving import Pose
