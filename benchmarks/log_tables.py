@@ -36,9 +36,9 @@ def overall(scores: Sequence[Any]) -> float:
     return float(np.sqrt(rows @ rms**2 / rows.sum()))
 
 
-def summary(name: str, unseen: str, scores: Sequence[Any], beside: str) -> list[str]:
+def summary(name: str, unseen: str, scores: Sequence[Any], beside: str, *, unit: str = "") -> list[str]:
     """A row of the summary."""
-    unit = scores[0].unit
+    unit = unit or scores[0].unit
     rms, percent = figures(column(scores, "rms")), figures(column(scores, "percent"), 2)
     return [name, unseen, percent, quality(column(scores, "r2")), f"{rms} {unit}", beside]
 

@@ -89,7 +89,7 @@ def model(name: str) -> ec.BaseModel:
 def truth(name: str) -> np.ndarray:
     """Base parameters of bodies of about 3 kg and 0.3 m, with friction that counts."""
     base, rng, standard = model(name), np.random.default_rng(1), []
-    for body in base.mechanism.bodies:
+    for _ in base.mechanism.bodies:
         mass, centre = rng.uniform(2, 4), rng.uniform(-0.15, 0.15, 3)
         inertia = mass * (0.02 * np.eye(3) + centre @ centre * np.eye(3) - np.outer(centre, centre))
         standard += [*inertia[np.triu_indices(3)], *(mass * centre), mass]
@@ -101,7 +101,10 @@ def motion(base: ec.BaseModel, fundamental: float, t: np.ndarray, rng: np.random
     """Positions, velocities and accelerations: five waves in every coordinate that never repeat; a base turns to all sides."""
     count = len(base.mechanism.velocities)
     w = 2 * np.pi * fundamental * (np.arange(1, 6)[:, None] + rng.uniform(-0.4, 0.4, (5, count)))
-    sizes, phases = rng.uniform(0.15, 0.45, (5, count)) / np.arange(1, 6)[:, None] ** 0.5, rng.uniform(0, 6.3, (5, count))
+    sizes, phases = (
+        rng.uniform(0.15, 0.45, (5, count)) / np.arange(1, 6)[:, None] ** 0.5,
+        rng.uniform(0, 6.3, (5, count)),
+    )
     waves = np.exp(1j * (t[:, None, None] * w + phases))
     q, qd, qdd = ((sizes * waves * (1j * w) ** k).real.sum(axis=1) for k in range(3))
     if not any(body.joint.kind == "floating" for body in base.mechanism.bodies):
@@ -111,8 +114,6 @@ def motion(base: ec.BaseModel, fundamental: float, t: np.ndarray, rng: np.random
 
 def turned(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A floating base whose three angles about x, y and z are the coordinates 3 to 5: a quaternion and its rates."""
-    from scipy.spatial.transform import Rotation
-
     from echelon.signals.derivatives import body_rates
 
     # each factor is (cos a/2, sin a/2 · axis); products and their derivatives by Leibniz's rule
@@ -131,7 +132,6 @@ def turned(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, 
         a, b = whole, other
         whole = [times(a[0], b[0]), times(a[1], b[0]) + times(a[0], b[1]),
                  times(a[2], b[0]) + 2 * times(a[1], b[1]) + times(a[0], b[2])]  # fmt: skip
-    assert Rotation is not None
     unit, omega, alpha = body_rates(*whole)
     return (
         np.hstack([q[:, :3], unit, q[:, 6:]]),
