@@ -14,8 +14,8 @@ import numpy as np
 import echelon as ec
 from echelon.exact.expressions import parse, parse_angle
 from echelon.exact.polynomial import Polynomial, float_generators
-from echelon.mechanism.joint import Joint, Motion, merge, rotation
 from echelon.mechanism.body import GROUND, Body, Symbol
+from echelon.mechanism.joint import Joint, Motion, merge, rotation
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement, shift, turn
 
