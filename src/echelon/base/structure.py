@@ -22,6 +22,7 @@ from echelon.base.rows import Rows, rows_of
 from echelon.errors import DegenerateSampleError, EchelonError, OtherModeError, SingularPoseError
 from echelon.exact.field import PrimeField
 from echelon.mechanism.body import ALL, GROUND, Body
+from echelon.mechanism.closed_pose import shown_loops
 from echelon.mechanism.joint import Joint, Motion, Step, floating_motions
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import Cut
@@ -148,7 +149,7 @@ def _modes(
         modes, own = find_modes(rows, rng, None if singular else wanted)
         if own is None and not singular:
             ranks = [len(columns) - len(mode.dependence) for mode in modes]
-            raise OtherModeError(pose.rank, ranks, bool(mechanism.closed_at))
+            raise OtherModeError(shown_loops(mechanism), pose.rank, ranks, bool(mechanism.closed_at))
     if own is None:  # modes meet there
         own = modes[0] if len(modes) == 1 else replace(modes[0], marks=None if modes[0].marks else modes[0].marks)
     return modes, own
