@@ -238,21 +238,18 @@ def _own_answer(
     mechanism: Mechanism, rng: np.random.Generator, recorded: LinearForms | None, generic: bool
 ) -> OwnAnswer:
     values = stated_values(mechanism)
-    if values.names and set(values.names) <= _symbols_of_pose(
-        mechanism
-    ):  # general values of these are nobody's question
-        at_values = stated_structure(mechanism, rng)
-        if at_values.accepted is None and _shows_no_more(mechanism, at_values, rng):
-            return OwnAnswer(mechanism, at_values)
+    if not values.names:
+        return OwnAnswer(mechanism, find_structure(mechanism, rng))
+    at_values, undecided = _at_values(mechanism, rng) if mechanism.closures else (None, "")
+    if at_values is not None and _is_general_with_loops(mechanism, at_values, values, rng):
+        return OwnAnswer(mechanism, at_values)
     structure = find_structure(mechanism, rng)
-    if not values.names or _is_general(mechanism, structure, values, recorded, rng):
-        return OwnAnswer(mechanism, structure)
-    try:
-        at_values = stated_structure(mechanism, rng)
-    except OtherModeError:
-        raise
-    except EchelonError as error:
-        return OwnAnswer(mechanism, structure, undecided=f"for general symbols, since at the stated values {error}")
+    if not mechanism.closures:
+        if _is_general(mechanism, structure, values, recorded, rng):
+            return OwnAnswer(mechanism, structure)
+        at_values, undecided = _at_values(mechanism, rng)
+    if at_values is None:
+        return OwnAnswer(mechanism, structure, undecided=undecided)
     if at_values.pivots == structure.pivots:
         return OwnAnswer(mechanism, structure)
 
@@ -265,13 +262,22 @@ def _own_answer(
     return OwnAnswer(mechanism, structure, special) if generic else OwnAnswer(own, find_structure(own, rng), special)
 
 
-def _symbols_of_pose(mechanism: Mechanism) -> set[str]:
-    """Symbols that stand for angles at which loops were closed."""
-    return {symbol for position in mechanism.closed_at.values() for x in position for symbol in x.symbols()}
+def _at_values(mechanism: Mechanism, rng: np.random.Generator) -> tuple[Structure | None, str]:
+    """The structure at the stated values, or why it could not be found."""
+    try:
+        return stated_structure(mechanism, rng), ""
+    except OtherModeError:
+        raise
+    except EchelonError as error:
+        return None, f"for general symbols, since at the stated values {error}"
 
 
-def _shows_no_more(mechanism: Mechanism, structure: Structure, rng: np.random.Generator) -> bool:
-    """Whether general values of the symbols have the same representatives as the stated ones, at a random point."""
+def _is_general_with_loops(
+    mechanism: Mechanism, structure: Structure, values: StatedValues, rng: np.random.Generator
+) -> bool:
+    """Whether the structure at the stated values holds for general ones, too, as it does at a random point."""
+    if structure.accepted is not None:
+        return False
     columns = sorted({*structure.pivots, *structure.by_robot})
     rows = rows_of(mechanism).columns(columns)
     field = PrimeField.random(rng)
@@ -279,7 +285,14 @@ def _shows_no_more(mechanism: Mechanism, structure: Structure, rng: np.random.Ge
         found = dependent_columns(rows, rows.forms.sampler(structure.order), rows.forms.shape[1], field, rng)
     except (DegenerateSampleError, SingularPoseError):
         return False
-    return [c for k, c in enumerate(columns) if k not in found] == list(structure.pivots)
+    supports = {columns[k]: tuple(columns[s] for s in support) for k, support in found.items()}
+    # symbols that stand for angles at which loops were closed are in no closed form
+    of_pose = {symbol for position in mechanism.closed_at.values() for x in position for symbol in x.symbols()}
+    return (
+        supports.keys() == structure.by_robot.keys()
+        if of_pose.issuperset(values.names)
+        else supports == structure.by_robot
+    )
 
 
 def at_stated_values(mechanism: Mechanism) -> Mechanism:
@@ -320,8 +333,8 @@ def _is_general(
     rng: np.random.Generator,
 ) -> bool:
     """Whether the general representatives are proved independent at the stated values."""
-    if mechanism.closures or not values.can_be_drawn or _constrains_effects(mechanism, values):
-        return False  # their symbols have no values that could simply be drawn
+    if not values.can_be_drawn or _constrains_effects(mechanism, values):
+        return False
     forms = virtual_power_form(mechanism) if recorded is None else recorded
     return find_minor(forms, structure.pivots, values, rng).rank == structure.rank
 

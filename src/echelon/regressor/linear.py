@@ -59,14 +59,17 @@ class LinearForms:
 
     def sampler(self, order: int | None = None) -> FieldSampler:
         """Evaluates all entries at random states modulo primes."""
-        if order not in self._samplers:
+        if not self._samplers:
             nodes = list(self.entries.values())
-            self._samplers[order] = (
+            self._samplers[None] = (
                 FieldSampler(self.program, nodes, self.values)
                 if self.loops is None
-                else CurveSampler(self.program, nodes, self.loops, order or self.loops.order)
+                else CurveSampler(self.program, nodes, self.loops)
             )
-        return self._samplers[order]
+        sampler = self._samplers[None]
+        if order is not None and isinstance(sampler, CurveSampler) and order not in self._samplers:
+            self._samplers[order] = sampler.with_order(order)
+        return self._samplers.get(order, sampler)
 
     def stacked(self, values: Residues) -> Residues:
         """Sampled entries as matrices, one for each geometry."""

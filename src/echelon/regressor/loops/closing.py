@@ -206,7 +206,7 @@ def _jacobian(mechanism: Mechanism, work: float = inf) -> tuple[PrimeField, Resi
     loops = loops_of(mechanism, recorder)
     assert loops is not None
     loops = replace(loops, work=work)
-    sampler, rng = CurveSampler(program, [], loops, loops.order), random_generator(DEFAULT_SEED)
+    sampler, rng = CurveSampler(program, [], loops), random_generator(DEFAULT_SEED)
     for _ in range(_ATTEMPTS):
         field = PrimeField.random(rng)
         try:

@@ -10,6 +10,7 @@ quaternion, of one dimension more than there are velocities to solve for; the un
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, reduce
 from itertools import combinations_with_replacement, product
@@ -33,19 +34,21 @@ Polynomial = dict[tuple[int, ...], Residues]
 class ClosureBlock:
     """Equations, and the coordinates to solve them for."""
 
-    def __init__(self, recorded: Recorded, rows: tuple[int, ...], unknown: tuple[int, ...]) -> None:
-        self.recorded, self.rows, self.unknown = recorded, rows, unknown
+    def __init__(self, recorded: Recorded, nodes: Sequence[int], unknown: tuple[int, ...]) -> None:
+        self.recorded, self.nodes, self.unknown = recorded, nodes, unknown
         self._parts = _parts(recorded, unknown)
         widths = [part.width for part in self._parts]
         self._offsets = [sum(widths[:k]) for k in range(len(widths))]
         self._variables = sum(widths)
+        # evaluations for each sample, and the operations that they take
         self.points = prod(len(_points(part.width, part.degree)) for part in self._parts)
+        self.work = self.points * len(recorded.program.needed(nodes))
         self._solver = Solver(self._variables)
-        self._equations = recorded.some_equations(rows)
+        self.equations = recorded.schedule(nodes)
 
     def fewer(self) -> ClosureBlock:
         """The block with one of the unknown coordinates drawn."""
-        return ClosureBlock(self.recorded, self.rows, self.unknown[1:])
+        return ClosureBlock(self.recorded, self.nodes, self.unknown[1:])
 
     def solve(self, positions: Positions, pose: Pose) -> Solutions:
         """Values of the unknown coordinates at which the equations hold."""
@@ -53,9 +56,8 @@ class ClosureBlock:
 
     def put(self, pose: Pose, points: Residues, field: PrimeField) -> None:
         """Write solutions (samples, variables) into poses, those that they were found from."""
-        samples = np.arange(len(points))
         for part, offset in zip(self._parts, self._offsets, strict=True):
-            part.put(pose, samples, points[:, offset : offset + part.width].T, field)
+            part.put(pose, points[:, offset : offset + part.width].T, field)
 
     def _polynomials(self, positions: Positions, pose: Pose) -> list[Polynomial]:
         """The equations by the coefficients of their monomials; circles and spheres are among them."""
@@ -79,14 +81,12 @@ class ClosureBlock:
         """Coefficients, (samples, monomials of every unknown …, equations)."""
         field, samples = positions.field, len(pose.turns)
         points = [_points(part.width, part.degree) for part in self._parts]
-        corners = list(product(*points))
-        probes = pose.repeated(len(corners))
-        for number, corner in enumerate(corners):
-            places = np.arange(number, samples * len(corners), len(corners))
-            for part, point in zip(self._parts, corner, strict=True):
-                part.put(probes, places, point, field)
-        repeated = positions.at(np.repeat(np.arange(samples), len(corners)))
-        values = repeated.equations(probes, self._equations).reshape(samples, *map(len, points), len(self.rows))
+        corners = np.indices([len(point) for point in points]).reshape(len(points), -1)
+        probes = pose.repeated(corners.shape[1])
+        for part, point, corner in zip(self._parts, points, corners, strict=True):
+            part.put(probes, np.tile(point[corner].T, samples), field)
+        repeated = positions.at(np.repeat(np.arange(samples), corners.shape[1]))
+        values = repeated.equations(probes, self.equations).reshape(samples, *map(len, points), len(self.nodes))
         for axis, part in enumerate(self._parts, 1):
             moved = _interpolated(np.moveaxis(values, axis, 0), part.width, part.degree, field)
             values = np.moveaxis(moved, 0, axis)
@@ -108,9 +108,9 @@ class _Part:
         """Number of variables."""
         return len(self.directions)
 
-    def put(self, pose: Pose, samples: Integers, point: Residues, field: PrimeField) -> None:
-        """Write values of the variables, (variables,) or (variables, samples), into some samples of a pose."""
-        self._values(pose)[samples] = self._at(self._values(pose)[samples], point, field)
+    def put(self, pose: Pose, point: Residues, field: PrimeField) -> None:
+        """Write values of the variables, (variables, samples), into a pose."""
+        self._values(pose)[:] = self._at(self._values(pose), point, field)
 
     def size(self, pose: Pose, point: Residues, field: PrimeField) -> Residues:
         """Square of the point's size at every sample: 1 on circles and spheres."""

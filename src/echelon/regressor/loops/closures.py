@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from echelon.exact.field import PrimeField, Residues
 from echelon.mechanism.body import GROUND
-from echelon.mechanism.closure import Closure
+from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import Motion
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.placement import Placement
@@ -44,6 +44,15 @@ class ClosureEquations:
     wrenches: tuple[Wrench, ...]
 
 
+@dataclass(frozen=True)
+class Wrist:
+    """Rotations of a welded loop about one point, three or more, on which it does not depend where that point is."""
+
+    owner: str  # name of the closure
+    freedoms: tuple[str, ...]
+    centre: tuple[int, ...]  # nodes: the point along one way from the base less the same along the other way
+
+
 RealInputs = Callable[[np.random.Generator, int], Mapping[str, npt.NDArray[np.float64]]]
 Accepts = Callable[[PrimeField, np.random.Generator, Mapping[str, Residues], Pose], npt.NDArray[np.bool_]]
 
@@ -53,6 +62,7 @@ class Loops:
     """What keeps the motions of recorded forms on closed configurations."""
 
     equations: ClosureEquations
+    wrists: tuple[Wrist, ...]
     motions: tuple[Motion, ...]  # those whose coordinates no coupling makes dependent
     # virtual velocities of some freedoms, by node; those of the others are the inputs v[...].  None where all are, and
     # every virtual motion that keeps the loops closed is wanted
@@ -93,6 +103,16 @@ def record_closures(mechanism: Mechanism, recorder: Recorder, probes: Probes | N
             wrenches.append((_negative(on_first[0]), _negative(on_first[1])))
     jacobian = {key: value.node for key, value in sums.items() if not value.is_zero}
     return ClosureEquations(tuple(equations), jacobian, tuple(owners), tuple(is_length), tuple(wrenches))
+
+
+def record_wrists(mechanism: Mechanism, recorder: Recorder) -> Iterator[Wrist]:
+    """Record the centres of the wrists of all welded loops on a recorder's program."""
+    for closure in mechanism.closures:
+        if closure.kind is ClosureKind.WELD:
+            loop = _Loop(mechanism, recorder, None, closure)
+            for freedoms, centre in (*loop.wrists(loop.first, loop.second), *loop.wrists(loop.second, loop.first)):
+                if recorder.slopes.keys().isdisjoint(freedoms):
+                    yield Wrist(closure.name, freedoms, tuple(x.node for x in centre))
 
 
 def _independent(recorder: Recorder, efforts: list[tuple[str, Scalar]]) -> Iterator[tuple[str, Scalar]]:
@@ -142,6 +162,16 @@ class _Loop:
     def efforts(self, on_first: Wrench, on_second: Wrench) -> list[tuple[str, Scalar]]:
         """The effort that wrenches need at each freedom."""
         return [*_carried_back(self.first, on_first), *_carried_back(self.second, on_second)]
+
+    def wrists(self, chain: list[Step], other: list[Step]) -> Iterator[tuple[tuple[str, ...], Vec]]:
+        """Rotations of a chain about one point, and that point as the chain has it less as the other chain has it."""
+        ends = [k for k, step in enumerate(chain) if step.shift and not all(x.is_zero for x in step.shift)]
+        for start, stop in zip([0, *ends], [*ends, len(chain)], strict=True):
+            turning = [f.name for s in chain[start:stop] for f in s.freedoms if all(x.is_zero for x in f.linear)]
+            if len(turning) >= len(self.recorder.zeros):
+                axes, origin = self._frame(other)
+                behind = add(origin, apply(axes, _back(chain[stop:], self.recorder.zeros)))
+                yield tuple(turning), add(self._frame(chain[: start + 1])[1], _negative(behind))
 
     def _frame(self, chain: list[Step]) -> tuple[Mat, Vec]:
         """Axes and origin at the end of a chain, in the frame where it begins."""

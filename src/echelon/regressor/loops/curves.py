@@ -8,7 +8,10 @@ coefficients of a row along such curves span what the row spans at all configura
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import replace
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 import numpy.typing as npt
@@ -41,22 +44,22 @@ _SURPLUS = 3  # halves: that many more coefficients are taken than states, becau
 class CurveSampler(FieldSampler):
     """Evaluates outputs of a program along random curves of closed configurations."""
 
-    def __init__(self, program: Program, outputs: Sequence[int], loops: Loops, order: int) -> None:
-        entries = loops.equations.jacobian
-        closing = [*loops.equations.equations, *entries.values()]
+    def __init__(self, program: Program, outputs: Sequence[int], loops: Loops) -> None:
+        closing = loops.equations
         known = [node for nodes in loops.closed_at.values() for node in nodes]
-        super().__init__(program, [*outputs, *closing, *known, *(loops.speeds or {}).values()])
-        self.loops, self.order = loops, order
+        centres = [node for wrist in loops.wrists for node in wrist.centre]
+        parts = [outputs, closing.equations, closing.jacobian.values(), known, (loops.speeds or {}).values(), centres]
+        super().__init__(program, [node for part in parts for node in part])
+        self.loops, self.order = loops, loops.order
         layout = Layout(loops.motions)
         functions = [n for n in self._schedule.leaves if n not in self.program.inputs]
-        first, last = len(outputs), len(outputs) + len(closing)
-        speeds = last + len(known)
-        equations = self.outputs[first : first + len(loops.equations.equations)]
+        nodes = iter(self.outputs)  # the same on the program of the sampler
+        main, equations, slopes, known, speeds, centres = (list(islice(nodes, len(part))) for part in parts)
         if self._arcs:
             raise UnknownRelationsError("an arc tangent of what moves in a mechanism with loops")
-        self._main_outputs = first
-        self._main = Schedule(self.program, self.outputs[:first], functions)
-        self._speeds = Schedule(self.program, self.outputs[speeds:], functions)
+        self._main_outputs = main
+        self._main = Schedule(self.program, main, functions)
+        self._speeds = Schedule(self.program, speeds, functions)
         turns, turning = self._moving_turns(layout)
         moving = [n for n in self._functions if self.program.ops[n] == Op.EXP and self._moves(n)]
         self._exponentials = Exponentials(self.canonical, moving, self._sign_leaves, functions)
@@ -65,23 +68,31 @@ class CurveSampler(FieldSampler):
             units[place] = self.canonical.unit(generator)
         self._recorded = Recorded(
             self.program,
+            functions,
             layout,
             equations,
             Schedule(self.program, equations, functions),
-            Schedule(self.program, self.outputs[first + len(equations) : last], functions),
-            list(entries),
-            loops.equations.owners,
-            Schedule(self.program, self.outputs[last:speeds], functions),
+            Schedule(self.program, slopes, functions),
+            list(closing.jacobian),
+            closing.owners,
+            closing.is_length,
+            [replace(wrist, centre=tuple(centres[3 * k : 3 * k + 3])) for k, wrist in enumerate(loops.wrists)],
+            Schedule(self.program, known, functions),
             [(name, loops.parts.get(name, 1), len(nodes)) for name, nodes in loops.closed_at.items()],
             turns,
             turning,
             units,
         )
         preferred = [layout.names.index(name) for name in loops.preferred]
-        self._regular = False  # whether curves go on from the poses that are found
         # zero is a pose of the wanted way to assemble only where no other is stated
         stated = [None, loops.assembly] if loops.stated else []
         self._poses = PoseFinder(preferred, stated, loops.work, loops.accepts)
+
+    def with_order(self, order: int) -> CurveSampler:
+        """The sampler with another number of coefficients along curves; both know the poses that were found."""
+        other = copy(self)
+        other.order = order
+        return other
 
     def evaluate(
         self, field: PrimeField, rng: np.random.Generator, states: int, geometry: Mapping[str, Residues]
@@ -100,15 +111,14 @@ class CurveSampler(FieldSampler):
             except SingularPoseError:
                 if not self._poses.leave_stated():
                     raise
-                self._regular = False
 
     def closed_pose(self, field: PrimeField, rng: np.random.Generator, geometry: Mapping[str, Residues]) -> Pose:
         """A closed pose for every geometry."""
         while True:
             positions = self._positions(field, rng, geometry)
             pose = self._poses.find(positions, rng)
-            self._regular = self._regular or self._is_regular(positions, pose, rng)
-            if self._regular:
+            self._poses.regular = self._poses.regular or self._is_regular(positions, pose, rng)
+            if self._poses.regular:
                 return pose
             if not self._poses.leave_stated():
                 raise ShakyPoseError("at closed poses, velocities are possible from which no motion goes on")
@@ -185,7 +195,7 @@ class CurveSampler(FieldSampler):
         if self.loops.real is None:
             raise UnknownRelationsError("signs of what moves in a mechanism with loops")
         states = self.loops.real(random_generator(DEFAULT_SEED), REAL_STATES)
-        return closed_regions(self.program, self.outputs[: self._main_outputs], self._sign_leaves, states)
+        return closed_regions(self.program, self._main_outputs, self._sign_leaves, states)
 
     def _signs(self, field: PrimeField, rng: np.random.Generator, samples: int) -> dict[int, Residues]:
         """Values of the nodes that are signs: regions take turns, in random order."""

@@ -17,14 +17,14 @@ from echelon.exact.field import Residues
 from echelon.exact.zero_dimensional import UnsolvedSystemError
 from echelon.regressor.loops.closed_curve import choose
 from echelon.regressor.loops.closure_block import ClosureBlock
-from echelon.regressor.loops.closures import Accepts
+from echelon.regressor.loops.closures import Accepts, Wrist
 from echelon.regressor.loops.moving import Pose
-from echelon.regressor.loops.positions import Positions
+from echelon.regressor.loops.positions import Positions, Recorded
 
 _ROUNDS = 40
-_MOST_TRIES = 1024
+_MOST_TRIES = 1 << 15
 _MOST_POINTS = 3**6  # at which the equations of a block are evaluated, for each sample
-_MOST_WORK = 2e6  # evaluations of the equations, for each sample, until a first solution is found: half a minute
+_MOST_WORK = 2e7  # evaluations of the equations, for each sample, until a first solution is found: half a minute
 _LEAST_KEPT = 64  # variants of a pose while loops are closed one after the other
 _FAILURES = 8  # of the tries that close a loop with one unknown about once in two
 
@@ -43,9 +43,9 @@ class PoseFinder:
     ) -> None:
         self._preferred, self._accepts, self._work = preferred, accepts, work
         self._stated = list(stated)
-        self._takes_stated = False
+        self._takes_stated = self.regular = False  # whether curves go on from the poses that are found
         self._blocks: list[ClosureBlock] | None = None
-        self._manageable: set[int] = set()
+        self._manageable: set[ClosureBlock] = set()
         self._spent = 0.0  # work since a pose was found last, over all primes
 
     def find(self, positions: Positions, rng: np.random.Generator) -> Pose:
@@ -64,8 +64,7 @@ class PoseFinder:
         self._stated = []
         if self._blocks is None:
             self._blocks = self._planned(positions, rng)
-            operations = len(recorded.program.needed(list(recorded.nodes)))
-            if sum(block.points for block in self._blocks) * operations > self._work:
+            if sum(block.work for block in self._blocks) > self._work:
                 raise SingularPoseError("too many coordinates would have to be solved for")
         found = self._solved(positions, rng, samples, self._blocks)
         self._spent = 0.0
@@ -85,7 +84,7 @@ class PoseFinder:
 
     def leave_stated(self) -> bool:
         """No longer take the zero or assembly pose, because it is singular; returns whether it was taken so far."""
-        before, self._stated, self._takes_stated = self._takes_stated, [], False
+        before, self._stated, self._takes_stated, self.regular = self._takes_stated, [], False, False
         return before
 
     # -- plan ------------------------------------------------------------------------------------------------------
@@ -111,24 +110,39 @@ class PoseFinder:
                 earlier = [k for group, _ in groups for k in group]
                 needed = rank(jacobian[earlier + rows], field) - rank(jacobian[earlier], field)
             groups.append((rows, columns))
-        return [self._block(jacobian, rows, columns, positions) for rows, columns in groups]
+        return [block for rows, columns in groups for block in self._planned_for(jacobian, rows, columns, positions)]
 
-    def _block(self, jacobian: Residues, rows: list[int], columns: list[int], positions: Positions) -> ClosureBlock:
+    def _planned_for(
+        self, jacobian: Residues, rows: list[int], columns: list[int], positions: Positions
+    ) -> list[ClosureBlock]:
+        """Loops that are closed together; where a wrist is solved for, its centre is brought to its place first."""
         recorded, field = positions.recorded, positions.field
         balls = recorded.layout.ball_places.ravel().tolist()
+        wrist, turns = self._wrist(jacobian, rows, columns, recorded)
         # what gears multiply, components of balls, then screws, then what is preferred, should rather be drawn
-        wanted = (*recorded.geared, *balls, *recorded.threaded, *self._preferred)
-        last = [columns.index(c) for c in wanted if c in columns]
-        choice = choose(jacobian[np.ix_(rows, columns)], field, last)
-        unknown = tuple(columns[k] for k in choice.dependent)
-        if set(unknown) & set(recorded.threaded):
-            raise SingularPoseError("a screw would have to be solved for to close the loops")
-        geared = [recorded.layout.names[c] for c in unknown if c in recorded.geared]
-        if geared:
-            raise SingularPoseError(
-                f"'{geared[0]}', of which gears take multiples or parts, would have to be solved for"
-            )
-        return ClosureBlock(recorded, tuple(rows), unknown)
+        wanted = [*recorded.geared, *balls, *recorded.threaded, *self._preferred, *(columns if turns else ())]
+        last = [columns.index(c) for c in wanted if c in columns and c not in turns]
+        dependent = choose(jacobian[np.ix_(rows, columns)], field, last).dependent
+        unknown = [columns[k] for k in dependent]
+        of_wrist = [c for c in unknown if c in turns]
+        if wrist is None or len(of_wrist) != len(wrist.centre):
+            return [_block(recorded, [recorded.nodes[k] for k in rows], unknown)]
+        directions = [recorded.nodes[k] for k in rows if not recorded.is_length[k]]
+        rest = [c for c in unknown if c not in turns]
+        return [_block(recorded, wrist.centre, rest), _block(recorded, directions, of_wrist)]
+
+    def _wrist(
+        self, jacobian: Residues, rows: list[int], columns: list[int], recorded: Recorded
+    ) -> tuple[Wrist | None, list[int]]:
+        """The wrist of a single loop that fewest other loops have, and its coordinates among some."""
+        owners = {recorded.owners[row] for row in rows}
+        found: list[tuple[int, int, Wrist, list[int]]] = []
+        for wrist in recorded.wrists if len(owners) == 1 else ():
+            turns = [c for name in wrist.freedoms if (c := recorded.layout.names.index(name)) in columns]
+            if wrist.owner in owners and len(turns) >= len(wrist.centre):
+                involved = int(jacobian[:, turns].any(axis=1).sum())
+                found.append((involved, len(set(turns) & set(self._preferred)), wrist, turns))
+        return min(found, key=lambda entry: entry[:2])[2:] if found else (None, [])
 
     # -- solutions -------------------------------------------------------------------------------------------------
 
@@ -137,7 +151,7 @@ class PoseFinder:
         # a loop closes at about half of the random points, one with more unknowns more rarely, in one way on average
         most, count = max(len(b.unknown) for b in blocks), len(blocks)
         pending, tries = np.arange(samples), 4 * count
-        ever, tried, enough = np.zeros(samples, dtype=bool), 0, _FAILURES * 2**most * count
+        ever, tried, enough = np.zeros(samples, dtype=bool), 0, _FAILURES * 2 ** max(most, count)
         for _ in range(_ROUNDS):
             tries = max(2, min(tries, _MOST_TRIES // len(pending)))
             self._spend(tries * sum(block.points for block in blocks))
@@ -189,36 +203,42 @@ class PoseFinder:
         All solutions of a block are kept, up to a number of samples, so that loops in series do not need more tries
         than others: what is lost at one block is made up for where another can be closed in several ways.
         """
+        drawn = np.arange(len(owners))
         for number, block in enumerate(blocks):
-            if number not in self._manageable:
-                block = self._made_manageable(positions, owners, pose, number, block)
+            if block not in self._manageable:
+                block = blocks[number] = self._made_manageable(positions.at(owners), pose, block)
             chosen, pose = _closed(positions.at(owners), pose, block)
-            kept = rng.permutation(len(chosen))[:most]
-            owners, pose = owners[chosen[kept]], pose.at(kept)
+            kept = _thinned(drawn[chosen], most, rng)
+            owners, drawn, pose = owners[chosen[kept]], drawn[chosen[kept]], pose.at(kept)
             if not owners.size:
                 return owners, pose
         if positions.at(owners).equations(pose).any():
             raise SingularPoseError("the closure equations are not linear in each coordinate")
         return owners, pose
 
-    def _made_manageable(
-        self, positions: Positions, owners: Indices, pose: Pose, number: int, block: ClosureBlock
-    ) -> ClosureBlock:
+    def _made_manageable(self, positions: Positions, pose: Pose, block: ClosureBlock) -> ClosureBlock:
         """A block with fewer unknowns, where its equations leave more freedom than their number says."""
+        one = np.zeros(1, dtype=np.intp)
         while True:
             try:
                 if block.points > _MOST_POINTS:
                     raise SingularPoseError(f"{len(block.unknown)} coordinates would have to be solved for at once")
-                one = np.zeros(1, dtype=np.intp)
-                block.solve(positions.at(owners[one]), pose.at(one))
-                self._manageable.add(number)
+                block.solve(positions.at(one), pose.at(one))
+                self._manageable.add(block)
                 return block
             except UnsolvedSystemError:
                 if not block.unknown:
                     raise SingularPoseError("no closed pose was found") from None
                 block = block.fewer()
-                assert self._blocks is not None
-                self._blocks[number] = block
+
+
+def _block(recorded: Recorded, nodes: Sequence[int], unknown: list[int]) -> ClosureBlock:
+    if set(unknown) & set(recorded.threaded):
+        raise SingularPoseError("a screw would have to be solved for to close the loops")
+    geared = [recorded.layout.names[c] for c in unknown if c in recorded.geared]
+    if geared:
+        raise SingularPoseError(f"'{geared[0]}', of which gears take multiples or parts, would have to be solved for")
+    return ClosureBlock(recorded, nodes, tuple(unknown))
 
 
 def _involved(jacobian: Residues, positions: Positions) -> list[int]:
@@ -237,10 +257,18 @@ def _random_pose(positions: Positions, rng: np.random.Generator, samples: int) -
     return Pose(turns, slides, balls, angles)
 
 
+def _thinned(drawn: Indices, most: int, rng: np.random.Generator) -> Indices:
+    """A number of random solutions, in random order, of as many different drawn poses as there are."""
+    order = rng.permutation(len(drawn))
+    _, first = np.unique(drawn[order], return_index=True)
+    rest = np.setdiff1d(np.arange(len(drawn)), first)
+    return rng.permutation(order[np.concatenate([first, rest[: len(first)]])[:most]])
+
+
 def _closed(positions: Positions, pose: Pose, block: ClosureBlock) -> tuple[Indices, Pose]:
     """The samples for which a block closes, as often as it does, and their poses."""
     if not block.unknown:
-        good = np.flatnonzero(~positions.equations(pose)[:, block.rows].any(axis=1))
+        good = np.flatnonzero(~positions.equations(pose, block.equations).any(axis=1))
         return good, pose.at(good)
     solutions = block.solve(positions, pose)
     samples = np.repeat(np.arange(len(solutions.counts)), np.maximum(solutions.counts, 0))

@@ -16,6 +16,7 @@ from echelon.program.canonical import Turn
 from echelon.program.operations import Op
 from echelon.program.schedule import Schedule, SeriesArithmetic
 from echelon.program.tape import Program
+from echelon.regressor.loops.closures import Wrist
 from echelon.regressor.loops.moving import Layout, MovingCoordinates, Pose
 
 
@@ -24,12 +25,15 @@ class Recorded:
     """Closure equations on a program, and what its leaves mean."""
 
     program: Program
+    functions: Sequence[int]  # nodes that are evaluated as a whole, such as sines
     layout: Layout
     nodes: Sequence[int]  # the closure equations
     equations: Schedule  # of these
     slopes: Schedule  # of the entries of the Jacobian
     entries: Sequence[tuple[int, str]]  # equation and freedom of every entry of the Jacobian
     owners: tuple[str, ...]  # name of the closure of every equation
+    is_length: tuple[bool, ...]  # whether an equation is about a length, not about a direction
+    wrists: Sequence[Wrist]
     closed_at: Schedule  # of exact positions at which the loops are closed by construction
     # the motions that have some, in how many parts an angle counts, and how many numbers each has
     closing_motions: Sequence[tuple[str, int, int]]
@@ -55,9 +59,9 @@ class Recorded:
         }
         return [int(self.layout.turn_places[k]) for k in sorted(found)]
 
-    def some_equations(self, rows: Sequence[int]) -> Schedule:
-        """Schedule of some of the closure equations."""
-        return Schedule(self.program, [self.nodes[row] for row in rows], self.equations.leaves)
+    def schedule(self, nodes: Sequence[int]) -> Schedule:
+        """Schedule of some nodes that depend on positions."""
+        return Schedule(self.program, nodes, self.functions)
 
 
 @dataclass(frozen=True)

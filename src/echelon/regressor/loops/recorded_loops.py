@@ -14,7 +14,7 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols, known_values
 from echelon.program.tape import Scalar
 from echelon.regressor.loops.assembly import Assembly
-from echelon.regressor.loops.closures import Loops, record_closures
+from echelon.regressor.loops.closures import Loops, record_closures, record_wrists
 from echelon.regressor.probes import Probes
 from echelon.regressor.steps import Recorder
 
@@ -33,6 +33,7 @@ def loops_of(
     record = recorder.program.polynomial
     return Loops(
         equations,
+        tuple(record_wrists(mechanism, recorder)),
         motions,
         nodes,
         mechanism.independent,
