@@ -11,7 +11,7 @@ import numpy as np
 
 from echelon.arrays import Flags
 from echelon.exact.field import PrimeField, Residues
-from echelon.exact.straight_line import Indices, inverses
+from echelon.exact.straight_line import Indices
 
 
 def commute(matrices: Residues, field: PrimeField) -> Flags:
@@ -53,7 +53,7 @@ def quotient_points(matrices: Residues, field: PrimeField) -> tuple[Indices, Res
     for power, coefficient in zip(powers, cofactors, strict=False):
         moments = (matrices[..., owners] * power.swapaxes(0, 1)[..., owners] % field.p).sum(axis=(1, 2)) % field.p
         sums = (sums + coefficient * moments) % field.p
-    return owners, (sums * inverses(below, field) % field.p).T
+    return owners, (sums * field.invert_array(below) % field.p).T
 
 
 def _product(left: Residues, right: Residues, field: PrimeField) -> Residues:

@@ -19,20 +19,9 @@ Indices = npt.NDArray[np.int64]
 
 ZERO, ONE, MINUS_ONE = 0, 1, 2
 _CONSTANTS = (0, 1, -1)
-_FEW = 16  # below this many elements, inverting one by one is faster
 _CACHED = 1 << 19  # numbers that are treated together
 
 Terms = Sequence[tuple[int, int]]
-
-
-def inverses(x: Residues, field: PrimeField) -> Residues:
-    """1/x modulo p for a vector without zeros, by a tree of products."""
-    if len(x) < _FEW:
-        return np.array([pow(v, -1, field.p) for v in x.tolist()], dtype=np.int64)
-    half = len(x) // 2
-    left, right = x[:half], x[half : 2 * half]
-    inverse = inverses(np.concatenate([left * right % field.p, x[2 * half :]]), field)
-    return np.concatenate([inverse[:half] * right % field.p, inverse[:half] * left % field.p, inverse[half:]])
 
 
 @dataclass(frozen=True)
@@ -43,8 +32,6 @@ class _Stage:
     # factors of the first term of each number, then of the second of those that have one, and so on; in a stage of
     # inverses ``right`` is empty
     left: Indices
-    # factors of the first term of each number, then of the second of those that have one, and so on; in a stage of
-    # inverses ``right`` is empty
     right: Indices
     counts: list[int]  # how many numbers have a first, second, ... term
 
@@ -55,7 +42,7 @@ class _Stage:
         if not self.right.size:
             zero = terms == 0
             terms[zero] = 1
-            out[:] = field.p - inverses(terms.ravel(), field).reshape(terms.shape)
+            out[:] = field.p - field.invert_array(terms)
             return np.asarray(~zero.any(axis=0))
         terms *= values.take(self.right, axis=0)
         np.remainder(terms, field.p, out=terms)

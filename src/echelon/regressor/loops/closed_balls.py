@@ -24,6 +24,7 @@ from echelon.program.schedule import Schedule
 from echelon.program.tape import Program
 from echelon.regressor.loops.closures import Loops
 from echelon.regressor.loops.moving import Layout
+from echelon.regressor.spatial import quaternion_times
 
 Values = dict[str, Any]
 """Balls by the names of coordinates or freedoms."""
@@ -160,15 +161,10 @@ class ClosedBalls:
         zero = flint.arb(0)
         result = {name: x + change.get(name, zero) for name, x in q.items()}
         for positions, velocities in self._balls.values():
-            w, x, y, z = (q[name] for name in positions)
-            a, b, c = (change.get(name, zero) / 2 for name in velocities)
-            turned = (
-                w - x * a - y * b - z * c,
-                x + w * a + y * c - z * b,
-                y + w * b + z * a - x * c,
-                z + w * c + x * b - y * a,
-            )
-            length = ((w * w + x * x + y * y + z * z) * (1 + a * a + b * b + c * c)).sqrt()
+            here = [q[name] for name in positions]
+            half = [change.get(name, zero) / 2 for name in velocities]
+            turned = [x + step for x, step in zip(here, quaternion_times(here, half), strict=True)]
+            length = (sum(x * x for x in here) * (1 + sum(x * x for x in half))).sqrt()
             result |= {name: part / length for name, part in zip(positions, turned, strict=True)}
         return result
 
@@ -197,7 +193,7 @@ class ClosedBalls:
         """J̇ q̇ for every equation, from the first two coefficients along the motion."""
         moving = {name: flint.arb_series([x, rates.get(name, 0)], 2) for name, x in q.items()}
         for positions, velocities in self._balls.values():
-            speeds = _turned([q[name] for name in positions], [rates[name] / 2 for name in velocities])
+            speeds = quaternion_times([q[name] for name in positions], [rates[name] / 2 for name in velocities])
             moving |= {n: flint.arb_series([q[n], s], 2) for n, s in zip(positions, speeds, strict=True)}
         found = self._run(self._closing, {**{f"q[{n}]": x for n, x in moving.items()}, **self.symbols})
         count = len(self.loops.equations.equations)
@@ -228,17 +224,6 @@ class ClosedBalls:
 def _power_of_two(exponent: int) -> Any:
     """As a ball, which has exponents beyond those of doubles."""
     return flint.arb(2) ** exponent
-
-
-def _turned(quaternion: Sequence[Any], vector: Sequence[Any]) -> tuple[Any, Any, Any, Any]:
-    """The product of a quaternion and a vector."""
-    (w, x, y, z), (a, b, c) = quaternion, vector
-    return (
-        -x * a - y * b - z * c,
-        w * a + y * c - z * b,
-        w * b + z * a - x * c,
-        w * c + x * b - y * a,
-    )
 
 
 def _independent(matrix: npt.NDArray[np.float64]) -> list[int]:

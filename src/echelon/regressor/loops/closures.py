@@ -24,7 +24,7 @@ from echelon.mechanism.placement import Placement
 from echelon.program.tape import Scalar
 from echelon.regressor.loops.moving import Pose
 from echelon.regressor.probes import Probes
-from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, transposed
+from echelon.regressor.spatial import Mat, Vec, add, apply, cross, dot, identity, product, transposed
 from echelon.regressor.steps import Recorder, Step, into_frame
 
 Wrench = tuple[Vec, Vec]
@@ -139,7 +139,7 @@ class _Loop:
 
     def conditions(self) -> Iterator[tuple[Scalar, tuple[Wrench, Wrench]]]:
         """Every equation with its unit wrench: on the first body, and on the second, each in the axes of its frame."""
-        zeros, units = self.recorder.zeros, self._units()
+        zeros, units = self.recorder.zeros, identity(self.recorder.program)
         (axes, origin), (other_axes, other_origin) = self._frame(self.first), self._frame(self.second)
         difference = add(other_origin, _negative(origin))
         positions = self.closure.kind.positions
@@ -175,18 +175,14 @@ class _Loop:
 
     def _frame(self, chain: list[Step]) -> tuple[Mat, Vec]:
         """Axes and origin at the end of a chain, in the frame where it begins."""
-        axes, origin = self._units(), self.recorder.zeros
+        axes, origin = identity(self.recorder.program), self.recorder.zeros
         for step in reversed(chain):
             if step.rotation is not None:
-                axes = _product(step.rotation, axes)
+                axes = product(step.rotation, axes)
                 origin = apply(step.rotation, origin)
             if step.shift is not None:
                 origin = add(step.shift, origin)
         return axes, origin
-
-    def _units(self) -> Mat:
-        one, zero = self.recorder.program.one, self.recorder.program.zero
-        return ((one, zero, zero), (zero, one, zero), (zero, zero, one))
 
 
 def _ancestors(mechanism: Mechanism, body: int) -> list[int]:
@@ -225,11 +221,6 @@ def _carried_back(chain: list[Step], wrench: Wrench) -> Iterator[tuple[str, Scal
             moment, force = apply(step.rotation, moment), apply(step.rotation, force)
         if step.shift is not None:
             moment = add(moment, cross(step.shift, force))
-
-
-def _product(a: Mat, b: Mat) -> Mat:
-    x, y, z = (apply(a, column) for column in transposed(b))
-    return transposed((x, y, z))
 
 
 def _negative(v: Vec) -> Vec:
