@@ -1,7 +1,8 @@
 """Closed poses modulo p: the zero or the assembly pose where that is closed, else solutions of the closure equations.
 
 Loop after loop, as many coordinates as the closure has independent equations are unknown; the others are drawn.  Loops
-that cannot be closed one after the other are closed together.
+that cannot be closed one after the other are closed together.  Where a loop has a wrist, a ball or three rotations
+about one point, three equations bring its centre to its place, and its rotations follow.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ from echelon.regressor.loops.moving import Pose
 from echelon.regressor.loops.positions import Positions, Recorded
 
 _ROUNDS = 40
-_MOST_TRIES = 1 << 15
+_FIRST_TRIES, _MOST_TRIES = 1 << 10, 1 << 15  # together, in the first round and in one of the last
 _MOST_POINTS = 3**6  # at which the equations of a block are evaluated, for each sample
-_MOST_WORK = 2e7  # evaluations of the equations, for each sample, until a first solution is found: half a minute
-_LEAST_KEPT = 64  # variants of a pose while loops are closed one after the other
+_MOST_WORK = 4e6  # evaluations of equations of blocks, for each sample, until a first solution is found: a minute
+_LEAST_KEPT = 64  # variants of poses while loops are closed one after the other
 _FAILURES = 8  # of the tries that close a loop with one unknown about once in two
 
 Indices = npt.NDArray[np.intp]
@@ -148,13 +149,13 @@ class PoseFinder:
 
     def _solved(self, positions: Positions, rng: np.random.Generator, samples: int, blocks: list[ClosureBlock]) -> Pose:
         found = positions.recorded.layout.zero_pose(samples)
-        # a loop closes at about half of the random points, one with more unknowns more rarely, in one way on average
+        # a loop closes at about half of the random points, one with more unknowns more rarely, in one way on average;
+        # loops that share what is drawn all close at few points, but there in many ways
         most, count = max(len(b.unknown) for b in blocks), len(blocks)
         pending, tries = np.arange(samples), 4 * count
-        ever, tried, enough = np.zeros(samples, dtype=bool), 0, _FAILURES * 2 ** max(most, count)
-        for _ in range(_ROUNDS):
-            tries = max(2, min(tries, _MOST_TRIES // len(pending)))
-            self._spend(tries * sum(block.points for block in blocks))
+        ever, tried, enough = np.zeros(samples, dtype=bool), 0, _FAILURES * count * 2 ** max(most, count)
+        for number in range(_ROUNDS):
+            tries = max(2, min(tries, min(_FIRST_TRIES << number, _MOST_TRIES) // len(pending)))
             owners = np.repeat(pending, tries)
             drawn = _random_pose(positions, rng, len(owners))
             owners, pose = self._completed(positions, rng, owners, drawn, blocks, len(owners))
@@ -200,13 +201,14 @@ class PoseFinder:
     ) -> tuple[Indices, Pose]:
         """Poses closed block by block, in random order; those that do not close are dropped.
 
-        All solutions of a block are kept, up to a number of samples, so that loops in series do not need more tries
-        than others: what is lost at one block is made up for where another can be closed in several ways.
+        Of every drawn pose some solutions of a block are kept, up to a number of samples, so that loops in series do
+        not need more tries than others: what is lost at one block is made up for where another closes in several ways.
         """
-        drawn = np.arange(len(owners))
+        drawn, wanted = np.arange(len(owners)), len(np.unique(owners))
         for number, block in enumerate(blocks):
             if block not in self._manageable:
                 block = blocks[number] = self._made_manageable(positions.at(owners), pose, block)
+            self._spend(len(owners) * block.points / wanted)
             chosen, pose = _closed(positions.at(owners), pose, block)
             kept = _thinned(drawn[chosen], most, rng)
             owners, drawn, pose = owners[chosen[kept]], drawn[chosen[kept]], pose.at(kept)
@@ -261,8 +263,8 @@ def _thinned(drawn: Indices, most: int, rng: np.random.Generator) -> Indices:
     """A number of random solutions, in random order, of as many different drawn poses as there are."""
     order = rng.permutation(len(drawn))
     _, first = np.unique(drawn[order], return_index=True)
-    rest = np.setdiff1d(np.arange(len(drawn)), first)
-    return rng.permutation(order[np.concatenate([first, rest[: len(first)]])[:most]])
+    rest = np.setdiff1d(np.arange(len(drawn)), first)[: max(len(first), _LEAST_KEPT)]
+    return rng.permutation(order[np.concatenate([first, rest])[:most]])
 
 
 def _closed(positions: Positions, pose: Pose, block: ClosureBlock) -> tuple[Indices, Pose]:
