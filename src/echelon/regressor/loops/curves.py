@@ -75,7 +75,6 @@ class CurveSampler(FieldSampler):
             Schedule(self.program, slopes, functions),
             list(closing.jacobian),
             closing.owners,
-            closing.is_length,
             [replace(wrist, centre=tuple(centres[3 * k : 3 * k + 3])) for k, wrist in enumerate(loops.wrists)],
             Schedule(self.program, known, functions),
             [(name, loops.parts.get(name, 1), len(nodes)) for name, nodes in loops.closed_at.items()],

@@ -116,34 +116,41 @@ class PoseFinder:
     def _planned_for(
         self, jacobian: Residues, rows: list[int], columns: list[int], positions: Positions
     ) -> list[ClosureBlock]:
-        """Loops that are closed together; where a wrist is solved for, its centre is brought to its place first."""
+        """Loops that are closed together; of wrists that are solved for, the centres come first."""
         recorded, field = positions.recorded, positions.field
         balls = recorded.layout.ball_places.ravel().tolist()
-        wrist, turns = self._wrist(jacobian, rows, columns, recorded)
+        wrists = self._wrists(jacobian, rows, columns, recorded)
+        turns = {c for own in wrists.values() for c in own}
         # what gears multiply, components of balls, then screws, then what is preferred, should rather be drawn
         wanted = [*recorded.geared, *balls, *recorded.threaded, *self._preferred, *(columns if turns else ())]
         last = [columns.index(c) for c in wanted if c in columns and c not in turns]
-        dependent = choose(jacobian[np.ix_(rows, columns)], field, last).dependent
-        unknown = [columns[k] for k in dependent]
-        of_wrist = [c for c in unknown if c in turns]
-        if wrist is None or len(of_wrist) != len(wrist.centre):
-            return [_block(recorded, [recorded.nodes[k] for k in rows], unknown)]
-        directions = [recorded.nodes[k] for k in rows if not recorded.is_length[k]]
-        rest = [c for c in unknown if c not in turns]
-        return [_block(recorded, wrist.centre, rest), _block(recorded, directions, of_wrist)]
+        rest = [columns[k] for k in choose(jacobian[np.ix_(rows, columns)], field, last).dependent]
+        nodes: dict[str, list[int]] = {}
+        for k in rows:
+            nodes.setdefault(recorded.owners[k], []).append(recorded.nodes[k])
+        later = []
+        for wrist, own in wrists.items():
+            solved = [c for c in rest if c in own]
+            if len(solved) == len(wrist.centre):
+                rest = [c for c in rest if c not in own]
+                later.append(_block(recorded, nodes[wrist.owner][len(wrist.centre) :], solved))
+                nodes[wrist.owner] = list(wrist.centre)
+        return [_block(recorded, [node for own_nodes in nodes.values() for node in own_nodes], rest), *later]
 
-    def _wrist(
+    def _wrists(
         self, jacobian: Residues, rows: list[int], columns: list[int], recorded: Recorded
-    ) -> tuple[Wrist | None, list[int]]:
-        """The wrist of a single loop that fewest other loops have, and its coordinates among some."""
-        owners = {recorded.owners[row] for row in rows}
-        found: list[tuple[int, int, Wrist, list[int]]] = []
-        for wrist in recorded.wrists if len(owners) == 1 else ():
+    ) -> dict[Wrist, list[int]]:
+        """A wrist for each loop that has some of its own, with its coordinates: that of fewest preferred ones."""
+        owners = {recorded.owners[k] for k in rows}
+        found: dict[str, tuple[int, Wrist, list[int]]] = {}
+        for wrist in (w for w in recorded.wrists if w.owner in owners):
+            others = [k for k in rows if recorded.owners[k] != wrist.owner]
             turns = [c for name in wrist.freedoms if (c := recorded.layout.names.index(name)) in columns]
-            if wrist.owner in owners and len(turns) >= len(wrist.centre):
-                involved = int(jacobian[:, turns].any(axis=1).sum())
-                found.append((involved, len(set(turns) & set(self._preferred)), wrist, turns))
-        return min(found, key=lambda entry: entry[:2])[2:] if found else (None, [])
+            if len(turns) >= len(wrist.centre) and not jacobian[np.ix_(others, turns)].any():
+                shared = int(jacobian[:, turns].any(axis=1).sum()) + len(set(turns) & set(self._preferred))
+                entry = shared, wrist, turns
+                found[wrist.owner] = min(found.get(wrist.owner, entry), entry, key=lambda e: e[0])
+        return {wrist: turns for _, wrist, turns in found.values()}
 
     # -- solutions -------------------------------------------------------------------------------------------------
 

@@ -32,7 +32,6 @@ class Recorded:
     slopes: Schedule  # of the entries of the Jacobian
     entries: Sequence[tuple[int, str]]  # equation and freedom of every entry of the Jacobian
     owners: tuple[str, ...]  # name of the closure of every equation
-    is_length: tuple[bool, ...]  # whether an equation is about a length, not about a direction
     wrists: Sequence[Wrist]
     closed_at: Schedule  # of exact positions at which the loops are closed by construction
     # the motions that have some, in how many parts an angle counts, and how many numbers each has
