@@ -40,9 +40,7 @@ class ClosureBlock:
         widths = [part.width for part in self._parts]
         self._offsets = [sum(widths[:k]) for k in range(len(widths))]
         self._variables = sum(widths)
-        # evaluations for each sample, and the operations that they take
         self.points = prod(len(_points(part.width, part.degree)) for part in self._parts)
-        self.work = self.points * len(recorded.program.needed(nodes))
         self._solver = Solver(self._variables)
         self.equations = recorded.schedule(nodes)
 

@@ -65,7 +65,10 @@ class PoseFinder:
         self._stated = []
         if self._blocks is None:
             self._blocks = self._planned(positions, rng)
-            if sum(block.work for block in self._blocks) > self._work:
+            operations = len(recorded.program.needed(list(recorded.nodes)))
+            # frames that follow instead would part centres that coincide, so no work is too much there
+            coincide = any(len(wrist.freedoms) > len(wrist.centre) for wrist in recorded.wrists)
+            if not coincide and sum(block.points for block in self._blocks) * operations > self._work:
                 raise SingularPoseError("too many coordinates would have to be solved for")
         found = self._solved(positions, rng, samples, self._blocks)
         self._spent = 0.0
