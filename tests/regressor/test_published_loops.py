@@ -57,7 +57,7 @@ def test_a_set_with_frames_that_follow_is_saved_and_verified(tmp_path: Path) -> 
 @pytest.mark.slow
 def test_representatives_are_not_what_rounding_leaves_of_a_column() -> None:
     """Frames that follow are moved by 1e-16; no coefficient is of the size of its inverse, nor shown if of its size."""
-    base = ec.base_parameters(load(next(m for m in PUBLISHED if m.name == "cassie_like" and not m.floating)))
+    base = ec.base_parameters(load(next(m for m in PUBLISHED if m.name == "planar_delta")))
     assert np.abs(base.B_float()).max() < 100
     assert base.hidden > 0
     assert not any("e-" in str(expression) for expression in base.expressions)
