@@ -44,7 +44,7 @@ _WIDER = 1.4
 """Ratio of neighbouring bands that are tried."""
 _SAMPLED = 12.0
 """Rate at which bands are compared, by the widest one: filters of states pass a quarter of it unchanged."""
-_LONGEST = 10_000
+_LONGEST = 6_000
 """Samples, at that rate, from which the band is chosen."""
 _EXPLAINED = 0.5
 """Share of what is measured that the model explains at least at the edge of the band."""
@@ -148,7 +148,8 @@ class Trials:
         steps = round(np.log(high / low) / np.log(_WIDER))
         bands = tuple(float(band) for band in np.geomspace(low, high, steps + 1)) if steps else (high,)
         made = preparation.model_copy(update={"delays": preparation.delays or {}})
-        spectra = {"q": log.spectra} | {name: log.spectra_of(name) for name in made.measured or ()}
+        spectra = {"q": log.spectra}
+        spectra |= {n: log.velocity_spectra if n == "qd" else log.spectra_of(n) for n in made.measured or ()}
         rng, left, pairs = np.random.default_rng(0), _LONGEST, []
         for segment in log.segments:
             slow = _slower(segment, _SAMPLED * high, left)

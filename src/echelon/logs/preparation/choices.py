@@ -96,6 +96,11 @@ class Signals:
         """Spectra of every position."""
         return self.spectra_of("q")
 
+    @cached_property
+    def velocity_spectra(self) -> list[Spectrum]:
+        """Spectra of every measured velocity."""
+        return self.spectra_of("qd")
+
     def spectra_of(self, signal: str) -> list[Spectrum]:
         """Spectra of every column of a signal."""
         columns = self.segments[0].signals[signal].shape[1]
@@ -134,7 +139,7 @@ class Signals:
         """Whether velocities were logged that are those of the positions."""
         if any("qd" not in segment.signals for segment in self.segments) or self.disagreement > _AGREEING:
             return False
-        return all(self.spectra_of("qd")[k].moves for k in self.moving)
+        return all(self.velocity_spectra[k].moves for k in self.moving)
 
     @cached_property
     def disagreement(self) -> float:
@@ -151,7 +156,7 @@ class Signals:
         """Standard deviation of the noise that the velocity of a state has, for every velocity."""
         cutoff = states_cutoff(made, self.rate)
         if "qd" in (made.measured or ()):
-            return np.array([noise_deviation(s, 0, cutoff) for s in self.spectra_of("qd")])
+            return np.array([noise_deviation(s, 0, cutoff) for s in self.velocity_spectra])
         noise = [noise_deviation(s, 1, cutoff) for s in self.spectra]
         balls = quaternion_columns(self.mechanism, "q", len(noise))
         found: list[float] = []
@@ -177,7 +182,7 @@ def _measured(log: Signals, made: Preparation) -> Preparation:
         return reasoned(made, "measured", (), "none: the log has no velocities")
     if quaternion_columns(log.mechanism, "q", len(log.names)):
         return reasoned(made, "measured", (), "none: orientations are differentiated")
-    velocities = log.spectra_of("qd")
+    velocities = log.velocity_spectra
     if not all(velocities[k].moves for k in log.moving):
         return reasoned(made, "measured", (), "none: velocities of the log are lost in noise")
     top = HARMONICS * log.fastest[1]
