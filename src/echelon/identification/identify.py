@@ -168,7 +168,10 @@ def _fitted(
 
     findings = [Finding(Severity.NOTE, "assumed", setup.source, text) for text in setup.assumed]
     findings += [*surveyed.findings, *(() if prior is None else prior.findings), *unsolved]
-    apart = list(_contradictions(observation, base, noise)) if conditions.is_complete and culprit is None else []
+    apart = list(_contradictions(observation, base, noise)) if conditions.is_complete else []
+    if apart and culprit is not None and " is in " in culprit.text:
+        culprit = None  # a unit of one output does not explain that several have scales of their own
+    apart = [] if culprit is not None else apart
     if apart or culprit is not None:  # what residuals follow then is no effect
         lacking = [missing for missing in lacking if missing.usual]
     findings += apart
