@@ -98,7 +98,7 @@ def truth(name: str) -> np.ndarray:
 
 
 def motion(base: ec.BaseModel, fundamental: float, t: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
-    """Positions, velocities and accelerations: five waves in every coordinate that never repeat; a base turns to all sides."""
+    """Positions, velocities and accelerations: five waves each that never repeat; a base turns to all sides."""
     count = len(base.mechanism.velocities)
     w = 2 * np.pi * fundamental * (np.arange(1, 6)[:, None] + rng.uniform(-0.4, 0.4, (5, count)))
     sizes, phases = (
@@ -159,7 +159,7 @@ def log(condition: Condition, seed: int) -> Segment:
     return Segment("planted", 0.0, condition.rate, {"q": np.round(q / condition.step) * condition.step, "y": y})
 
 
-def estimated(condition: Condition, seed: int):  # noqa: ANN201
+def estimated(condition: Condition, seed: int):
     """Estimate of one seed, with the preparation that was chosen."""
     base, segment = model(condition.robot), log(condition, seed)
     made = chosen(Preparation(), [segment], base.mechanism)

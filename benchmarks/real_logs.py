@@ -96,12 +96,13 @@ def tx40() -> Section:
     apart = {name: abs(found[name] - value) / np.hypot(std, ours[name]) for name, (value, std) in published.items()}
     worst = max(apart, key=lambda name: apart[name])
     held = ec.identify(changed(setup, physical=False), [path]).validations
+    near, median = sum(x <= 2.5 for x in apart.values()), np.median(list(apart.values()))
+    rms = overall([s.moving for s in whole.validations[0].scores])
     text = (
-        f"On the whole log: {sum(x <= 2.5 for x in apart.values())} of {len(apart)} published values within 2.5 standard "
-        f"deviations of the difference (largest {apart[worst]:.2g}, {worst}; median "
-        f"{np.median(list(apart.values())):.2g}), overall rms {overall([s.moving for s in whole.validations[0].scores]):.4g} "
-        "N·m of the rows that move (published 1.07).  Below, the last 30 % are held out, where the robot rests more than half "
-        "of the time.  The prior is the URDF, whose inertias are nominal and which knows no rotors."
+        f"On the whole log: {near} of {len(apart)} published values within 2.5 standard deviations of the difference "
+        f"(largest {apart[worst]:.2g}, {worst}; median {median:.2g}), overall rms {rms:.4g} N·m of the rows that move "
+        "(published 1.07).  Below, the last 30 % are held out, where the robot rests more than half of the time.  The "
+        "prior is the URDF, whose inertias are nominal and which knows no rotors."
     )
     moving = [s.moving for s in held[1].scores]
     beside = f"overall {overall(moving):.3g} N·m"

@@ -9,6 +9,11 @@ from echelon.base.model import BaseModel as BaseModel
 from echelon.base.modes import assembly_modes as assembly_modes
 from echelon.base.numeric_rank import NumericComparison as NumericComparison
 from echelon.base.numeric_rank import compare_numeric as compare_numeric
+from echelon.base.recorded_rows import RecordedRows as RecordedRows
+from echelon.base.recorded_rows import energy_regressor as energy_regressor
+from echelon.base.recorded_rows import power_regressor as power_regressor
+from echelon.base.row_space import RowSpaces as RowSpaces
+from echelon.base.row_space import same_row_space as same_row_space
 from echelon.base.sensors import SensorReport as SensorReport
 from echelon.base.sensors import sensor_report as sensor_report
 from echelon.base.special import SpecialGeometry as SpecialGeometry

@@ -20,6 +20,7 @@ import echelon as ec
 from echelon.formats.robot_file import RobotFile
 from echelon.identification.conditioning import conditioning
 from echelon.identification.servo_fit import ServoScore
+from echelon.regressor.loops.closures import Wrist
 from echelon.regressor.virtual_power import virtual_power_form
 from support.paths import EXAMPLES
 from support.pendulum_logs import pendulum, write_log
@@ -209,6 +210,7 @@ OBJECTS: Mapping[str, Example] = {
     "additions to a URDF": Example(load("added.yaml"), read_literally),
     "MJCF": Example(load("two_link.xml"), read_literally),
     "loop": Example(load("loops/four_bar.yaml"), read_literally),
+    "wrist of a loop": Example(lambda: Wrist("weld", ("a", "b", "c"), (1, 2, 3))),
     "base": Example(base, computed),
     "servo fit": Example(servo),
     "base of a loop": Example(lambda: ec.base_parameters(load("loops/four_bar.yaml")()), along_loop),
@@ -225,6 +227,8 @@ OBJECTS: Mapping[str, Example] = {
     "rows of many bodies": Example(lambda: virtual_power_form(load("snake.yaml")())),
     "ranks": Example(lambda: ec.compare_numeric(base().mechanism), lambda found: (repr(found), found.verdict)),
     "special": Example(lambda: ec.special_geometry(base().mechanism)),
+    "energy": Example(lambda: ec.energy_regressor(base().mechanism)),
+    "row spaces": Example(lambda: ec.same_row_space(base(), ec.energy_regressor(base().mechanism))),
     "sensors": Example(lambda: ec.sensor_report(base().mechanism)),
     "audit": Example(lambda: ec.audit(base(), file("wrong.txt")), str),
     "verdict": Example(lambda: ec.audit(base(), file("wrong.txt")).verdict),

@@ -102,6 +102,16 @@ def _block_powers(recorded: _RecordedPowers) -> BlockRows:
     return BlockRows(program, tuple(columns), tuple(rows), tuple(block.carried for block in blocks))
 
 
+def power_form(mechanism: Mechanism) -> LinearForms:
+    """Record the power of the forces of all independent coordinates, q̇ᵀ X(q, q̇, q̈)."""
+    recorded = _RecordedPowers(mechanism)
+    motion = any_motion(mechanism, recorded.recorder, "qd")
+    powers = recorded.powers(motion, range(len(mechanism.parameters)))
+    entries = {(0, column): power.node for column, power in powers.items() if not power.is_zero}
+    loops = loops_of(mechanism, recorded.recorder)
+    return LinearForms(recorded.program, entries, (1, len(mechanism.parameters)), loops)
+
+
 class _RecordedPowers:
     """A mechanism's motion on a program, and powers in virtual motions."""
 

@@ -1,0 +1,259 @@
+"""Do two models see the same combinations of parameters?  Their row spaces, compared exactly.
+
+Rows of both are taken at random states of the same random geometry modulo a prime.  Non-zero minors prove the ranks of
+the two and of their union from below; that they are no larger follows from points that are more than enough, at two
+primes and geometries that agree.  An unlucky point can only make a rank smaller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from echelon.base.derive import base_parameters
+from echelon.base.linear_base import LinearBase
+from echelon.base.matrix import BaseMatrix, residue, residues_of_generators
+from echelon.base.model import BaseModel
+from echelon.base.recorded_rows import RecordedRows
+from echelon.base.structure import find_structure
+from echelon.errors import DegenerateSampleError, EchelonError, InputError
+from echelon.exact.elimination import rank, reduced_echelon
+from echelon.exact.field import PrimeField, Residues
+from echelon.exact.interpolation import combine, rational
+from echelon.mechanism.mechanism import Mechanism
+from echelon.models.linear_model import LinearModel
+from echelon.program.sampling import FieldSampler
+from echelon.regressor.linear import LinearForms
+from echelon.regressor.virtual_power import virtual_power_form
+from echelon.seeds import DEFAULT_SEED, random_generator
+
+Model = Mechanism | BaseModel | LinearModel | LinearBase | RecordedRows | LinearForms
+"""What has a row space."""
+
+_SURPLUS_ROWS, _MORE_IN_REGIONS = 8, 4
+_ATTEMPTS, _AGREEING = 8, 2
+
+
+@dataclass(frozen=True)
+class RowSpaces:
+    """Two row spaces compared; true if they are the same.
+
+    Attributes
+    ----------
+    first, second, union : int
+        Dimensions.
+    only_first, only_second : str
+        A combination of parameters that this model sees and the other one does not; empty if there is none.
+    primes : tuple of int
+        The primes at which all three dimensions agreed.
+
+    Examples
+    --------
+    >>> import echelon as ec
+    >>> robot = ec.load("examples/double_pendulum.yaml")
+    >>> ec.same_row_space(robot, ec.energy_regressor(robot))
+    RowSpaces(same, of dimension 6)
+    """
+
+    first: int
+    second: int
+    union: int
+    only_first: str
+    only_second: str
+    primes: tuple[int, ...]
+
+    def __bool__(self) -> bool:
+        return self.first == self.second == self.union
+
+    def __repr__(self) -> str:
+        if self:
+            return f"RowSpaces(same, of dimension {self.union})"
+        parts = [f"dimensions {self.first} and {self.second}, together {self.union}"]
+        parts += [f"only the first sees {self.only_first}"] if self.only_first else []
+        parts += [f"only the second sees {self.only_second}"] if self.only_second else []
+        return f"RowSpaces(different: {'; '.join(parts)})"
+
+
+def same_row_space(a: Model, b: Model, *, seed: int = DEFAULT_SEED) -> RowSpaces:
+    """Whether two models see the same combinations of parameters.
+
+    Parameters
+    ----------
+    a, b : Mechanism, BaseModel, LinearModel, LinearBase, RecordedRows or LinearForms
+        With the same parameters, in any order; forms without names with as many columns.  Symbols of equal names have
+        equal values, which are general ones.
+    seed : int
+        Seed of the random points.
+
+    Returns
+    -------
+    RowSpaces
+
+    Raises
+    ------
+    InputError
+        If the parameters are not the same.
+
+    Examples
+    --------
+    >>> import echelon as ec
+    >>> robot = ec.load("examples/double_pendulum.yaml")
+    >>> ec.same_row_space(robot, ec.load("examples/double_pendulum.yaml", gravity="none"))
+    RowSpaces(different: dimensions 6 and 4, together 6; only the first sees MX1 + l1·M2)
+    """
+    rng = random_generator(seed)
+    first, second = _Side(a, rng), _Side(b, rng)
+    places = _places(first.names, second.names, first.columns, second.columns)
+    seen: list[_Comparison] = []
+    for _ in range(_ATTEMPTS):
+        field = PrimeField.random(rng)
+        try:
+            geometry = {s: field.draw(rng, (1,)) for s in sorted({*first.symbols, *second.symbols})}
+            upper = first.rows(field, rng, geometry)
+            lower = second.rows(field, rng, geometry)[:, places]
+        except DegenerateSampleError:
+            continue
+        seen.append(_Comparison(field, upper, lower))
+        most = tuple(max(s.ranks[k] for s in seen) for k in range(3))
+        agreeing = [s for s in seen if s.ranks == most]
+        if len(agreeing) >= _AGREEING:
+            return _result(agreeing, (first, second))
+    raise EchelonError("random points keep contradicting each other; please report these models")
+
+
+class _Comparison:
+    """Rows of both models modulo one prime, and the dimensions that they span."""
+
+    def __init__(self, field: PrimeField, upper: Residues, lower: Residues) -> None:
+        self.field, self.sides = field, (upper, lower)
+        self.ranks = (rank(upper, field), rank(lower, field), rank(np.concatenate([upper, lower]), field))
+
+    def unseen(self, side: int) -> dict[int, int] | None:
+        """A row of one side's echelon form that is not in the other's row space."""
+        if self.ranks[2] == self.ranks[1 - side]:
+            return None
+        reduced, pivots = reduced_echelon(self.sides[side], self.field)
+        columns = self.sides[side].shape[1]
+        for k in range(len(pivots)):
+            row = np.array([[int(reduced[k, c]) for c in range(columns)]], dtype=np.int64)
+            if rank(np.concatenate([self.sides[1 - side], row]), self.field) > self.ranks[1 - side]:
+                return {c: int(row[0, c]) for c in range(columns) if row[0, c]}
+        return None
+
+
+class _Side:
+    """One of the models: its parameters, symbols, and how its rows are sampled."""
+
+    def __init__(self, model: Any, rng: np.random.Generator) -> None:
+        self.model = model
+        self.names: tuple[str, ...] = ()
+        matrix: BaseMatrix | None = None
+        if isinstance(model, BaseModel | LinearBase):
+            self.names, matrix = model.parameters, model.matrix
+            self._rows: Callable[..., Residues] = lambda *point: _rows_of_matrix(model.matrix, *point)
+        elif isinstance(model, Mechanism):
+            self.names, forms, auxiliary = model.parameters, virtual_power_form(model), 0
+            if model.closures:
+                forms = find_structure(model, rng).on_curves(forms)
+        elif isinstance(model, LinearModel):
+            self.names, forms, auxiliary = model.parameters, model.regressor, 0
+        elif isinstance(model, RecordedRows):
+            self.names, forms, auxiliary = model.parameters, model.forms, model.auxiliary
+        elif isinstance(model, LinearForms):
+            forms, auxiliary = model, 0
+        else:
+            kinds = "a mechanism, BaseModel, LinearModel, LinearBase, RecordedRows or LinearForms"
+            raise InputError(f"{kinds} is needed, not {type(model).__name__}")
+        if matrix is not None:
+            self.symbols, self.columns = list(matrix.symbols), len(self.names)
+            return
+        sampler = forms.sampler()
+        self.symbols, self.columns = sampler.symbols, forms.shape[1] - auxiliary
+        self._rows = lambda *point: _rows_of_forms(forms, auxiliary, sampler, *point)
+
+    def rows(self, field: PrimeField, rng: np.random.Generator, geometry: dict[str, Residues]) -> Residues:
+        """Rows that span the row space at a geometry."""
+        return self._rows(field, rng, geometry)
+
+    def closed_form(self, pivot: str) -> str | None:
+        """The base parameter of this representative, where there are closed forms."""
+        model = base_parameters(self.model) if isinstance(self.model, Mechanism | LinearModel) else self.model
+        if not isinstance(model, BaseModel | LinearBase) or pivot not in model.pivots:
+            return None
+        return str(model.expressions[model.pivots.index(pivot)])
+
+
+def _rows_of_forms(
+    forms: LinearForms,
+    auxiliary: int,
+    sampler: FieldSampler,
+    field: PrimeField,
+    rng: np.random.Generator,
+    geometry: dict[str, Residues],
+) -> Residues:
+    count = (forms.shape[1] + _SURPLUS_ROWS) * (_MORE_IN_REGIONS if sampler.regions > 1 else 1)
+    states = max(-(-count // max(1, forms.shape[0])), sampler.regions)
+    drawn = sampler.evaluate(field, rng, states, geometry or {"": np.zeros(1, dtype=np.int64)})
+    rows: Residues = forms.stacked(drawn)[0]
+    if not auxiliary:
+        return rows
+    # what is known up to constants is seen in combinations of rows that are free of them
+    reduced, pivots = reduced_echelon(rows, field)
+    kept = [k for k, pivot in enumerate(pivots) if pivot >= auxiliary]
+    table = [[int(reduced[k, c]) for c in range(auxiliary, rows.shape[1])] for k in kept]
+    return np.array(table, dtype=np.int64).reshape(len(kept), rows.shape[1] - auxiliary)
+
+
+def _rows_of_matrix(
+    matrix: BaseMatrix, field: PrimeField, _: np.random.Generator, geometry: dict[str, Residues]
+) -> Residues:
+    generators = residues_of_generators(matrix.generators, geometry, field)
+    values = {g: int(value[0]) for g, value in generators.items()}
+    rows = np.zeros(matrix.shape, dtype=np.int64)
+    for i, row in enumerate(matrix.rows):
+        for column, coefficient in row.items():
+            rows[i, column] = residue(coefficient, values, field)
+    return rows
+
+
+def _places(first: Sequence[str], second: Sequence[str], columns: int, others: int) -> list[int]:
+    """For every column of the first model, that of the second one."""
+    if not first or not second:
+        if columns != others:
+            raise InputError(f"the models have {columns} and {others} columns")
+        return list(range(columns))
+    stranger = next((n for n in (*first, *second) if (n in first) != (n in second)), None)
+    if stranger is not None:
+        which = "second" if stranger in first else "first"
+        raise InputError(f"the {which} model has no parameter '{stranger}'; both need the same parameters")
+    return [second.index(name) for name in first]
+
+
+def _result(seen: Sequence[_Comparison], sides: Sequence[_Side]) -> RowSpaces:
+    names = sides[0].names or sides[1].names or tuple(f"p{k + 1}" for k in range(sides[0].columns))
+    witnesses = [_witness(seen, sides, side, names) for side in (0, 1)]
+    first, second, union = seen[0].ranks
+    return RowSpaces(first, second, union, witnesses[0], witnesses[1], tuple(s.field.p for s in seen))
+
+
+def _witness(seen: Sequence[_Comparison], sides: Sequence[_Side], side: int, names: Sequence[str]) -> str:
+    """What only one side sees, as text; in numbers where all coefficients are."""
+    rows = [comparison.unseen(side) for comparison in seen]
+    row = rows[0]
+    if row is None:
+        return ""
+    pivot = min(row)
+    found = sides[side].closed_form(names[pivot])
+    if found is not None:
+        return found
+    terms: list[str] = []
+    for column in row:
+        residues = [other.get(column, 0) for other in rows if other is not None]
+        value: Any = rational(*combine(residues, [comparison.field.p for comparison in seen]))
+        if value is None:
+            return f"a combination of {', '.join(names[c] for c in row)}"
+        terms.append(names[column] if value == 1 else f"({value})·{names[column]}")
+    return " + ".join(terms)
