@@ -243,7 +243,7 @@ def test_rotors_may_sit_on_fixed_links(tmp_path: Path) -> None:
         ({"actuators": {"a": "joint1 + joint2", "b": "2*joint1 + 2*joint2"}}, "singular"),
         ({"actuators": {"a": "joint1 + joint2"}}, "1 actuators drive 2"),
         ({"effects": [{"type": "viscous", "at": "ghost"}]}, "no coordinate 'ghost'"),
-        ({"effects": [{"type": "viscous", "at": "joint1", "velocity": "1"}]}, "stribeck"),
+        ({"effects": [{"type": "viscous", "at": "joint1", "velocity": "1"}]}, "a viscous effect has no 'velocity'"),
         ({"effects": [{"parameter": "M1", "acts": [{"at": "joint1", "term": "qd"}]}]}, "another parameter"),
         ({"outputs": [{"joint": "joint1"}, {"joint": "joint1"}]}, "two outputs"),
     ],

@@ -103,7 +103,7 @@ def test_conditioning_is_that_of_pinocchios_regressor() -> None:
     q, qd, qdd = (resampled(found, order, 100)[:400] for order in range(3))
     rigid = pinocchio_regressor(found.base.mechanism, pinocchio_model(file, False), q, qd, qdd)
     eye = np.eye(6)
-    friction = [values[:, :, None] * eye for values in (qd, np.sign(qd), np.ones_like(qd))]
+    friction = [values[:, :, None] * eye for values in (qd, np.sign(qd), np.ones_like(qd), qdd)]
     W = np.concatenate([rigid, *friction], axis=2)[:, :, found.base.matrix.pivots].reshape(2400, -1)
     # a different sign of a speed that is zero up to rounding, at the ends, changes little
     assert found.conditioning.condition == pytest.approx(np.linalg.cond(W), rel=0.01)

@@ -60,7 +60,7 @@ def test_noise_is_found(result: Result) -> None:
     share = np.sqrt(result.model.preparation.band / nyquist)
     noise = np.array([result.document["estimate"]["noise"][o.name] for o in result.base.mechanism.outputs])
     ratio = noise / share / result.system.noise
-    assert (ratio > 0.9).all(), ratio
+    assert (ratio > 0.85).all(), ratio  # the band leaves some 150 independent rows, so three standard deviations
     assert (ratio < 1.4).all(), ratio
 
 

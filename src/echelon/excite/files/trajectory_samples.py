@@ -148,7 +148,10 @@ def read_samples(path: str | os.PathLike[str], coordinates: Sequence[str], units
     wanted = dict(zip(coordinates, positions, strict=True))
     _check_surplus(log.names, wanted, log.source)
     _check_units(path, log.source, _units(coordinates, units) | dict(zip(positions, units, strict=True)))
-    table = read_table(path, [name for name in log.names if name in _known(wanted)]).columns
+    read = read_table(path, [name for name in log.names if name in _known(wanted)])
+    if read.left_out:  # a log may lose rows, a motion that is to be executed may not
+        raise InputError(read.left_out[0], source=log.source)
+    table = read.columns
     unknown = np.full(len(table[TIME]), np.nan)
 
     def stacked(order: int) -> Floats:

@@ -79,7 +79,7 @@ class ClosureBlock:
         """Coefficients, (samples, monomials of every unknown …, equations)."""
         field, samples = positions.field, len(pose.turns)
         points = [_points(part.width, part.degree) for part in self._parts]
-        corners = np.indices([len(point) for point in points]).reshape(len(points), -1)
+        corners = np.indices([len(point) for point in points]).reshape(len(points), prod(map(len, points)))
         probes = pose.repeated(corners.shape[1])
         for part, point, corner in zip(self._parts, points, corners, strict=True):
             part.put(probes, np.tile(point[corner].T, samples), field)
