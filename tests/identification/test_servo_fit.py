@@ -37,22 +37,21 @@ def two_joints(folder: Path) -> ec.Setup:
 
 
 def fitted(
-    folder: Path, setup: ec.Setup, urdf: Path, seed: int, seconds: float, *, known: bool
+    folder: Path, setup: ec.Setup, urdf: Path, seed: int, seconds: float, *, known: int
 ) -> tuple[ec.ServoFit, np.ndarray]:
     """A fit to a simulated log, and the true base parameters."""
     rng = np.random.default_rng(seed)
     arm = servo_arms.servo_arm(urdf, rng)
     u = servo_arms.commands(arm, seconds, rng)
     log = servo_arms.written(folder, arm.names, servo_arms.simulated(arm, u, 0.025), u)
-    if known:
-        setup = setup.with_settings(known={"Kp1": float(arm.gains[0])})
+    setup = setup.with_settings(known={f"Kp{known}": float(arm.gains[known - 1])})
     fit = ec.fit_servos(setup, [log])
     return fit, fit.base.values(servo_arms.true_standard(arm, setup.mechanism))
 
 
 def test_planted_truth_of_two_servos(tmp_path: Path) -> None:
     setup = two_joints(tmp_path)
-    fit, truth = fitted(tmp_path, setup, tmp_path / "swing.urdf", 4, 16.0, known=True)
+    fit, truth = fitted(tmp_path, setup, tmp_path / "swing.urdf", 4, 16.0, known=1)
     assert fit.converged
     # what is left is what encoders of 4096 steps cut off
     assert max(score.rms for score in fit.held_out) < 1.4 * servo_arms.ENCODER / np.sqrt(12)
@@ -66,12 +65,12 @@ def test_planted_truth_of_two_servos(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 4])
 def test_planted_truth_of_the_so101(tmp_path: Path, seed: int) -> None:
-    fit, truth = fitted(tmp_path, ec.load_setup(SETUP), EXAMPLES / "so101.urdf", seed, 40.0, known=True)
+    fit, truth = fitted(tmp_path, ec.load_setup(SETUP), EXAMPLES / "so101.urdf", seed, 40.0, known=2)
     z = (fit.estimate.values - truth) / np.maximum(fit.estimate.std, 1e-12)
     assert fit.converged
     assert max(score.rms for score in fit.held_out) < 1.2 * servo_arms.ENCODER / np.sqrt(12)
     assert np.mean(np.abs(z) < 2) > 0.8
-    assert np.abs(z).max() < 4.5
+    assert np.abs(z).max() < 4.5  # one joint's scale, in all of its parameters, may be off together
 
 
 def test_derivatives_are_those_of_the_computed_motion(tmp_path: Path) -> None:
