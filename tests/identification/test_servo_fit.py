@@ -65,12 +65,12 @@ def test_planted_truth_of_two_servos(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 4])
 def test_planted_truth_of_the_so101(tmp_path: Path, seed: int) -> None:
-    fit, truth = fitted(tmp_path, ec.load_setup(SETUP), EXAMPLES / "so101.urdf", seed, 40.0, known=2)
+    fit, truth = fitted(tmp_path, ec.load_setup(SETUP), EXAMPLES / "so101.urdf", seed, 40.0, known=1)
     z = (fit.estimate.values - truth) / np.maximum(fit.estimate.std, 1e-12)
     assert fit.converged
     assert max(score.rms for score in fit.held_out) < 1.2 * servo_arms.ENCODER / np.sqrt(12)
-    assert np.mean(np.abs(z) < 2) > 0.8
-    assert np.abs(z).max() < 4.5  # one joint's scale, in all of its parameters, may be off together
+    assert np.mean(np.abs(z) < 2) > 0.8  # one joint's scale, in all of its parameters, may be off together
+    assert np.abs(z).max() < 4
 
 
 def test_derivatives_are_those_of_the_computed_motion(tmp_path: Path) -> None:

@@ -47,6 +47,7 @@ _STUCK = 1e8  # damping from which on no step helps
 _SETTLED = 1e-2  # standard deviations by which a last step moves
 _STILL = 0.005
 _PRIOR = 1.0  # standard deviation of inertial parameters, in sizes of their bodies
+_ANYTHING = 1e3  # standard deviation of effects, in the largest parameters of bodies
 _DELAYS = tuple(k / 100 for k in range(16))  # s
 _SLIGHT = 1e-3  # of a gain, that friction has at least at the start
 _CERTAIN = 10.0  # standard errors of a gain that is a good start
@@ -486,12 +487,14 @@ def _positive(base: BaseModel) -> Flags:
 def _prior(setup: Setup, base: BaseModel) -> Floats:
     """Rows whose product with a change of base parameters is in standard deviations of the prior, shape (i, r).
 
-    Standard parameters of a body deviate from the file's by their size each, and by a common factor.
+    Standard parameters of a body deviate from the file's by their size each, and by a common factor; effects, such as
+    rotors whose inertia joins that of a body, may have any value.
     """
     mechanism, columns = setup.prior or setup.mechanism, setup.mechanism.columns
     given = dict(zip(mechanism.parameters, mechanism.standard_values(), strict=True))
     value = np.array([given.get(c.name) or 0.0 if c.body is not None else 0.0 for c in columns])
-    covariance = np.zeros((len(columns), len(columns)))
+    anything = _ANYTHING * (np.abs(value).max() or 1.0)
+    covariance = np.diag([0.0 if c.body is not None else anything**2 for c in columns])
     for body in {c.body for c in columns if c.body is not None}:
         own = np.array([c.body == body for c in columns])
         for unit in {c.unit for c in columns if c.body == body}:
