@@ -47,8 +47,8 @@ from echelon.identification.identify import identify as identify
 from echelon.identification.payload import Payload as Payload
 from echelon.identification.predict import predict_log as predict_log
 from echelon.identification.result import Identification as Identification
-from echelon.identification.servo_fit import ServoFit as ServoFit
-from echelon.identification.servo_fit import fit_servos as fit_servos
+from echelon.identification.servos.servo_fit import ServoFit as ServoFit
+from echelon.identification.servos.servo_fit import fit_servos as fit_servos
 from echelon.inertia.convert import convert as convert
 from echelon.inertia.convert import convert_columns as convert_columns
 from echelon.mechanism.mechanism import Mechanism as Mechanism

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.identification.servo_fit import scale_groups, servo_joints
-from echelon.identification.servo_motion import ServoMotion, Windows, smooth
+from echelon.identification.servos.servo_fit import scale_groups
+from echelon.identification.servos.servo_motion import ServoMotion, Windows, smooth
+from echelon.identification.servos.servo_start import servo_joints
 from echelon.logs.recording import Segment
 from support import servo_arms
 from support.command_line import run

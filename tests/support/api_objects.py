@@ -19,7 +19,7 @@ import numpy as np
 import echelon as ec
 from echelon.formats.robot_file import RobotFile
 from echelon.identification.conditioning import conditioning
-from echelon.identification.servo_fit import ServoScore
+from echelon.identification.servos.servo_fit import ServoScore
 from echelon.regressor.loops.closures import Wrist
 from echelon.regressor.virtual_power import virtual_power_form
 from support.paths import EXAMPLES

@@ -13,7 +13,7 @@ from echelon.cli.destination import Destination
 from echelon.cli.screen import json_text, say_time, show, steps
 from echelon.errors import InputError
 from echelon.identification.identify import identify
-from echelon.identification.servo_fit import servo_joints
+from echelon.identification.servos.servo_start import servo_joints
 from echelon.setup.setup import load_setup
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from rich.text import Text
 from echelon.cli.destination import Destination
 from echelon.cli.screen import json_text, show, steps
 from echelon.errors import one_line
-from echelon.identification.servo_fit import ServoFit, ServoScore, fit_servos
+from echelon.identification.servos.servo_fit import ServoFit, ServoScore, fit_servos
 from echelon.results.servo import servo_document, servo_to_json
 from echelon.setup.setup import Setup
 

@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from echelon.identification.servo_fit import ServoFit
+from echelon.identification.servos.servo_fit import ServoFit
 from echelon.results.saved import to_dict
 from echelon.version import __version__
 

@@ -1,8 +1,8 @@
 """Arms without torque sensors: servo gains, friction and base parameters from positions and position commands.
 
-An output-error fit: the closed loop of the servos is simulated (:mod:`echelon.identification.servo_motion`), and its
-parameters are those whose motion is nearest to the measured one, by Gauss–Newton steps with Levenberg's damping (Ljung,
-"System Identification", 1999, section 7.2).  Starting values are those of the robot's file, and, for gains and
+An output-error fit: the closed loop of the servos is simulated (``servo_motion``), and its parameters are those whose
+motion is nearest to the measured one, by Gauss–Newton steps with Levenberg's damping (``output_error``; Ljung, "System
+Identification", 1999, section 7.2).  Starting values are those of the robot's file, and, for gains and
 friction, a least-squares fit of differentiated positions.
 
 The equation y(q, q̇, q̈; u) = X̄ ζ̄ = 0 is homogeneous: a heavier robot with stronger servos moves alike.  How many such
@@ -24,13 +24,22 @@ from typing import Any
 
 import numpy as np
 
-from echelon.arrays import Flags, Floats
+from echelon.arrays import Floats
 from echelon.base.derive import base_parameters, base_structure
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.identification.correlation import CorrelationSums
 from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.servo_motion import ServoMotion, Windows, smooth
+from echelon.identification.servos.output_error import OutputErrorProblem
+from echelon.identification.servos.servo_motion import ServoMotion, Windows, smooth
+from echelon.identification.servos.servo_start import (
+    inertial,
+    positive_parameters,
+    prior_rows,
+    servo_joints,
+    smooth_states,
+    start_values,
+    stated_values,
+)
 from echelon.logs.finding import Finding
 from echelon.logs.read_log import read_log
 from echelon.logs.recording import Segment
@@ -38,22 +47,11 @@ from echelon.machine.target import one_thread
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.logs import with_logs
 from echelon.setup.setup import Setup
-from echelon.signals.derivatives import derivatives
-from echelon.signals.filters import lowpass
 
 _WINDOW, _RUN_IN = 1.0, 1.0  # s
-_STEPS = 60
-_STUCK = 1e8  # damping from which on no step helps
-_SETTLED = 1e-2  # standard deviations by which a last step moves
 _STILL = 0.005
-_PRIOR = 1.0  # standard deviation of inertial parameters, in sizes of their bodies
-_ANYTHING = 1e3  # standard deviation of effects, in the largest parameters of bodies
-_DELAYS = tuple(k / 100 for k in range(16))  # s
-_SLIGHT = 1e-3  # of a gain, that friction has at least at the start
-_CERTAIN = 10.0  # standard errors of a gain that is a good start
 _VAGUE = 5.0  # per cent
 _WELL = 0.98  # R² of positions
-_SERVO = "q - i"
 
 
 @dataclass(frozen=True)
@@ -122,15 +120,6 @@ class ServoFit:
         return f"ServoFit({self.base.mechanism.name}: {self.base.rank} parameters, R² at least {worst:.3f})"
 
 
-def servo_joints(mechanism: Mechanism) -> dict[str, str]:
-    """Joints with a servo, and the names of the servos' gains."""
-    return {
-        effect.actions[0].at: effect.parameter
-        for effect in mechanism.effects
-        if len(effect.actions) == 1 and effect.actions[0].term == _SERVO
-    }
-
-
 def fit_servos(setup: Any, logs: Any, *, on_step: Callable[[str], None] | None = None) -> ServoFit:
     """Fit servo gains, friction and base parameters to measured positions and position commands.
 
@@ -175,12 +164,14 @@ def fit_servos(setup: Any, logs: Any, *, on_step: Callable[[str], None] | None =
         step("finding starting values")
         moving = replace(base, mechanism=smooth(mechanism, _STILL * _speed(segments)))
         motion = ServoMotion(moving, names, tuple(base.pivots.index(servo_joints(mechanism)[n]) for n in names))
-        stated = _stated(setup, base)
-        start, delay = _start(base, names, segments, stated, setup.settings.known)
+        stated = stated_values(setup, base)
+        start, delay = start_values(base, names, segments, stated, setup.settings.known)
         fixed, hidden = _scales(base, groups, segments, start, setup.settings.known)
 
         step("simulating")
-        problem = _Problem(motion, windows, start, delay, _positive(base), _prior(setup, base), fixed)
+        problem = OutputErrorProblem(
+            motion, windows, start, delay, positive_parameters(base), prior_rows(setup, base), fixed
+        )
         values, delay, covariance, noise, converged = problem.solve(step)
         step("validating")
         scores = _scores(motion, windows, values, delay)
@@ -277,10 +268,10 @@ def _scales(
     rows = [np.eye(len(start))[base.pivots.index(name)] for name in known]
     hidden = []
     outputs = [output.name for output in base.mechanism.outputs]
-    q, qd, qdd = _states(segments)
+    q, qd, qdd = smooth_states(segments)
     inputs = {name: np.zeros(len(q)) for name in outputs}
     regressor = base.regressor(q, qd, qdd, inputs=inputs)
-    inertial = _inertial(base)
+    of_bodies = inertial(base)
     for group in groups:
         places = [outputs.index(name) for name in group]
         seen = np.abs(regressor[:, places]).max(axis=(0, 1)) > 0
@@ -289,7 +280,7 @@ def _scales(
         if fixing:
             hidden.append(f"the scale of forces of {what} is that of {', '.join(fixing)}, which was given")
             continue
-        block = regressor[:, places].reshape(-1, len(start)) * inertial
+        block = regressor[:, places].reshape(-1, len(start)) * of_bodies
         forces = block @ start
         if not forces.any():
             raise InputError(
@@ -318,11 +309,6 @@ def _unclear(estimate: Estimate, servos: Mapping[str, str]) -> Sequence[str]:
         for joint, gain in servos.items()
         if relative[gain] > _VAGUE
     ]
-
-
-def _inertial(base: BaseModel) -> Floats:
-    """1 for base parameters of bodies, 0 for those of effects, shape (r,)."""
-    return np.array([float(base.mechanism.columns[p].body is not None) for p in base.matrix.pivots])
 
 
 # -- data --------------------------------------------------------------------------------------------------------------
@@ -366,242 +352,9 @@ def _windows(segments: Sequence[Segment], holdout: float) -> tuple[Windows, Wind
     return made(first), made(last) if last else None
 
 
-def _band(rate: float) -> float:
-    """Hz; what hobby servos hardly exceed, within what samples can show."""
-    return min(5.0, rate / 5)
-
-
-def _states(segments: Sequence[Segment]) -> tuple[Floats, Floats, Floats]:
-    """Positions with smooth derivatives, all segments on end."""
-    filtered = [lowpass(s.signals["q"], _band(s.rate), s.rate) for s in segments]
-    parts = [derivatives(q, s.rate) for q, s in zip(filtered, segments, strict=True)]
-    qd, qdd = (np.vstack([part[k] for part in parts]) for k in range(2))
-    return np.vstack(filtered), qd, qdd
-
-
 def _speed(segments: Sequence[Segment]) -> float:
     """Rms speed of the joints, rad/s or m/s."""
-    return float(max(np.sqrt(np.mean(_states(segments)[1] ** 2)), 1e-3))
-
-
-# -- starting values -------------------------------------------------------------------------------------------------
-
-
-def _stated(setup: Setup, base: BaseModel) -> Floats:
-    """Base parameters of the file's bodies; effects without values count as none."""
-    mechanism = setup.prior or setup.mechanism
-    given = dict(zip(mechanism.parameters, mechanism.standard_values(), strict=True))
-    standard = [given.get(name) for name in setup.mechanism.parameters]
-    lacking = [c.name for c, v in zip(setup.mechanism.columns, standard, strict=True) if v is None and c.body]
-    if lacking:
-        raise InputError(
-            f"the robot's file gives no values of {', '.join(lacking[:4])}{' …' * (len(lacking) > 4)}: a fit of servos "
-            "starts from them; name a file that has them under identification: prior: file",
-            source=setup.source,
-        )
-    return base.values(np.array([0.0 if v is None else v for v in standard]))
-
-
-def _start(
-    base: BaseModel, names: Sequence[str], segments: Sequence[Segment], stated: Floats, known: Mapping[str, float]
-) -> tuple[Floats, float]:
-    """Stated values of bodies, and gains, friction and a delay that fit differentiated positions best.
-
-    A joint's row over its gain, q − u + Σ (f/Kp) x + (1/Kp) τ = 0, has the signal with the least noise alone.  Where
-    the bodies' forces τ are too small to tell the gain, it is taken to be like that of the other joints.
-    """
-    q, qd, qdd = _states(segments)
-    X = base.regressor(q, qd, qdd, inputs={name: np.zeros(len(q)) for name in names})
-    start, servos = stated.copy(), servo_joints(base.mechanism)
-    for name, value in known.items():
-        if name not in base.pivots:
-            raise InputError(f"'{name}' is not a base parameter", element="identification.known")
-        start[base.pivots.index(name)] = value
-    bodies, given = _inertial(base) > 0, np.isin(base.pivots, list(known))
-    gains = [base.pivots.index(servos[name]) for name in names]
-    rows, positive = [], _positive(base)
-    for k, gain in enumerate(gains):
-        places = np.flatnonzero(~bodies & ~given & (np.abs(X[:, k]).max(axis=0) > 0))
-        free = [int(place) for place in places if place != gain]
-        held = np.where(bodies | given, start, 0.0)
-        held[gain] = 0.0
-        rows.append(_Row(free, X[:, k, free], X[:, k] @ held, positive[free]))
-    pulls = {delay: _pulls(segments, names, delay) - q for delay in _DELAYS}
-    misfits = {
-        d: sum(r.solved(pull)[3] / (pull @ pull) for r, pull in zip(rows, p.T, strict=True)) for d, p in pulls.items()
-    }
-    delay = min(misfits, key=lambda d: misfits[d])
-    found = [row.solved(pull) for row, pull in zip(rows, pulls[delay].T, strict=True)]
-    told = [1 / weight for _, weight, certain, _ in found if certain]
-    if not told and not given[gains].any():
-        raise InputError(
-            "no joint's positions follow its commands against the weight of the bodies as a servo's would: are columns "
-            "exchanged, or signs or units wrong? Else state one gain under identification: known"
-        )
-    for (shares, weight, certain, _), row, gain in zip(found, rows, gains, strict=True):
-        if not given[gain]:
-            start[gain] = 1 / weight if certain else np.median(told or start[gains][given[gains]])
-        start[row.free] = np.where(row.positive, np.maximum(shares, _SLIGHT), shares) * start[gain]
-    return start, delay
-
-
-def _pulls(segments: Sequence[Segment], names: Sequence[str], delay: float) -> Floats:
-    """Smooth commands as servos hold them, late by a delay, shape (N, n)."""
-    parts = []
-    for s in segments:
-        times = np.arange(len(s)) / s.rate
-        late = [np.interp(times - delay - 0.5 / s.rate, times, s.inputs[name]) for name in names]
-        parts.append(lowpass(np.stack(late, axis=1), _band(s.rate), s.rate))
-    return np.vstack(parts)
-
-
-@dataclass(frozen=True)
-class _Row:
-    """A joint's equation: effects with unknown parameters, and forces that are known but for their scale."""
-
-    free: list[int]
-    effects: Floats
-    forces: Floats
-    positive: Flags
-
-    def solved(self, pull: Floats) -> tuple[Floats, float, bool, float]:
-        """Effects over the gain, one over the gain, whether that is certain, and squares that are left."""
-        from scipy.optimize import lsq_linear
-
-        columns = np.column_stack([self.effects, self.forces])
-        scales = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        low = np.where(np.append(self.positive, True), 0.0, -np.inf)
-        found = lsq_linear(columns / scales, pull, (low, np.inf)).x
-        squares = float(np.sum((pull - columns / scales @ found) ** 2))
-        inverse = np.linalg.pinv((columns / scales).T @ (columns / scales), hermitian=True)
-        error = np.sqrt(squares / len(pull) * inverse[-1, -1])
-        return found[:-1] / scales[:-1], float(found[-1] / scales[-1]), bool(found[-1] > _CERTAIN * error), squares
-
-
-def _positive(base: BaseModel) -> Flags:
-    """Base parameters that are positive: gains, friction and rotor inertia."""
-    terms = {e.parameter: {a.term for a in e.actions} for e in base.mechanism.effects}
-    return np.array([bool(terms.get(p, {""}) <= {"qd", "sign(qd)", "qdd", _SERVO}) for p in base.pivots])
-
-
-def _prior(setup: Setup, base: BaseModel) -> Floats:
-    """Rows whose product with a change of base parameters is in standard deviations of the prior, shape (i, r).
-
-    Standard parameters of a body deviate from the file's by their size each, and by a common factor; effects, such as
-    rotors whose inertia joins that of a body, may have any value.
-    """
-    mechanism, columns = setup.prior or setup.mechanism, setup.mechanism.columns
-    given = dict(zip(mechanism.parameters, mechanism.standard_values(), strict=True))
-    value = np.array([given.get(c.name) or 0.0 if c.body is not None else 0.0 for c in columns])
-    anything = _ANYTHING * (np.abs(value).max() or 1.0)
-    covariance = np.diag([0.0 if c.body is not None else anything**2 for c in columns])
-    for body in {c.body for c in columns if c.body is not None}:
-        own = np.array([c.body == body for c in columns])
-        for unit in {c.unit for c in columns if c.body == body}:
-            some = own & np.array([c.unit == unit for c in columns])
-            covariance[some, some] = _PRIOR**2 * np.sum(value[some] ** 2)
-        covariance += _PRIOR**2 * np.outer(value * own, value * own)
-    B, bodies = base.B_float(), np.flatnonzero(_inertial(base))
-    spread = (B @ covariance @ B.T)[np.ix_(bodies, bodies)]
-    scale = np.sqrt(np.maximum(np.diagonal(spread), 1e-300))
-    rows = np.zeros((len(bodies), len(B)))
-    factor = np.linalg.cholesky(spread / np.outer(scale, scale) + 1e-9 * np.eye(len(bodies)))
-    rows[:, bodies] = np.linalg.solve(factor, np.diag(1 / scale))
-    return rows
-
-
-# -- the fit ---------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Problem:
-    """Weighted squares of the differences between measured and simulated positions, and of those from the file."""
-
-    motion: ServoMotion
-    windows: Windows
-    start: Floats
-    delay: float  # at the start, s
-    positive: Flags  # shape (r,)
-    prior: Floats  # see _prior
-    fixed: Floats  # shape (c, r): directions along which nothing changes
-
-    def solve(self, step: Callable[[str], None]) -> tuple[Floats, float, Floats, Floats, bool]:
-        """Values, delay, covariance of both, noise of the joints, and whether steps became small."""
-        free = self._free()
-        values = np.append(self.start, self.delay)
-        rest, slopes = self._linearised(values)
-        if not np.isfinite(rest).all():
-            raise InputError("the robot with its starting values cannot be simulated: is its mass matrix positive?")
-        noise, damping, converged, count = _noise(rest), 1e-3, False, 0
-        while not converged and count < _STEPS and damping < _STUCK:
-            count += 1
-            step(f"simulating (step {count} of at most {_STEPS})")
-            hessian, gradient = self._normal(rest, slopes, noise, values, free)
-            change = -np.linalg.solve(hessian + damping * np.diag(np.diagonal(hessian)), gradient)
-            tried = self._moved(values, free @ change)
-            new, new_slopes = self._linearised(tried)
-            if np.isfinite(new).all() and self._cost(new, noise, tried) <= self._cost(rest, noise, values):
-                converged = bool(np.sqrt(change @ hessian @ change / len(change)) < _SETTLED)
-                values, rest, slopes, noise, damping = tried, new, new_slopes, _noise(new), max(damping / 5, 1e-9)
-            else:
-                damping *= 8
-        inflated = noise * np.sqrt(_inflation(rest))
-        hessian, _ = self._normal(rest, slopes, inflated, values, free)
-        scale = 1 / np.sqrt(np.diagonal(hessian))
-        inverse = scale[:, None] * np.linalg.pinv(hessian * np.outer(scale, scale), hermitian=True) * scale
-        return values[:-1], float(values[-1]), free @ inverse @ free.T, noise, converged
-
-    def _free(self) -> Floats:
-        """Basis of the changes that are allowed, of parameters and delay, shape (r + 1, d)."""
-        count = len(self.start)
-        held = np.hstack([self.fixed, np.zeros((len(self.fixed), 1))])
-        sizes = np.abs(self.start)
-        scale = np.append(np.where(sizes > 0, sizes, 1.0), 1e-2)
-        _, singular, right = np.linalg.svd(held * scale, full_matrices=True)
-        rank = int(np.sum(singular > 1e-12 * singular.max(initial=1e-300)))
-        basis: Floats = scale[:, None] * right[rank:].T
-        return basis.reshape(count + 1, -1)
-
-    def _moved(self, values: Floats, change: Floats) -> Floats:
-        """Values after a step that leaves positive ones positive: their logarithms change, by no more than 1."""
-        tried = values + change
-        some = np.flatnonzero(self.positive)
-        tried[some] = values[some] * np.exp(np.clip(change[some] / values[some], -1.0, 1.0))
-        return tried
-
-    def _linearised(self, values: Floats) -> tuple[Floats, Floats]:
-        found, slopes = self.motion.derivatives(self.windows, values[:-1], float(values[-1]))
-        return found - self.windows.measured, slopes
-
-    def _cost(self, rest: Floats, noise: Floats, values: Floats) -> float:
-        return float(np.sum((rest / noise) ** 2) + np.sum((self.prior @ (values[:-1] - self.start)) ** 2))
-
-    def _normal(
-        self, rest: Floats, slopes: Floats, noise: Floats, values: Floats, free: Floats
-    ) -> tuple[Floats, Floats]:
-        along = (slopes / noise[:, None]).reshape(-1, slopes.shape[-1]) @ free
-        weighted = (rest / noise).reshape(-1)
-        prior = self.prior @ free[:-1]
-        hessian = along.T @ along + prior.T @ prior
-        gradient = along.T @ weighted + prior.T @ (self.prior @ (values[:-1] - self.start))
-        return hessian, gradient
-
-
-def _noise(rest: Floats) -> Floats:
-    """Standard deviations of joints, shape (n,)."""
-    found: Floats = np.maximum(np.sqrt(np.mean(rest**2, axis=(0, 1))), 1e-9)
-    return found
-
-
-def _inflation(rest: Floats) -> Floats:
-    """Samples that say as much as one, because differences resemble their neighbours, shape (n,)."""
-    found = []
-    for joint in range(rest.shape[2]):
-        sums = CorrelationSums(rest.shape[1])
-        for window, values in enumerate(rest[:, :, joint]):
-            sums.add(np.arange(float(len(values))), values, window)
-        found.append(max(1.0, sums.result().time))
-    return np.array(found)
+    return float(max(np.sqrt(np.mean(smooth_states(segments)[1] ** 2)), 1e-3))
 
 
 def _scores(motion: ServoMotion, windows: Windows, values: Floats, delay: float) -> tuple[ServoScore, ...]:

@@ -1,0 +1,1 @@
+"""Arms without torque sensors: models from positions and position commands."""
