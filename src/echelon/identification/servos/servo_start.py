@@ -11,6 +11,7 @@ from echelon.arrays import Flags, Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.logs.recording import Segment
+from echelon.mechanism.effect import KINDS
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.setup import Setup
 from echelon.signals.derivatives import derivatives
@@ -21,7 +22,7 @@ _ANYTHING = 1e3  # standard deviation of effects, in the largest parameters of b
 _DELAYS = tuple(k / 100 for k in range(16))  # s
 _SLIGHT = 1e-3  # of a gain, that friction has at least at the start
 _CERTAIN = 10.0  # standard errors of a gain that is a good start
-_SERVO = "q - i"
+_SERVO = KINDS["servo"][0].term
 
 
 def servo_joints(mechanism: Mechanism) -> dict[str, str]:
@@ -91,11 +92,10 @@ def start_values(
         held[gain] = 0.0
         rows.append(_Row(free, X[:, k, free], X[:, k] @ held, positive[free]))
     pulls = {delay: _pulls(segments, names, delay) - q for delay in _DELAYS}
-    misfits = {
-        d: sum(r.solved(pull)[3] / (pull @ pull) for r, pull in zip(rows, p.T, strict=True)) for d, p in pulls.items()
-    }
+    solved = {d: [row.solved(pull) for row, pull in zip(rows, p.T, strict=True)] for d, p in pulls.items()}
+    misfits = {d: sum(f[3] / (p @ p) for f, p in zip(solved[d], pulls[d].T, strict=True)) for d in _DELAYS}
     delay = min(misfits, key=lambda d: misfits[d])
-    found = [row.solved(pull) for row, pull in zip(rows, pulls[delay].T, strict=True)]
+    found = solved[delay]
     told = [1 / weight for _, weight, certain, _ in found if certain]
     if not told and not given[gains].any():
         raise InputError(
