@@ -98,7 +98,7 @@ def urdf_case(name: str, label: str, file: str, *, literal: bool = False) -> Cas
     import pinocchio as pin
 
     path = find_urdf(file)
-    mechanism = ec.load(path, tolerance=0) if literal else ec.load(path)
+    mechanism = ec.load(path, snap_tolerance=0) if literal else ec.load(path)
     return Case(name, label, ec.base_parameters(mechanism), pin.buildModelFromUrdf(str(path)))
 
 

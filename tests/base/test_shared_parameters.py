@@ -142,7 +142,7 @@ def test_every_body_is_written() -> None:
     car = read(shared.CAR + FRICTION)
     zeta = random_parameters(car)
     description, generated = identified_robot(car, zeta)
-    again = RobotFile.of(description.text.encode(), "robot.yaml").mechanism(ReadingOptions(every_link=True))
+    again = RobotFile.of(description.text.encode(), "robot.yaml").mechanism(ReadingOptions(keep_fixed_links=True))
     np.testing.assert_allclose(np.array(again.standard_values(), dtype=float), zeta)
     inertial = {body.name: body.inertial for body in again.bodies}
     assert inertial["w1"] == inertial["w2"] == inertial["w3"] == inertial["w4"]

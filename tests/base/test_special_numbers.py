@@ -25,7 +25,7 @@ def check(tmp_path: Path, family: str, seed: int, reading: str) -> None:
     planted = robot(family, seed)
     file = tmp_path / f"robot{planted.suffix}"
     file.write_text(planted.text)
-    mechanism = ec.load(file, tolerance=0) if reading == "literal" else ec.load(file)
+    mechanism = ec.load(file, snap_tolerance=0) if reading == "literal" else ec.load(file)
     assert ec.base_structure(mechanism).rank == planted.rank(reading == "intended"), planted.text
 
 

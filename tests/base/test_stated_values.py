@@ -275,7 +275,7 @@ def test_a_declared_decimal_near_a_right_angle_is_one_and_said_so() -> None:
     assert robot.reading is not None
     assert [str(s) for s in robot.reading.snaps] == ["symbols.alpha: 1.5708 read as 90°"]
     literal = read(
-        "symbols: {alpha: 1.5708}\nmodified_dh: [{joint: revolute}, {joint: revolute, alpha: alpha}]", tolerance=0
+        "symbols: {alpha: 1.5708}\nmodified_dh: [{joint: revolute}, {joint: revolute, alpha: alpha}]", snap_tolerance=0
     )
     assert literal.symbols["alpha"].exact == "1.5708"
 

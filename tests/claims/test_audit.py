@@ -175,7 +175,7 @@ def test_rounded_angles_of_a_file_explain_small_differences() -> None:
     assert intended.verdict is ec.Verdict.WRONG
     assert all(abs(d.difference or 0) < 1e-5 for f in intended.findings for d in f.differences)
     assert "rounded angles were read as exact" in intended.notes[0]
-    assert ec.audit(ec.load(file, tolerance=0), claims).verdict is ec.Verdict.EQUAL_TO_PRINTED_DIGITS
+    assert ec.audit(ec.load(file, snap_tolerance=0), claims).verdict is ec.Verdict.EQUAL_TO_PRINTED_DIGITS
 
 
 @pytest.mark.parametrize(("name", "rank"), [pytest.param("ur10_robot", 36, marks=pytest.mark.slow), ("panda", 51)])

@@ -19,7 +19,7 @@ SAMPLES = 2
 
 def loaded(name: str, floating: bool) -> tuple[Mechanism, object]:
     """Nothing is snapped, so both programs see the numbers of the file."""
-    mechanism = ec.load(robot_file(name), floating=floating, tolerance=0, independent_mimics=True)
+    mechanism = ec.load(robot_file(name), floating=floating, snap_tolerance=0, independent_mimics=True)
     return mechanism, pinocchio_model(robot_file(name), floating)
 
 

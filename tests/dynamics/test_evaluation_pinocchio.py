@@ -24,7 +24,7 @@ class Case:
 
     def __init__(self, name: str, floating: bool) -> None:
         file = robot_file(name)
-        mechanism = ec.load(file, floating=floating, tolerance=0, independent_mimics=True)
+        mechanism = ec.load(file, floating=floating, snap_tolerance=0, independent_mimics=True)
         self.base: BaseModel = ec.base_parameters(mechanism)
         self.values = self.base.B_float() @ standard_vector(mechanism)
         self.state = self.q, self.qd, self.qdd = random_states(mechanism, SAMPLES)

@@ -42,7 +42,7 @@ def test_some_files_are_fast() -> None:
 @pytest.mark.parametrize("name", cases())
 def test_regressors_equal_pinocchio(name: str, floating: bool) -> None:
     # nothing is snapped, so both programs see the numbers of the file; Pinocchio ignores mimic elements
-    mechanism = ec.load(robot_file(name), floating=floating, tolerance=0, independent_mimics=True)
+    mechanism = ec.load(robot_file(name), floating=floating, snap_tolerance=0, independent_mimics=True)
     state = random_states(mechanism, SAMPLES)
     expected = pinocchio_regressor(mechanism, pinocchio_model(robot_file(name), floating), *state)
     for columns in (range(len(mechanism.parameters)), ec.base_structure(mechanism).pivots):

@@ -33,7 +33,7 @@ ROBOTS = [
 
 @cache
 def loaded(name: str, floating: bool) -> Mechanism:
-    return ec.load(robot_file(name), floating=floating, tolerance=0, independent_mimics=True)
+    return ec.load(robot_file(name), floating=floating, snap_tolerance=0, independent_mimics=True)
 
 
 @pytest.mark.parametrize(("name", "floating"), ROBOTS)

@@ -130,7 +130,7 @@ def test_fixed_parts_ride_on_their_bodies() -> None:
     assert (closure.first, closure.second) == (0, 1)
     assert [str(e) for e in closure.first_frame.translation] == ["1/2", "1/10", "0"]
     assert [str(e) for e in closure.second_frame.translation] == ["1/2", "1/10", "1"]
-    (closure,) = read(FIXED.format(floating="", first="tool", second="slide"), every_link=True).closures
+    (closure,) = read(FIXED.format(floating="", first="tool", second="slide"), keep_fixed_links=True).closures
     assert (closure.first, closure.second) == (2, 3)
     assert [str(e) for e in closure.first_frame.translation] == ["1/10", "0", "0"]
 
@@ -287,7 +287,7 @@ def test_round_trip_of_all_kinds(kind: ClosureKind) -> None:
 
 def check_round_trip(mechanism: Mechanism) -> None:
     text = json.dumps(write_description(mechanism))
-    again = read_description(text, "robot.json", ReadingOptions(every_link=True))
+    again = read_description(text, "robot.json", ReadingOptions(keep_fixed_links=True))
     assert again.closures == mechanism.closures
     assert (again.independent, again.assembly) == (mechanism.independent, mechanism.assembly)
     assert (again.bodies, again.symbols) == (mechanism.bodies, mechanism.symbols)

@@ -63,7 +63,7 @@ def chosen(mechanism: Mechanism, prefer: list[str]) -> Mechanism:
 
 def read(equality: str, tail: str = "", tree: str = TREE, **options: bool) -> Mechanism:
     return RobotFile.of(text(equality, tail, tree).encode(), "robot.xml").mechanism(
-        ReadingOptions(tolerance=0, **options)
+        ReadingOptions(snap_tolerance=0, **options)
     )
 
 
@@ -92,9 +92,9 @@ def mujoco_points(equality: str) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("name", EQUALITIES)
-@pytest.mark.parametrize("every_link", [False, True])
-def test_points_are_those_of_mujoco(name: str, every_link: bool) -> None:
-    mechanism = read(EQUALITIES[name], every_link=every_link)
+@pytest.mark.parametrize("keep_fixed_links", [False, True])
+def test_points_are_those_of_mujoco(name: str, keep_fixed_links: bool) -> None:
+    mechanism = read(EQUALITIES[name], keep_fixed_links=keep_fixed_links)
     points = [frame[:3, 3] for frame in frames(mechanism, 0, dict(mechanism.assembly))]
     expected = mujoco_points(EQUALITIES[name])
     if name.split()[0] == "weld":  # between bodies, it states its point on the second one
@@ -184,7 +184,7 @@ def test_round_trip(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("echelon.formats.description.stated_loops.close", lambda mechanism, *_, **__: mechanism)
     mechanism = read(EQUALITIES[name])
     written = json.dumps(write_description(mechanism))
-    again = read_description(written, "robot.json", ReadingOptions(every_link=True))
+    again = read_description(written, "robot.json", ReadingOptions(keep_fixed_links=True))
     assert (again.closures, again.assembly) == (mechanism.closures, mechanism.assembly)
     assert json.dumps(write_description(again)) == written
 

@@ -158,7 +158,7 @@ ROBOTS = [
 def test_round_trip(robot: Callable[[], Mechanism]) -> None:
     mechanism = robot()
     text = json.dumps(write_description(mechanism))
-    again = read_description(text, "robot.json", ReadingOptions(every_link=True))
+    again = read_description(text, "robot.json", ReadingOptions(keep_fixed_links=True))
     assert (again.bodies, again.couplings, again.gravity) == (
         mechanism.bodies, mechanism.couplings, mechanism.gravity,
     )  # fmt: skip

@@ -63,13 +63,13 @@ def test_fixed_parts_can_be_kept_apart() -> None:
     text = TOOL.replace("VALUE", "null")
     apart = read(text.replace("- name: tool", "- name: tool\n    separate: true"))
     assert [body.name for body in apart.bodies] == ["hand", "tool"]
-    assert [body.name for body in read(text, every_link=True).bodies] == ["hand", "flange", "tool"]
+    assert [body.name for body in read(text, keep_fixed_links=True).bodies] == ["hand", "flange", "tool"]
 
 
 def test_labels_do_not_depend_on_whether_the_base_is_kept() -> None:
     text = "bodies: [{name: stand}, {name: arm, parent: stand, joint: {type: revolute, axis: z}}]"
     assert [body.label for body in read(text).bodies] == ["1"]
-    assert [body.label for body in read(text, every_link=True).bodies] == ["0", "1"]
+    assert [body.label for body in read(text, keep_fixed_links=True).bodies] == ["0", "1"]
     assert [body.label for body in read(text, floating=True).bodies] == ["0", "1"]
 
 

@@ -58,7 +58,7 @@ def test_fixed_frames_meet_as_they_are(tmp_path: Path) -> None:
     (closure,) = read(tmp_path, text).closures
     assert [str(e) for e in closure.first_frame.translation] == ["1/4", "0", "0"]
     assert [str(e) for e in closure.second_frame.translation] == ["1/4", "0", "0"]
-    apart = ec.load(tmp_path / "robot.yaml", every_link=True)
+    apart = ec.load(tmp_path / "robot.yaml", keep_fixed_links=True)
     names = [apart.bodies[k].name for k in (apart.closures[0].first, apart.closures[0].second)]
     assert names == ["end_A", "end_B"]
     assert all(f.is_identity for f in (apart.closures[0].first_frame, apart.closures[0].second_frame))

@@ -106,7 +106,7 @@ def test_a_parallelogram_within_rounding_is_meant() -> None:
         f"equality connect '{side}_finger and {side}_inner'" for side in ("left", "right")
     }
     assert base.reading.snaps[0].difference == pytest.approx(1e-5)
-    robot = RobotFile.of(NEAR.encode(), "hand.xml").mechanism(ReadingOptions(tolerance=0))
+    robot = RobotFile.of(NEAR.encode(), "hand.xml").mechanism(ReadingOptions(snap_tolerance=0))
     assert ec.base_structure(robot).rank == 8
     far = NEAR.replace("-0.01501 0.015", "-0.0155 0.015")
     robot = RobotFile.of(far.encode(), "hand.xml").mechanism(ReadingOptions())

@@ -339,7 +339,7 @@ def test_couplings_of_coupled_joints() -> None:
     """The second constraint of a joint is one of the joints that it follows; a third one may say nothing."""
     equality = '<equality><joint joint1="a" joint2="b"/>SECOND</equality>'
     tree = read(model(ARM, tail=equality.replace("SECOND", '<joint joint1="b" joint2="a"/>')))
-    built = build_mechanism(tree, ReadingOptions(tolerance=0))
+    built = build_mechanism(tree, ReadingOptions(snap_tolerance=0))
     assert [c.coordinate for c in built.mechanism.couplings] == ["a"]
     assert "equality joint 'b and a' follows from the other equalities" in built.notes
     held = mechanism_of(read(model(ARM, tail=equality.replace("SECOND", '<joint joint1="a"/>'))))

@@ -26,7 +26,7 @@ def unclosed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def read(text: str) -> Mechanism:
-    return RobotFile.of(text.encode(), "robot.xml").mechanism(ReadingOptions(tolerance=0))
+    return RobotFile.of(text.encode(), "robot.xml").mechanism(ReadingOptions(snap_tolerance=0))
 
 
 def coordinates(model: Any) -> tuple[list[str], list[str]]:

@@ -34,7 +34,7 @@ SENSORS = (
 
 def load(folder: Path, text: str, **options: object) -> Mechanism:
     (folder / "robot.xml").write_text(text)
-    return ec.load(folder / "robot.xml", tolerance=0, **options)  # type: ignore[arg-type]
+    return ec.load(folder / "robot.xml", snap_tolerance=0, **options)  # type: ignore[arg-type]
 
 
 def test_outputs_are_what_the_sensors_say(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from support.robot_files import pinocchio_model, robot_file
 def test_fixed_links_are_where_pinocchio_has_them(name: str) -> None:
     import pinocchio as pin
 
-    built = open_robot(robot_file(name)).built(ReadingOptions(tolerance=0, symbolic=False))
+    built = open_robot(robot_file(name)).built(ReadingOptions(snap_tolerance=0, symbolic=False))
     robot, model = built.mechanism, pinocchio_model(robot_file(name), False)
     frames = {frame.name: frame for frame in model.frames if frame.type == pin.BODY}
     riders = {link: rider for link, rider in built.riders.items() if link in frames}

@@ -16,7 +16,7 @@ from echelon.mechanism.mechanism import Mechanism
 from support.loop_frames import residual
 from support.textbook_poses import Array, along, moved, pose_of, turned
 
-LITERAL = ReadingOptions(tolerance=0)
+LITERAL = ReadingOptions(snap_tolerance=0)
 
 
 def read(text: str, options: ReadingOptions = LITERAL) -> Mechanism:
@@ -120,14 +120,14 @@ def check_kinematics(robot: Mechanism, at: Callable[[Mapping[str, float]], dict[
 @pytest.mark.parametrize("seed", range(10))
 def test_links_are_where_their_poses_say(seed: int) -> None:
     known = RandomModel(seed)
-    check_kinematics(read(known.text, ReadingOptions(tolerance=0, every_link=True)), known.at, seed)
+    check_kinematics(read(known.text, ReadingOptions(snap_tolerance=0, keep_fixed_links=True)), known.at, seed)
 
 
 def test_every_number_is_one_symbol() -> None:
     """What is turned and turned back is as it was, also where all numbers have symbols of their own."""
     seed = 3
     known = RandomModel(seed)
-    robot = read(known.text, ReadingOptions(tolerance=0, separate_symbols=True))
+    robot = read(known.text, ReadingOptions(snap_tolerance=0, separate_symbols=True))
     check_kinematics(robot, known.at, seed)
 
 
@@ -207,7 +207,7 @@ def test_mimics_and_old_axes() -> None:
     )
     robot = read(text)
     assert [(c.coordinate, str(c.terms[0][1])) for c in robot.couplings] == [("b", "2")]
-    assert not read(text, ReadingOptions(tolerance=0, independent_mimics=True)).couplings
+    assert not read(text, ReadingOptions(snap_tolerance=0, independent_mimics=True)).couplings
     old = BAR.replace('version="1.9"', 'version="1.4"')
     axes = [
         pose_of(

@@ -82,7 +82,7 @@ def test_rounded_right_angle(read, text: str) -> None:  # type: ignore[no-untype
 
 
 def test_snapping_can_be_switched_off(read) -> None:  # type: ignore[no-untyped-def]
-    mechanism = read(arm(origin("1 1e-9 0", "1.5708 0 0")), tolerance=0)
+    mechanism = read(arm(origin("1 1e-9 0", "1.5708 0 0")), snap_tolerance=0)
     assert mechanism.reading is not None
     assert mechanism.reading.snaps == ()
     assert set(mechanism.symbols) == {"px2", "py2", "roll2"}
@@ -132,7 +132,7 @@ def test_fixed_links_are_lumped_or_kept(read) -> None:  # type: ignore[no-untype
     expected = [1 + 2 + 2 * 1 + 2 * 0.01, 0, 0, 2 + 0.02 + 1 + 2, -2 * 0.1, 3 + 0.02 + 3 + 0.02, 0.2, 0.2, 2, 4]
     np.testing.assert_allclose(lumped.bodies[0].inertial, expected, atol=1e-9)
     assert lumped.bodies[1].inertial is None
-    kept = read(text, every_link=True)
+    kept = read(text, keep_fixed_links=True)
     assert [b.name for b in kept.bodies] == ["base", "a", "tool", "b"]
     assert ec.base_structure(kept).rank == ec.base_structure(lumped).rank
 
@@ -164,7 +164,7 @@ def test_planar_joint_slides_across_its_axis_and_turns_about_it(read, axis: str,
 
 
 def test_axis_in_a_general_direction_keeps_its_value(read) -> None:  # type: ignore[no-untyped-def]
-    mechanism = read(arm("<axis xyz='1 2 -2'/>"), tolerance=0)
+    mechanism = read(arm("<axis xyz='1 2 -2'/>"), snap_tolerance=0)
     values = {name: symbol.value for name, symbol in mechanism.symbols.items()}
     column = [placement(mechanism, 1).rotation[row][2] for row in range(3)]
     found = [x.evaluate(float_generators(x.generators(), values), float) for x in column]
@@ -320,7 +320,7 @@ def test_missing_file_and_directory(tmp_path: Path) -> None:
 @pytest.mark.parametrize("tolerance", [-1, 0.5, float("nan")])
 def test_tolerance_is_checked(read, tolerance: float) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(ec.InputError, match="tolerance"):
-        read(arm(), tolerance=tolerance)
+        read(arm(), snap_tolerance=tolerance)
 
 
 @pytest.mark.parametrize("gravity", ["1,2", "sideways", ("a/b", 0, 0)])

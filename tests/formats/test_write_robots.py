@@ -43,7 +43,7 @@ LARGE = {"tiago", "pr2", "romeo", "talos_full_v2", "icub"}
 def test_written_urdf_in_pinocchio_and_read_again(name: str, floating: bool) -> None:
     file = robot_file(name)
     options = replace(EXACT, floating=floating)
-    mechanism = ec.load(file, tolerance=0, floating=floating, independent_mimics=True)
+    mechanism = ec.load(file, snap_tolerance=0, floating=floating, independent_mimics=True)
     values = random_parameters(mechanism)
     (written,) = identified_robot(mechanism, values, open_robot(file))
     again = reread(written, options)
@@ -65,12 +65,12 @@ def test_geometry_that_was_read_as_exact_stays_as_written_and_is_mentioned() -> 
     assert any("read as exact" in note for note in written.notes)
 
 
-def test_every_link_keeps_its_own_inertial() -> None:
+def test_kept_fixed_links_have_their_own_inertial() -> None:
     file = robot_file("panda")
-    mechanism = ec.load(file, tolerance=0, independent_mimics=True, every_link=True)
+    mechanism = ec.load(file, snap_tolerance=0, independent_mimics=True, keep_fixed_links=True)
     values = random_parameters(mechanism)
     (written,) = identified_robot(mechanism, values, open_robot(file))
-    assert_near(standard(reread(written, replace(EXACT, every_link=True))), values, 1e-14)
+    assert_near(standard(reread(written, replace(EXACT, keep_fixed_links=True))), values, 1e-14)
     assert not any("fixed to" in note for note in written.notes)
 
 
@@ -121,7 +121,7 @@ effects:
 def arm(tmp_path: Path) -> tuple[Mechanism, WrittenRobot]:
     (tmp_path / "arm.urdf").write_bytes(ARM.encode("latin-1"))
     (tmp_path / "arm.yaml").write_text(SETUP)
-    mechanism = ec.load(tmp_path / "arm.yaml", tolerance=0, symbolic=False)
+    mechanism = ec.load(tmp_path / "arm.yaml", snap_tolerance=0, symbolic=False)
     known = {
         "ZZ_wheel": 0.001,
         "Fv_m1": 2.0,
@@ -187,7 +187,7 @@ def test_bytes_of_other_encodings_and_marks_are_read(tmp_path: Path) -> None:
 
 def test_massless_links_lose_their_inertial() -> None:
     file = robot_file("ur10_robot")
-    mechanism = ec.load(file, tolerance=0, massless=["wrist_1_link"])
+    mechanism = ec.load(file, snap_tolerance=0, massless=["wrist_1_link"])
     values = random_parameters(mechanism)
     (written,) = identified_robot(mechanism, values, open_robot(file))
     assert reread(written, EXACT).bodies[3].inertial is None

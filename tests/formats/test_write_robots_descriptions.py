@@ -81,7 +81,7 @@ def with_symbol_values(mechanism: Mechanism) -> Mechanism:
 
 def described(name: str) -> Mechanism:
     if name in ODD:
-        return RobotFile.of(ODD[name].encode(), "odd.yaml").mechanism(ReadingOptions(tolerance=0))
+        return RobotFile.of(ODD[name].encode(), "odd.yaml").mechanism(ReadingOptions(snap_tolerance=0))
     return with_symbol_values(ec.load(EXAMPLES / f"{name}.yaml"))
 
 

@@ -50,10 +50,10 @@ def mujoco_efforts(text: str, states: tuple[np.ndarray, ...], folder: Path) -> n
 
 
 def check_mjcf(file: Path, folder: Path) -> WrittenRobot:
-    mechanism = ec.load(file, tolerance=0)
+    mechanism = ec.load(file, snap_tolerance=0)
     values = random_parameters(mechanism)
     (written,) = identified_robot(mechanism, values, open_robot(file))
-    again = reread(written, ReadingOptions(tolerance=0), folder)
+    again = reread(written, ReadingOptions(snap_tolerance=0), folder)
     assert geometry(again) == geometry(mechanism)
     assert_near(standard(again), values, 1e-11)
     states = random_states(mechanism, 3)
@@ -95,11 +95,11 @@ def test_missing_includes_stay_where_they_are(tmp_path: Path) -> None:
     body = f'<body name="a"><joint name="j"/>{BODY}<geom type="mesh" mesh="gone"/></body>'
     text = f'<mujoco><include file="assets.xml"/><worldbody>{body}</worldbody></mujoco>'
     (tmp_path / "in.xml").write_text(text)
-    mechanism = ec.load(tmp_path / "in.xml", tolerance=0)
+    mechanism = ec.load(tmp_path / "in.xml", snap_tolerance=0)
     values = random_parameters(mechanism)
     (written,) = identified_robot(mechanism, values, open_robot(tmp_path / "in.xml"))
     assert '<include file="assets.xml"/>' in written.text
-    again = reread(written, ReadingOptions(tolerance=0), tmp_path)
+    again = reread(written, ReadingOptions(snap_tolerance=0), tmp_path)
     assert_near(standard(again), values, 1e-11)
 
 
@@ -113,7 +113,7 @@ def test_bodies_that_are_multiplied_are_written_as_a_description(tmp_path: Path)
     values = standard(mechanism)
     written, urdf = identified_robot(mechanism, values, file)
     assert (written.name, urdf.name) == ("identified.yaml", "identified.urdf")
-    assert_near(standard(reread(written, ReadingOptions(tolerance=0), tmp_path)), values, 1e-11)
+    assert_near(standard(reread(written, ReadingOptions(snap_tolerance=0), tmp_path)), values, 1e-11)
 
 
 def test_drives_of_mjcf_become_attributes_of_joints(tmp_path: Path) -> None:
@@ -151,7 +151,7 @@ def test_held_joints_keep_next_to_no_mass(tmp_path: Path) -> None:
         f"""<mujoco><worldbody><body name="a"><joint name="j"/>{BODY}<body name="b" pos="0 1 0"><joint name="k"/>{BODY}
         </body></body></worldbody><equality><joint joint1="k" polycoef="0.3 0 0 0 0"/></equality></mujoco>"""
     )
-    mechanism = ec.load(tmp_path / "in.xml", tolerance=0)
+    mechanism = ec.load(tmp_path / "in.xml", snap_tolerance=0)
     assert len(mechanism.bodies) == 1
     values = random_parameters(mechanism)
     (written,) = identified_robot(mechanism, values, open_robot(tmp_path / "in.xml"))

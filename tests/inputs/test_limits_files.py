@@ -113,7 +113,7 @@ def test_unusable_limits_name_the_joint(tmp_path: Path, content: str, said: str)
 def test_coupled_joints_count_without_the_offset_of_their_coupling(tmp_path: Path) -> None:
     mimic = "<mimic joint='j1' multiplier='2' offset='0.5'/>"
     found = limits_of(tmp_path, urdf(LIMIT + mimic))
-    mechanism = ec.load(tmp_path / "robot.urdf", tolerance=0)
+    mechanism = ec.load(tmp_path / "robot.urdf", snap_tolerance=0)
     assert mechanism.dependent == {"j2"}
     for end, stated in zip(found["j2"].position or (), (-1.5, 2), strict=True):
         np.testing.assert_allclose(pose_of(mechanism, 1, {"j2": end}), turned(Z, stated), atol=1e-12)
@@ -145,7 +145,7 @@ def test_chains_of_couplings_count_without_their_offsets(tmp_path: Path) -> None
     )
     text = urdf("<mimic joint='j1' multiplier='2' offset='0.5'/>").replace("</robot>", third)
     found = limits_of(tmp_path, text)
-    mechanism = ec.load(tmp_path / "robot.urdf", tolerance=0)
+    mechanism = ec.load(tmp_path / "robot.urdf", snap_tolerance=0)
     for end, stated in zip(found["j3"].position or (), (-1.5, 2), strict=True):
         np.testing.assert_allclose(pose_of(mechanism, 2, {"j3": end}), turned(Z, stated), atol=1e-12)
 
@@ -211,7 +211,7 @@ def test_a_range_of_mjcf_means_the_same_pose(tmp_path: Path) -> None:
         tail='<equality><joint joint1="j2" joint2="j1" polycoef="0.2 2 0 0 0"/></equality>',
     )
     found = limits_of(tmp_path, text)
-    mechanism = ec.load(tmp_path / "robot.xml", tolerance=0)
+    mechanism = ec.load(tmp_path / "robot.xml", snap_tolerance=0)
     assert mechanism.dependent == {"j2"}
     theirs = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(theirs)

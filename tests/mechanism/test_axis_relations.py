@@ -39,7 +39,7 @@ BACK = ("revolute", "0.1 0 0.3", "-0.7 0 0", "0 0 1")
 def test_decimals_that_cancel_make_axes_parallel_and_nothing_is_snapped(tmp_path: Path) -> None:
     rows = (FIRST, ("fixed", "0.1 0.2 0.3", "0.3 0 0", ""), ("fixed", "0 0.1 0", "0.4 0 0", ""), BACK)
     for tolerance in (0.002, 0.0):
-        robot = load(tmp_path, *rows, tolerance=tolerance)
+        robot = load(tmp_path, *rows, snap_tolerance=tolerance)
         assert ec.base_structure(robot).rank == 6
         assert not [text for text in snaps(robot) if "axis" in text]
 
@@ -105,7 +105,7 @@ def test_the_geometry_stays_where_it_was(tmp_path: Path) -> None:
     )
     rng = np.random.default_rng(5)
     states = [rng.uniform(-1, 1, (4, 5)) for _ in range(3)]
-    intended, literal = load(tmp_path, *rows), load(tmp_path, *rows, tolerance=0.0)
+    intended, literal = load(tmp_path, *rows), load(tmp_path, *rows, snap_tolerance=0.0)
     found = [evaluate_floats(inverse_dynamics_regressor(m), m, *states) for m in (intended, literal)]
     assert intended.reading is not None
     assert [text for text in snaps(intended) if "axis" in text]
@@ -135,4 +135,4 @@ def test_lengths_of_nearly_one_size_share_a_symbol(tmp_path: Path) -> None:
         ("revolute", "0.2000004 0 0", "1.5707963267948966 0 0", "0 0 1"),
     )
     assert len(ec.base_parameters(load(tmp_path, *rows)).matrix.symbols) == 1
-    assert len(ec.base_parameters(load(tmp_path, *rows, tolerance=0.0)).matrix.symbols) == 2
+    assert len(ec.base_parameters(load(tmp_path, *rows, snap_tolerance=0.0)).matrix.symbols) == 2

@@ -39,7 +39,7 @@ HELD = [
 
 @cache
 def loaded(name: str, floating: bool = False) -> Mechanism:
-    return ec.load(robot_file(name), floating=floating, tolerance=0, independent_mimics=True)
+    return ec.load(robot_file(name), floating=floating, snap_tolerance=0, independent_mimics=True)
 
 
 def reduced(model: Any, positions: dict[str, float]) -> Any:

@@ -32,7 +32,7 @@ LARGE = {"romeo", "talos_full_v2", "icub", "pr2", "tiago"}
 def test_torques_equal_pinocchio(name: str, floating: bool) -> None:
     file = robot_file(name)
     # nothing is snapped, so both programs see the numbers of the file
-    mechanism = ec.load(file, floating=floating, tolerance=0, independent_mimics=True)
+    mechanism = ec.load(file, floating=floating, snap_tolerance=0, independent_mimics=True)
     model = pinocchio_model(file, floating)
     data = model.createData()
     q, qd, qdd = random_states(mechanism, 4)

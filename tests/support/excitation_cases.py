@@ -86,7 +86,7 @@ def slopes_by_state(
 
 @cache
 def ur10() -> Mechanism:
-    return ec.load(robot_file("ur10_robot"), tolerance=0)
+    return ec.load(robot_file("ur10_robot"), snap_tolerance=0)
 
 
 def torques(mechanism: Mechanism, standard: Floats, limit: float = 100.0, **changes: float | None) -> StateLimits:

@@ -29,7 +29,7 @@ def model(worldbody: str, head: str = "", tail: str = "") -> str:
 
 
 def mechanism_of(tree: LiteralTree) -> Mechanism:
-    return build_mechanism(tree, ReadingOptions(tolerance=0)).mechanism
+    return build_mechanism(tree, ReadingOptions(snap_tolerance=0)).mechanism
 
 
 # -- random models with equality constraints ---------------------------------------------------------------------------

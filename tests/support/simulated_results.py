@@ -22,7 +22,7 @@ from support.simulated_systems import SYSTEMS, motion_of
 FRESH = 12
 """Seed of a motion that nobody has seen."""
 QUICK = ("arm",)
-_FLAGS = {"every_link": "--keep-fixed-links", "floating": "--floating"}
+_FLAGS = {"keep_fixed_links": "--keep-fixed-links", "floating": "--floating"}
 """Flags of the command line by the options of :func:`echelon.load`."""
 
 

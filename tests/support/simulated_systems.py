@@ -166,7 +166,7 @@ def _wrist() -> System:
         },
         "mat",
         forces_and_sensors,
-        reading={"every_link": True},
+        reading={"keep_fixed_links": True},
         inside={"tool": '<site name="ft" pos="0 0 0.02" euler="0 0 0.785398163397448279"/>'},
         tail='<sensor><force site="ft"/><torque site="ft"/></sensor>',
     )

@@ -16,7 +16,7 @@ from echelon.mechanism.body import ALL
 from echelon.mechanism.mechanism import Mechanism
 from support.robot_files import PinocchioState, pinocchio_state
 
-EXACT = ReadingOptions(tolerance=0, independent_mimics=True)
+EXACT = ReadingOptions(snap_tolerance=0, independent_mimics=True)
 
 
 def random_parameters(mechanism: Mechanism, seed: int = 7) -> np.ndarray:

@@ -31,7 +31,9 @@ Schema = Literal["description", "base-model", "identified", "trajectory"]
 
 
 @app.command(epilog="Example: echelon derive panda.urdf --format json -o panda.json")
-@reads_robot("floating", "gravity", "tolerance", "numeric", "mimic", "every_link", "massless", "symbols", "measured")
+@reads_robot(
+    "floating", "gravity", "snap_tolerance", "numeric", "mimic", "keep_fixed_links", "massless", "symbols", "measured"
+)
 def derive(
     robot: Robot,
     read: dict[str, Any],
@@ -87,7 +89,7 @@ def derive(
 
 
 @app.command(epilog="Example: echelon generate panda.urdf --target c -o generated/")
-@reads_robot("floating", "gravity", "tolerance", "numeric", "mimic", "every_link", "massless")
+@reads_robot("floating", "gravity", "snap_tolerance", "numeric", "mimic", "keep_fixed_links", "massless")
 def generate(
     robot: Annotated[Path, typer.Argument(help="URDF, MJCF, Echelon description, or base parameters saved as JSON.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Directory for the files, or one file.")],
@@ -173,7 +175,7 @@ def sensors(
 
 
 @app.command(epilog="Example: echelon audit tx40.urdf TX40_bp_5.csv --ignore 'fv*'")
-@reads_robot("floating", "gravity", "tolerance", "mimic", "every_link")
+@reads_robot("floating", "gravity", "snap_tolerance", "mimic", "keep_fixed_links")
 def audit(
     robot: Robot,
     claimed: Annotated[Path, typer.Argument(help="Base parameters to check: CSV, JSON, or one expression per line.")],
@@ -217,7 +219,7 @@ def setup(
 
 
 @app.command(epilog="Example: echelon identify tx40.yaml run1.parquet --validate run2.parquet -o result/")
-@reads_robot("floating", "gravity", "tolerance", "every_link", "massless")
+@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless")
 def identify(
     setup: Annotated[Path, typer.Argument(help="Robot description with its measurement set-up; or URDF, MJCF.")],
     logs: Annotated[
@@ -277,7 +279,7 @@ def identify(
 
 
 @app.command(epilog="Example: echelon check tx40.yaml run1.parquet run2.parquet")
-@reads_robot("floating", "gravity", "tolerance", "every_link", "massless")
+@reads_robot("floating", "gravity", "snap_tolerance", "keep_fixed_links", "massless")
 def check(
     setup: Annotated[Path, typer.Argument(help="Robot description with its measurement set-up; or URDF, MJCF.")],
     logs: Annotated[list[Path], typer.Argument(help="Logs; a directory stands for all logs in it.")],

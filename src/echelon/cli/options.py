@@ -29,7 +29,7 @@ Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the random points
 
 Floating = Annotated[bool, typer.Option(help="Let the root link float.")]
 Gravity = Annotated[str, typer.Option(help="'file', 'none', 'generic', or three numbers or expressions: '0,0,-9.81'.")]
-Tolerance = Annotated[
+SnapTolerance = Annotated[
     float | None,
     typer.Option(
         "--snap-tolerance",
@@ -37,14 +37,14 @@ Tolerance = Annotated[
         "[default: 0.002]",
     ),
 ]
-EveryLink = Annotated[bool, typer.Option("--keep-fixed-links", help="Keep links fixed to others as bodies.")]
+KeepFixedLinks = Annotated[bool, typer.Option("--keep-fixed-links", help="Keep links fixed to others as bodies.")]
 Massless = Annotated[list[str] | None, typer.Option(help="A link that carries no parameters; may be repeated.")]
 
 _READING: dict[str, tuple[Any, Any]] = {
     "floating": (Floating, False),
     "gravity": (Gravity, "file"),
-    "tolerance": (Tolerance, None),
-    "every_link": (EveryLink, False),
+    "snap_tolerance": (SnapTolerance, None),
+    "keep_fixed_links": (KeepFixedLinks, False),
     "massless": (Massless, None),
     "mimic": (
         Annotated[
@@ -108,9 +108,9 @@ def with_parameters(run: Command, command: Command, parameters: Iterable[Paramet
 def reading(
     floating: bool = False,
     gravity: str = "file",
-    tolerance: float | None = None,
+    snap_tolerance: float | None = None,
     mimic: str = "coupled",
-    every_link: bool = False,
+    keep_fixed_links: bool = False,
     numeric: bool = False,
     massless: list[str] | None = None,
     symbols: str = "shared",
@@ -122,9 +122,9 @@ def reading(
         "gravity": gravity,
         "symbolic": not numeric,
         "independent_mimics": mimic == "independent",
-        "every_link": every_link,
+        "keep_fixed_links": keep_fixed_links,
         "massless": tuple(massless or ()),
         "separate_symbols": symbols == "separate",
         "measured": measured,
-        **({} if tolerance is None else {"tolerance": tolerance}),
+        **({} if snap_tolerance is None else {"snap_tolerance": snap_tolerance}),
     }

@@ -162,7 +162,7 @@ class _Pair:
         if not excess or difference > max(self._tolerance(snapping.angle_tolerance(element)), _NEAR):
             return rotation
         if not vanishes(excess, snapping.symbols):
-            if not snapping.options.tolerance:
+            if not snapping.options.snap_tolerance:
                 return rotation
             snapping.snaps.append(Snap(element, f"{twist:.9g}", f"{steps * 15}°", difference))
         return self._with_twist(numbers, steps, element, snapping)
@@ -199,7 +199,7 @@ class _Pair:
         if not exact or gap > max(tolerance, _NEAR) * self.scale:
             return self.leading.translation
         if not vanishes(exact, snapping.symbols):
-            if not snapping.options.tolerance:
+            if not snapping.options.snap_tolerance:
                 return self.leading.translation
             snapping.snaps.append(Snap(element, f"{gap:.3g}", "0", float(gap)))
         second = 0.0 if sine <= _NOISE else float(p[i] * d[i] + p[j] * d[j]) / sine**2

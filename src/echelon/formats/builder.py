@@ -69,7 +69,7 @@ class _Builder:
         self.notes = list(tree.notes)
         self.couplings = self._resolved_couplings()
         self.floating_link = self._floating_link() if options.floating else None
-        self.lumped = Bodies(0 if options.floating or options.every_link else 1)
+        self.lumped = Bodies(0 if options.floating or options.keep_fixed_links else 1)
         self.bodies = self.lumped.made
         self.sensors = tree.sensors if options.measured == "file" else ()
         wrenches = {s.link for s in self.sensors if isinstance(s, LiteralWrench)}
@@ -188,7 +188,7 @@ class _Builder:
     def _makes_body(self, index: int, link: LiteralLink) -> bool:
         moves = any(not isinstance(step, LiteralPlacement) for step in link.steps)
         is_world = index == 0 and self.tree.root_is_world
-        kept = self.options.every_link or link.name in self.separate
+        kept = self.options.keep_fixed_links or link.name in self.separate
         return moves or index == self.floating_link or (kept and not is_world)
 
     def _floating_link(self) -> int:

@@ -111,7 +111,7 @@ def with_parallelogram(closure: Closure, element: str, bodies: Sequence[Body], s
     size, sides = _length(missing, snapping), [[b - a for a, b in zip(base.at, tip.at, strict=True)]]
     sides.append([d - a for a, d in zip(base.at, other.at, strict=True)])
     shortest = min(_length(_across(tip, side), snapping) for side in sides)
-    tolerance = PRECISION if element in snapping.literal else snapping.options.tolerance
+    tolerance = PRECISION if element in snapping.literal else snapping.options.snap_tolerance
     if not any(missing) or size > tolerance * shortest:
         return closure
     snapping.snaps.append(Snap(element, f"sides that differ by {size:.3g} m", "a parallelogram", size))

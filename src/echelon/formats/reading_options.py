@@ -48,12 +48,12 @@ class ReadingOptions:
 
     # angles this near (rad) to a multiple of 15°, and axes this near to a coordinate direction, are read as exact. 0
     # switches snapping off
-    tolerance: float = ANGLE_TOLERANCE
+    snap_tolerance: float = ANGLE_TOLERANCE
     # give lengths systematic symbols (``px4`` for the x offset of joint 4); otherwise every symbol that has an exact
     # value, also of a description, becomes that number
     symbolic: bool = True
     floating: bool = False  # whether the root link floats
-    every_link: bool = False  # keep links that are fixed to others as bodies of their own
+    keep_fixed_links: bool = False  # keep links that are fixed to others as bodies of their own
     independent_mimics: bool = False  # treat mimic joints as independent (as most programs do), instead of coupled
     massless: Sequence[str] = ()  # links that carry no parameters
     # ``"file"`` for what the file says (9.81 m/s² along −z if it is silent), ``"generic"`` for an unknown direction,
@@ -69,8 +69,8 @@ class ReadingOptions:
     usual_effects: bool = False
 
     def __post_init__(self) -> None:
-        if not 0 <= self.tolerance <= 0.1:
-            raise InputError(f"the snapping tolerance must be between 0 and 0.1 rad, not {self.tolerance}")
+        if not 0 <= self.snap_tolerance <= 0.1:
+            raise InputError(f"the snapping tolerance must be between 0 and 0.1 rad, not {self.snap_tolerance}")
         if self.measured not in ("drives", "file"):
             raise InputError(f"measured is 'drives' or 'file', not '{self.measured}'")
 

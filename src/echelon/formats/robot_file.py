@@ -227,10 +227,10 @@ def read_description(text: str | bytes, source: str, options: ReadingOptions) ->
 def load(
     robot: Any,
     *,
-    tolerance: float = ANGLE_TOLERANCE,
+    snap_tolerance: float = ANGLE_TOLERANCE,
     symbolic: bool = True,
     floating: bool = False,
-    every_link: bool = False,
+    keep_fixed_links: bool = False,
     independent_mimics: bool = False,
     massless: Sequence[str] = (),
     gravity: Gravity = "file",
@@ -245,7 +245,7 @@ def load(
         A URDF, SDF, MJCF, xacro or Echelon description file, where the content decides between XML formats; or the text
         of one; a ``mujoco.MjSpec`` or ``MjModel``; a ``pinocchio.Model``; or a name of the ``robot_descriptions``
         package, such as ``"panda_description"``.
-    tolerance : float
+    snap_tolerance : float
         Angles this near (rad) to a multiple of 15° and axes this near to a coordinate direction are read as exact; 0
         switches this off.
     symbolic : bool
@@ -254,7 +254,7 @@ def load(
         an exact sine stay symbols.
     floating : bool
         Let the root link float.
-    every_link : bool
+    keep_fixed_links : bool
         Keep links that are fixed to others as bodies with parameters of their own.
     independent_mimics : bool
         Ignore mimic elements and equality couplings, as most programs do.
@@ -284,10 +284,10 @@ def load(
     panda: 7 bodies, 7 degrees of freedom
     """
     options = ReadingOptions(
-        tolerance,
+        snap_tolerance,
         symbolic,
         floating,
-        every_link,
+        keep_fixed_links,
         independent_mimics,
         tuple(massless),
         gravity,

@@ -77,7 +77,7 @@ class Snapping:
 
     def _without_digits(self, value: Rational, element: str) -> Rational:
         """A length without the last digits of a double, if without them it is a short decimal: 0.175 for 0.1749…933."""
-        if not self._scale or not self.options.tolerance or element in self.literal:
+        if not self._scale or not self.options.snap_tolerance or element in self.literal:
             return value
         digits = _DIGITS - ceil(log10(self._scale))
         short = round(Fraction(value), digits)
@@ -140,7 +140,7 @@ class Snapping:
 
     def length_tolerance(self, element: str) -> float:
         """How far an element's length may be from zero, m."""
-        if not self.options.tolerance:
+        if not self.options.snap_tolerance:
             return 0.0
         return (PRECISION if element in self.literal else LENGTH_TOLERANCE) * self._scale
 
@@ -182,7 +182,7 @@ class Snapping:
 
     def angle_tolerance(self, element: str) -> float:
         """How far an element's angle may be from an exact one, rad."""
-        return min(PRECISION, self.options.tolerance) if element in self.literal else self.options.tolerance
+        return min(PRECISION, self.options.snap_tolerance) if element in self.literal else self.options.snap_tolerance
 
     def _angle_symbol(self, size: float, exact: str | None, element: str, name: str) -> str:
         for known, symbol in self._angles:

@@ -145,7 +145,7 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
     from echelon.results.schema import made
 
     data = json.dumps(record.model).encode()
-    mechanism = read_description(data, source, ReadingOptions(every_link=True))
+    mechanism = read_description(data, source, ReadingOptions(keep_fixed_links=True))
     if list(mechanism.parameters) != record.parameters:
         raise InputError("the parameters are not those of the model", source=source, element="parameters")
     column = {name: i for i, name in enumerate(record.parameters)}

@@ -175,7 +175,7 @@ class _Tree:
         self.notes: list[str] = []
         first = parts[0] if parts else None
         # a base that is a body of its own is number 0, so that the numbers of the others stay what they are
-        kept = first is not None and not first.moves and (first.separate or options.every_link)
+        kept = first is not None and not first.moves and (first.separate or options.keep_fixed_links)
         self.lumped = Bodies(0 if floating or kept else 1)
         self._riders: dict[int, list[Part]] = {}
         self._coordinates: dict[str, str] = {}
@@ -202,7 +202,7 @@ class _Tree:
 
     def _add(self, part: Part) -> None:
         floats = self.floating and not self.bodies and not part.moves
-        if part.moves or part.separate or part.name in self.cut or self.options.every_link or floats:
+        if part.moves or part.separate or part.name in self.cut or self.options.keep_fixed_links or floats:
             self.lumped.add(part, floats=floats)
             self._check_coordinates(part.elements[0])
             return
