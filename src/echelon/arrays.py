@@ -1,4 +1,4 @@
-"""Types of NumPy arrays that many modules share."""
+"""Types of NumPy arrays that many modules share, and the QR factorisation that NumPy lacks."""
 
 from __future__ import annotations
 
@@ -9,3 +9,28 @@ Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.intp]
 Flags = npt.NDArray[np.bool_]
 SignArray = npt.NDArray[np.int8]
+
+
+def pivoted_qr(matrix: Floats) -> tuple[Floats, Integers]:
+    """Sizes on the diagonal of R, and the order of columns, of a QR that takes the longest remaining column next.
+
+    Businger and Golub, Numerische Mathematik 7, 1965, with norms taken anew at every step, so that none is cancelled.
+
+    >>> sizes, order = pivoted_qr(np.array([[1.0, 3.0, 3.0], [0.0, 4.0, 4.0]]))
+    >>> sizes.round(9).tolist(), order.tolist()
+    ([5.0, 0.8], [1, 0, 2])
+    """
+    rest: Floats = np.array(matrix, dtype=np.float64)
+    order: Integers = np.arange(rest.shape[1])
+    sizes: Floats = np.zeros(min(rest.shape))
+    for k in range(len(sizes)):
+        norms = np.linalg.norm(rest[k:, k:], axis=0)
+        best = k + int(np.argmax(norms))
+        rest[:, [k, best]], order[[k, best]] = rest[:, [best, k]], order[[best, k]]
+        sizes[k] = norms[best - k]
+        if not sizes[k]:
+            break
+        mirror = rest[k:, k] / sizes[k]
+        mirror[0] += np.copysign(1.0, mirror[0])
+        rest[k:, k:] -= np.outer(mirror / abs(mirror[0]), mirror @ rest[k:, k:])
+    return sizes, order

@@ -21,6 +21,7 @@ from echelon.base.structure import linear_structure
 from echelon.errors import ClosedFormError, InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.unknown import Work
+from echelon.extras import extra
 from echelon.mechanism.stated import StatedValues
 from echelon.models.linear_model import LinearModel, definition_values, evaluate_model
 from echelon.program.sympy_bridge import to_sympy
@@ -72,7 +73,8 @@ class LinearBase(BaseSet):
         InputError
             If a constant has no value.
         """
-        import sympy
+        with extra("symbolic"):
+            import sympy
 
         used = self._constants_used()
         silent = [n for n in used if self.model.constants[n] is None]
@@ -174,7 +176,8 @@ class LinearBase(BaseSet):
 
     def _formulas(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Constants with values put in, and functions of constants as sympy expressions."""
-        import sympy
+        with extra("symbolic"):
+            import sympy
 
         from echelon.models.linear_model import recorded_definitions
 

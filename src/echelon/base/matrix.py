@@ -27,6 +27,7 @@ from echelon.exact.numbers import BEYOND_DOUBLES, Number, Surd
 from echelon.exact.polynomial import float_generators, is_trigonometric, multiple_of, symbol_of
 from echelon.exact.rational import RationalFunction, cost_of_products
 from echelon.exact.unknown import Work
+from echelon.extras import extra
 from echelon.mechanism.output import Parameter
 
 if TYPE_CHECKING:
@@ -115,7 +116,8 @@ class BaseMatrix:
 
     def sympy(self, exact: Mapping[str, Any] | None = None) -> sympy.ImmutableSparseMatrix:
         """B as a sympy matrix."""
-        import sympy
+        with extra("symbolic"):
+            import sympy
 
         values = {g: sympy_generator(g, exact or {}) for g in self.generators}
         entries = {
@@ -146,7 +148,8 @@ def coefficient_value(coefficient: RationalFunction, generators: Mapping[str, fl
 
 def sympy_number(x: Number) -> Any:
     """An exact number in sympy."""
-    import sympy
+    with extra("symbolic"):
+        import sympy
 
     if isinstance(x, Surd):
         roots = (sympy.Integer(1), sympy.sqrt(2), sympy.sqrt(3), sympy.sqrt(6))
@@ -159,7 +162,8 @@ def sympy_number(x: Number) -> Any:
 
 def sympy_generator(generator: str, exact: Mapping[str, Any]) -> Any:
     """A generator in sympy, with values put in for some symbols."""
-    import sympy
+    with extra("symbolic"):
+        import sympy
 
     name = symbol_of(generator)
     symbol = exact[name] if name in exact else sympy.Symbol(name)

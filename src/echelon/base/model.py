@@ -20,6 +20,7 @@ from echelon.base.reading_report import ReadingReport
 from echelon.errors import InputError
 from echelon.exact.expressions import PI
 from echelon.exact.rational import RationalFunction
+from echelon.extras import extra
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import characteristic_length, stated_values, symbol_values
 from echelon.regressor.linear import LinearForms
@@ -110,7 +111,8 @@ class BaseModel(BaseSet, Evaluation, Logs):
         InputError
             If a symbol has no value, or a denominator is zero at the values.
         """
-        import sympy
+        with extra("symbolic"):
+            import sympy
 
         values: dict[str, sympy.Expr] = {}
         for name in self.matrix.symbols:

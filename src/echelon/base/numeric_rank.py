@@ -21,7 +21,7 @@ from math import sqrt
 import numpy as np
 import numpy.typing as npt
 
-from echelon.arrays import Floats
+from echelon.arrays import Floats, pivoted_qr
 from echelon.base.own import stated_structure
 from echelon.errors import InputError
 from echelon.mechanism.joint import MotionKind
@@ -137,13 +137,11 @@ def numeric_ranks(
 def ranks_of_matrix(matrix: Floats, tolerances: Sequence[float] = TOLERANCES, *, pivoted: bool = False) -> NumericRanks:
     """Singular values of a matrix as fractions of the largest.  Shapes: matrix (rows, columns)."""
     rows, columns = matrix.shape
-    triangle = np.linalg.qr(matrix, mode="r") if rows > columns else matrix
+    triangle: Floats = np.asarray(np.linalg.qr(matrix, mode="r")) if rows > columns else matrix
     singular: Floats = np.linalg.svd(triangle, compute_uv=False).astype(np.float64)
     diagonal: Floats = np.zeros(0)
     if pivoted:
-        from scipy.linalg import qr
-
-        diagonal = np.abs(np.diag(qr(triangle, mode="r", pivoting=True)[0]))
+        diagonal = pivoted_qr(triangle)[0]
     return NumericRanks(columns, rows, tuple(tolerances), _fractions(singular), _fractions(diagonal))
 
 

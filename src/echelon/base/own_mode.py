@@ -14,9 +14,8 @@ from typing import Any
 import flint
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import qr
 
-from echelon.arrays import Floats
+from echelon.arrays import Floats, pivoted_qr
 from echelon.base.ball_rows import ball_rows, precision
 from echelon.base.modes import Mode
 from echelon.base.rows import Rows
@@ -208,7 +207,7 @@ def _relations(table: npt.NDArray[Any], pivots: Sequence[int], others: Sequence[
 def _independent_rows(table: npt.NDArray[Any]) -> tuple[list[int], list[int]]:
     """As many rows as there are columns, the most independent ones, and the others."""
     doubles = np.array([[float(x.mid()) for x in row] for row in table]).reshape(table.shape)
-    order = qr(doubles.T, mode="r", pivoting=True)[-1] if doubles.size else np.arange(len(table))
+    order = pivoted_qr(doubles.T)[1]
     return [int(k) for k in order[: table.shape[1]]], [int(k) for k in order[table.shape[1] :]]
 
 

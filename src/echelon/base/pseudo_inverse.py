@@ -25,6 +25,7 @@ from echelon.exact.expressions import parse
 from echelon.exact.fraction_free import Sparse, adjugate, blocks
 from echelon.exact.polynomial import Polynomial
 from echelon.exact.rational import RationalFunction, Ring
+from echelon.extras import extra
 
 if TYPE_CHECKING:
     import sympy
@@ -95,7 +96,8 @@ def metric_weights(metric: Any, size: int) -> list[RationalFunction]:
 
 def _rational(value: Any) -> RationalFunction:
     """A number or formula as a quotient of polynomials."""
-    import sympy
+    with extra("symbolic"):
+        import sympy
 
     try:
         if isinstance(value, str):  # text is read, never evaluated as code
@@ -109,7 +111,8 @@ def _rational(value: Any) -> RationalFunction:
 
 
 def _polynomial(formula: Any) -> Polynomial:
-    import sympy
+    with extra("symbolic"):
+        import sympy
 
     symbols = sorted(formula.free_symbols, key=str)
     if not symbols:
@@ -135,7 +138,8 @@ def pseudo_inverse(
     matrix: BaseMatrix, metric: Any, formulas: Mapping[str, Any], most_terms: int = MOST_TERMS
 ) -> sympy.ImmutableMatrix:
     """The inverse of B from the right that belongs to a metric."""
-    import sympy
+    with extra("symbolic"):
+        import sympy
 
     n = len(matrix.parameters)
     weights, _ = _cleared(dict(enumerate(metric_weights(metric, n))))
@@ -221,7 +225,8 @@ class _Writer:
     """Writes elements of a ring in sympy; what was written before is not written again."""
 
     def __init__(self, ring: Ring, formulas: Mapping[str, Any]) -> None:
-        import sympy
+        with extra("symbolic"):
+            import sympy
 
         self._ring, self._sympy = ring, sympy
         *names, _, _ = ring.names

@@ -18,6 +18,7 @@ from echelon.base.matrix import sympy_number
 from echelon.errors import ClosedFormError
 from echelon.exact.numbers import Number
 from echelon.exact.polynomial import Monomial, Polynomial, cosine, is_trigonometric, sine, symbol_of
+from echelon.extras import extra
 from echelon.mechanism.body import GROUND
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
@@ -120,7 +121,8 @@ class ShortForms:
             if angle is None:
                 self._atom(label, lambda: self._written(argument))
             return Polynomial.generator(cosine(label) if op is Op.COS else sine(label))
-        import sympy
+        with extra("symbolic"):
+            import sympy
 
         name = "Abs" if op is Op.ABS else op.name.lower()
         return self._atom(f"#{node}", lambda: getattr(sympy, name)(self._written(argument)))
@@ -134,7 +136,8 @@ class ShortForms:
 
     def _written(self, value: Polynomial) -> Any:
         """Terms with equal sines and cosines collected, their coefficients factored."""
-        import sympy
+        with extra("symbolic"):
+            import sympy
 
         by_plain: dict[Monomial, dict[Monomial, Number]] = {}
         for monomial, coefficient in value.terms.items():
@@ -153,12 +156,14 @@ class ShortForms:
         return is_trigonometric(generator) and symbol_of(generator) in self._states
 
     def _product(self, monomial: Monomial) -> Any:
-        import sympy
+        with extra("symbolic"):
+            import sympy
 
         return sympy.Mul(*(self._generator(g) ** e for g, e in monomial))
 
     def _generator(self, generator: str) -> Any:
-        import sympy
+        with extra("symbolic"):
+            import sympy
 
         if not is_trigonometric(generator):
             return self._atoms[generator] if generator in self._atoms else self.symbols[generator]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from echelon.base.expression import latex_symbol
 from echelon.base.short_form import Combination, ShortForms
 from echelon.errors import ClosedFormError, InputError, one_line
+from echelon.extras import extra
 from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.sympy_bridge import shared_nodes, to_sympy
 from echelon.regressor.linear import LinearForms
@@ -60,7 +61,8 @@ class SymbolicRegressor:
     @property
     def matrix(self) -> sympy.ImmutableMatrix:
         """The entries with all subexpressions put in, which may be long."""
-        import sympy
+        with extra("symbolic"):
+            import sympy
 
         known: dict[Any, Any] = {}
         for symbol, formula in self.subexpressions:
@@ -69,7 +71,8 @@ class SymbolicRegressor:
 
     def latex(self) -> str:
         """LaTeX of one equation for every subexpression and entry that is not zero; needs only amsmath."""
-        import sympy
+        with extra("symbolic"):
+            import sympy
 
         names = {s: _latex_name(s.name, self.inputs) for s in self._symbols()}
 
@@ -125,7 +128,8 @@ def symbolic_regressor(
     absolute: Mapping[str, Combination] | None = None,
 ) -> SymbolicRegressor:
     """Recorded forms as formulas."""
-    import sympy
+    with extra("symbolic"):
+        import sympy
 
     if form not in ("auto", "short", "named"):
         raise InputError(f"unknown form '{form}' (valid: auto, short, named)")
@@ -151,7 +155,8 @@ def symbolic_regressor(
 
 def _symbols_of(forms: LinearForms) -> tuple[dict[str, Any], dict[str, str]]:
     """A symbol for every input, and what those of states stand for; names with brackets become numbers."""
-    import sympy
+    with extra("symbolic"):
+        import sympy
 
     needed = set(forms.program.needed(forms.entries.values()))
     taken = {i.name for i in forms.program.inputs.values()} | _RESERVED
@@ -174,7 +179,8 @@ def _symbols_of(forms: LinearForms) -> tuple[dict[str, Any], dict[str, str]]:
 
 def _named(forms: LinearForms, symbols: Mapping[str, Any]) -> tuple[list[Any], tuple[tuple[Any, Any], ...]]:
     """Entries, and what they use more than once."""
-    import sympy
+    with extra("symbolic"):
+        import sympy
 
     program, nodes = forms.program, list(forms.entries.values())
     taken = {str(s) for s in symbols.values()}
@@ -199,6 +205,7 @@ def _latex_name(name: str, inputs: Mapping[str, str]) -> str:
 
 def _exact_text(formula: Any) -> str:
     """A formula as Python text whose fractions stay exact."""
-    from sympy.printing.str import StrPrinter
+    with extra("symbolic"):
+        from sympy.printing.str import StrPrinter
 
     return str(StrPrinter({"sympy_integers": True}).doprint(formula)).replace("S(", "sympy.S(")

@@ -10,7 +10,8 @@ import numpy as np
 
 from echelon.cli.destination import Destination
 from echelon.cli.screen import json_text, show, steps
-from echelon.errors import InputError, MissingExtraError
+from echelon.errors import InputError
+from echelon.extras import extra
 from echelon.identification.predict import Prediction, predict_log
 from echelon.identification.validation import Score
 from echelon.logs.finding import counted
@@ -66,11 +67,9 @@ def _csv(found: Prediction) -> str:
 
 
 def _parquet(found: Prediction) -> bytes:
-    try:
+    with extra("identify"):
         import pyarrow as pa
         import pyarrow.parquet as pq
-    except ImportError:
-        raise MissingExtraError("pyarrow", "identify") from None
     sink = pa.BufferOutputStream()
     pq.write_table(pa.table(_columns(found)), sink)
     return bytes(sink.getvalue().to_pybytes())

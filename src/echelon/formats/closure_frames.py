@@ -19,6 +19,7 @@ import numpy as np
 from echelon.exact.polynomial import Polynomial, as_polynomial, is_trigonometric, symbol_of
 from echelon.formats.reading_options import PRECISION
 from echelon.formats.snapping import Snapping
+from echelon.inertia.convert import rotation_quaternion
 from echelon.mechanism.body import GROUND, Body, Symbol
 from echelon.mechanism.closed_pose import turned_by
 from echelon.mechanism.closure import Closure, ClosureKind
@@ -77,10 +78,8 @@ def _rounded(chain: Sequence[Placement], angles: Sequence[str], symbols: Mapping
             f"between the two bodies lie {len(angles)} angles that are no multiples of 15° ({shown}, …), too many to "
             "derive the second frame from the first: state both, or values of all symbols"
         )
-    from scipy.spatial.transform import Rotation
-
     pose = reduce(np.matmul, (placement_matrix(placement, known) for placement in chain))
-    quaternion = unit_quaternion(Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True).tolist())
+    quaternion = unit_quaternion(rotation_quaternion(pose[:3, :3]).tolist())
     x, y, z = (as_polynomial(Fraction(f"{value:.15f}")) for value in pose[:3, 3])
     return shift(x, y, z) @ turned_by(*map(as_polynomial, quaternion))
 

@@ -12,6 +12,7 @@ from pydantic import BaseModel as Schema
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from echelon.errors import InputError
+from echelon.extras import extra
 from echelon.formats.description.document import Document, read_text
 from echelon.inputs.content import read_content
 from echelon.models.linear_model import LinearModel
@@ -104,6 +105,7 @@ def linear_document(model: LinearModel) -> dict[str, Any]:
 
 def _text(formula: Any) -> str:
     """A sympy formula in the grammar of :mod:`echelon.program.text`."""
-    import sympy
+    with extra("symbolic"):
+        import sympy
 
     return str(formula.subs(sympy.E, sympy.Function("exp")(sympy.Symbol("1")))).replace("Abs(", "abs(")

@@ -17,7 +17,8 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 
-from echelon.errors import InputError, MissingExtraError, one_line
+from echelon.errors import InputError, one_line
+from echelon.extras import extra
 from echelon.hints import nearest
 from echelon.inputs.content import read_content
 from echelon.inputs.xml_text import parse_xml
@@ -50,10 +51,8 @@ def described_path(name: str) -> Path | None:
     """The file of a robot of the package ``robot_descriptions``, which fetches it; None for what is no such name."""
     if not _DESCRIPTION.fullmatch(name) or Path(name).exists():
         return None
-    try:
+    with extra("robots"):
         from robot_descriptions._descriptions import DESCRIPTIONS
-    except ImportError:
-        raise MissingExtraError("robot_descriptions", "robots") from None
     if name not in DESCRIPTIONS:
         raise InputError(f"the package robot_descriptions has no '{name}'{nearest(name, DESCRIPTIONS)}")
     try:
@@ -73,11 +72,9 @@ def is_xacro(content: bytes) -> bool:
 def expanded(content: bytes, source: str, directory: Path | None) -> bytes:
     """The URDF that xacro source stands for; packages that it names are looked for around its directory."""
     parse_xml(content, source)  # refuses what is damaged or harmful
-    try:
+    with extra("robots"):
         import xacro
         from xacrodoc import packages
-    except ImportError:
-        raise MissingExtraError("xacrodoc", "robots") from None
     try:
         if directory is None:
             xacro.restore_filestack([None])

@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from echelon.errors import InputError, MissingExtraError
+from echelon.errors import InputError
 from echelon.exact.syntax import is_whole
+from echelon.extras import extra
 from echelon.version import __version__
 
 if TYPE_CHECKING:
@@ -39,10 +40,8 @@ _SILENT: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distr
 @contextmanager
 def connect(where: str) -> Iterator[Client]:
     """A Dask client."""
-    try:
+    with extra("dask"):
         from distributed import Client
-    except ImportError:
-        raise MissingExtraError("distributed", "dask") from None
     if is_whole(where):
         with _own_cluster(int(where)) as cluster, Client(cluster) as client:
             yield client
@@ -59,15 +58,14 @@ def connect(where: str) -> Iterator[Client]:
 @contextmanager
 def _own_cluster(count: int) -> Iterator[Any]:
     """Processes of this machine."""
-    import dask
-    from distributed import LocalCluster, Security
+    with extra("dask"):
+        import cryptography  # noqa: F401  # which certificates are made with
+        import dask
+        from distributed import LocalCluster, Security
 
     if not count:
         raise InputError("0 processes cannot work; expected at least 1, or the address of a scheduler")
-    try:
-        security = Security.temporary()
-    except ImportError:
-        raise MissingExtraError("cryptography", "dask") from None
+    security = Security.temporary()
     with (
         TemporaryDirectory(prefix="echelon-") as folder,
         dask.config.set(_SILENT),
@@ -119,8 +117,9 @@ def result(client: Client, future: Future[Any]) -> Any:
     """What a task gave, while there is anyone to work on it."""
     from concurrent.futures import CancelledError
 
-    from distributed import KilledWorker
-    from distributed.comm.core import CommClosedError
+    with extra("dask"):
+        from distributed import KilledWorker
+        from distributed.comm.core import CommClosedError
 
     address, seen = str(client.scheduler_info().get("address")), monotonic()
     while True:
@@ -201,7 +200,8 @@ def _checked(
     expected: dict[str, str], function: Callable[[Common, Item], Result], common: Common, item: Item
 ) -> Result:
     """The function, by a worker that may have come later than others."""
-    from distributed import get_worker
+    with extra("dask"):
+        from distributed import get_worker
 
     check_versions(expected, versions(), f"worker {get_worker().address}")
     return function(common, item)

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from echelon.arrays import Floats
+from echelon.extras import extra
 
 LAGS = 4096
 """Largest lag; what correlates longer is reported as at least what is summed up to there."""
@@ -52,7 +53,8 @@ class Correlations:
 
     def whiteness(self, lags: int = PORTMANTEAU) -> float:
         """Probability that white noise has autocorrelations this large (Ljung and Box 1978)."""
-        from scipy.stats import chi2
+        with extra("identify"):
+            from scipy.stats import chi2
 
         rho, pairs = self.values[1 : lags + 1], self.pairs[1 : lags + 1]
         usable = (pairs > 0) & np.isfinite(rho)
@@ -136,7 +138,8 @@ class CorrelationSums:
 
 def _crossed(later: Floats, earlier: Floats, lags: int) -> Floats:
     """Sums of products of every row of one array with every row of the other, earlier by 0 … lags places."""
-    from scipy.fft import irfft, next_fast_len, rfft
+    with extra("identify"):
+        from scipy.fft import irfft, next_fast_len, rfft
 
     size = next_fast_len(later.shape[1] + lags + 1, real=True)
     products = rfft(later, size)[:, None] * np.conj(rfft(earlier, size))[None]

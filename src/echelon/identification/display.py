@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from echelon.errors import MissingExtraError, one_line
+from echelon.errors import one_line
+from echelon.extras import extra
 
 if TYPE_CHECKING:
     from echelon.identification.result import Identification
@@ -33,10 +34,8 @@ def parameter_columns(result: Identification) -> dict[str, Sequence[Any]]:
 
 def data_frame(result: Identification) -> Any:
     """The base parameters as a data frame of pandas."""
-    try:
+    with extra("notebook"):
         import pandas as pd
-    except ImportError:
-        raise MissingExtraError("pandas", "notebook") from None
     return pd.DataFrame(parameter_columns(result)).set_index("parameter")
 
 
@@ -69,11 +68,9 @@ def _safe(text: str) -> str:
 
 def figure(result: Identification) -> Any:
     """Measured and predicted outputs of the last validation, one below another, as a figure of plotly."""
-    try:
+    with extra("identify"):
         from plotly.graph_objects import Scattergl
         from plotly.subplots import make_subplots
-    except ImportError:
-        raise MissingExtraError("plotly", "identify") from None
     traces = result.validations[-1].traces
     found = make_subplots(len(traces), 1, shared_xaxes=True, vertical_spacing=0.02)
     for row, trace in enumerate(traces, start=1):

@@ -87,7 +87,7 @@ def _write_principal(values: Floats) -> Floats:
     moments, axes = np.linalg.eigh(tensor)
     moments, axes = moments[..., ::-1], axes[..., ::-1].copy()  # largest first, as MuJoCo's compiler does
     axes[..., :, 2] *= np.linalg.det(axes)[..., None]
-    return np.concatenate([mass[..., None], centre, _quaternion(axes), moments], axis=-1)
+    return np.concatenate([mass[..., None], centre, rotation_quaternion(axes), moments], axis=-1)
 
 
 def _rotation(quaternion: Floats) -> Floats:
@@ -100,7 +100,7 @@ def _rotation(quaternion: Floats) -> Floats:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def _quaternion(r: Floats) -> Floats:
+def rotation_quaternion(r: Floats) -> Floats:
     """Unit quaternion (w, x, y, z), w ≥ 0, as an eigenvector, which needs no case distinctions (Bar-Itzhack 2000)."""
     k = np.zeros((*r.shape[:-2], 4, 4))
     k[..., 0, 0] = r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2]

@@ -27,11 +27,12 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.machine.batch import Batch, aligned, batch, result_array
 from echelon.machine.cache import cached_object
+from echelon.machine.interpreted import Interpreted
 from echelon.machine.kernel_text import Block, kernel_text, prepare_text
 from echelon.machine.lowering import Lowered, lowered
 from echelon.machine.operations_text import Vector, module_text
 from echelon.machine.rows_text import rows_of, rows_text
-from echelon.machine.target import Library, Target, host, object_code
+from echelon.machine.target import Library, Target, compiles, host, object_code
 from echelon.program.function import Function
 
 _POINTER, _INTEGER = ctypes.c_void_p, ctypes.c_int64
@@ -53,6 +54,7 @@ class Kernel:
         self.function, self.sparse = function, sparse
         self._asked = target
         self._codes: dict[bool, _Code] = {}
+        self._interpreted = Interpreted(function)
 
     @property
     def target(self) -> Target:
@@ -75,6 +77,9 @@ class Kernel:
         """
         given = batch(self.function.arguments, values)
         result = result_array((given.samples, *self.shape), out, given.columns)
+        if not compiles():
+            self._interpret(given, result)
+            return result
         run, workers = self._runner(given, result), _threads(threads, given.samples)
         if workers == 1:
             run((0, given.samples))
@@ -82,6 +87,14 @@ class Kernel:
         with ThreadPoolExecutor(workers) as pool:
             list(pool.map(run, _pieces(given.samples, workers, self.target.lanes)))
         return result
+
+    def _interpret(self, given: Batch, result: Floats) -> None:
+        """The same without machine code."""
+        places = np.array(self._places(), dtype=np.intp)
+        flat = result.reshape(given.samples, len(places))
+        flat[:, places < 0] = 0.0
+        for first, entries in self._interpreted(given):
+            flat[first : first + entries.shape[1], places >= 0] = entries[places[places >= 0]].T
 
     def _runner(self, given: Batch, result: Floats) -> Callable[[tuple[int, int]], None]:
         """What computes a piece of a batch, from its first sample to its end."""
@@ -116,7 +129,8 @@ class Kernel:
         return {**vars(self), "_codes": {}}
 
     def __repr__(self) -> str:
-        return f"Kernel({self.function}, {self.target.cpu}, {self.target.lanes} lanes)"
+        made_for = f"{self.target.cpu}, {self.target.lanes} lanes" if compiles() else "NumPy"
+        return f"Kernel({self.function}, {made_for})"
 
 
 class Columns:
@@ -125,9 +139,13 @@ class Columns:
     def __init__(self, function: Function, samples: int, target: Target | None = None) -> None:
         self.function, self.samples, self._asked = function, samples, target
         self._made: _Code | None = None
+        self._interpreted = Interpreted(function)
 
     def __call__(self, given: Batch) -> Iterator[Floats]:
         """Arrays of shape (entries, samples); each is valid until the next one is asked for."""
+        if not compiles():
+            yield from (entries for _, entries in self._interpreted(given, self.samples))
+            return
         code, entries = self._code(), len(self.function.entries)
         arrays = code.inputs(given)
         with code.scratch() as scratch:

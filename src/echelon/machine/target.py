@@ -15,10 +15,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-import llvmlite
-import llvmlite.binding as llvm
-
-from echelon.errors import EchelonError, InputError
+from echelon.errors import EchelonError, InputError, MissingExtraError
+from echelon.extras import extra
 
 _WIDTHS = (2, 4, 8)
 _WIDEST = _WIDTHS[-1]
@@ -37,13 +35,14 @@ class Target:
     @property
     def identity(self) -> str:
         """Everything that object code depends on beside its source."""
-        version = ".".join(map(str, llvm.llvm_version_info))
+        import llvmlite
+
+        version = ".".join(map(str, llvm().llvm_version_info))
         return f"{self.triple} {self.cpu} {self.features} {self.lanes} llvmlite {llvmlite.__version__} LLVM {version}"
 
-    def machine(self, level: int) -> llvm.TargetMachine:
+    def machine(self, level: int) -> Any:
         """LLVM's code generator; programs are straight lines in good order, so effort 1 is as good as 3 and faster."""
-        _initialise()
-        target = llvm.Target.from_triple(self.triple)
+        target = llvm().Target.from_triple(self.triple)
         return target.create_target_machine(
             cpu=self.cpu, features=self.features, opt=level, reloc="pic", codemodel="jitdefault"
         )
@@ -52,8 +51,7 @@ class Target:
 @cache
 def host(lanes: int | None = None) -> Target:
     """The processor at hand, with vectors as wide as it has, or as ``ECHELON_LANES`` or the caller says."""
-    _initialise()
-    known = llvm.get_host_cpu_features()
+    known = llvm().get_host_cpu_features()
     # without fused multiply-add every reduction of an angle would call a library, so such vectors are not worth having
     widest = 8 if known.get("avx512f") else 4 if known.get("avx2") and known.get("fma") else 2
     wanted = str(lanes or os.environ.get("ECHELON_LANES") or widest)
@@ -63,20 +61,34 @@ def host(lanes: int | None = None) -> Target:
     features = known.flatten()
     if widest == _WIDEST:  # without this LLVM splits 512-bit vectors on processors that prefer narrower ones
         features += ",-prefer-256-bit"
-    return Target(llvm.get_process_triple(), llvm.get_host_cpu_name(), features, int(wanted))
+    return Target(llvm().get_process_triple(), llvm().get_host_cpu_name(), features, int(wanted))
 
 
 @cache
-def _initialise() -> None:
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
+def llvm() -> Any:
+    """LLVM, ready for the processor at hand."""
+    with extra("fast"):
+        import llvmlite.binding
+
+    llvmlite.binding.initialize_native_target()
+    llvmlite.binding.initialize_native_asmprinter()
+    return llvmlite.binding
+
+
+def compiles() -> bool:
+    """Whether machine code can be made here."""
+    try:
+        llvm()
+    except MissingExtraError:
+        return False
+    return True
 
 
 def object_code(text: str, target: Target, level: int = 1) -> bytes:
     """Machine code of a module; no optimiser runs over the text, since programs leave it nothing to find."""
     machine = target.machine(level)
     try:
-        module = llvm.parse_assembly(text, llvm.create_context())
+        module = llvm().parse_assembly(text, llvm().create_context())
     except RuntimeError as error:
         raise EchelonError(f"LLVM does not accept a kernel: {error}") from None
     module.triple = target.triple
@@ -91,8 +103,8 @@ class Library:
     def __init__(self, code: bytes, target: Target) -> None:
         _know_library_functions()
         # in the global context: one of our own could be collected before the engine, which would then crash
-        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), target.machine(1))
-        self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+        self._engine = llvm().create_mcjit_compiler(llvm().parse_assembly(""), target.machine(1))
+        self._engine.add_object_file(llvm().ObjectFileRef.from_data(code))
         self._engine.finalize_object()
 
     def function(self, name: str, arguments: Sequence[Any]) -> Any:
@@ -121,7 +133,7 @@ def _know_library_functions() -> None:
                 found = getattr(ctypes.CDLL(name), function)
             except (OSError, AttributeError):
                 continue
-            llvm.add_symbol(function, ctypes.cast(found, ctypes.c_void_p).value)
+            llvm().add_symbol(function, ctypes.cast(found, ctypes.c_void_p).value)
             break
 
 
@@ -134,7 +146,8 @@ def one_thread() -> AbstractContextManager[object]:
 
     Matrices are small here: threads that wait for one another cost more than they bring.
     """
-    from threadpoolctl import threadpool_limits
+    with extra("identify"):
+        from threadpoolctl import threadpool_limits
 
     limits: AbstractContextManager[object] = threadpool_limits(1, user_api="blas")
     return limits

@@ -20,6 +20,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.extras import extra
 
 ROWS = 384
 """Rows of a block: its columns stay in the cache."""
@@ -149,7 +150,8 @@ def update_triangle(R: Floats, columns: Floats) -> None:
 @cache
 def _dtpqrt() -> Callable[..., None]:
     """LAPACK's routine in SciPy, called without the interpreter's lock, which SciPy's own wrapper keeps."""
-    from scipy.linalg import cython_lapack
+    with extra("identify"):
+        from scipy.linalg import cython_lapack
 
     capsule, python = cython_lapack.__pyx_capi__["dtpqrt"], ctypes.pythonapi
     name = ctypes.PYFUNCTYPE(ctypes.c_char_p, ctypes.py_object)(("PyCapsule_GetName", python))

@@ -18,6 +18,7 @@ from typing import Any
 from echelon.errors import InputError
 from echelon.exact.angle import STEPS_PER_HALF_TURN
 from echelon.exact.numbers import Number, Rational, cosine_of_turn, parse_decimal, parts_of, sine_of_turn
+from echelon.extras import extra
 from echelon.program.compound import COMPOUND, turned
 from echelon.program.operations import FUNCTIONS, Op
 from echelon.program.scalar import Scalar, power, square_root
@@ -41,7 +42,8 @@ def from_sympy(program: Program, expression: Any, symbols: Mapping[str, Scalar])
     >>> to_sympy(program, [y.node])
     [x**2/10 - sin(x)]
     """
-    import sympy
+    with extra("symbolic"):
+        import sympy
 
     strangers = sorted(name for name, scalar in symbols.items() if scalar.program is not program)
     if strangers:
@@ -66,7 +68,8 @@ def to_sympy(program: Program, outputs: Sequence[int], given: Mapping[int, Any] 
     >>> to_sympy(program, [(x / 3).node, (1 / program.sin(x)).node])
     [x/3, 1/sin(x)]
     """
-    import sympy
+    with extra("symbolic"):
+        import sympy
 
     functions = {op: getattr(sympy, name) for name, op in SUPPORTED.items()}
     formulas: dict[int, Any] = dict(given or {})
@@ -99,7 +102,8 @@ def _operated(op: Op, a: Any, b: Any) -> Any:
 
 
 def _sympy_number(x: Number) -> Any:
-    import sympy
+    with extra("symbolic"):
+        import sympy
 
     parts = zip(parts_of(x), _RADICANDS, strict=True)
     return sum(sympy.Rational(part.numerator, part.denominator) * sympy.sqrt(r) for part, r in parts)
@@ -175,7 +179,8 @@ class _Reader:
 
 def _split_turn(argument: Any) -> tuple[int, Any]:
     """An angle as steps of 15° and what is left of it."""
-    import sympy
+    with extra("symbolic"):
+        import sympy
 
     if not argument.has(sympy.pi):
         return 0, argument
@@ -200,7 +205,8 @@ def _rational(e: Any) -> Rational:
 
 
 def _exponential() -> Any:
-    import sympy
+    with extra("symbolic"):
+        import sympy
 
     return sympy.exp
 

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.errors import MissingExtraError, one_line
+from echelon.errors import one_line
+from echelon.extras import extra
 from echelon.report import digits
 from echelon.version import __version__
 
@@ -55,10 +56,8 @@ def trusted(html: str) -> Markup:
 
 def plotly_source() -> Markup:
     """The plotting library, as the content of a script element."""
-    try:
+    with extra("identify"):
         from plotly.offline import get_plotlyjs
-    except ImportError:
-        raise MissingExtraError("plotly", "identify") from None
     # neither text occurs outside of string literals, where a backslash before / or ! changes nothing
     return trusted(get_plotlyjs().replace("</script", "<\\/script").replace("<!--", "<\\!--"))
 

@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import one_line
+from echelon.extras import extra
 from echelon.identification.validation import Trace, Validation
 from echelon.report.page import packed
 
@@ -208,7 +209,8 @@ def residual(time: Floats, values: Floats) -> Residual | None:
 
 
 def _histogram(y: Floats, std: float) -> tuple[Floats, Floats, Floats]:
-    from scipy.special import ndtr
+    with extra("identify"):
+        from scipy.special import ndtr
 
     mean = float(y.mean())
     edges = mean + std * np.linspace(-_WIDTH, _WIDTH, _BINS + 1)

@@ -21,6 +21,7 @@ import numpy as np
 
 from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
+from echelon.extras import extra
 
 PERIODS = (1e-9, 1e6)
 """Intervals between samples that a log of a robot may have, s; others are another column, or another unit."""
@@ -159,7 +160,8 @@ def grid(first: float, last: float, rate: float) -> Floats:
 
 def interpolated(time: Floats, values: Floats, wanted: Floats) -> Floats:
     """Values (N, …) at the wanted times by a cubic spline; lines where there are fewer than four samples."""
-    from scipy.interpolate import make_interp_spline
+    with extra("identify"):
+        from scipy.interpolate import make_interp_spline
 
     if len(time) < 2:
         return np.broadcast_to(values[:1], (len(wanted), *values.shape[1:])).copy()
@@ -174,7 +176,8 @@ def low_passed(values: Floats, ratio: float) -> Floats:
 
     Passes up to 0.8 of half the new rate; from half the new rate on the gain is below 1e-4.
     """
-    from scipy.signal import firwin, kaiserord, oaconvolve
+    with extra("identify"):
+        from scipy.signal import firwin, kaiserord, oaconvolve
 
     taps, beta = kaiserord(_ATTENUATION, (1 - _PASSED) * ratio)
     half = taps // 2
@@ -198,7 +201,8 @@ def shifted(values: Floats, samples: float) -> Floats:
 
     Through nine samples: for what lies below a sixth of the rate right to 1e-4.
     """
-    from scipy.ndimage import correlate1d
+    with extra("identify"):
+        from scipy.ndimage import correlate1d
 
     values = np.asarray(values, dtype=np.float64)
     whole = floor(samples + 0.5)

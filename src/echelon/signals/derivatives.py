@@ -17,6 +17,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.extras import extra
 
 _FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
@@ -30,7 +31,8 @@ _FAR_FROM_UNIT = 0.1
 
 def derivatives(values: Floats, rate: float) -> tuple[Floats, Floats]:
     """First and second derivative of values (N, …), which beyond their ends continue turned about them."""
-    from scipy.ndimage import correlate1d
+    with extra("identify"):
+        from scipy.ndimage import correlate1d
 
     widths = [(REACH, REACH)] + [(0, 0)] * (np.ndim(values) - 1)
     longer = np.pad(np.asarray(values, dtype=np.float64), widths, mode="reflect", reflect_type="odd")

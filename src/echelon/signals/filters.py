@@ -27,6 +27,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats, Integers
 from echelon.errors import InputError
+from echelon.extras import extra
 
 Complexes = npt.NDArray[np.complex128]
 
@@ -80,7 +81,8 @@ class ZeroPhase:
 
     def apply(self, values: Floats, padding: int) -> Floats:
         """The filtered values (N, …); ``padding`` samples continue each end, turned about it."""
-        from scipy.signal import sosfiltfilt, zpk2sos
+        with extra("identify"):
+            from scipy.signal import sosfiltfilt, zpk2sos
 
         sections = zpk2sos(self.zeros, self.poles, self.gain)  # type: ignore[arg-type]  # complex, as they must be
         length = min(padding, len(values) - 1)
@@ -133,7 +135,8 @@ def by_channel(function: Callable[[Floats], Floats], values: Floats) -> Floats:
 
 def butterworth(cutoff: float, rate: float, order: int = 4) -> ZeroPhase:
     """A Butterworth low-pass forwards and backwards; one pass takes 3 dB at the cut-off, Hz."""
-    from scipy.signal import butter
+    with extra("identify"):
+        from scipy.signal import butter
 
     check_cutoff(cutoff, rate)
     if not 1 <= order <= 12:
@@ -217,7 +220,8 @@ def fir_lowpass(cutoff: float, rate: float, factor: int = 1, *, width: float | N
     The pass-band ends at the cut-off, Hz.  The stop-band begins ``width`` Hz above it; by default that is half the
     cut-off, or as much as decimation leaves.
     """
-    from scipy.signal import firwin, kaiser_beta
+    with extra("identify"):
+        from scipy.signal import firwin, kaiser_beta
 
     check_cutoff(cutoff, rate / factor)
     if width is None:

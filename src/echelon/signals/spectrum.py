@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.extras import extra
 
 LEAST_SAMPLES = 64
 """Fewest samples from which a spectrum can be told."""
@@ -119,7 +120,8 @@ def _differences(pieces: Sequence[Floats], rate: float, length: int) -> tuple[Fl
     Slow motion is so much stronger than the noise that it would leak over all of it if it were not differenced first;
     differenced twice, noise would leak over the motion.
     """
-    from scipy.signal import welch
+    with extra("identify"):
+        from scipy.signal import welch
 
     total, weights = np.zeros(length // 2), 0
     for piece in pieces:

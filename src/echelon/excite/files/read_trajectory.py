@@ -10,9 +10,9 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
 
 from echelon.arrays import Floats
 from echelon.errors import InputError, one_line
@@ -20,9 +20,13 @@ from echelon.excite.files.coefficients import trajectory_from_json
 from echelon.excite.files.joint_trajectory import from_yaml
 from echelon.excite.files.trajectory_samples import FEWEST, Samples, places, read_samples
 from echelon.excite.problem.trajectory import DEGREE, DURATIONS, LARGEST, SHORTEST_STEP, Splines, Trajectory
+from echelon.extras import extra
 from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json
 from echelon.logs.files.log_file import existing_file
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 GROSS = 0.2
 """Root mean square of a difference, relative to that of what differs, that cannot come from interpolating."""
@@ -32,6 +36,9 @@ _NAMES = ("positions", "velocities", "accelerations")
 
 def interpolated(samples: Samples, units: Sequence[str], source: str, row: str = "row") -> Trajectory:
     """The quintic spline through samples, from time 0 on."""
+    with extra("excite"):
+        from scipy.interpolate import BSpline, make_interp_spline
+
     _check_numbers(samples, source, row)
     t = samples.t - samples.t[0]
     _check_times(t, samples.t, source, row)

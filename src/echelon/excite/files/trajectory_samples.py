@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.errors import InputError, MissingExtraError, one_line
+from echelon.errors import InputError, one_line
 from echelon.excite.problem.trajectory import Trajectory
+from echelon.extras import extra
 from echelon.logs.files.log_file import decoding
 from echelon.logs.files.open_log import open_log, read_table
 
@@ -125,11 +126,9 @@ def csv_text(samples: Samples) -> str:
 
 def parquet_bytes(samples: Samples, units: Sequence[str]) -> bytes:
     """A Parquet file with the same columns, each with its unit in its metadata."""
-    try:
+    with extra("excite"):
         import pyarrow as pa
         import pyarrow.parquet as pq
-    except ImportError:
-        raise MissingExtraError("pyarrow", "excite") from None
     stated = _units(samples.coordinates, units)
     columns = _columns(samples)
     fields = [pa.field(name, pa.float64(), metadata={_UNIT: stated[name].encode()}) for name in columns]
@@ -210,7 +209,8 @@ def _check_units(path: str | os.PathLike[str], source: str, valid: dict[str, str
     with open(path, "rb") as stream:
         if stream.read(4) != b"PAR1":
             return
-    import pyarrow.parquet as pq
+    with extra("excite"):
+        import pyarrow.parquet as pq
 
     with decoding(source, "a Parquet file"):
         schema = pq.read_schema(path)

@@ -9,16 +9,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
 
 from echelon.arrays import Flags, Floats
 from echelon.excite.problem.information import Information, OptimalityCriterion
 from echelon.excite.problem.state_limits import MotionLimit, StateConstraint
 from echelon.excite.problem.trajectory import Basis
+from echelon.extras import extra
 from echelon.program.intervals import Interval
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 _PER_PERIOD = 20
 """Constrained samples per period of the highest frequency: between them a sine rises by 1.2 % of its amplitude."""
@@ -88,6 +92,9 @@ class Problem:
     @cached_property
     def linear(self) -> tuple[sparse.csr_array, Floats, Floats]:
         """(A, low, high) with low ≤ A x ≤ high, for all samples of all limits."""
+        with extra("excite"):
+            from scipy import sparse
+
         blocks = [sparse.kron(self.phi[limit.order], limit.weights[None, :]) for limit in self.limits]
         rows = len(self.grid)
         low = np.repeat([limit.low for limit in self.limits], rows)

@@ -14,11 +14,11 @@ from pathlib import Path, PurePath, PurePosixPath
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.excite.problem.shapes import Kind, Shape, placed
+from echelon.extras import extra
 from echelon.formats.literal import LiteralPlacement, LiteralTree, numeric_placement, rotation_matrix
 from echelon.formats.mjcf.mjcf_model import import_mujoco, keep_bodies, parse_spec
 from echelon.formats.mjcf.mjcf_numbers import quaternion_matrix
@@ -107,6 +107,9 @@ def mesh_vertices(file: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0
 
 def mesh_shape(name: str, body: int, placement: Floats, vertices: Floats, link: str = "") -> Shape:
     """A mesh as a shape, which keeps the vertices of the convex hull only."""
+    with extra("excite"):
+        from scipy.spatial import ConvexHull, QhullError
+
     shape = Shape(name, body, Kind.MESH, (), placement, np.asarray(vertices, dtype=float), link)
     try:
         hull = ConvexHull(vertices)

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import BSpline
-from scipy.linalg import qr, solve
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.extras import extra
 
 
 class Basis(ABC):
@@ -113,6 +112,9 @@ def resting_ends(basis: Basis) -> Combined:
 
 def _solutions(conditions: Floats) -> Floats:
     """Columns that span {x : conditions · x = 0}, each with one free unknown at 1; the same on every platform."""
+    with extra("excite"):
+        from scipy.linalg import qr, solve
+
     scaled = conditions / np.maximum(np.abs(conditions).max(axis=1, keepdims=True), 1e-300)
     _, triangle, order = qr(scaled, pivoting=True, mode="economic")
     diagonal = np.abs(np.diag(triangle))
@@ -220,6 +222,9 @@ class Splines(Basis):
         """Derivatives of combinations; at every time few functions are not zero."""
         if order > self.degree:
             return np.zeros((len(t), coefficients.shape[1]))
+        with extra("excite"):
+            from scipy.interpolate import BSpline
+
         spline = BSpline(self._knots, coefficients, self.degree)
         found: Floats = np.asarray(spline(np.clip(t, 0.0, self.duration), nu=order))
         return found

@@ -11,7 +11,6 @@ from itertools import combinations, islice
 from math import isfinite
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from echelon.arrays import Flags, Floats, Integers
 from echelon.errors import InputError
@@ -25,6 +24,7 @@ from echelon.excite.problem.trajectory import Basis, Combined, Fourier, Trajecto
 from echelon.excite.solve.solver import Solution, SolverOptions, constraint_generation
 from echelon.excite.verify import margins_of
 from echelon.excite.verify.margins import Margin, motion_margins
+from echelon.extras import extra
 from echelon.formats.schema.schema_excite import ExcitationEntry
 from echelon.hints import nearest_of
 
@@ -97,6 +97,9 @@ class _PoseSearch:
 
     def _refined(self, pose: Floats, scale: Floats) -> Floats:
         """The pose moved to where less is broken."""
+        with extra("excite"):
+            from scipy.optimize import least_squares
+
         free, low, high = self.free, self.low[self.free], self.high[self.free]
 
         def residuals(x: Floats) -> Floats:

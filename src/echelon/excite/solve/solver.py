@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.errors import MissingExtraError
 from echelon.excite.problem.optimisation import BROKEN, Problem, beyond
+from echelon.extras import extra
 from echelon.machine.target import one_thread
 
 _OPTIONS = {
@@ -129,10 +128,9 @@ def solve(problem: Problem, start: Floats, options: SolverOptions, best: Best) -
 
 
 def _casadi() -> Any:
-    try:
-        return import_module("casadi")
-    except ImportError:
-        raise MissingExtraError("casadi", "excite") from None
+    with extra("excite"):
+        import casadi
+    return casadi
 
 
 def _sparse(casadi: Any, matrix: Any) -> Any:

@@ -21,8 +21,9 @@ from xml.etree.ElementTree import tostring
 
 import numpy as np
 
-from echelon.errors import InputError, MissingExtraError
+from echelon.errors import InputError
 from echelon.exact.syntax import is_whole
+from echelon.extras import extra
 from echelon.hints import listed, unused
 from echelon.inputs.content import INCLUDES, read_content
 from echelon.inputs.xml_text import parse_xml
@@ -160,10 +161,8 @@ class CompiledModel:
 
 def import_mujoco() -> Any:
     """The optional package ``mujoco``."""
-    try:
+    with extra("mjcf"):
         import mujoco
-    except ImportError:
-        raise MissingExtraError("mujoco", "mjcf") from None
     return mujoco
 
 

@@ -36,6 +36,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.extras import extra
 from echelon.identification.estimators.estimate import (
     Estimate,
     Solution,
@@ -127,7 +128,8 @@ def _core(plain: Solution, scale: Floats) -> _Core:
     values = np.zeros(n)
     values[noisy] = -vectors[-1, :-1] / vectors[-1, -1] / scale[noisy]
     if e:
-        from scipy.linalg import solve_triangular
+        with extra("identify"):
+            from scipy.linalg import solve_triangular
 
         columns = np.linalg.norm(T[:e, :e], axis=0)
         right = T[:e, n] - T[:e, e:n] @ values[noisy]
@@ -288,7 +290,8 @@ def _iv_estimate(plain: Solution, found: _Instrumented, units: Sequence[str], co
 
 def _hausman(plain: Solution, found: _Instrumented) -> dict[str, Any]:
     """Wu's form of the test: whether Z adds to what W explains of y."""
-    from scipy.stats import f
+    with extra("identify"):
+        from scipy.stats import f
 
     new = np.linalg.svd(found.Rww / plain.triangle.scales, compute_uv=False)
     q = int(np.sum(new > _NEW))

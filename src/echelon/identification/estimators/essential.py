@@ -28,6 +28,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.choices import Criterion
 from echelon.errors import InputError
+from echelon.extras import extra
 from echelon.hints import nearest_of
 from echelon.identification.estimators.estimate import Estimate, Solution, augmented, estimate_of, inverse_triangle
 from echelon.identification.estimators.least_squares import checked_noise, noise_estimate
@@ -173,7 +174,8 @@ def _value(model: Submodel, criterion: Criterion) -> float:
 
 def _significance(model: Submodel, place: int) -> float:
     """p-value of the hypothesis that a parameter is zero."""
-    from scipy.special import fdtrc
+    with extra("identify"):
+        from scipy.special import fdtrc
 
     return float(fdtrc(1, model.degrees, model.growth[place] / model.variance))
 
@@ -183,7 +185,8 @@ def _significance(model: Submodel, place: int) -> float:
 
 def _determined(triangle: Triangle, protected: set[int]) -> tuple[tuple[int, ...], list[dict[str, Any]]]:
     """Parameters without those that the data leave open in the others' presence: taking them out costs nothing."""
-    from scipy.linalg import qr
+    with extra("identify"):
+        from scipy.linalg import qr
 
     n = len(triangle.parameters)
     if triangle.rank == n:

@@ -16,6 +16,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.extras import extra
 from echelon.observe.layout import Layout
 from echelon.observe.observation import Observation
 from echelon.observe.triangle import Triangle
@@ -76,7 +77,8 @@ class Estimate:
         level : float
             Probability that an interval covers the true value.
         """
-        from scipy.stats import t
+        with extra("identify"):
+            from scipy.stats import t
 
         half = t.ppf(0.5 + level / 2, max(self.degrees, 1.0)) * self.std
         return np.stack([self.values - half, self.values + half], axis=1)
@@ -157,7 +159,8 @@ def check(observation: Observation, units: Sequence[str]) -> None:
 
 def inverse_triangle(R: Floats) -> Floats:
     """R⁻¹ of an upper triangle without zeros on its diagonal; columns of very different sizes do no harm."""
-    from scipy.linalg import solve_triangular
+    with extra("identify"):
+        from scipy.linalg import solve_triangular
 
     scales = np.linalg.norm(R, axis=0)
     root: Floats = solve_triangular(R / scales, np.eye(len(R))) / scales[:, None]
@@ -180,7 +183,8 @@ def open_directions(triangle: Triangle) -> Floats:
 
     The first parameter of each, in the order of columns that can be told apart best, changes by 1.
     """
-    from scipy.linalg import qr
+    with extra("identify"):
+        from scipy.linalg import qr
 
     scales = np.where(triangle.scales == 0, 1.0, triangle.scales)
     null = np.linalg.svd(triangle.R / scales)[2][triangle.rank :]

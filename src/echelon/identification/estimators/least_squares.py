@@ -31,6 +31,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.extras import extra
 from echelon.identification.estimators.estimate import (
     Estimate,
     Solution,
@@ -104,7 +105,8 @@ def wls(
     factor = squares / degrees if relative else 1.0
     diagnostics: dict[str, Any] = {"iterations": 1, "converged": True, "relative": relative}
     if not relative:
-        from scipy.stats import chi2
+        with extra("identify"):
+            from scipy.stats import chi2
 
         diagnostics["chi_squared"] = float(squares)
         diagnostics["chi_squared_probability"] = float(chi2.sf(squares, degrees)) if degrees > 0 else 1.0

@@ -21,7 +21,8 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.conventions import PER_BODY
-from echelon.errors import EchelonError, MissingExtraError
+from echelon.errors import EchelonError
+from echelon.extras import extra
 from echelon.identification.physics.bounds import LinearLimits, Roles
 from echelon.identification.physics.prior_information import Reference, unwhitenings
 from echelon.identification.physics.pseudo_inertia import SIZE, factor, margins
@@ -60,7 +61,8 @@ SVEC = _svec_of_parameters()
 
 def sparse_diagonal(entries: Floats) -> Any:
     """A sparse diagonal matrix."""
-    from scipy.sparse import diags_array
+    with extra("identify"):
+        from scipy.sparse import diags_array
 
     return diags_array(entries, format="csc")
 
@@ -93,14 +95,16 @@ class ConeProgram:
 
     def add(self, kind: str, matrix: Any, offset: Floats) -> None:
         """Require matrix · x + offset to be in a cone."""
-        from scipy.sparse import csr_array
+        with extra("identify"):
+            from scipy.sparse import csr_array
 
         if len(offset):
             self._blocks[kind].append((csr_array(matrix), np.asarray(offset, dtype=float)))
 
     def solve(self, quadratic: Any, linear: Floats) -> ConeSolution:
         """Minimise ½ xᵀ quadratic x + linearᵀ x with a symmetric, positive semidefinite, sparse quadratic part."""
-        from scipy.sparse import csc_array, triu, vstack
+        with extra("identify"):
+            from scipy.sparse import csc_array, triu, vstack
 
         blocks = [block for kind in _KINDS for block in self._blocks[kind]]
         rows = csc_array(vstack([-matrix for matrix, _ in blocks]))
@@ -130,10 +134,8 @@ def solve_in_units(program: ConeProgram, quadratic: Any, linear: Floats) -> Cone
 
 
 def _clarabel(program: ConeProgram, P: Any, q: Floats, A: Any, b: Floats) -> ConeSolution:
-    try:
+    with extra("identify"):
         import clarabel
-    except ImportError:
-        raise MissingExtraError("clarabel", "identify") from None
     cones = [clarabel.ZeroConeT(k) for k in program.lengths("zero")]
     cones += [clarabel.NonnegativeConeT(k) for k in program.lengths("nonnegative")]
     cones += [clarabel.SecondOrderConeT(k) for k in program.lengths("second_order")]
@@ -276,7 +278,8 @@ class Programme:
 
     def _add_bodies(self, program: ConeProgram, size: int, triangles: int, logs: int) -> None:
         """log det K ≥ Σ u for every body, by a triangle Z of ten numbers and four logarithms u."""
-        from scipy.sparse import coo_array
+        with extra("identify"):
+            from scipy.sparse import coo_array
 
         for body in range(len(self.role.bodies)):
             k, z, u = PER_BODY * body, triangles + PER_BODY * body, logs + _LOGS * body

@@ -10,6 +10,7 @@ import numpy as np
 from echelon.arrays import Flags, Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
+from echelon.extras import extra
 from echelon.logs.recording import Segment
 from echelon.mechanism.effect import KINDS
 from echelon.mechanism.mechanism import Mechanism
@@ -130,7 +131,8 @@ class _Row:
 
     def solved(self, pull: Floats) -> tuple[Floats, float, bool, float]:
         """Effects over the gain, one over the gain, whether that is certain, and squares that are left."""
-        from scipy.optimize import lsq_linear
+        with extra("identify"):
+            from scipy.optimize import lsq_linear
 
         columns = np.column_stack([self.effects, self.forces])
         scales = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from echelon.errors import MissingExtraError
+from echelon.extras import extra
 from echelon.inputs.content import COLUMNS
 from echelon.logs.files.log_file import decoding, existing_file
 from echelon.logs.files.mat_file import MANY, plain_shape
@@ -37,10 +37,8 @@ class Hdf5File(ArrayFile):
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        try:
+        with extra("identify"):
             import h5py
-        except ImportError:
-            raise MissingExtraError("h5py", "identify") from None
         found, source = existing_file(path), os.fspath(path)
         with decoding(source, _KIND), h5py.File(found, "r") as file:
             inside = _Inside(file, found)
@@ -59,7 +57,8 @@ class _Inside:
 
     def arrays(self, item: Any, name: str, depth: int) -> Iterator[NamedArray]:
         """The arrays in a group or data set."""
-        import h5py
+        with extra("identify"):
+            import h5py
 
         self._count += 1
         COLUMNS.check(self._count)
@@ -95,7 +94,8 @@ class _Inside:
 
 
 def _read(path: Path, place: str, shape: tuple[int, ...]) -> npt.NDArray[Any]:
-    import h5py
+    with extra("identify"):
+        import h5py
 
     with h5py.File(path, "r") as file:
         stored = np.asarray(file[place])

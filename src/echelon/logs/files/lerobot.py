@@ -12,7 +12,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from echelon.errors import InputError, MissingExtraError
+from echelon.errors import InputError
+from echelon.extras import extra
 from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json
 from echelon.logs.files.log_file import decoding
@@ -45,10 +46,8 @@ def data_files(dataset: Path) -> list[Path]:
 
 def episodes(dataset: Path) -> list[Path]:
     """The paths of all episodes."""
-    try:
+    with extra("identify"):
         import pyarrow.parquet as pq
-    except ImportError:
-        raise MissingExtraError("pyarrow", "identify") from None
     with decoding(str(dataset), "a LeRobot dataset"):
         tables = (pq.read_table(file, columns=["episode_index"]) for file in data_files(dataset))
         numbers = sorted({int(number) for table in tables for number in table.column(0).unique().to_pylist()})

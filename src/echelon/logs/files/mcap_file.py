@@ -10,7 +10,8 @@ from functools import partial
 from itertools import islice
 from typing import IO, Any
 
-from echelon.errors import InputError, MissingExtraError, one_line
+from echelon.errors import InputError, one_line
+from echelon.extras import extra
 from echelon.inputs.json_text import parse_json
 from echelon.logs.files.log_file import decoding, existing_file
 from echelon.logs.files.ros_bag import RosTypes, readable_topics, ros_name
@@ -78,10 +79,8 @@ class _Index:
 
 def _reader(stream: IO[bytes], indexed: bool = True) -> Any:
     """A reader that goes by the file's index, or through all of the file."""
-    try:
+    with extra("ros"):
         from mcap.reader import NonSeekingReader, SeekingReader
-    except ImportError:
-        raise MissingExtraError("mcap", "ros") from None
     size = os.fstat(stream.fileno()).st_size  # no record is longer
     return (SeekingReader if indexed else NonSeekingReader)(stream, validate_crcs=True, record_size_limit=size)
 
@@ -97,8 +96,9 @@ def _index(stream: IO[bytes]) -> _Index:
 
 
 def _scanned(stream: IO[bytes]) -> _Index:
-    from mcap.records import Channel, Message, Schema
-    from mcap.stream_reader import StreamReader
+    with extra("ros"):
+        from mcap.records import Channel, Message, Schema
+        from mcap.stream_reader import StreamReader
 
     stream.seek(0)
     start: int | None = None

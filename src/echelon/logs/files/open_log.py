@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from echelon.errors import InputError, MissingExtraError
+from echelon.errors import InputError
+from echelon.extras import extra
 from echelon.logs.files.bag_file import BagFile
 from echelon.logs.files.csv_file import CsvFile
 from echelon.logs.files.hdf5_file import Hdf5File
@@ -46,10 +47,8 @@ class Kind(StrEnum):
 
 
 def _parquet_file(path: str | os.PathLike[str], episode: bool = False) -> LogFile:
-    try:
+    with extra("identify"):
         from echelon.logs.files.parquet_file import Episode, ParquetFile
-    except ImportError:
-        raise MissingExtraError("pyarrow", "identify") from None
     return Episode(Path(path)) if episode else ParquetFile(path)
 
 

@@ -17,7 +17,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from echelon.errors import InputError, MissingExtraError
+from echelon.errors import InputError
+from echelon.extras import extra
 from echelon.logs.files.log_file import decoding, existing_file
 from echelon.logs.files.message_columns import END_OF_TIME
 from echelon.logs.files.unpacked_size import BoundedUnpacking, check_bag
@@ -38,10 +39,8 @@ class RosTypes:
     """
 
     def __init__(self, definitions: Mapping[str, tuple[str, str]], ros: int = 2) -> None:
-        try:
+        with extra("ros"):
             from rosbags.typesys import Stores, TypesysError, get_typestore
-        except ImportError:
-            raise MissingExtraError("rosbags", "ros") from None
 
         self.left_out: dict[str, str] = {}
         types: dict[str, Any] = {}
@@ -76,7 +75,8 @@ def ros_name(name: str) -> str:
 
 def _parsed(name: str, language: str, text: str) -> dict[str, Any]:
     """Parsed types of a definition, with those that it uses."""
-    from rosbags.typesys import get_types_from_idl, get_types_from_msg
+    with extra("ros"):
+        from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
     if language == "msg":
         return dict(get_types_from_msg(text, name))
@@ -126,10 +126,8 @@ class Rosbag:
 
     @contextmanager
     def _opened(self) -> Iterator[Any]:
-        try:
+        with extra("ros"):
             bags = import_module(f"rosbags.rosbag{self._ros}")
-        except ImportError:
-            raise MissingExtraError("rosbags", "ros") from None
         with bags.Reader(self._path) as reader:
             if self._ros == 1:
                 unpack = BoundedUnpacking(self._path.stat().st_size)

@@ -16,8 +16,8 @@ from typing import Any
 import flint
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import qr
 
+from echelon.arrays import pivoted_qr
 from echelon.errors import InputError
 from echelon.program.balls import BallArithmetic, ball
 from echelon.program.schedule import Schedule
@@ -228,11 +228,8 @@ def _power_of_two(exponent: int) -> Any:
 
 def _independent(matrix: npt.NDArray[np.float64]) -> list[int]:
     """Columns that span all columns, in doubles."""
-    if not matrix.size:
-        return []
-    triangle, order = qr(matrix, mode="r", pivoting=True)[-2:]
-    sizes = np.abs(np.diag(triangle))
-    return sorted(int(k) for k in order[: int((sizes > _RANK * sizes[0]).sum())]) if sizes[0] > 0 else []
+    sizes, order = pivoted_qr(matrix)
+    return sorted(order[: int((sizes > _RANK * sizes.max(initial=0.0)).sum())].tolist())
 
 
 def _random(rng: np.random.Generator) -> Any:
