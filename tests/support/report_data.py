@@ -193,7 +193,7 @@ class Page(HTMLParser):
         self._inside = tag
         if tag == "script":
             self.scripts.append("")
-        if tag not in ("meta", "input", "br"):
+        if tag not in ("meta", "link", "input", "br"):
             self.open.append(tag)
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:

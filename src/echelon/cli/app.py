@@ -60,15 +60,16 @@ def _readers_may_leave() -> Iterator[None]:
         raise typer.Exit from None
 
 
-app = _Application(
-    name="echelon",
-    cls=_Commands,
-    help="Exact base inertial parameters of robots, in closed form, with a certificate.",
+def application(name: str, text: str, **more: Any) -> typer.Typer:
+    """The application, or a group of its commands."""
+    more |= {"add_completion": False, "pretty_exceptions_enable": False, "rich_markup_mode": None}
+    return _Application(name=name, cls=_Commands, help=text, no_args_is_help=True, **more)
+
+
+app = application(
+    "echelon",
+    "Exact base inertial parameters of robots, in closed form, with a certificate.",
     epilog="Exit codes: 0 success, 1 a claim was refuted or a model failed its check, 2 bad input or usage.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
 )
 
 

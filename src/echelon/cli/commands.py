@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from echelon.choices import Estimator, Values
-from echelon.cli.app import app
+from echelon.cli.app import app, application
 from echelon.cli.options import AsJson, Budget, Force, Ordering, Output, Prefer, Robot, Seed, reads_robot
 from echelon.machine.target import VARIABLES
 
@@ -315,6 +315,36 @@ def schema(which: Annotated[Schema, typer.Argument(help="Which schema to print."
     from echelon.cli.checks import run_schema
 
     run_schema(which)
+
+
+zoo = application("zoo", "Pages about many robots at once.")
+app.add_typer(zoo)
+
+
+@zoo.command(epilog="Example: echelon zoo build zoo/ --only 'ur*' --jobs 4")
+def build(
+    folder: Annotated[Path, typer.Argument(help="Directory for the pages; open its index.html.")],
+    sources: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--from",
+            help="A folder with URDF, SDF, MJCF or descriptions; may be repeated. "
+            "[default: the packages example-robot-data and robot_descriptions]",
+        ),
+    ] = None,
+    only: Annotated[str, typer.Option(help="A pattern of names or paths, such as 'ur*'.")] = "*",
+    jobs: Annotated[int, typer.Option(min=1, help="Robots that are derived at the same time.")] = 2,
+    seconds: Annotated[float, typer.Option(min=1, help="Time that a robot may take, s.")] = 300.0,
+    force: Annotated[bool, typer.Option("--force", help="Write into a directory that is no zoo.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Derive every robot of some folders, and write a page for each with an index.
+
+    What is there already, of the same file and by the same program, is left as it is.
+    """
+    from echelon.cli.zoo import run_zoo
+
+    run_zoo(folder, sources or (), only, jobs, seconds, force=force, as_json=as_json)
 
 
 from echelon.cli import excite_commands  # noqa: E402  its commands stand last in the help

@@ -18,7 +18,8 @@ from echelon.conventions import PARAMETERS, PER_BODY
 from echelon.errors import one_line
 from echelon.mechanism.body import GROUND
 from echelon.mechanism.mechanism import Mechanism
-from echelon.report.pose import Pose, projection, widest_view
+from echelon.report.page import Context
+from echelon.report.pose import Pose, drawable_pose, projection, widest_view
 
 CLASSES = {
     Identifiability.ALONE: "alone",
@@ -70,6 +71,20 @@ class SeenBody:
         known = {"alone": "alone", "combined": "in combination", "unseen": "not at all"}
         parts = [f"{known[kind]}: {', '.join(names)}" for kind, names in self.parameters if names]
         return one_line(f"{self.name} (link {self.label}) – {'; '.join(parts)}")
+
+
+def seen_links(base: BaseModel) -> Context:
+    """What ``links.html.j2`` shows: a drawing of the robot that says how much the sensors can see of every body."""
+    bodies, pose = seen_bodies(base), drawable_pose(base.mechanism)
+    classes = list(base.classification.values())
+    return {
+        "bodies": bodies,
+        "columns": PARAMETERS,
+        "drawing": None if pose is None else drawing(base.mechanism, pose, bodies),
+        "bent": pose is not None and pose.bent,
+        "loops": bool(base.mechanism.closures),
+        "counts": {name: classes.count(kind) for kind, name in CLASSES.items()},
+    }
 
 
 def seen_bodies(base: BaseModel) -> list[SeenBody]:

@@ -42,9 +42,9 @@ def html_page(
     return str(render("page.html.j2", {**shown, "data": script_safe(data), "plotly": plotly_source()})) + "\n"
 
 
-def render(template: str, context: Mapping[str, Any]) -> Markup:
-    """A template with its names filled in, as safe HTML."""
-    return trusted(_environment().get_template(template).render(context))
+def render(template: str, context: Mapping[str, Any], folder: Path = TEMPLATES) -> Markup:
+    """A template with its names filled in, as safe HTML; one of a folder may include those of reports."""
+    return trusted(_environment(folder).get_template(template).render(context))
 
 
 def trusted(html: str) -> Markup:
@@ -79,11 +79,11 @@ def packed(values: npt.ArrayLike) -> str:
 
 
 @cache
-def _environment() -> Environment:
+def _environment(folder: Path) -> Environment:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
-        loader=FileSystemLoader(TEMPLATES),
+        loader=FileSystemLoader([folder, TEMPLATES]),
         undefined=StrictUndefined,
         autoescape=True,
         trim_blocks=True,

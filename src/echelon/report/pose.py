@@ -43,8 +43,10 @@ def drawable_pose(mechanism: Mechanism) -> Pose | None:
         if mechanism.closures:
             return pose_at(mechanism, Assembly(mechanism).pose)
         straight = pose_at(mechanism, positions_of(mechanism))
+        if len(mechanism.bodies) < 2:
+            return straight if mechanism.bodies else None
         extent = np.linalg.svd(straight.origins - straight.origins.mean(axis=0), compute_uv=False)
-        if len(mechanism.bodies) > 1 and extent[1] < _FLAT * extent[0]:
+        if extent[1] < _FLAT * extent[0]:
             return pose_at(mechanism, positions_of(mechanism, _BEND), bent=True)
         return straight
     except EchelonError:

@@ -9,17 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from echelon.conventions import PARAMETERS
 from echelon.errors import one_line
 from echelon.identification.result import Identification
 from echelon.identification.validation import Score
 from echelon.logs.finding import Finding, Severity
 from echelon.logs.preparation.settings import Preparation
-from echelon.report.drawing import CLASSES, drawing, seen_bodies
+from echelon.report.drawing import seen_links
 from echelon.report.matrix_picture import matrix_picture, mergings
 from echelon.report.page import Context, html_page
 from echelon.report.parameters import conditioning, parameters, physics
-from echelon.report.pose import drawable_pose
 from echelon.report.signals import buckets_for, outputs_of, payload
 
 TITLES = {
@@ -81,7 +79,7 @@ def report_html(identification: Identification) -> str:
         "traces": _traces(identification),
         "residuals": {"outputs": _outputs(identification), "open": _OPEN},
         "conditioning": conditioning(identification),
-        "links": _links(identification),
+        "links": seen_links(identification.base),
         "structure": {"picture": matrix_picture(identification.base), "mergings": mergings(identification.base)},
         "physics": physics(identification),
         "preparation": _preparation(identification),
@@ -169,21 +167,6 @@ def _traces(run: Identification) -> Context:
         "buckets": buckets_for(run.validations),
         "samples": max((len(trace.time) for trace in traces), default=0),
         "prior": any(trace.prior is not None for trace in traces),
-    }
-
-
-def _links(run: Identification) -> Context:
-    """A drawing of the robot that says how much the sensors can see of every body."""
-    mechanism = run.base.mechanism
-    bodies, pose = seen_bodies(run.base), drawable_pose(mechanism)
-    classes = list(run.base.classification.values())
-    return {
-        "bodies": bodies,
-        "columns": PARAMETERS,
-        "drawing": None if pose is None else drawing(mechanism, pose, bodies),
-        "bent": pose is not None and pose.bent,
-        "loops": bool(mechanism.closures),
-        "counts": {name: classes.count(kind) for kind, name in CLASSES.items()},
     }
 
 

@@ -1,0 +1,1 @@
+"""The zoo: pages about many robots at once, with everything that Echelon derives for each."""

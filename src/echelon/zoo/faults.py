@@ -1,0 +1,199 @@
+"""Faults of the inertias that a robot file states, and whether any torque can show them.
+
+A body is possible if its pseudo-inertia J is positive semidefinite (Wensing, Kim & Slotine 2018).  Torques contain the
+parameters ζ of a body only as B ζ, with the body's columns of B; so what matters is whether *some* ζ + z with B z = 0
+has J ⪰ 0.  That is a linear matrix inequality in at most ten unknowns, which a barrier method decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from echelon.arrays import Floats
+from echelon.base.model import BaseModel
+from echelon.conventions import PER_BODY
+from echelon.errors import EchelonError, one_line
+from echelon.formats.robot_file import RobotFile
+from echelon.inertia.convert import convert
+from echelon.inertia.spatial import pseudo_inertia
+from echelon.mechanism.body import GROUND
+from echelon.mechanism.stated import characteristic_length
+
+_ROUNDED = 1e-6  # relative; decimals of a file cannot help smaller violations
+_WIDE = 3.0  # a radius of gyration of so many lengths of the robot is a placeholder
+_STEPS = 60
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong with a link, and whether it can matter."""
+
+    link: str
+    problem: str
+    matters: bool | None  # whether torques show it; None where that could not be decided
+    reason: str  # why it does, or does not
+
+
+def faults(base: BaseModel) -> list[Fault]:
+    """Faults of all links, in the order of the file."""
+    found = []
+    verdicts: dict[tuple[int, bool], tuple[bool | None, str]] = {}
+    for link, body, problem, stated in _problems(base):
+        if (body, stated) not in verdicts:
+            verdicts[body, stated] = _verdict(base, body, stated)
+        found.append(Fault(one_line(link), problem, *verdicts[body, stated]))
+    return found
+
+
+def _problems(base: BaseModel) -> Iterator[tuple[str, int, str, bool]]:
+    """Links with a problem: name, the body that it is part of, the problem, and whether an inertia is stated."""
+    size = characteristic_length(base.mechanism)
+    bodies = {body.name: k for k, body in enumerate(base.mechanism.bodies)}
+    reading = base.mechanism.reading
+    file = reading.file if reading is not None else None
+    robot = file.robot if isinstance(file, RobotFile) else None
+    if robot is None or reading is None:
+        for name, k in bodies.items():
+            inertial = base.mechanism.bodies[k].inertial
+            problem = None if inertial is None else problem_of(np.array(inertial), size)
+            if problem:
+                yield name, k, problem, True
+        return
+    tree, solid = robot.tree(), _solid(robot)
+    for link in tree.links:
+        host = link
+        while host.name not in bodies and host.parent != GROUND:
+            host = tree.links[host.parent]
+        body = bodies.get(host.name, GROUND)
+        if link.inertial is not None:
+            problem = problem_of(np.array(link.inertial), size)
+            if problem:
+                yield link.name, body, problem, True
+        elif link.name in solid:
+            yield link.name, body, "it has a shape, but no inertia is stated", False
+
+
+def _solid(robot: RobotFile) -> set[str]:
+    """Links of a URDF that have a shape."""
+    links = robot.root.findall("link") if robot.root.tag == "robot" else []
+    return {link.get("name") for link in links if link.find("visual") is not None or link.find("collision") is not None}
+
+
+def problem_of(inertial: Floats, size: float) -> str:
+    """What is wrong with a body's standard parameters, shape (10,); empty if nothing is.  ``size`` of the robot, m."""
+    mass = inertial[-1]
+    if not np.isfinite(inertial).all():
+        return "its inertia is not finite"
+    if mass < 0:
+        return f"its mass is negative: {mass:.4g} kg"
+    if mass == 0:
+        return "it has inertia, but no mass" if np.abs(inertial).max() > 0 else ""
+    xx, xy, xz, yy, yz, zz = convert(inertial, "echelon", "urdf")[4:]
+    a, b, c = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if max(abs(a), abs(c)) <= 1e-15 * max(float(np.abs(inertial[:6]).max()), 1e-300) or c == 0:
+        return f"it has a mass of {mass:.4g} kg, but no rotational inertia: it is a point"
+    if a < -_ROUNDED * abs(c):
+        return f"a principal moment of inertia is negative: {a:.4g} kg·m²"
+    if a + b < c * (1 - _ROUNDED):
+        short = 100 * (1 - (a + b) / c)
+        return f"its principal moments {a:.4g}, {b:.4g}, {c:.4g} kg·m² break the triangle inequality by {short:.2g} %"
+    radius = float(np.sqrt(c / mass))
+    if radius > _WIDE * size:
+        return (
+            f"its radius of gyration is {radius:.3g} m, on a robot with lengths of at most {size:.3g} m: a placeholder"
+        )
+    return ""
+
+
+def _verdict(base: BaseModel, body: int, stated: bool) -> tuple[bool | None, str]:
+    """Whether torques can show a fault of a body, and why."""
+    first = base.mechanism.first_column.get(body)
+    if body == GROUND:
+        return False, "it never moves, so no torque contains it"
+    if first is None or len(base.mechanism.bodies[body].carried) < PER_BODY:
+        return None, "its body carries parameters only in part"
+    try:
+        columns = base.B_float()[:, first : first + PER_BODY]
+    except EchelonError as error:
+        return None, f"not decided: {one_line(str(error))}"
+    entered = [name for name, row in zip(base.pivots, columns, strict=True) if row.any()]
+    if not entered:
+        return False, "no torque contains any of its parameters"
+    if not stated:
+        return True, f"its true inertia enters {len(entered)} base parameters: {_some(entered)}"
+    inertial = base.mechanism.bodies[body].inertial
+    if inertial is None:
+        return None, "not decided: its body states no inertia"
+    values = np.array(inertial)
+    unseen = _null_space(columns)
+    if can_exist(values, np.zeros((0, PER_BODY))):
+        return False, "with what is fixed to it, it makes a body that can exist"
+    if len(unseen) and can_exist(values, unseen):
+        return False, f"the violation lies in {_combinations(len(unseen))} that no torque contains"
+    return True, f"torques show it in {_some(entered)}: no body with the same torques in its place can exist"
+
+
+def _combinations(count: int) -> str:
+    return f"{count} combinations of its parameters" if count > 1 else "a combination of its parameters"
+
+
+def _some(names: list[str], most: int = 6) -> str:
+    return ", ".join(map(one_line, names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _null_space(matrix: Floats) -> Floats:
+    """Vectors z with B z = 0 as rows, for a matrix of shape (r, 10) whose entries are lengths to some power."""
+    _, sizes, directions = np.linalg.svd(matrix)
+    rank = int((sizes > 1e-9 * sizes[0]).sum())
+    found: Floats = directions[rank:]
+    return found
+
+
+def can_exist(values: Floats, free: Floats) -> bool:
+    """Whether a body with parameters ζ + zᵀN can exist for some z; values of shape (10,), N of shape (k, 10).
+
+    The least t with J(ζ + zᵀN) + t·1 ⪰ 0 is sought in a scale where J is about 1: minimise t/μ − log det for ever
+    smaller μ by Newton's steps (Boyd & Vandenberghe 2004, 11.3), until t is negative or cannot become so.
+    """
+    normal = _normaliser(values)
+    start = normal @ pseudo_inertia(values) @ normal.T
+    least = float(np.linalg.eigvalsh(start)[0])
+    if least >= -_ROUNDED or not len(free):
+        return least >= -_ROUNDED
+    basis = normal @ pseudo_inertia(free) @ normal.T
+    basis /= np.linalg.norm(basis, axis=(1, 2))[:, None, None]
+    directions = np.concatenate([basis, np.eye(4)[None]])
+    x, cost = np.zeros(len(directions)), np.eye(len(directions))[-1]
+    x[-1], mu = 1 - 2 * least, 1.0
+    for _ in range(_STEPS):
+        for _ in range(_STEPS):
+            inverse = np.linalg.inv(start + np.tensordot(x, directions, 1))
+            turned = inverse @ directions
+            gradient = cost / mu - np.trace(turned, axis1=1, axis2=2)
+            step = -np.linalg.lstsq(np.einsum("iab,jba->ij", turned, turned), gradient, rcond=None)[0]
+            decrement = float(-gradient @ step)
+            x = x + step / (1 + np.sqrt(max(decrement, 0.0)))  # a damped step stays inside
+            if x[-1] < 0:
+                return True
+            if decrement < 1e-6:
+                break
+        if x[-1] > 8 * mu:  # the gap is 4 μ: no smaller t can be negative
+            return False
+        mu /= 5
+        if mu < _ROUNDED / 10:
+            return True
+    return False
+
+
+def _normaliser(values: Floats) -> Floats:
+    """A matrix G for which G J Gᵀ is about 1, with the centre of mass at the origin; shape (4, 4)."""
+    mass = float(values[-1]) if values[-1] > 0 else 1.0
+    moved = np.eye(4)
+    moved[:3, 3] = -values[6:9] / mass
+    second = float(np.abs(np.diagonal(moved @ pseudo_inertia(values) @ moved.T)[:3]).max())
+    second = max(second, 1e-6 * mass) if second == 0 else second
+    found: Floats = np.diag(np.array([second, second, second, mass]) ** -0.5) @ moved
+    return found

@@ -1,0 +1,117 @@
+"""The zoo on small robots: its files, numbers, escaping, and that it goes on where it stopped."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+import echelon as ec
+from echelon.zoo.build import build_zoo, write_index
+from echelon.zoo.exhibit import Task, build_exhibit
+from echelon.zoo.find import Found, robot_files
+from support.command_line import run
+from support.hostile_robot import HOSTILE, NAME
+from support.paths import ROOT
+from support.report_data import Page
+
+PENDULUM = (ROOT / "examples/double_pendulum.yaml").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def robots(tmp_path: Path) -> Path:
+    folder = tmp_path / "robots"
+    (folder / "one_description/urdf").mkdir(parents=True)
+    (folder / "one_description/urdf/arm.urdf").write_text(HOSTILE, encoding="utf-8")
+    (folder / "arm.yaml").write_text(PENDULUM, encoding="utf-8")
+    (folder / "broken.urdf").write_text("<robot name='b'><link/></robot>", encoding="utf-8")
+    (folder / "notes.yaml").write_text("just: notes", encoding="utf-8")
+    (folder / "scene.xml").write_text("<mujoco><include file='arm.xml'/></mujoco>", encoding="utf-8")
+    return folder
+
+
+def test_files_are_found_and_named(robots: Path) -> None:
+    assert [(f.place, f.slug) for f in robot_files([robots])] == [
+        ("arm.yaml", "arm"),
+        ("broken.urdf", "broken"),
+        ("one_description/urdf/arm.urdf", "one-arm"),
+    ]
+
+
+def exhibit(path: Path, folder: Path, floating: bool = False) -> tuple[dict[str, object], str]:
+    task = Task(Found(path, path.name, "robot"), floating, folder)
+    row = build_exhibit(task)
+    assert row is not None
+    assert task.finished() == row
+    return row, (folder / task.slug / "index.html").read_text(encoding="utf-8")
+
+
+def test_numbers_are_those_of_derive(tmp_path: Path) -> None:
+    path = ROOT / "examples/rx90.yaml"
+    row, html = exhibit(path, tmp_path)
+    base = ec.base_parameters(ec.load(path))
+    assert (row["rank"], row["standard"], row["bodies"]) == (base.rank, len(base.parameters), 6)
+    folder = tmp_path / "robot"
+    assert ec.load_base(folder / "set.json").pivots == base.pivots
+    assert (folder / "base.tex").read_text(encoding="utf-8").count("&=") == base.rank
+    assert {file.suffix for file in folder.iterdir()} == {".json", ".tex", ".c", ".h", ".py", ".html"}
+    assert len(re.findall(r'<td class="(?:alone|combined|unseen)"', html)) == len(base.parameters)
+    buttons = [attributes["data-latex"] for tag, attributes in Page(html).elements if "data-latex" in attributes]
+    assert sum("align*" not in text for text in buttons) == base.rank
+    assert str(base.certificate) in html
+
+
+def test_names_of_files_cannot_become_markup(robots: Path, tmp_path: Path) -> None:
+    row, html = exhibit(robots / "one_description/urdf/arm.urdf", tmp_path / "zoo")
+    assert row["name"] == NAME
+    write_index(tmp_path / "zoo", [row, {**row, "failed": NAME}])
+    for text in (html, (tmp_path / "zoo/index.html").read_text(encoding="utf-8")):
+        page = Page(text)
+        assert len(page.scripts) == 1
+        assert not [tag for tag, _ in page.elements if tag in ("img", "iframe", "object")]
+        handlers = {name for _, attributes in page.elements for name in attributes if name.startswith("on")}
+        assert handlers <= {"onsubmit"}
+        for _, attributes in page.elements:
+            assert not re.match("https?:|javascript:|//", attributes.get("href") or attributes.get("src") or "")
+
+
+def test_a_floating_base_is_not_floated_again(tmp_path: Path) -> None:
+    task = Task(Found(ROOT / "examples/floating_tree.yaml", "tree", "tree"), True, tmp_path)
+    assert build_exhibit(task) is None
+
+
+@pytest.mark.slow
+def test_what_is_there_is_left_alone_and_failures_are_listed(robots: Path, tmp_path: Path) -> None:
+    zoo = tmp_path / "zoo"
+    first = build_zoo(zoo, [robots], jobs=2)
+    assert [(row["slug"], "failed" in row) for row in first] == [
+        ("arm", False), ("broken", True), ("broken-floating", True), ("one-arm", False), ("one-arm-floating", False),
+    ]  # fmt: skip
+    index = (zoo / "index.html").read_text(encoding="utf-8")
+    assert "broken.urdf" in index
+    page = zoo / "one-arm/index.html"
+    os.utime(page, (1, 1))
+    second = build_zoo(zoo, [robots], only="one*")
+    assert [row["slug"] for row in second] == ["one-arm", "one-arm-floating"]
+    assert page.stat().st_mtime == 1
+    assert json.loads((zoo / "zoo.json").read_text(encoding="utf-8"))["robots"][0]["slug"] == "arm"
+    robots.joinpath("one_description/urdf/arm.urdf").write_text(HOSTILE + "<!-- new -->", encoding="utf-8")
+    build_zoo(zoo, [robots], only="one*")
+    assert page.stat().st_mtime > 1
+
+
+def test_a_robot_that_takes_too_long_is_given_up(robots: Path, tmp_path: Path) -> None:
+    rows = build_zoo(tmp_path / "zoo", [robots], only="arm", seconds=0.001)
+    assert rows[0]["failed"] == "not done within 0.001 s"
+
+
+def test_the_command_says_what_was_built(robots: Path, tmp_path: Path) -> None:
+    done = run("zoo", "build", str(tmp_path / "zoo"), "--from", str(robots), "--only", "arm*", "--jobs", "1")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.endswith("index.html, 0 without an answer\n")
+    assert run("zoo", "build", str(robots), "--from", str(robots)).returncode == 2
+    missing = run("zoo", "build", str(tmp_path / "other"), "--from", str(robots), "--only", "nothing")
+    assert (missing.returncode, "no robot file matches" in missing.stderr) == (2, True)
