@@ -61,6 +61,10 @@ class AssemblyWarning(UserWarning):
     """A mechanism with loops is taken in a pose that is not near the stated one."""
 
 
+class SlowWarning(UserWarning):
+    """A large evaluation goes the slow way, because a package is not installed."""
+
+
 class DegenerateSampleError(EchelonError):
     """A random point or prime fell on a zero of some denominator; the caller draws another."""
 

@@ -16,7 +16,7 @@ from io import TextIOWrapper
 from types import FrameType
 from typing import Any
 
-from echelon.errors import AssemblyWarning, one_line
+from echelon.errors import AssemblyWarning, SlowWarning, one_line
 
 _STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
 _SIGNALLED = 128
@@ -47,11 +47,11 @@ def leave() -> None:
 
 
 def _said_plainly(show: Callable[..., None]) -> Callable[..., None]:
-    """Warnings about the input are one line, without where in the program they were found."""
+    """Our own warnings are one line, without where in the program they were found."""
     said: set[str] = set()
 
     def warn(message: Warning | str, category: type[Warning], *where: Any, **options: Any) -> None:
-        if issubclass(category, AssemblyWarning):
+        if issubclass(category, AssemblyWarning | SlowWarning):
             text = one_line(str(message))
             if text not in said:  # it may come up in several places
                 said.add(text)

@@ -9,16 +9,14 @@ from functools import cached_property
 import numpy as np
 
 from echelon.arrays import Floats
+from echelon.errors import SlowWarning
 from echelon.machine.batch import Batch
 from echelon.program.function import Function
 from echelon.program.schedule import FloatArithmetic, Schedule
 
 _TOGETHER = 1 << 17  # values of nodes that are computed together, which stay in the cache
 _LARGE = 10**9  # operations: several seconds
-_SLOW = (
-    "large evaluations are many times faster in machine code than in NumPy, which computes this one: "
-    'pip install "echelon[fast]"'
-)
+_SLOW = 'NumPy computes this; machine code takes a tenth of the time or less: pip install "echelon[fast]"'
 
 
 class Interpreted:
@@ -31,7 +29,7 @@ class Interpreted:
         """The first sample of each piece of a batch, with the entries there, of shape (entries, samples)."""
         schedule = self._schedule
         if schedule.size * given.samples > _LARGE:
-            warnings.warn(_SLOW, RuntimeWarning, stacklevel=4)
+            warnings.warn(_SLOW, SlowWarning, stacklevel=3)
         together = together or max(_TOGETHER // max(schedule.size, 1), 1)
         for first in range(0, given.samples, together):
             piece = given.part(first, min(first + together, given.samples))

@@ -113,7 +113,7 @@ class Engine:
 
 
 def _recent_mujoco() -> Any:
-    mujoco = import_mujoco()
+    mujoco = import_mujoco("excite")
     version = str(mujoco.__version__)
     if tuple(int(part) for part in version.split(".")[:2]) < _OLDEST:
         oldest = ".".join(map(str, _OLDEST))

@@ -91,7 +91,7 @@ def mesh_vertices(file: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0
     """Vertices of a mesh file in the file's own frame, shape (k, 3)."""
     if file.suffix.lower() not in READABLE:
         raise InputError(f"'{file.suffix}' meshes cannot be read (valid: {', '.join(READABLE)})", source=str(file))
-    mujoco = import_mujoco()
+    mujoco = import_mujoco("excite")
     spec = mujoco.MjSpec()
     mesh = spec.add_mesh(name="mesh", file=str(file.resolve()), scale=scale)
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
@@ -266,7 +266,7 @@ def _unreadable(spec: Any, directory: Path) -> Iterator[tuple[str, str]]:
 
 
 def _compiled(spec: Any, source: str) -> Any:
-    mujoco = import_mujoco()
+    mujoco = import_mujoco("excite")
     keep_bodies(spec)
     spec.compiler.balanceinertia = True
     try:
@@ -277,7 +277,7 @@ def _compiled(spec: Any, source: str) -> Any:
 
 
 def _shape(model: Any, geom: int, link: str, body: int, place: Floats) -> Shape:
-    mujoco = import_mujoco()
+    mujoco = import_mujoco("excite")
     name = str(model.geom(geom).name) or f"{link}/{geom - int(model.body_geomadr[model.geom_bodyid[geom]]) + 1}"
     placement = place @ placed(quaternion_matrix(model.geom_quat[geom]), model.geom_pos[geom])
     kind = mujoco.mjtGeom(int(model.geom_type[geom])).name.removeprefix("mjGEOM_").lower()

@@ -159,9 +159,9 @@ class CompiledModel:
     notes: tuple[str, ...]
 
 
-def import_mujoco() -> Any:
-    """The optional package ``mujoco``."""
-    with extra("mjcf"):
+def import_mujoco(needed_by: str = "mjcf") -> Any:
+    """The optional package ``mujoco``, which the extras ``mjcf`` and ``excite`` bring."""
+    with extra(needed_by):
         import mujoco
     return mujoco
 
