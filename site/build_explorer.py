@@ -1,0 +1,232 @@
+"""Build the explorer: one static folder with the page, Pyodide, the wheels that Echelon needs there, and robots.
+
+    python site/build_explorer.py build/site/explorer --robots examples
+
+Everything from elsewhere is named with its hash in ``site/explorer/lock.json`` and fetched through npm and pip, into a
+cache.  NumPy for Pyodide is on no package index; Pyodide's own release has it, under a hash that the npm package
+states.  A folder of wheels (``--wheels``) may have it, too.  Without it the page is built, and says that it cannot
+answer.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+import urllib.request
+import zipfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parent.parent
+PAGE = ROOT / "site" / "explorer"
+LOCK = json.loads((PAGE / "lock.json").read_text())
+BROWSER, NATIVE = "pyemscripten_2026_0_wasm32", "manylinux2014_x86_64"
+RELEASE = "https://cdn.jsdelivr.net/pyodide/v{version}/full/{file}"
+FIRST = "panda.yaml"  # the robot that a visitor sees first
+VENDORED = {
+    "pyodide": ["pyodide.mjs", "pyodide.asm.mjs", "pyodide.asm.wasm", "python_stdlib.zip"],
+    "katex": ["dist/katex.mjs", "dist/katex.min.css", "dist/fonts/*.woff2"],
+    "three": ["build/three.module.js", "build/three.core.js", "examples/jsm/controls/OrbitControls.js"],
+}
+
+
+def main() -> None:
+    """Build into a folder that is made anew."""
+    parser = argparse.ArgumentParser(description="Build the explorer into a folder.")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument(
+        "--robots", type=Path, action="append", default=[], help="file, or folder of URDF and YAML files"
+    )
+    parser.add_argument("--wheels", type=Path, help="folder of wheels to look in before the network")
+    parser.add_argument("--cache", type=Path, default=ROOT / "build" / "cache")
+    given = parser.parse_args()
+    missing = build(given.folder, given.robots or [ROOT / "examples"], given.cache, given.wheels)
+    if missing:
+        sys.stderr.write(f"the explorer lacks {', '.join(missing)} and cannot answer: give a folder with --wheels\n")
+        sys.exit(1 if os.environ.get("CI") else 0)
+
+
+def build(folder: Path, robots: Iterable[Path], cache: Path, wheels: Path | None = None) -> list[str]:
+    """Everything into a folder; returns the wheels that could not be had."""
+    build_page(folder, robots, cache)
+    return _python(folder / "vendor", cache, wheels)
+
+
+def build_page(folder: Path, robots: Iterable[Path], cache: Path) -> None:
+    """All but Python: the page, what it draws and typesets with, Pyodide without packages, robots."""
+    shutil.rmtree(folder, ignore_errors=True)
+    vendor = folder / "vendor"
+    vendor.mkdir(parents=True)
+    cache.mkdir(parents=True, exist_ok=True)
+    for file in PAGE.iterdir():
+        if file.suffix in (".html", ".css", ".mjs"):
+            shutil.copy(file, folder)
+    shutil.copy(ROOT / "schemas" / "robot.schema.json", folder)
+    _copy_robots(robots, folder / "robots")
+    for name, (version, integrity) in LOCK["npm"].items():
+        _unpack(_packed(name, version, integrity, cache), VENDORED[name], vendor)
+    controls = vendor / "OrbitControls.js"
+    controls.write_text(controls.read_text().replace("from 'three'", "from './three.module.js'"))
+
+
+# -- robots ------------------------------------------------------------------------------------------------------------
+
+
+def _copy_robots(sources: Iterable[Path], folder: Path) -> None:
+    folder.mkdir()
+    files = {file.name: file for source in sources for file in _robots(source)}
+    for name, file in files.items():
+        shutil.copy(file, folder / name)
+    names = sorted(files, key=lambda name: (name != FIRST, name.lower()))
+    (folder / "robots.json").write_text(json.dumps(names))
+
+
+def _robots(source: Path) -> Iterator[Path]:
+    """Files that stand alone: neither of MuJoCo, which is not there in a browser, nor additions to another file."""
+    for file in [source] if source.is_file() else sorted(source.glob("*")):
+        text = file.read_text() if file.suffix in (".urdf", ".yaml") else ""
+        if text and "\nrobot:" not in text:
+            yield file
+
+
+# -- from npm ----------------------------------------------------------------------------------------------------------
+
+
+def _packed(name: str, version: str, integrity: str, cache: Path) -> Path:
+    """A package of npm, checked."""
+    file = cache / f"{name}-{version}.tgz"
+    if not file.exists():
+        npm = shutil.which("npm") or sys.exit("the explorer's build needs npm")
+        subprocess.run([npm, "pack", "--silent", f"{name}@{version}"], cwd=cache, check=True, stdout=subprocess.DEVNULL)
+    digest = base64.b64encode(hashlib.sha512(file.read_bytes()).digest()).decode()
+    if f"sha512-{digest}" != integrity:
+        file.unlink()
+        sys.exit(f"{file.name} is not the file that site/explorer/lock.json names")
+    return file
+
+
+def _unpack(package: Path, patterns: list[str], vendor: Path) -> None:
+    with tarfile.open(package) as archive:
+        for member in archive:
+            path = Path(member.name).relative_to("package")
+            if any(path.match(pattern) and len(path.parts) == len(Path(pattern).parts) for pattern in patterns):
+                target = vendor / ("fonts" if path.suffix == ".woff2" else "") / path.name
+                target.parent.mkdir(exist_ok=True)
+                target.write_bytes(archive.extractfile(member).read())  # type: ignore[union-attr]
+
+
+# -- Python packages ---------------------------------------------------------------------------------------------------
+
+
+def _python(vendor: Path, cache: Path, wheels: Path | None) -> list[str]:
+    """All wheels, and the list of them that Pyodide loads by."""
+    version = LOCK["npm"]["pyodide"][0]
+    with tarfile.open(cache / f"pyodide-{version}.tgz") as archive:
+        stated = json.load(archive.extractfile("package/pyodide-lock.json"))  # type: ignore[arg-type]
+    files = [*_downloaded(LOCK["wheels"], BROWSER, cache), *map(_stripped, _downloaded(_compiled(), NATIVE, cache))]
+    missing = []
+    for name in LOCK["from Pyodide's release"]:
+        entry = stated["packages"][name]
+        found = _released(entry["file_name"], entry["sha256"], version, cache, wheels)
+        files += [found] if found else []
+        missing += [] if found else [name]
+    for file in files:
+        shutil.copy(file, vendor)
+    own = _wheel_of_echelon(vendor)
+    packages = dict(_entry(vendor / file.name) for file in files)
+    name, entry = _entry(own)
+    packages[name] = {**entry, "depends": sorted(packages)}
+    lock = {"info": stated["info"], "packages": packages, "missing": missing}
+    (vendor / "pyodide-lock.json").write_text(json.dumps(lock, indent=1))
+    return missing
+
+
+def _compiled() -> dict[str, str]:
+    found: dict[str, str] = LOCK["without compiled parts"]
+    return found
+
+
+def _downloaded(pins: dict[str, str], platform: str, cache: Path) -> list[Path]:
+    """Wheels of a platform by pip, which checks their hashes."""
+    folder = cache / f"{platform}-{hashlib.sha256(json.dumps(pins).encode()).hexdigest()[:12]}"
+    if not folder.exists():
+        lines = [f"{pin} --hash=sha256:{digest}\n" for pin, digest in pins.items()]
+        with tempfile.TemporaryDirectory(dir=cache) as place:
+            requirements = Path(place, "requirements.txt")
+            requirements.write_text("".join(lines))
+            command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--require-hashes"]
+            command += ["--only-binary=:all:", "--python-version=3.14", "--implementation=cp", "--abi=cp314"]
+            command += [f"--platform={platform}", f"--dest={place}/wheels", f"--requirement={requirements}"]
+            subprocess.run(command, check=True)
+            Path(place, "wheels").rename(folder)
+    return sorted(folder.glob("*.whl"))
+
+
+def _stripped(wheel: Path) -> Path:
+    """A wheel without its compiled parts, for packages that do without them."""
+    name, version = wheel.name.split("-")[:2]
+    found = wheel.parent / "pure" / f"{name}-{version}-py3-none-any.whl"
+    found.parent.mkdir(exist_ok=True)
+    with zipfile.ZipFile(wheel) as full, zipfile.ZipFile(found, "w", zipfile.ZIP_DEFLATED) as pure:
+        for entry in full.infolist():
+            if not entry.filename.endswith((".so", ".c", "RECORD", "/")):
+                pure.writestr(zipfile.ZipInfo(entry.filename), full.read(entry), zipfile.ZIP_DEFLATED)
+    return found
+
+
+def _released(file: str, sha256: str, version: str, cache: Path, wheels: Path | None) -> Path | None:
+    """A wheel of Pyodide's release, from a folder or the network, checked; None if it cannot be had."""
+    for folder in filter(None, (wheels, cache)):
+        if (folder / file).exists() and _sha256(folder / file) == sha256:
+            return folder / file
+    found = cache / file
+    try:
+        with urllib.request.urlopen(RELEASE.format(version=version, file=file), timeout=60) as answer:
+            found.write_bytes(answer.read())
+    except OSError:
+        return None
+    if _sha256(found) != sha256:
+        found.unlink()
+        sys.exit(f"{file} is not the file that Pyodide {version} names")
+    return found
+
+
+def _wheel_of_echelon(vendor: Path) -> Path:
+    """The package and what answers the page, as one wheel."""
+    source = ROOT / "src"
+    files = [
+        file for file in sorted((source / "echelon").rglob("*")) if file.is_file() and "__pycache__" not in file.parts
+    ]
+    wheel = vendor / "echelon-0-py3-none-any.whl"
+    with zipfile.ZipFile(wheel, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file, name in [(f, str(f.relative_to(source))) for f in files] + [(PAGE / "explorer.py", "explorer.py")]:
+            archive.writestr(zipfile.ZipInfo(name), file.read_bytes(), zipfile.ZIP_DEFLATED)
+        about = {"METADATA": "Metadata-Version: 2.1\nName: echelon\nVersion: 0\n", "WHEEL": "Wheel-Version: 1.0\n"}
+        for name, text in about.items():
+            archive.writestr(zipfile.ZipInfo(f"echelon-0.dist-info/{name}"), text)
+    return wheel
+
+
+def _entry(wheel: Path) -> tuple[str, dict[str, Any]]:
+    """What Pyodide has to know about a wheel."""
+    name, version = wheel.name.split("-")[:2]
+    name = name.lower().replace("_", "-")
+    entry = {"name": name, "version": version, "file_name": wheel.name, "sha256": _sha256(wheel), "depends": []}
+    return name, {**entry, "install_dir": "site", "imports": [], "package_type": "package", "unvendored_tests": False}
+
+
+def _sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+if __name__ == "__main__":
+    main()

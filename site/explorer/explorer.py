@@ -1,0 +1,247 @@
+"""What the explorer's worker answers: a robot with some changes, derived, as data for the page.
+
+The page asks in JSON and gets JSON, whichever Python answers: Pyodide in the visitor's browser, or CPython in tests.
+Changes are those of :class:`Changes`; each is an operation on the mechanism that the file describes, so that the answer
+is what ``echelon derive`` says about a file with the same change written into it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import Any
+
+from echelon.base.derive import base_parameters
+from echelon.base.display import facts, headline, to_latex
+from echelon.base.model import BaseModel
+from echelon.conventions import PARAMETERS
+from echelon.errors import EchelonError, InputError, one_line
+from echelon.exact.polynomial import Polynomial
+from echelon.formats.reading_options import ReadingOptions
+from echelon.formats.robot_file import RobotFile
+from echelon.formats.usual_effects import effect_label, slides
+from echelon.mechanism.body import GROUND, Body
+from echelon.mechanism.effect import Effect, Side, ready_made
+from echelon.mechanism.joint import Joint, MotionKind
+from echelon.mechanism.lock_joints import lock_joints
+from echelon.mechanism.mechanism import Mechanism
+from echelon.mechanism.output import Cut, Output, plain
+from echelon.mechanism.placement import Placement
+from echelon.mechanism.substitute import substituted
+from echelon.report.drawing import CLASSES, seen_bodies
+from echelon.report.pose import drawable_pose
+from echelon.results.saved import to_json
+
+PAYLOAD = "payload"
+"""Name of the body that a payload becomes; its parameters are XXL … ML."""
+
+_DRAWN = {MotionKind.TRANSLATION: "slide", MotionKind.SCREW: "screw"}
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What the visitor changed."""
+
+    floating: bool = False
+    gravity: str = "file"  # as for :func:`echelon.load`
+    zero: tuple[str, ...] = ()  # lengths set to zero
+    equal: tuple[tuple[str, str], ...] = ()  # pairs of lengths, the second set to the first
+    locked: tuple[str, ...] = ()  # coordinates held at zero
+    payload: str = ""  # the link that carries a payload
+    sensors: tuple[str, ...] = ()  # "joints", "base", names of links whose wrench is measured; none for the file's
+    effects: tuple[str, ...] = ()  # kinds of effects in every drive
+    order: str = "base-to-tip"
+    prefer: tuple[str, ...] = ()  # parameters or kinds wanted as representatives
+
+    @classmethod
+    def of(cls, data: dict[str, Any]) -> Changes:
+        """From JSON, where tuples are lists."""
+        known = {field.name for field in fields(cls)}
+        return cls(**{name: _frozen(value) for name, value in data.items() if name in known})
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value
+
+
+def answer(request: str) -> str:
+    """The reply to a request of the page, both JSON; what cannot be accepted becomes the line that the command prints.
+
+    A request has ``name`` and ``text`` of a file, ``changes``, and for a download ``file``.
+    """
+    asked = json.loads(request)
+    try:
+        name, changes = asked["name"], Changes.of(asked["changes"])
+        robot = read(name, asked["text"], changes)
+        base = derive(name, asked["text"], changes)
+        reply = written(base, asked["file"]) if asked.get("file") else {**shown(base), **choices(robot)}
+    except EchelonError as error:
+        reply = {"error": f"echelon: {one_line(str(error))}"}
+    return json.dumps(reply)
+
+
+@lru_cache(maxsize=4)
+def read(name: str, text: str, changes: Changes) -> Mechanism:
+    """The robot of a file as it is read: floating or not, in its gravity."""
+    file = RobotFile.of(text.encode(), name)
+    if file.is_linear_model:
+        raise InputError("this is a linear model; the explorer shows robots", source=name)
+    return file.mechanism(ReadingOptions(floating=changes.floating, gravity=changes.gravity))
+
+
+@lru_cache(maxsize=16)
+def derive(name: str, text: str, changes: Changes) -> BaseModel:
+    """Base parameters of the changed robot."""
+    robot = changed(read(name, text, changes), changes)
+    return base_parameters(robot, order=changes.order, prefer=changes.prefer)
+
+
+# -- changes -----------------------------------------------------------------------------------------------------------
+
+
+def changed(robot: Mechanism, changes: Changes) -> Mechanism:
+    """A mechanism with everything changed that is not a matter of reading the file."""
+    if changes.zero or changes.equal:
+        robot = _with_lengths(robot, changes)
+    robot = lock_joints(robot, dict.fromkeys(changes.locked, 0.0))
+    if changes.payload:
+        robot = _with_payload(robot, changes.payload)
+    if changes.sensors:
+        robot = _with_sensors(robot, changes.sensors)
+    if changes.effects:
+        robot = replace(robot, effects=(*robot.effects, *_effects(robot, changes.effects)))
+    return robot
+
+
+def _with_lengths(robot: Mechanism, changes: Changes) -> Mechanism:
+    known = lengths(robot)
+    unknown = next((n for n in (*changes.zero, *(n for pair in changes.equal for n in pair)) if n not in known), None)
+    if unknown is not None:
+        raise InputError(f"there is no length '{unknown}' (valid: {', '.join(known) or 'none'})")
+    values = {name: Polynomial({}) for name in changes.zero}
+    for first, second in changes.equal:
+        values[second] = values.get(first, Polynomial.generator(first))
+    return substituted(robot, values)
+
+
+def lengths(robot: Mechanism) -> list[str]:
+    """Symbols that occur in translations of joints, base to tip."""
+    steps = [step for body in robot.bodies for step in body.joint.steps if isinstance(step, Placement)]
+    found = [name for step in steps for entry in step.translation for name in entry.symbols()]
+    angles = {name for step in steps for row in step.rotation for entry in row for name in entry.symbols()}
+    return [name for name in dict.fromkeys(found) if name not in angles]
+
+
+def _with_payload(robot: Mechanism, link: str) -> Mechanism:
+    if any(body.label == "L" or body.name == PAYLOAD for body in robot.bodies):
+        raise InputError(f"the robot has a link '{PAYLOAD}' or labelled L already")
+    body = Body(PAYLOAD, "L", _link(robot, link), Joint(PAYLOAD, "fixed", ()))
+    return replace(robot, bodies=(*robot.bodies, body))
+
+
+def _link(robot: Mechanism, name: str) -> int:
+    names = [body.name for body in robot.bodies]
+    if name not in names:
+        raise InputError(f"there is no link '{name}' (valid: {', '.join(names)})")
+    return names.index(name)
+
+
+def _with_sensors(robot: Mechanism, sensors: Sequence[str]) -> Mechanism:
+    """With other outputs: of the drives, under the base, at links; a floating base feels the wrench of its joint."""
+    every = replace(robot, measured=None)
+    free = _base_coordinates(robot)
+    own = {
+        "joints": [output for output in every.outputs if output.name not in free],
+        "base": [output for output in every.outputs if output.name in free] or list(_wrench("base", GROUND)),
+    }
+    links = {name: list(_wrench(name, _link(robot, name))) for name in sensors if name not in own}
+    chosen = [output for name, some in {**own, **links}.items() if name in sensors for output in some]
+    return every if set(chosen) == set(every.outputs) else replace(robot, measured=tuple(chosen))
+
+
+def _base_coordinates(robot: Mechanism) -> set[str]:
+    """Velocities of a floating base."""
+    joint = robot.bodies[0].joint
+    return {name for motion in joint.motions for name in motion.velocities} if joint.kind == "floating" else set()
+
+
+def _wrench(name: str, body: int) -> Iterator[Output]:
+    """The six components of what a link gets from its parent, in the link's frame."""
+    for angular, unit in ((False, "N"), (True, "N·m")):
+        for axis in range(3):
+            component = f"{name}.{'t' if angular else 'f'}{'xyz'[axis]}"
+            yield plain(component, unit, Cut(body, Placement(), False, axis, angular))
+
+
+def _effects(robot: Mechanism, kinds: Sequence[str]) -> Iterator[Effect]:
+    free = _base_coordinates(robot)
+    for kind in kinds:
+        for drive in robot.transmission.actuators:
+            if drive.name not in free:
+                label = effect_label(robot, drive.name)
+                yield from ready_made(kind, drive.name, Side.ACTUATOR, label, sliding=slides(robot, drive.name))
+
+
+# -- what the page shows -----------------------------------------------------------------------------------------------
+
+
+def choices(robot: Mechanism) -> dict[str, Any]:
+    """What can be changed of a robot."""
+    known = robot.symbols
+    return {
+        "joints": [motion.name for motion in robot.motions if motion.name in robot.independent_velocities],
+        "links": [body.name for body in robot.bodies],
+        "lengths": [[name, known[name].value if name in known else None] for name in lengths(robot)],
+    }
+
+
+def shown(base: BaseModel) -> dict[str, Any]:
+    """A set of base parameters: counts, classes of all standard parameters, closed forms, evidence, a picture."""
+    robot = base.mechanism
+    owner = {column.name: column.body for column in robot.columns}
+    return {
+        "headline": headline(base),
+        "rank": base.rank,
+        "standard": len(base.parameters),
+        "outputs": [output.name for output in robot.outputs],
+        "kinds": list(PARAMETERS),
+        "classes": {name: CLASSES[kind] for name, kind in base.classification.items()},
+        "bodies": [
+            {"index": b.index, "label": b.label, "name": b.name, "cells": b.cells, "level": b.level, "words": b.words}
+            for b in seen_bodies(base)
+        ],
+        "forms": [
+            {"name": form.name, "text": str(form), "latex": form.latex, "unit": form.unit, "body": owner[form.name]}
+            for form in base.expressions
+        ],
+        "facts": facts(base),
+        "picture": picture(robot),
+    }
+
+
+def picture(robot: Mechanism) -> dict[str, Any] | None:
+    """Where frames and joint axes are, m; None where lengths have no values or loops do not close."""
+    pose = drawable_pose(robot)
+    if pose is None:
+        return None
+    moved = [body.joint.motions[0].kind if body.joint.motions else None for body in robot.bodies]
+    return {
+        "parents": [body.parent for body in robot.bodies],
+        "origins": pose.origins.tolist(),
+        "axes": pose.axes.tolist(),
+        "joints": ["fixed" if kind is None else _DRAWN.get(kind, "turn") for kind in moved],
+        "up": pose.up.tolist(),
+    }
+
+
+def written(base: BaseModel, file: str) -> dict[str, Any]:
+    """A download: ``set.json``, ``set.tex`` or the C files, by name."""
+    if file == "json":
+        return {"files": {"set.json": to_json(base)}}
+    if file == "latex":
+        return {"files": {"set.tex": to_latex(base)}}
+    from echelon.codegen.source import generate
+
+    return {"files": generate(base, "c")}

@@ -1,0 +1,312 @@
+"""The explorer: changes against files with the same change written into them, and visits in a browser."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from support.command_line import run
+from support.explorer import Explorer, Step, answers, module
+from support.paths import EXAMPLES, ROOT
+from support.system_tools import tool
+
+PANDA, ARM = EXAMPLES / "panda.yaml", EXAMPLES / "so101.urdf"
+Answer = dict[str, Any]
+
+
+def derived(file: Path, *options: str) -> Answer:
+    """What ``echelon derive`` prints: the first line, and the closed forms without their numbers."""
+    parts = run("derive", file.name, *options, cwd=file.parent).stdout.split("\n\n")
+    return {"headline": parts[0], "forms": [line.split(maxsplit=1)[1] for line in parts[1].splitlines()]}
+
+
+def asked(file: Path, **changes: Any) -> Answer:
+    """What the worker answers."""
+    request = {"name": file.name, "text": file.read_text(), "changes": changes}
+    reply: Answer = json.loads(answers().answer(json.dumps(request)))
+    return reply
+
+
+def counted(reply: Answer) -> Answer:
+    """The part of a reply that the command prints, too."""
+    return {"headline": reply["headline"], "forms": [form["text"] for form in reply["forms"]]}
+
+
+# -- changes, and files with the same change written into them ---------------------------------------------------------
+
+
+def _locked(robot: Answer) -> None:
+    robot["modified_dh"][2] |= {"joint": "fixed", "separate": True}
+
+
+def _without_a4(robot: Answer) -> None:
+    del robot["symbols"]["a4"]
+    for row in robot["modified_dh"]:
+        row.pop("a", None) if "a4" in str(row.get("a")) else None
+
+
+def _d5_as_d3(robot: Answer) -> None:
+    del robot["symbols"]["d5"]
+    robot["modified_dh"][4]["d"] = "d3"
+
+
+def _with_payload(robot: Answer) -> None:
+    row = {"joint": "fixed", "label": "L", "name": "payload", "parent": "j7", "separate": True}
+    robot["modified_dh"].append(row)
+
+
+def _on_the_base(robot: Answer) -> None:
+    robot["outputs"] = [{"wrench": "base"}]
+
+
+def _at_the_wrist(robot: Answer) -> None:
+    robot["outputs"] = [{"joint": "all"}, {"wrench": "j7"}]
+
+
+def _with_friction(robot: Answer) -> None:
+    robot["effects"] = [{"type": kind, "at": "all"} for kind in ("viscous", "rotor_inertia")]
+
+
+EDITS: dict[str, tuple[Answer, Callable[[Answer], None]]] = {
+    "a joint is held": ({"locked": ["j3"]}, _locked),
+    "a length is zero": ({"zero": ["a4"]}, _without_a4),
+    "two lengths are equal": ({"equal": [["d3", "d5"]]}, _d5_as_d3),
+    "a payload": ({"payload": "j7"}, _with_payload),
+    "the wrench under the base": ({"sensors": ["base"]}, _on_the_base),
+    "joints and wrist": ({"sensors": ["joints", "j7"]}, _at_the_wrist),
+    "friction and rotors": ({"effects": ["viscous", "rotor_inertia"]}, _with_friction),
+}
+OPTIONS: dict[str, tuple[Answer, list[str]]] = {
+    "as it is": ({}, []),
+    "no gravity": ({"gravity": "none"}, ["--gravity", "none"]),
+    "a tilted base": ({"gravity": "0,3,-9"}, ["--gravity", "0,3,-9"]),
+    "a floating base": ({"floating": True}, ["--floating"]),
+    "other representatives": ({"prefer": ["M7"], "order": "tip-to-base"}, ["--prefer", "M7", "--order", "tip-to-base"]),
+}
+
+
+@pytest.mark.parametrize("case", EDITS)
+def test_a_change_is_the_same_file_edited(case: str, tmp_path: Path) -> None:
+    changes, edit = EDITS[case]
+    robot = yaml.safe_load(PANDA.read_text())
+    edit(robot)
+    edited = tmp_path / "panda.yaml"
+    edited.write_text(yaml.safe_dump(robot))
+    assert counted(asked(PANDA, **changes)) == derived(edited)
+
+
+@pytest.mark.parametrize("case", OPTIONS)
+def test_a_change_is_an_option_of_the_command(case: str) -> None:
+    changes, options = OPTIONS[case]
+    assert counted(asked(PANDA, **changes)) == derived(PANDA, *options)
+
+
+def test_joint_torques_of_a_floating_arm_see_ten_fewer() -> None:
+    assert asked(PANDA, floating=True)["rank"] - asked(PANDA, floating=True, sensors=["joints"])["rank"] == 10
+    assert asked(PANDA, floating=True)["rank"] == asked(PANDA, floating=True, sensors=["base"])["rank"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"zero": ["a9"]}, "echelon: there is no length 'a9' (valid: d1, d3, a4, d5, a7)"),
+        ({"payload": "hand"}, "echelon: there is no link 'hand' (valid: j1, j2, j3, j4, j5, j6, j7)"),
+        ({"gravity": "1,2"}, "echelon: panda.yaml: gravity is three numbers"),
+        ({"locked": ["j9"]}, "echelon: there is no coordinate 'j9' to hold"),
+    ],
+)
+def test_changes_that_do_not_fit_are_refused(changes: Answer, problem: str) -> None:
+    assert asked(PANDA, **changes)["error"].startswith(problem)
+
+
+@pytest.mark.parametrize("text", ["echelon: 1\nname: x\nmodified_dh:\n- {joint: revolut}\n", "a: [", "", "<robot"])
+@pytest.mark.parametrize("name", ["x.yaml", "x.urdf"])
+def test_bad_files_give_the_line_of_the_command(name: str, text: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    assert asked(tmp_path / name)["error"] == run("derive", name, cwd=tmp_path).stderr.rstrip("\n")
+
+
+def test_downloads_are_what_the_commands_write(tmp_path: Path) -> None:
+    def written(kind: str) -> dict[str, str]:
+        request = {"name": "panda.yaml", "text": PANDA.read_text(), "changes": {}, "file": kind}
+        files: dict[str, str] = json.loads(answers().answer(json.dumps(request)))["files"]
+        return files
+
+    for kind, name in (("json", "set.json"), ("latex", "set.tex")):
+        text = run("derive", "panda.yaml", "--format", kind, cwd=EXAMPLES).stdout
+        assert {file: text.rstrip() for file, text in written(kind).items()} == {name: text.rstrip()}
+    run("generate", "panda.yaml", "--output", str(tmp_path), cwd=EXAMPLES)
+    assert written("c") == {file.name: file.read_text() for file in tmp_path.iterdir()}
+
+
+# -- visits ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built page, without Python."""
+    tool("npm")
+    folder = tmp_path_factory.mktemp("site")
+    module("build_explorer", "build_explorer.py").build_page(folder / "explorer", [EXAMPLES], ROOT / "build" / "cache")
+    return folder
+
+
+@pytest.fixture
+def visit(page: Path, tmp_path: Path) -> Callable[..., list[Answer]]:
+    """A visit: what the page says at first and after every step."""
+
+    def visited(*steps: Step, **options: Any) -> list[Answer]:
+        explorer = Explorer(page)
+        found: list[Answer] = explorer.visit(tmp_path / "profile", *steps, **options)
+        return found
+
+    return visited
+
+
+@cache
+def told(file: Path, *options: str) -> Answer:
+    """As :func:`derived`, once."""
+    return derived(file, *options)
+
+
+def seen(state: Answer) -> Answer:
+    """The part of what a page says that the command prints, too."""
+    assert state["error"] == ""
+    return {"headline": state["headline"], "forms": state["forms"]}
+
+
+@pytest.mark.slow
+def test_a_first_visit(visit: Callable[..., list[Answer]]) -> None:
+    (first,) = visit()
+    assert seen(first) == told(PANDA)
+    assert first["picture"] == "drawn"
+    assert (first["unlabelled"], first["nameless"]) == (0, 0)
+    assert len(first["classes"]) == 70
+
+
+@pytest.mark.slow
+def test_gravity_and_a_floating_base(visit: Callable[..., list[Answer]]) -> None:
+    _, still, floating, tilted = visit(
+        ("choose", "#gravity", "none"), ("click", "#floating"), ("choose", "#gravity", "0,-9.81,0")
+    )
+    assert seen(still) == told(PANDA, "--gravity", "none")
+    assert "Base parameters: 43 → 39." in still["differences"]
+    assert any(line.startswith("lost: ") for line in still["differences"])
+    assert seen(floating) == told(PANDA, "--gravity", "none", "--floating")
+    assert seen(tilted) == told(PANDA, "--gravity", "0,-9.81,0", "--floating")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("case", "steps"),
+    [
+        ("a joint is held", [("click", "#joints [data-name=j3]")]),
+        ("a length is zero", [("click", "#lengths [data-name=a4]")]),
+        (
+            "two lengths are equal",
+            [("choose", "#first", "d3", True), ("choose", "#second", "d5", True), ("click", "#equate")],
+        ),
+        ("a payload", [("choose", "#payload", "j7")]),
+        ("the wrench under the base", [("click", "#sense-base")]),
+        ("joints and wrist", [("click", "#sense-joints"), ("choose", "#wrist", "j7")]),
+        (
+            "friction and rotors",
+            [("click", "#effects [data-name=viscous]"), ("click", "#effects [data-name=rotor_inertia]")],
+        ),
+    ],
+)
+def test_clicks(case: str, steps: list[Step], visit: Callable[..., list[Answer]], tmp_path: Path) -> None:
+    robot = yaml.safe_load(PANDA.read_text())
+    EDITS[case][1](robot)
+    (tmp_path / "panda.yaml").write_text(yaml.safe_dump(robot))
+    first, *_, changed, undone = visit(*steps, ("click", "#reset"))
+    assert seen(changed) == derived(tmp_path / "panda.yaml")
+    assert seen(undone) == seen(first)
+
+
+@pytest.mark.slow
+def test_a_parameter_is_preferred(visit: Callable[..., list[Answer]]) -> None:
+    *_, last = visit(("click", "[data-parameter=M7]"))
+    assert seen(last) == told(PANDA, "--prefer", "M7")
+    assert "M7" in last["hash"]
+
+
+@pytest.mark.slow
+def test_a_link_brings_the_answer_back(visit: Callable[..., list[Answer]]) -> None:
+    *_, last = visit(("click", "#joints [data-name=j2]"), ("choose", "#gravity", "none"))
+    (again,) = visit(address=last["hash"])
+    assert seen(again) == seen(last)
+
+
+@pytest.mark.slow
+def test_a_description_is_written(visit: Callable[..., list[Answer]], tmp_path: Path) -> None:
+    text = "echelon: 1\nname: own\nmodified_dh:\n- {joint: revolute}\n- {joint: revolute, a: 1/2}\n"
+    (tmp_path / "robot.yaml").write_text(text)
+    *_, last = visit(
+        ("type", "#editor", "echelon: 1\nmod", True),
+        ("press", "#editor", {"key": "Enter"}, True),
+        ("type", "#editor", text, True),
+        ("press", "#editor", {"key": "Enter", "ctrlKey": True}),
+    )
+    assert _[1]["words"] == ["modified_dh"]
+    assert _[2]["editor"] == "echelon: 1\nmodified_dh: "
+    assert seen(last) == derived(tmp_path / "robot.yaml")
+    (again,) = visit(address=last["hash"])
+    assert seen(again) == seen(last)
+
+
+@pytest.mark.slow
+def test_a_bad_file_gives_the_line_of_the_command(visit: Callable[..., list[Answer]], tmp_path: Path) -> None:
+    text = "echelon: 1\nname: x\nmodified_dh:\n- {joint: revolut}\n"
+    (tmp_path / "robot.yaml").write_text(text)
+    _, _, last = visit(("type", "#editor", text, True), ("click", "#robot [type=submit]"))
+    assert last["error"] == run("derive", "robot.yaml", cwd=tmp_path).stderr.rstrip("\n")
+
+
+@pytest.mark.slow
+def test_a_hostile_file_is_only_text(visit: Callable[..., list[Answer]]) -> None:
+    bad = "<img src=x onerror=alert(1)><script>alert(1)</script>"
+    robot = {"echelon": 1, "name": bad, "symbols": {"l": 1}, "modified_dh": [{"joint": "revolute"}] * 2}
+    robot["modified_dh"] = [
+        {"joint": "revolute"},
+        {"joint": "revolute", "a": "l", "name": bad, "label": "</td>$\\href{x}{y}"},
+    ]
+    *_, last = visit(("type", "#editor", json.dumps(robot), True), ("click", "#robot [type=submit]"))
+    assert last["strange"] == 0
+    assert bad in last["headline"] or bad in last["error"]
+
+
+@pytest.mark.slow
+def test_a_phone(visit: Callable[..., list[Answer]]) -> None:
+    (first,) = visit(address="#robot=so101.urdf", window="400,800")
+    assert seen(first) == told(ARM)
+    assert first["wide"] <= first["room"]
+
+
+@pytest.mark.slow
+def test_unknown_robots_in_links(visit: Callable[..., list[Answer]]) -> None:
+    (first,) = visit(address="#robot=..%2F..%2Fsecret.yaml")
+    assert first["error"] == "echelon: there is no robot '../../secret.yaml' here"
+
+
+@pytest.mark.slow
+def test_echelon_in_pyodide(tmp_path: Path) -> None:
+    """With NumPy for Pyodide at hand, the page's own worker answers; under CI it must be there."""
+    builder = module("build_explorer", "build_explorer.py")
+    wheels = os.environ.get("ECHELON_WHEELS")
+    missing = builder.build(
+        tmp_path / "site" / "explorer", [EXAMPLES], ROOT / "build" / "cache", wheels and Path(wheels)
+    )
+    if missing:
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(f"{', '.join(missing)} for Pyodide cannot be had")
+    explorer = Explorer(tmp_path / "site", pyodide=True)
+    first, held = explorer.visit(tmp_path / "profile", ("click", "#joints [data-name=j3]"), limit=300)
+    assert seen(first) == told(PANDA)
+    assert held["headline"].startswith("panda: 36 ")
