@@ -9,7 +9,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # commands that tests start would compile all modules anew
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help venv demo test lint slow faults mutate fuzz bench dist clean
+.PHONY: help venv demo test lint slow faults mutate fuzz bench dist explorer clean
 .DELETE_ON_ERROR:
 
 help:
@@ -21,6 +21,7 @@ help:
 	@echo "make fuzz    send mutated files of every format through the commands"
 	@echo "make bench   compare speed and results with other tools"
 	@echo "make dist    build wheel and source distribution, and try both in fresh environments"
+	@echo "make explorer  build the page that derives in the browser into build/site/explorer"
 	@echo "make venv    only set up the development environment"
 	@echo "make clean   remove the environment and everything generated"
 	@echo "PYTHON=...   the interpreter to build the environment with (3.11 or later)"
@@ -54,6 +55,10 @@ slow: $(DEV)
 
 faults: $(DEV)
 	$(BIN)/pytest -n auto tests/cli/test_faults.py
+
+# EXPLORER="--wheels DIR" names a folder with NumPy for Pyodide, where its release cannot be reached
+explorer:
+	$(PYTHON) site/build_explorer.py build/site/explorer $(EXPLORER)
 
 # MUTATE="--only exact/ --jobs 4" chooses faults and how many run at the same time
 mutate: $(DEV)
