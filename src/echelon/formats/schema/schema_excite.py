@@ -17,7 +17,7 @@ from echelon.exact.expressions import PI, parse
 from echelon.exact.syntax import is_whole
 from echelon.formats.reading_options import NOT_FINITE
 from echelon.formats.schema.schema_geometry import Model
-from echelon.formats.schema.schema_types import AS_LIST, Flag, Name, kind_of, refusal
+from echelon.formats.schema.schema_types import AS_LIST, Flag, Name, kind_of, of_size, optional, refusal, required
 
 EVERY = "all"
 """Key of mappings by name that stands for every name that is not listed."""
@@ -63,20 +63,15 @@ def _range(value: object) -> tuple[float, float]:
     """Lowest and highest value; none, or none at one end, is unlimited."""
     if value == _NONE:
         return (-math.inf, math.inf)
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        found = f"{len(value)} entries" if isinstance(value, list | tuple) else kind_of(value)
-        raise refusal(f"needs a range such as [-1.5, pi/2], found {found}")
-    low, high = -_limit(value[0]) if value[0] == _NONE else _limit(value[0]), _limit(value[1])
+    first, last = of_size(value, 2, "a range such as [-1.5, pi/2]")
+    low, high = -_limit(first) if first == _NONE else _limit(first), _limit(last)
     if low > high:
         raise refusal(f"the range is empty: {low:g} is larger than {high:g}")
     return (low, high)
 
 
 def _corner(value: object) -> tuple[float, ...]:
-    if not isinstance(value, list | tuple) or len(value) != 3:
-        found = f"{len(value)} entries" if isinstance(value, list | tuple) else kind_of(value)
-        raise refusal(f"needs three numbers such as [0, 0, 0.1], found {found}")
-    return tuple(_number(part) for part in value)
+    return tuple(_number(part) for part in of_size(value, 3, "three numbers such as [0, 0, 0.1]"))
 
 
 def _normal(value: object) -> tuple[float, ...]:
@@ -88,10 +83,7 @@ def _normal(value: object) -> tuple[float, ...]:
 
 
 def _pair(value: object) -> tuple[object, ...]:
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        found = f"{len(value)} entries" if isinstance(value, list | tuple) else kind_of(value)
-        raise refusal(f"needs a pair of names such as [link1, link3], found {found}")
-    return tuple(value)
+    return of_size(value, 2, "a pair of names such as [link1, link3]")
 
 
 def _shape(value: object) -> object:
@@ -155,19 +147,14 @@ _WHOSE = "one for all, or by name of a coordinate or an actuator, where all is e
 class LimitsEntry(Model):
     """What the robot can do; what is stated here comes before what the robot file states."""
 
-    position: Ranges = Field(
-        {}, description=f"Lowest and highest position, rad or m: {_WHOSE}", examples=[{"j1": ["-pi/2", 1.5]}]
+    position: Ranges = optional({}, f"Lowest and highest position, rad or m: {_WHOSE}", {"j1": ["-pi/2", 1.5]})
+    velocity: Limits = optional({}, f"Largest speed, rad/s or m/s: {_WHOSE}", {"all": 2, "j1": 1})
+    acceleration: Limits = optional({}, f"Largest acceleration, rad/s² or m/s²: {_WHOSE}", 10, {"j1": "none"})
+    jerk: Limits = optional({}, f"Largest jerk, rad/s³ or m/s³: {_WHOSE}", 500)
+    effort: Limits = optional({}, f"Largest torque or force, N·m or N: {_WHOSE}", {"j1": 87})
+    scale: Annotated[Number, Field(gt=0, le=1)] = optional(
+        1.0, "Share of the robot file's limits that is used; those stated here hold as they are.", 0.8
     )
-    velocity: Limits = Field({}, description=f"Largest speed, rad/s or m/s: {_WHOSE}", examples=[{"all": 2, "j1": 1}])
-    acceleration: Limits = Field(
-        {}, description=f"Largest acceleration, rad/s² or m/s²: {_WHOSE}", examples=[10, {"j1": "none"}]
-    )
-    jerk: Limits = Field({}, description=f"Largest jerk, rad/s³ or m/s³: {_WHOSE}", examples=[500])
-    effort: Limits = Field({}, description=f"Largest torque or force, N·m or N: {_WHOSE}", examples=[{"j1": 87}])
-    scale: Annotated[Number, Field(gt=0, le=1)] = Field(
-        1.0, description="Share of the robot file's limits that is used; those stated here hold as they are.",
-        examples=[0.8],
-    )  # fmt: skip
 
 
 # -- where frames and bodies may go -----------------------------------------------------------------------------------
@@ -176,9 +163,9 @@ class LimitsEntry(Model):
 class BoxEntry(Model):
     """A box along the axes of the base frame; what is absent is unlimited."""
 
-    x: Range | None = Field(None, description="Lowest and highest x, m; none for no limit.", examples=[[-0.5, 0.5]])
-    y: Range | None = Field(None, description="Lowest and highest y, m.", examples=[["-0.5", "none"]])
-    z: Range | None = Field(None, description="Lowest and highest z, m.", examples=[[0.05, 1.2]])
+    x: Range | None = optional(None, "Lowest and highest x, m; none for no limit.", [-0.5, 0.5])
+    y: Range | None = optional(None, "Lowest and highest y, m.", ["-0.5", "none"])
+    z: Range | None = optional(None, "Lowest and highest z, m.", [0.05, 1.2])
 
     @model_validator(mode="after")
     def _check_one(self) -> Self:
@@ -190,20 +177,18 @@ class BoxEntry(Model):
 class HalfSpaceEntry(Model):
     """The points p of the base frame with normal · p ≥ offset."""
 
-    normal: Unit = Field(description="Direction of any length, out of what is forbidden.", examples=[[0, 0, 1]])
-    offset: Number = Field(0.0, description="Distance of the plane from the base along the normal, m.", examples=[0.1])
+    normal: Unit = required("Direction of any length, out of what is forbidden.", [0, 0, 1])
+    offset: Number = optional(0.0, "Distance of the plane from the base along the normal, m.", 0.1)
 
 
 class FrameEntry(Model):
     """A point of a body, or a ball about it, that stays inside a box or on one side of a plane."""
 
-    body: Name = Field(description="Name of the body.", examples=["hand"])
-    point: Point = Field((0.0, 0.0, 0.0), description="The point in the body's frame, m.", examples=[[0, 0, 0.1]])
-    radius: NotNegative = Field(0.0, description="Radius of the ball about it that stays inside, m.", examples=[0.05])
-    box: BoxEntry | None = Field(None, description="Box that holds it.", examples=[{"z": [0.05, 1.2]}])
-    above: HalfSpaceEntry | None = Field(
-        None, description="Plane above which it stays.", examples=[{"normal": [0, 0, 1], "offset": 0.05}]
-    )
+    body: Name = required("Name of the body.", "hand")
+    point: Point = optional((0.0, 0.0, 0.0), "The point in the body's frame, m.", [0, 0, 0.1])
+    radius: NotNegative = optional(0.0, "Radius of the ball about it that stays inside, m.", 0.05)
+    box: BoxEntry | None = optional(None, "Box that holds it.", {"z": [0.05, 1.2]})
+    above: HalfSpaceEntry | None = optional(None, "Plane above which it stays.", {"normal": [0, 0, 1], "offset": 0.05})
 
     @model_validator(mode="after")
     def _check_one(self) -> Self:
@@ -215,27 +200,23 @@ class FrameEntry(Model):
 class CollisionsEntry(Model):
     """What must not touch."""
 
-    self: Flag = Field(True, description="Keep the robot's bodies apart.", examples=[False])
-    clearance: NotNegative = Field(0.02, description="Least distance, m.", examples=[0.05])
-    shapes: Annotated[tuple[Shape, ...], AS_LIST] = Field(
+    self: Flag = optional(True, "Keep the robot's bodies apart.", False)
+    clearance: NotNegative = optional(0.02, "Least distance, m.", 0.05)
+    shapes: Annotated[tuple[Shape, ...], AS_LIST] = optional(
         (),
-        description="Shapes of bodies in their frames, beside those of the robot file: sphere, capsule or cylinder "
+        "Shapes of bodies in their frames, beside those of the robot file: sphere, capsule or cylinder "
         "(radius), box or ellipsoid (half lengths), mesh (file).",
-        examples=[[{"body": "link3", "capsule": 0.06, "from": [0, 0, 0], "to": [0, 0, 0.3]}]],
-    )  # fmt: skip
-    obstacles: Annotated[tuple[Shape, ...], AS_LIST] = Field(
+        [{"body": "link3", "capsule": 0.06, "from": [0, 0, 0], "to": [0, 0, 0.3]}],
+    )
+    obstacles: Annotated[tuple[Shape, ...], AS_LIST] = optional(
         (),
-        description="Shapes that do not move, in the base frame; a plane's normal points to the robot's side.",
-        examples=[[{"name": "table", "box": [1, 1, 0.1], "at": [0, 0, -0.1]}, {"plane": [0, 0, 1]}]],
-    )  # fmt: skip
-    exclude: Annotated[tuple[Pair, ...], AS_LIST] = Field(
-        (), description="Pairs of bodies or obstacles that may touch.", examples=[[["link1", "link3"]]]
+        "Shapes that do not move, in the base frame; a plane's normal points to the robot's side.",
+        [{"name": "table", "box": [1, 1, 0.1], "at": [0, 0, -0.1]}, {"plane": [0, 0, 1]}],
     )
-    ignore_touching: Flag = Field(
-        False,
-        description="Leave out pairs of bodies that touch already where motions start.",
-        examples=[True],
+    exclude: Annotated[tuple[Pair, ...], AS_LIST] = optional(
+        (), "Pairs of bodies or obstacles that may touch.", [["link1", "link3"]]
     )
+    ignore_touching: Flag = optional(False, "Leave out pairs of bodies that touch already where motions start.", True)
 
 
 # -- the section ------------------------------------------------------------------------------------------------------
@@ -244,60 +225,51 @@ class CollisionsEntry(Model):
 class ExcitationEntry(Model):
     """What the motion that excites the parameters looks like, and what it has to keep."""
 
-    duration: Positive | None = Field(None, description="Length of the motion, or of its period, s.", examples=[10])
-    rate: Positive = Field(100.0, description="Samples per second that the criterion counts, Hz.", examples=[200])
-    family: Family = Field(
-        "fourier", description="Functions of time: Fourier series, B-splines, or both added.", examples=["bspline"]
+    duration: Positive | None = optional(None, "Length of the motion, or of its period, s.", 10)
+    rate: Positive = optional(100.0, "Samples per second that the criterion counts, Hz.", 200)
+    family: Family = optional("fourier", "Functions of time: Fourier series, B-splines, or both added.", "bspline")
+    harmonics: Count | None = optional(
+        None, "Harmonics of Fourier series; default: 7, fewer where more than 8 coordinates move.", 5
     )
-    harmonics: Count | None = Field(
-        None,
-        description="Harmonics of Fourier series; default: 7, fewer where more than 8 coordinates move.",
-        examples=[5],
-    )
-    segments: Count = Field(8, description="Segments of B-splines.", examples=[12])
-    criterion: Optimality = Field(
+    segments: Count = optional(8, "Segments of B-splines.", 12)
+    criterion: Optimality = optional(
         "d_optimal",
-        description="What is optimised: the volume of the confidence ellipsoid, the sum of the variances, or the "
-        "condition number.",
-        examples=["condition"],
+        "What is optimised: the volume of the confidence ellipsoid, the sum of the variances, or the condition number.",
+        "condition",
     )
-    noise: Deviations = Field(
+    noise: Deviations = optional(
         {EVERY: 1.0},
-        description="Standard deviation of the outputs' noise, SI units: one for all, or by output.",
-        examples=[0.5, {"all": 1, "j6": 0.1}],
+        "Standard deviation of the outputs' noise, SI units: one for all, or by output.",
+        0.5,
+        {"all": 1, "j6": 0.1},
     )
-    move: Annotated[tuple[Name, ...], AS_LIST] | None = Field(
-        None, description="Coordinates that move; default: all that can.", examples=[["j1", "j2"]]
+    move: Annotated[tuple[Name, ...], AS_LIST] | None = optional(
+        None, "Coordinates that move; default: all that can.", ["j1", "j2"]
     )
-    hold: dict[str, Number] = Field(
-        {}, description="Positions of the coordinates that do not, rad or m; default: 0.", examples=[{"j3": "pi/2"}]
+    hold: dict[str, Number] = optional(
+        {}, "Positions of the coordinates that do not, rad or m; default: 0.", {"j3": "pi/2"}
     )
-    centre: dict[str, Number] = Field(
-        {}, description="Positions about which motions start, rad or m.", examples=[{"j4": -1.5}]
+    centre: dict[str, Number] = optional({}, "Positions about which motions start, rad or m.", {"j4": -1.5})
+    limits: LimitsEntry = optional(LimitsEntry.model_construct(), "What the robot can do.")
+    effort_margin: Annotated[Number, Field(ge=0, lt=1)] = optional(
+        0.1, "Share of the effort limits kept free for errors of the prior model.", 0.2
     )
-    limits: LimitsEntry = Field(LimitsEntry.model_construct(), description="What the robot can do.")
-    effort_margin: Annotated[Number, Field(ge=0, lt=1)] = Field(
-        0.1, description="Share of the effort limits kept free for errors of the prior model.", examples=[0.2]
-    )
-    model: Name | None = Field(
+    model: Name | None = optional(
         None,
-        description="Identified model (model.json) that predicts torques, relative to this file; default: inertial "
+        "Identified model (model.json) that predicts torques, relative to this file; default: inertial "
         "values of the prior or of the robot file.",
-        examples=["result/model.json"],
+        "result/model.json",
     )
-    deviations: NotNegative = Field(
-        3.0,
-        description="Standard deviations of torques predicted by an identified model that are kept free.",
-        examples=[2],
+    deviations: NotNegative = optional(
+        3.0, "Standard deviations of torques predicted by an identified model that are kept free.", 2
     )
-    frames: Annotated[tuple[FrameEntry, ...], AS_LIST] = Field(
-        (), description="Where points of bodies may go.",
-        examples=[[{"body": "hand", "radius": 0.1, "above": {"normal": [0, 0, 1]}}]],
-    )  # fmt: skip
-    collisions: CollisionsEntry = Field(CollisionsEntry.model_construct(), description="What must not touch.")
-    starts: Count = Field(4, description="Random starts of the optimisation; the best result counts.", examples=[8])
-    seed: Annotated[Whole, Field(ge=0)] = Field(2015, description="Of the random starts.", examples=[1])
-    iterations: Count = Field(500, description="Steps of the solver in each start, at most.", examples=[50])
+    frames: Annotated[tuple[FrameEntry, ...], AS_LIST] = optional(
+        (), "Where points of bodies may go.", [{"body": "hand", "radius": 0.1, "above": {"normal": [0, 0, 1]}}]
+    )
+    collisions: CollisionsEntry = optional(CollisionsEntry.model_construct(), "What must not touch.")
+    starts: Count = optional(4, "Random starts of the optimisation; the best result counts.", 8)
+    seed: Annotated[Whole, Field(ge=0)] = optional(2015, "Of the random starts.", 1)
+    iterations: Count = optional(500, "Steps of the solver in each start, at most.", 50)
 
     @model_validator(mode="after")
     def _check_roles(self) -> Self:

@@ -16,16 +16,16 @@ from echelon.formats.schema.schema_types import (
     Name,
     PairOfParts,
     Triple,
+    by_form,
+    by_key,
     check_keys,
-    list_or_mapping,
-    list_or_text,
-    mapping_or_expression,
-    motion_or_frame,
+    optional,
     refusal,
+    required,
 )
 
 Direction = Literal["x", "y", "z", "-x", "-y", "-z"]
-Axis = Annotated[Annotated[Direction, Tag("text")] | Annotated[Triple, Tag("list")], Discriminator(list_or_text)]
+Axis = Annotated[Annotated[Direction, Tag("text")] | Annotated[Triple, Tag("list")], by_form("text", "list")]
 
 
 class Model(BaseModel):
@@ -43,16 +43,14 @@ class Model(BaseModel):
 class Frame(Model):
     """Where a frame sits in another."""
 
-    xyz: Triple = Field(("0", "0", "0"), description="Translation, m.", examples=[[0, 0, "l1"]])
-    rpy: Triple | None = Field(
-        None,
-        description="Rotations about the fixed x, y, z axes, in this order, rad: Rz(yaw) Ry(pitch) Rx(roll).",
-        examples=[["pi/2", 0, 0]],
+    xyz: Triple = optional(("0", "0", "0"), "Translation, m.", [0, 0, "l1"])
+    rpy: Triple | None = optional(
+        None, "Rotations about the fixed x, y, z axes, in this order, rad: Rz(yaw) Ry(pitch) Rx(roll).", ["pi/2", 0, 0]
     )
-    rotation: Matrix | None = Field(
+    rotation: Matrix | None = optional(
         None,
-        description="Instead of rpy: the exact rotation matrix by rows; its columns are the axes of the placed frame.",
-        examples=[[[1, 0, 0], [0, 0, -1], [0, 1, 0]]],
+        "Instead of rpy: the exact rotation matrix by rows; its columns are the axes of the placed frame.",
+        [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
     )
 
     @model_validator(mode="after")
@@ -65,51 +63,45 @@ class Frame(Model):
 class MotionStep(Model):
     """One elementary motion of a custom joint."""
 
-    motion: Literal["rotation", "translation", "screw", "ball"] = Field(
-        description="Kind of the motion.", examples=["rotation"]
-    )
-    name: Name = Field(description="Name of the coordinate.", examples=["wrist.1"])
-    axis: Direction = Field("z", description="Coordinate axis of the frame that it moves.", examples=["x"])
-    pitch: Expression = Field("0", description="Travel of a screw, m/rad.", examples=["0.002"])
+    motion: Literal["rotation", "translation", "screw", "ball"] = required("Kind of the motion.", "rotation")
+    name: Name = required("Name of the coordinate.", "wrist.1")
+    axis: Direction = optional("z", "Coordinate axis of the frame that it moves.", "x")
+    pitch: Expression = optional("0", "Travel of a screw, m/rad.", "0.002")
 
 
-Step = Annotated[Annotated[MotionStep, Tag("motion")] | Annotated[Frame, Tag("frame")], Discriminator(motion_or_frame)]
+Step = Annotated[Annotated[MotionStep, Tag("motion")] | Annotated[Frame, Tag("frame")], by_key("motion", "frame")]
 
 
 class _Joint(Model):
-    name: str | None = Field(
-        None, description="Name of the joint and of its coordinate; default: the body's name.", examples=["elbow"]
-    )
-    origin: Frame = Field(
-        Frame.model_construct(),
-        description="Frame of the joint in the frame of the parent body.",
-        examples=[{"xyz": [0, 0, "l1"]}],
+    name: str | None = optional(None, "Name of the joint and of its coordinate; default: the body's name.", "elbow")
+    origin: Frame = optional(
+        Frame.model_construct(), "Frame of the joint in the frame of the parent body.", {"xyz": [0, 0, "l1"]}
     )
 
 
 class AxisJoint(_Joint):
     """One axis: the body turns about it, slides along it, or both; the axis of a planar joint is the plane's normal."""
 
-    type: Literal["revolute", "continuous", "prismatic", "cylindrical", "planar"] = Field(
-        description="Type of the joint.", examples=["revolute"]
+    type: Literal["revolute", "continuous", "prismatic", "cylindrical", "planar"] = required(
+        "Type of the joint.", "revolute"
     )
-    axis: Axis = Field(description="Axis in the joint's frame.", examples=["z", [0, "0.6", "0.8"]])
+    axis: Axis = required("Axis in the joint's frame.", "z", [0, "0.6", "0.8"])
 
 
 class HelicalJoint(_Joint):
     """A screw."""
 
-    type: Literal["helical"] = Field(description="Type of the joint.", examples=["helical"])
-    axis: Axis = Field(description="Axis in the joint's frame.", examples=["z"])
-    pitch: Expression = Field(description="Travel along the axis, m/rad.", examples=["0.002", "h"])
+    type: Literal["helical"] = required("Type of the joint.", "helical")
+    axis: Axis = required("Axis in the joint's frame.", "z")
+    pitch: Expression = required("Travel along the axis, m/rad.", "0.002", "h")
 
 
 class UniversalJoint(_Joint):
     """Two rotations about perpendicular axes that intersect; the first is fixed in the parent."""
 
-    type: Literal["universal"] = Field(description="Type of the joint.", examples=["universal"])
-    axis: Direction = Field(description="First axis.", examples=["x"])
-    axis2: Direction = Field(description="Second axis, perpendicular to the first.", examples=["y"])
+    type: Literal["universal"] = required("Type of the joint.", "universal")
+    axis: Direction = required("First axis.", "x")
+    axis2: Direction = required("Second axis, perpendicular to the first.", "y")
 
     @model_validator(mode="after")
     def _check_axes(self) -> Self:
@@ -121,20 +113,18 @@ class UniversalJoint(_Joint):
 class PlainJoint(_Joint):
     """A joint without an axis."""
 
-    type: Literal["spherical", "floating", "fixed"] = Field(description="Type of the joint.", examples=["spherical"])
+    type: Literal["spherical", "floating", "fixed"] = required("Type of the joint.", "spherical")
 
 
 class CustomJoint(Model):
     """Any sequence of frames and elementary motions."""
 
-    type: Literal["custom"] = Field(description="Type of the joint.", examples=["custom"])
-    kind: str = Field("custom", description="What the joint is called in results.", examples=["offset hinge"])
-    name: str | None = Field(
-        None, description="Name of the joint; default: the body's name. Motions have their own.", examples=["wrist"]
-    )
-    steps: Annotated[tuple[Step, ...], AS_LIST] = Field(
-        description="From the parent's frame to the body's.",
-        examples=[[{"motion": "rotation", "name": "wrist.1", "axis": "x"}, {"xyz": ["e", 0, 0]}]],
+    type: Literal["custom"] = required("Type of the joint.", "custom")
+    kind: str = optional("custom", "What the joint is called in results.", "offset hinge")
+    name: str | None = optional(None, "Name of the joint; default: the body's name. Motions have their own.", "wrist")
+    steps: Annotated[tuple[Step, ...], AS_LIST] = required(
+        "From the parent's frame to the body's.",
+        [{"motion": "rotation", "name": "wrist.1", "axis": "x"}, {"xyz": ["e", 0, 0]}],
     )
 
 
@@ -147,7 +137,7 @@ _WITHOUT_AXIS = ("weld", "spherical", "points")
 class LoopEntry(Model):
     """A joint that closes a loop: it holds a frame of one body against a frame of another."""
 
-    name: Name | None = Field(None, description="Name of the loop; default loop1, loop2, …", examples=["rocker"])
+    name: Name | None = optional(None, "Name of the loop; default loop1, loop2, …", "rocker")
     joint: Literal[
         "weld",
         "revolute",
@@ -160,31 +150,25 @@ class LoopEntry(Model):
         "point_on_plane",
         "points",
         "axes",
-    ] = Field(
-        description="Kind of the joint; points is another word for spherical, axes for cylindrical.",
-        examples=["revolute"],
+    ] = required("Kind of the joint; points is another word for spherical, axes for cylindrical.", "revolute")
+    connects: PairOfParts = required(
+        "Names of the first and the second body, or of frames on them; base for the base, null for the fixed world.",
+        ["coupler", "rocker"],
     )
-    connects: PairOfParts = Field(
-        description="Names of the first and the second body, or of frames on them; base for the base, null for the "
-        "fixed world.",
-        examples=[["coupler", "rocker"]],
-    )
-    at: Frame = Field(
+    at: Frame = optional(
         Frame.model_construct(),
-        description="Frame on the first body; its z axis is that of the joint, its x axis the first of a universal.",
-        examples=[{"xyz": ["l3", 0, 0]}],
+        "Frame on the first body; its z axis is that of the joint, its x axis the first of a universal.",
+        {"xyz": ["l3", 0, 0]},
     )
-    on_second: Frame | None = Field(
+    on_second: Frame | None = optional(
         None,
-        description="Frame on the second body; its y axis is the second of a universal. Default: its own, where two "
+        "Frame on the second body; its y axis is the second of a universal. Default: its own, where two "
         "fixed frames are connected and at is left out; otherwise where the first frame is while all coordinates are "
         "zero.",
-        examples=[{"xyz": ["l4", 0, 0]}],
+        {"xyz": ["l4", 0, 0]},
     )
-    axis: Axis | None = Field(
-        None,
-        description="Direction of the joint's axis, or of the normal of its plane, in at and on_second, if not z.",
-        examples=["y"],
+    axis: Axis | None = optional(
+        None, "Direction of the joint's axis, or of the normal of its plane, in at and on_second, if not z.", "y"
     )
 
     @model_validator(mode="after")
@@ -196,9 +180,7 @@ class LoopEntry(Model):
         return self
 
 
-Loop = Annotated[
-    Annotated[LoopEntry, Tag("mapping")] | Annotated[PairOfParts, Tag("list")], Discriminator(list_or_mapping)
-]
+Loop = Annotated[Annotated[LoopEntry, Tag("mapping")] | Annotated[PairOfParts, Tag("list")], by_form("mapping", "list")]
 """A joint, or the names of two frames that are held together in all six directions."""
 
 
@@ -208,38 +190,36 @@ Pair = Annotated[tuple[Expression, Expression], AS_LIST]
 class SplineFunction(Model):
     """A function of one coordinate that is zero at zero: a polynomial, with cubic terms beyond knots."""
 
-    coefficients: Annotated[tuple[Expression, ...], AS_LIST] = Field(
-        description="Of the coordinate, its square, its cube and so on.", examples=[["1/2", "0", "0.1"]]
+    coefficients: Annotated[tuple[Expression, ...], AS_LIST] = required(
+        "Of the coordinate, its square, its cube and so on.", ["1/2", "0", "0.1"]
     )
-    knots: Annotated[tuple[Pair, ...], AS_LIST] = Field(
-        (),
-        description="Pairs x, c: c times the cube of the distance from x is added beyond x, seen from zero.",
-        examples=[[["0.5", "0.2"]]],
+    knots: Annotated[tuple[Pair, ...], AS_LIST] = optional(
+        (), "Pairs x, c: c times the cube of the distance from x is added beyond x, seen from zero.", [["0.5", "0.2"]]
     )
 
 
 TermEntry = Annotated[
     Annotated[Expression, Tag("text")] | Annotated[SplineFunction, Tag("mapping")],
-    Discriminator(mapping_or_expression),
+    by_form("text", "mapping"),
 ]
 
 
 class CouplingTerms(Model):
     """A dependent coordinate term by term, for coordinates whose names cannot stand in an expression."""
 
-    terms: dict[str, TermEntry] = Field(
-        description="Ratio to each independent coordinate, or another function of it.", examples=[{"left-knee": "1/2"}]
+    terms: dict[str, TermEntry] = required(
+        "Ratio to each independent coordinate, or another function of it.", {"left-knee": "1/2"}
     )
-    offset: Expression = Field("0", description="Constant part, rad or m.", examples=["pi/2"])
+    offset: Expression = optional("0", "Constant part, rad or m.", "pi/2")
 
 
 class SplineThrough(Model):
     """A natural cubic spline of one coordinate, straight beyond its first and last point."""
 
-    of: Name = Field(description="The independent coordinate.", examples=["knee"])
-    points: Annotated[tuple[Pair, ...], AS_LIST] = Field(
-        description="Pairs: the independent coordinate, and the dependent one there; rad or m.",
-        examples=[[["-2", "0.01"], ["-1", "0.004"], ["0", "0"]]],
+    of: Name = required("The independent coordinate.", "knee")
+    points: Annotated[tuple[Pair, ...], AS_LIST] = required(
+        "Pairs: the independent coordinate, and the dependent one there; rad or m.",
+        [["-2", "0.01"], ["-1", "0.004"], ["0", "0"]],
     )
 
 
@@ -250,8 +230,7 @@ class CouplingSpline(Model):
 
 
 def _kind(value: object) -> str:
-    kind = mapping_or_expression(value)
-    return "spline" if isinstance(value, dict) and "spline" in value else kind
+    return ("spline" if "spline" in value else "mapping") if isinstance(value, dict) else "text"
 
 
 CouplingEntry = Annotated[

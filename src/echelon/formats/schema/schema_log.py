@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, Tag, WithJsonSchema, model_validator
 
 from echelon.choices import Criterion, Estimator, Values
 from echelon.formats.schema.schema_geometry import Model
@@ -14,9 +14,11 @@ from echelon.formats.schema.schema_types import (
     Expression,
     Flag,
     Name,
+    by_form,
     kind_of,
-    mapping_or_expression,
+    optional,
     refusal,
+    required,
 )
 
 _Triples = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -89,28 +91,21 @@ Automatic = BeforeValidator(_auto)
 _DERIVATIVES = WithJsonSchema({"type": ["array", "string", "null"], "items": {"enum": ["qd", "qdd"]}})
 
 
-def number_or_mapping(value: object) -> str:
-    """Tag of a value that may be one number for all, or a mapping by name."""
-    return "mapping" if isinstance(value, dict) else "number"
-
-
 # -- columns --------------------------------------------------------------------------------------------------------
 
 
 class ColumnEntry(Model):
     """A column and how its numbers become SI units: scale · (column in SI units) + offset."""
 
-    column: Name = Field(description="Name of the column.", examples=["q_1"])
-    unit: str = Field("", description="Unit of the column; default: the SI unit.", examples=["deg", "N·mm", "ms"])
-    scale: Expression = Field("1", description="Sign, ratio or gain.", examples=["-1", "1/100", "35.15"])
-    offset: Expression = Field("0", description="Added last, SI unit.", examples=["-pi/2"])
+    column: Name = required("Name of the column.", "q_1")
+    unit: str = optional("", "Unit of the column; default: the SI unit.", "deg", "N·mm", "ms")
+    scale: Expression = optional("1", "Sign, ratio or gain.", "-1", "1/100", "35.15")
+    offset: Expression = optional("0", "Added last, SI unit.", "-pi/2")
 
 
-Column = Annotated[
-    Annotated[Name, Tag("text")] | Annotated[ColumnEntry, Tag("mapping")], Discriminator(mapping_or_expression)
-]
+Column = Annotated[Annotated[Name, Tag("text")] | Annotated[ColumnEntry, Tag("mapping")], by_form("text", "mapping")]
 Columns = Annotated[
-    Annotated[Name, Tag("text")] | Annotated[dict[str, Column], Tag("mapping")], Discriminator(mapping_or_expression)
+    Annotated[Name, Tag("text")] | Annotated[dict[str, Column], Tag("mapping")], by_form("text", "mapping")
 ]
 
 _BY_NAME = (
@@ -123,22 +118,16 @@ _BY_NAME = (
 class LogEntry(Model):
     """Columns of the logs."""
 
-    time: Column | None = Field(
-        None, description="Time stamps; default: those that messages of a bag have, or guessed.", examples=["t"]
+    time: Column | None = optional(None, "Time stamps; default: those that messages of a bag have, or guessed.", "t")
+    rate: Positive | None = optional(None, "Samples per second, without time stamps.", 1000)
+    position: Columns | None = optional(None, f"Positions. {_BY_NAME}", "q_{n}", {"actuators": "motor_{n}"})
+    velocity: Columns | None = optional(None, "Velocities, if logged.", "qd_{n}")
+    acceleration: Columns | None = optional(None, "Accelerations, if logged.", "qdd_{n}")
+    output: Columns | None = optional(
+        None, "Measured outputs; of actuators also where joints are the outputs.", "tau_{n}"
     )
-    rate: Positive | None = Field(None, description="Samples per second, without time stamps.", examples=[1000])
-    position: Columns | None = Field(
-        None, description=f"Positions. {_BY_NAME}", examples=["q_{n}", {"actuators": "motor_{n}"}]
-    )
-    velocity: Columns | None = Field(None, description="Velocities, if logged.", examples=["qd_{n}"])
-    acceleration: Columns | None = Field(None, description="Accelerations, if logged.", examples=["qdd_{n}"])
-    output: Columns | None = Field(
-        None, description="Measured outputs; of actuators also where joints are the outputs.", examples=["tau_{n}"]
-    )
-    reference: Columns | None = Field(
-        None, description="Positions that the controller was asked for.", examples=["q_ref_{n}"]
-    )
-    input: Columns | None = Field(None, description="Inputs that effects use.", examples=[{"j1": "current_1"}])
+    reference: Columns | None = optional(None, "Positions that the controller was asked for.", "q_ref_{n}")
+    input: Columns | None = optional(None, "Inputs that effects use.", {"j1": "current_1"})
 
     @model_validator(mode="after")
     def _check_clock(self) -> Self:
@@ -153,24 +142,22 @@ class LogEntry(Model):
 class PreparationEntry(Model):
     """How logs become samples; what is absent, or auto, is chosen from the data."""
 
-    band: Annotated[Positive | None, Automatic] = Field(
-        None, description="What both sides of the equation keep, from 0 Hz up to this; inf for all.", examples=[5]
+    band: Annotated[Positive | None, Automatic] = optional(
+        None, "What both sides of the equation keep, from 0 Hz up to this; inf for all.", 5
     )
-    measured: Annotated[tuple[Literal["qd", "qdd"], ...] | None, BeforeValidator(_listed), _DERIVATIVES] = Field(
-        None, description="Derivatives to take from the log; [] for none.", examples=[["qd"]]
+    measured: Annotated[tuple[Literal["qd", "qdd"], ...] | None, BeforeValidator(_listed), _DERIVATIVES] = optional(
+        None, "Derivatives to take from the log; [] for none.", ["qd"]
     )
     still: (
         Annotated[
             Annotated[Real, Tag("number")] | Annotated[dict[str, Real], Tag("mapping")],
-            Discriminator(number_or_mapping),
+            by_form("number", "mapping"),
         ]
         | None
-    ) = Field(None, description="Speed below which rows are left out, for all outputs or by output.", examples=[0.01])
-    delays: dict[str, Real] | None = Field(
-        None, description="Delay of outputs behind positions, s.", examples=[{"j1": 0.002}]
-    )
-    trim: Annotated[Real, Field(ge=0)] = Field(0.0, description="Left out at both ends, s.", examples=[0.5])
-    rate: Positive | None = Field(None, description="Resample to this rate, Hz.", examples=[500])
+    ) = optional(None, "Speed below which rows are left out, for all outputs or by output.", 0.01)
+    delays: dict[str, Real] | None = optional(None, "Delay of outputs behind positions, s.", {"j1": 0.002})
+    trim: Annotated[Real, Field(ge=0)] = optional(0.0, "Left out at both ends, s.", 0.5)
+    rate: Positive | None = optional(None, "Resample to this rate, Hz.", 500)
 
 
 # -- identification -------------------------------------------------------------------------------------------------
@@ -179,66 +166,55 @@ class PreparationEntry(Model):
 class BodyBoundsEntry(Model):
     """What is known about a body before anything is measured, about and along its own frame."""
 
-    mass: MassBound | None = Field(None, description="Least and largest mass, kg.", examples=[[1, 5]])
-    box: Box | None = Field(
-        None,
-        description="Box that holds the centre of mass: two opposite corners, m.",
-        examples=[[[-0.1, -0.1, 0], [0.1, 0.1, 0.3]]],
+    mass: MassBound | None = optional(None, "Least and largest mass, kg.", [1, 5])
+    box: Box | None = optional(
+        None, "Box that holds the centre of mass: two opposite corners, m.", [[-0.1, -0.1, 0], [0.1, 0.1, 0.3]]
     )
-    ellipsoid: Ellipsoid | None = Field(
-        None,
-        description="Ellipsoid that holds it: centre and semi-axes, m.",
-        examples=[[[0, 0, 0.1], [0.1, 0.1, 0.2]]],
+    ellipsoid: Ellipsoid | None = optional(
+        None, "Ellipsoid that holds it: centre and semi-axes, m.", [[0, 0, 0.1], [0.1, 0.1, 0.2]]
     )
-    extent: Ellipsoid | None = Field(
-        None,
-        description="Ellipsoid that holds all of the mass: centre and semi-axes, m.",
-        examples=[[[0, 0, 0.05], [0.08, 0.08, 0.08]]],
+    extent: Ellipsoid | None = optional(
+        None, "Ellipsoid that holds all of the mass: centre and semi-axes, m.", [[0, 0, 0.05], [0.08, 0.08, 0.08]]
     )
-    symmetry: Annotated[tuple[Literal["xy", "xz", "yz", "x", "y", "z"], ...], BeforeValidator(_stages)] = Field(
-        (), description="Planes to which, and axes about which, the mass is symmetric.", examples=[["xz"]]
+    symmetry: Annotated[tuple[Literal["xy", "xz", "yz", "x", "y", "z"], ...], BeforeValidator(_stages)] = optional(
+        (), "Planes to which, and axes about which, the mass is symmetric.", ["xz"]
     )
 
 
 class PriorEntry(Model):
     """What was believed before."""
 
-    file: Name | None = Field(
+    file: Name | None = optional(
         None,
-        description="Another description of the robot with inertial values, relative to this one; default: the "
-        "values of this one.",
-        examples=["arm.urdf"],
+        "Another description of the robot with inertial values, relative to this one; default: the values of this one.",
+        "arm.urdf",
     )
-    weight: Annotated[Positive | None, Automatic] = Field(
-        None, description="Of the prior against the data; chosen from the data if absent.", examples=[1.0]
+    weight: Annotated[Positive | None, Automatic] = optional(
+        None, "Of the prior against the data; chosen from the data if absent.", 1.0
     )
 
 
 class IdentificationEntry(Model):
     """What is fitted and how."""
 
-    estimator: Estimator = Field("irls", description="Estimator of the base parameters.", examples=["irls"])
-    known: dict[str, Real] = Field({}, description="Base parameters with known values.", examples=[{"Ia1": 0.1}])
-    holdout: Annotated[Real, Field(ge=0, lt=1)] = Field(
-        0.3, description="Share of each log kept for validation where no other log is.", examples=[0.3]
+    estimator: Estimator = optional("irls", "Estimator of the base parameters.", "irls")
+    known: dict[str, Real] = optional({}, "Base parameters with known values.", {"Ia1": 0.1})
+    holdout: Annotated[Real, Field(ge=0, lt=1)] = optional(
+        0.3, "Share of each log kept for validation where no other log is.", 0.3
     )
-    physical: Flag = Field(True, description="Fit a physically consistent robot as well.", examples=[False])
-    predict: Values = Field("estimate", description="Which values predictions use.", examples=["physical"])
-    essential: Literal[Criterion, "none"] = Field(
-        "bic", description="Criterion that eliminates parameters.", examples=["bic"]
-    )
-    prior: PriorEntry = Field(PriorEntry.model_construct(), description="Prior values.")
-    bodies: dict[str, BodyBoundsEntry] = Field(
-        {}, description="Bounds on bodies.", examples=[{"link1": {"mass": [1, 5]}}]
-    )
-    parameters: dict[str, Bound] = Field({}, description="Bounds on parameters.", examples=[{"Fv1": [0, 10]}])
-    total_mass: MassBound | None = Field(None, description="Range of the mass of all bodies, kg.", examples=[[12, 14]])
-    intervals: Literal["clustered", "classical"] = Field(
+    physical: Flag = optional(True, "Fit a physically consistent robot as well.", False)
+    predict: Values = optional("estimate", "Which values predictions use.", "physical")
+    essential: Literal[Criterion, "none"] = optional("bic", "Criterion that eliminates parameters.", "bic")
+    prior: PriorEntry = optional(PriorEntry.model_construct(), "Prior values.")
+    bodies: dict[str, BodyBoundsEntry] = optional({}, "Bounds on bodies.", {"link1": {"mass": [1, 5]}})
+    parameters: dict[str, Bound] = optional({}, "Bounds on parameters.", {"Fv1": [0, 10]})
+    total_mass: MassBound | None = optional(None, "Range of the mass of all bodies, kg.", [12, 14])
+    intervals: Literal["clustered", "classical"] = optional(
         "clustered",
-        description="Covariance from batches of time, which holds where residuals are not white, or the classical one.",
-        examples=["classical"],
+        "Covariance from batches of time, which holds where residuals are not white, or the classical one.",
+        "classical",
     )
-    level: Annotated[Real, Field(gt=0, lt=1)] = Field(0.95, description="Of confidence intervals.", examples=[0.95])
+    level: Annotated[Real, Field(gt=0, lt=1)] = optional(0.95, "Of confidence intervals.", 0.95)
 
     @model_validator(mode="before")
     @classmethod

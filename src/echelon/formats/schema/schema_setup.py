@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self, get_args
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Tag, model_validator
 
 from echelon.formats.schema.schema_geometry import Direction, Frame, Model
-from echelon.formats.schema.schema_types import AS_LIST, Expression, Name, refusal
+from echelon.formats.schema.schema_types import AS_LIST, Expression, Name, optional, refusal, required
 from echelon.mechanism.effect import CONSTANTS
 
 Side = Literal["joint", "actuator"]
@@ -18,11 +18,9 @@ COMPONENTS: tuple[Component, ...] = ("fx", "fy", "fz", "tx", "ty", "tz")
 class FileJoint(Model):
     """What a joint of a robot file really is, where its format cannot say so."""
 
-    type: Literal["spherical", "universal", "fixed"] = Field(description="Type of the joint.", examples=["spherical"])
-    axis: Direction | None = Field(
-        None, description="First axis of a universal joint, in the frame of the joint's origin.", examples=["x"]
-    )
-    axis2: Direction | None = Field(None, description="Its second axis, perpendicular to the first.", examples=["y"])
+    type: Literal["spherical", "universal", "fixed"] = required("Type of the joint.", "spherical")
+    axis: Direction | None = optional(None, "First axis of a universal joint, in the frame of the joint's origin.", "x")
+    axis2: Direction | None = optional(None, "Its second axis, perpendicular to the first.", "y")
 
     @model_validator(mode="after")
     def _check_axes(self) -> Self:
@@ -37,17 +35,16 @@ class FileJoint(Model):
 class RobotFile(Model):
     """A robot file of another format that this description adds to."""
 
-    file: Name = Field(description="URDF, SDF or MJCF file, relative to this one.", examples=["arm.urdf"])
-    joints: dict[str, FileJoint] = Field(
+    file: Name = required("URDF, SDF or MJCF file, relative to this one.", "arm.urdf")
+    joints: dict[str, FileJoint] = optional(
         {},
-        description="Joints whose type is not the one that the file states: URDF has no spherical joints.",
-        examples=[{"ankle_rod": {"type": "spherical"}}],
+        "Joints whose type is not the one that the file states: URDF has no spherical joints.",
+        {"ankle_rod": {"type": "spherical"}},
     )
-    driven: Annotated[tuple[Name, ...], AS_LIST] = Field(
+    driven: Annotated[tuple[Name, ...], AS_LIST] = optional(
         (),
-        description="With loops, coordinates or joints that motors move: where the choice is free, they are "
-        "independent.",
-        examples=[["hip", "knee"]],
+        "With loops, coordinates or joints that motors move: where the choice is free, they are independent.",
+        ["hip", "knee"],
     )
 
 
@@ -59,7 +56,7 @@ def file_or_mapping(value: object) -> object:
 class LinearTerms(Model):
     """A combination of joint coordinates term by term, for names that cannot stand in an expression."""
 
-    terms: dict[str, Expression] = Field(description="Ratio to each coordinate.", examples=[{"left-knee": "50"}])
+    terms: dict[str, Expression] = required("Ratio to each coordinate.", {"left-knee": "50"})
 
 
 # -- effects --------------------------------------------------------------------------------------------------------
@@ -88,28 +85,20 @@ Ready = Literal[
 class ReadyEffect(Model):
     """A ready-made effect at one or several coordinates, each with parameters of its own."""
 
-    type: Ready = Field(description="Which effect.", examples=["viscous"])
-    at: Annotated[tuple[Name, ...], AS_LIST] | Name = Field(
-        description="Coordinates or actuators, or all.", examples=["all", ["j1", "j2"]]
+    type: Ready = required("Which effect.", "viscous")
+    at: Annotated[tuple[Name, ...], AS_LIST] | Name = required("Coordinates or actuators, or all.", "all", ["j1", "j2"])
+    side: Side | None = optional(
+        None, "In the drive, where only the actuator's torque sees it (default), or at the joint itself.", "joint"
     )
-    side: Side | None = Field(
-        None,
-        description="In the drive, where only the actuator's torque sees it (default), or at the joint itself.",
-        examples=["joint"],
+    label: Name | None = optional(None, "Ends the names of its parameters, which all places share.", "5")
+    velocity: Expression | None = optional(None, "Stribeck velocity, rad/s or m/s.", "0.05")
+    exponent: Expression | None = optional(None, "Exponent of a Stribeck term; default: 2.", "2")
+    phase: Expression | None = optional(
+        None, "Of a counterbalance: its force is proportional to sin(q + phase).", "0.0872665"
     )
-    label: Name | None = Field(
-        None, description="Ends the names of its parameters, which all places share.", examples=["5"]
-    )
-    velocity: Expression | None = Field(None, description="Stribeck velocity, rad/s or m/s.", examples=["0.05"])
-    exponent: Expression | None = Field(None, description="Exponent of a Stribeck term; default: 2.", examples=["2"])
-    phase: Expression | None = Field(
-        None, description="Of a counterbalance: its force is proportional to sin(q + phase).", examples=["0.0872665"]
-    )
-    lower: Expression | None = Field(None, description="Position below which a stop is touched.", examples=["-2.9"])
-    upper: Expression | None = Field(None, description="Position beyond which a stop is touched.", examples=["2.9"])
-    harmonic: Expression | None = Field(
-        None, description="Of a ripple: how often it repeats in a turn.", examples=["6", "101"]
-    )
+    lower: Expression | None = optional(None, "Position below which a stop is touched.", "-2.9")
+    upper: Expression | None = optional(None, "Position beyond which a stop is touched.", "2.9")
+    harmonic: Expression | None = optional(None, "Of a ripple: how often it repeats in a turn.", "6", "101")
 
     @property
     def constants(self) -> dict[str, str]:
@@ -132,24 +121,22 @@ class ReadyEffect(Model):
 class ActionEntry(Model):
     """Where a parameter acts, and the function that multiplies it."""
 
-    at: Name = Field(description="Coordinate or actuator.", examples=["m5"])
-    side: Side | None = Field(None, description="Which of the two; by default the actuator.", examples=["joint"])
-    term: Expression = Field(
-        description="q, qd, qdd of the place itself, qd[j5] of another one, i for its measured input; sin cos tan exp "
+    at: Name = required("Coordinate or actuator.", "m5")
+    side: Side | None = optional(None, "Which of the two; by default the actuator.", "joint")
+    term: Expression = required(
+        "q, qd, qdd of the place itself, qd[j5] of another one, i for its measured input; sin cos tan exp "
         "log sinh cosh tanh asin acos atan atan2 sqrt abs sign max min.",
-        examples=["sign(qd[m5] + qd[m6])"],
+        "sign(qd[m5] + qd[m6])",
     )
 
 
 class OwnEffect(Model):
     """A parameter with terms of the user's own."""
 
-    parameter: Name = Field(description="Name of the parameter.", examples=["Fvm6"])
-    unit: str = Field("", description="Its SI unit.", examples=["N·m·s/rad"])
-    value: Expression | None = Field(None, description="Its value, if known.", examples=["0.2"])
-    acts: Annotated[tuple[ActionEntry, ...], AS_LIST] = Field(
-        description="Where it acts.", examples=[[{"at": "m5", "term": "qd[m6]"}]]
-    )
+    parameter: Name = required("Name of the parameter.", "Fvm6")
+    unit: str = optional("", "Its SI unit.", "N·m·s/rad")
+    value: Expression | None = optional(None, "Its value, if known.", "0.2")
+    acts: Annotated[tuple[ActionEntry, ...], AS_LIST] = required("Where it acts.", [{"at": "m5", "term": "qd[m6]"}])
 
 
 def usual_ready_or_own(value: object) -> str:
@@ -202,17 +189,14 @@ def _placed(place: str, entry: object) -> object:
 class RotorEntry(Model):
     """A rotor that spins on a body, geared to the joints: its spin inertia and gyroscopic torque."""
 
-    name: Name = Field(description="Name of the rotor.", examples=["rotor3"])
-    on: Name = Field(description="Body that carries it, or base.", examples=["link2"])
-    drives: Expression | LinearTerms = Field(
-        description="Angle of the rotor against its carrier as a combination of joint coordinates.",
-        examples=["100*j3", "m5"],
+    name: Name = required("Name of the rotor.", "rotor3")
+    on: Name = required("Body that carries it, or base.", "link2")
+    drives: Expression | LinearTerms = required(
+        "Angle of the rotor against its carrier as a combination of joint coordinates.", "100*j3", "m5"
     )
-    axis: Direction = Field("z", description="Axis in the rotor's frame.", examples=["z"])
-    frame: Frame = Field(
-        Frame.model_construct(), description="The rotor's frame on its carrier.", examples=[{"rpy": ["pi/2", 0, 0]}]
-    )
-    label: Name | None = Field(None, description="Ends the names of its parameters.", examples=["m3"])
+    axis: Direction = optional("z", "Axis in the rotor's frame.", "z")
+    frame: Frame = optional(Frame.model_construct(), "The rotor's frame on its carrier.", {"rpy": ["pi/2", 0, 0]})
+    label: Name | None = optional(None, "Ends the names of its parameters.", "m3")
 
 
 # -- outputs --------------------------------------------------------------------------------------------------------
@@ -221,9 +205,9 @@ class RotorEntry(Model):
 class WeightedForce(Model):
     """A joint's or an actuator's force with a weight."""
 
-    joint: Name | None = Field(None, description="Joint coordinate.", examples=["j1"])
-    actuator: Name | None = Field(None, description="Actuator.", examples=["m5"])
-    weight: Expression = Field("1", description="Its weight.", examples=["1/2"])
+    joint: Name | None = optional(None, "Joint coordinate.", "j1")
+    actuator: Name | None = optional(None, "Actuator.", "m5")
+    weight: Expression = optional("1", "Its weight.", "1/2")
 
     @model_validator(mode="after")
     def _check_one(self) -> Self:
@@ -235,38 +219,36 @@ class WeightedForce(Model):
 class JointOutput(Model):
     """A torque or force sensor in a joint, on the joint's side of the drive."""
 
-    joint: Name = Field(description="Joint coordinate, or all.", examples=["j1", "all"])
-    name: Name | None = Field(None, description="Name of the output; default: the coordinate.", examples=["tau1"])
+    joint: Name = required("Joint coordinate, or all.", "j1", "all")
+    name: Name | None = optional(None, "Name of the output; default: the coordinate.", "tau1")
 
 
 class ActuatorOutput(Model):
     """Torque, force or current of an actuator."""
 
-    actuator: Name = Field(description="Actuator, or all.", examples=["m5", "all"])
-    name: Name | None = Field(None, description="Name of the output; default: the actuator.", examples=["i5"])
+    actuator: Name = required("Actuator, or all.", "m5", "all")
+    name: Name | None = optional(None, "Name of the output; default: the actuator.", "i5")
 
 
 class WrenchOutput(Model):
     """A force/torque sensor between a body and its parent, or under the base."""
 
-    wrench: Name = Field(description="Body that is carried by the sensor; base for all of them.", examples=["hand"])
-    name: Name | None = Field(None, description="Name of the sensor; default: the body.", examples=["ft"])
-    frame: Frame = Field(Frame.model_construct(), description="The sensor's frame.", examples=[{"xyz": [0, 0, "0.05"]}])
-    fixed_to: Literal["body", "parent"] = Field(
-        "body", description="What the sensor's frame is fixed to.", examples=["parent"]
-    )
-    components: Annotated[tuple[Component, ...], AS_LIST] = Field(
-        COMPONENTS, description="Forces and torques along the axes of the frame.", examples=[["tz"]]
+    wrench: Name = required("Body that is carried by the sensor; base for all of them.", "hand")
+    name: Name | None = optional(None, "Name of the sensor; default: the body.", "ft")
+    frame: Frame = optional(Frame.model_construct(), "The sensor's frame.", {"xyz": [0, 0, "0.05"]})
+    fixed_to: Literal["body", "parent"] = optional("body", "What the sensor's frame is fixed to.", "parent")
+    components: Annotated[tuple[Component, ...], AS_LIST] = optional(
+        COMPONENTS, "Forces and torques along the axes of the frame.", ["tz"]
     )
 
 
 class SumOutput(Model):
     """A weighted sum of forces."""
 
-    name: Name = Field(description="Name of the output.", examples=["differential"])
-    unit: str = Field("N·m", description="Its SI unit.", examples=["N·m"])
-    sum: Annotated[tuple[WeightedForce, ...], AS_LIST] = Field(
-        description="What is added up.", examples=[[{"joint": "j5"}, {"joint": "j6", "weight": "-1"}]]
+    name: Name = required("Name of the output.", "differential")
+    unit: str = optional("N·m", "Its SI unit.", "N·m")
+    sum: Annotated[tuple[WeightedForce, ...], AS_LIST] = required(
+        "What is added up.", [{"joint": "j5"}, {"joint": "j6", "weight": "-1"}]
     )
 
 

@@ -8,9 +8,9 @@ documents that come from JSON or from Python.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, WithJsonSchema
+from pydantic import BeforeValidator, Discriminator, Field, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from echelon.hints import nearest
@@ -86,32 +86,22 @@ def _rows(value: object) -> tuple[object, ...]:
     return _items(value)
 
 
-def _three(value: object) -> tuple[object, ...]:
-    return _exactly(value, 3, "three expressions such as [0, 0, 0.333]")
-
-
-def _ten(value: object) -> tuple[object, ...]:
-    return _exactly(value, 10, "ten numbers: XX XY XZ YY YZ ZZ MX MY MZ M")
-
-
-def _matrix(value: object) -> tuple[object, ...]:
-    return _exactly(value, 3, "three rows such as [[1, 0, 0], [0, 0, -1], [0, 1, 0]]")
-
-
-def _pair(value: object) -> tuple[object, ...]:
-    return _exactly(value, 2, "two names of bodies such as [coupler, rocker]")
-
-
 def _part(value: object) -> str | None:
     return None if value is None else _name(value)
 
 
-def _exactly(value: object, size: int, what: str) -> tuple[object, ...]:
+def of_size(value: object, size: int, what: str) -> tuple[object, ...]:
+    """The entries of a list of known size; refuses everything else as not being what it needs."""
     if not isinstance(value, list | tuple):
-        raise refusal(f"needs a list of {what}, found {kind_of(value)}")
+        raise refusal(f"needs {what}, found {kind_of(value)}")
     if len(value) != size:
-        raise refusal(f"needs a list of {what}, found {len(value)} entries")
+        raise refusal(f"needs {what}, found {len(value)} entries")
     return tuple(value)
+
+
+def sized(size: int, what: str) -> BeforeValidator:
+    """A list of known size."""
+    return BeforeValidator(lambda value: of_size(value, size, f"a list of {what}"))
 
 
 Expression = Annotated[str, BeforeValidator(_expression), WithJsonSchema({"type": ["number", "string"]})]
@@ -120,11 +110,11 @@ Expression = Annotated[str, BeforeValidator(_expression), WithJsonSchema({"type"
 Name = Annotated[str, BeforeValidator(_name), WithJsonSchema({"type": ["string", "integer"]})]
 Flag = Annotated[bool, BeforeValidator(_flag)]
 Version = Annotated[Literal[1], BeforeValidator(_version)]
-Triple = Annotated[tuple[Expression, Expression, Expression], BeforeValidator(_three)]
-Matrix = Annotated[tuple[Triple, Triple, Triple], BeforeValidator(_matrix)]
-Ten = Annotated[tuple[Expression, ...], BeforeValidator(_ten)]
+Triple = Annotated[tuple[Expression, Expression, Expression], sized(3, "three expressions such as [0, 0, 0.333]")]
+Matrix = Annotated[tuple[Triple, Triple, Triple], sized(3, "three rows such as [[1, 0, 0], [0, 0, -1], [0, 1, 0]]")]
+Ten = Annotated[tuple[Expression, ...], sized(10, "ten numbers: XX XY XZ YY YZ ZZ MX MY MZ M")]
 Part = Annotated[str | None, BeforeValidator(_part), WithJsonSchema({"type": ["string", "integer", "null"]})]
-PairOfParts = Annotated[tuple[Part, Part], BeforeValidator(_pair)]
+PairOfParts = Annotated[tuple[Part, Part], sized(2, "two names of bodies such as [coupler, rocker]")]
 
 AS_LIST = BeforeValidator(_items)
 AS_ROWS = BeforeValidator(_rows)
@@ -133,37 +123,30 @@ AS_ROWS = BeforeValidator(_rows)
 # -- which of several forms a value has -----------------------------------------------------------------------------
 
 
-def mapping_or_text(value: object) -> str:
-    """Tag of a value that may be a mapping, a text or null."""
-    return "null" if value is None else "mapping" if isinstance(value, dict) else "text"
+_FORMS: dict[str, Any] = {"mapping": dict, "list": (list, tuple), "null": type(None)}
 
 
-def mapping_or_expression(value: object) -> str:
-    """Tag of a value that may be a mapping or an expression."""
-    return "mapping" if isinstance(value, dict) else "text"
+def by_form(usual: str, *others: str) -> Discriminator:
+    """Tells apart values that may be a mapping, a list or null; what is none of the others has the usual form."""
+    return Discriminator(lambda value: next((form for form in others if isinstance(value, _FORMS[form])), usual))
 
 
-def list_or_text(value: object) -> str:
-    """Tag of a value that may be a list or one of a few words."""
-    return "list" if isinstance(value, list | tuple) else "text"
-
-
-def list_or_mapping(value: object) -> str:
-    """Tag of a value that may be a list of mappings or a single one."""
-    return "list" if isinstance(value, list | tuple) else "mapping"
-
-
-def standard_or_central(value: object) -> str:
-    """Tag of inertial values."""
-    return "standard" if isinstance(value, dict) and "standard" in value else "central"
-
-
-def motion_or_frame(value: object) -> str:
-    """Tag of a step of a custom joint."""
-    return "motion" if isinstance(value, dict) and "motion" in value else "frame"
+def by_key(key: str, usual: str) -> Discriminator:
+    """Tells mappings that have a key, which is their tag, from the usual ones."""
+    return Discriminator(lambda value: key if isinstance(value, dict) and key in value else usual)
 
 
 # -- keys -----------------------------------------------------------------------------------------------------------
+
+
+def required(meaning: str, *examples: Any, **rules: Any) -> Any:
+    """A key that a mapping must have: what it means, with its unit, and examples; rules are those of pydantic."""
+    return Field(description=meaning, examples=list(examples) or None, **rules)
+
+
+def optional(default: Any, meaning: str, *examples: Any) -> Any:
+    """A key that a mapping may have: the value without it, what it means, with its unit, and examples."""
+    return Field(default, description=meaning, examples=list(examples) or None)
 
 
 def check_keys(data: object, valid: Sequence[str]) -> None:
