@@ -105,8 +105,8 @@ FAULTS = (
     ),
     Fault(
         JOINTS,
-        "merge((*_row_motion(row, name), placed))",
-        "merge((placed, *_row_motion(row, name)))",
+        "(*motion, along_z @ along_x))",
+        "(along_z @ along_x, *motion))",
         "standard DH read as modified",
         "formats/test_description_geometry.py::test_standard_rows_end_at_the_far_end",
     ),

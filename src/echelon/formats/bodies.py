@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import matmul
 
+from echelon.exact.angle import Angle
+from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.body import ALL, GROUND, Body
-from echelon.mechanism.joint import Joint, Step, floating_motions, merge
-from echelon.mechanism.placement import Placement
+from echelon.mechanism.joint import Joint, Motion, MotionKind, Step, floating_motions, merge
+from echelon.mechanism.placement import Placement, shift, turn
 
 BASE = "base"
 """What a parent is called that is the base, unless a body has that name."""
@@ -38,6 +40,15 @@ class Part:
     separate: bool = False  # whether it is a body although it is fixed
     carried: tuple[int, ...] = ALL  # which of XX … M it carries
     inertial: tuple[float, ...] | None = None
+
+
+def placed_before(motion: Motion, offset: Polynomial, angle: Callable[[Polynomial], Angle]) -> Placement:
+    """A turn or a slide by the constant part of a coupling, before the motion that it is added to."""
+    offset = offset * motion.sign
+    if motion.kind is MotionKind.ROTATION:
+        return turn(motion.axis, angle(offset))
+    x, y, z = (offset if k == motion.axis else 0 for k in range(3))
+    return shift(x, y, z)
 
 
 class Bodies:

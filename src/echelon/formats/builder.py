@@ -15,9 +15,10 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
+from echelon.exact.angle import Angle
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.axis_relations import with_relations
-from echelon.formats.bodies import Bodies, Part
+from echelon.formats.bodies import Bodies, Part, placed_before
 from echelon.formats.closure_frames import second_frame, with_parallelogram
 from echelon.formats.literal import (
     Inertial,
@@ -41,7 +42,7 @@ from echelon.mechanism.closure import Closure
 from echelon.mechanism.joint import Motion, MotionKind, Step, merge
 from echelon.mechanism.mechanism import Mechanism, setup_placements
 from echelon.mechanism.output import Cut, JointForce, Output, plain
-from echelon.mechanism.placement import Placement, shift, turn
+from echelon.mechanism.placement import Placement
 from echelon.mechanism.reading import Snap
 from echelon.regressor.loops.closed_motion import ClosedMotion, largest, normalised
 from echelon.regressor.loops.closing import close
@@ -241,13 +242,12 @@ class _Builder:
 
     def _offset(self, coupling: StatedCoupling, motion: Motion, label: str) -> Placement:
         """The constant part of a coupling, as a placement before the motion."""
-        offset = coupling.offset * motion.sign
-        if motion.kind is MotionKind.TRANSLATION:
-            x, y, z = (offset if k == motion.axis else 0 for k in range(3))
-            return shift(x, y, z)
-        value = offset.number
-        assert isinstance(value, int | Fraction)
-        return turn(motion.axis, self.snapping.angle(value, f"{coupling.element} offset", f"offset{label}"))
+
+        def angle(value: Polynomial) -> Angle:
+            assert isinstance(value.number, int | Fraction)
+            return self.snapping.angle(value.number, f"{coupling.element} offset", f"offset{label}")
+
+        return placed_before(motion, coupling.offset, angle)
 
     def _check_massless(self) -> None:
         names = {link.name: index for index, link in enumerate(self.tree.links)}

@@ -7,7 +7,7 @@ equal, and the move is recorded like every number that is read as another one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
@@ -20,8 +20,8 @@ from echelon.exact.polynomial import Polynomial, as_polynomial, is_trigonometric
 from echelon.formats.reading_options import PRECISION
 from echelon.formats.snapping import Snapping
 from echelon.inertia.convert import rotation_quaternion
-from echelon.mechanism.body import GROUND, Body, Symbol
-from echelon.mechanism.closed_pose import turned_by
+from echelon.mechanism.body import Body, Symbol
+from echelon.mechanism.closed_pose import parted, turned_by
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import Motion, MotionKind
 from echelon.mechanism.placement import IDENTITY, Placement, Vector, shift
@@ -46,22 +46,12 @@ def second_frame(
     ``place`` says where a member is in its parent's frame at the pose in question.  Where the kind of closure fixes no
     directions, the axes are those of the second member.  Between many angles it is rounded to doubles.
     """
-    inward, outward = list(_carriers(first, parent)), list(_carriers(second, parent))
-    while inward and outward and inward[-1] == outward[-1]:
-        inward.pop()
-        outward.pop()
+    inward, outward = parted(first, second, parent)
     places = {member: place(member) for member in (*inward, *outward)}
     chain = [*(places[m].inverse() for m in outward), *(places[m] for m in reversed(inward)), frame]
     angles = _angles(chain)
     frame = reduce(matmul, chain) if len(angles) <= _MOST_ANGLES else _rounded(chain, angles, symbols)
     return frame if kind.directions else Placement(IDENTITY, frame.translation)
-
-
-def _carriers(member: int, parent: Callable[[int], int]) -> Iterator[int]:
-    """A member and those that carry it, outward."""
-    while member != GROUND:
-        yield member
-        member = parent(member)
 
 
 def _angles(placements: list[Placement]) -> list[str]:
@@ -93,7 +83,7 @@ def with_parallelogram(closure: Closure, element: str, bodies: Sequence[Body], s
 
     Only where the loop is closed while all coordinates are zero is it known beforehand where that is.
     """
-    chains = _chains(closure, bodies)
+    chains = parted(closure.first, closure.second, lambda k: bodies[k].parent)
     pivots = [[_Pivot.of(bodies, chain[k:]) for k in range(len(chain))] for chain in chains]
     inner, outer = sorted(([p for p in side if p is not None] for side in pivots), key=len, reverse=True)
     if closure.kind not in _PINS or [*map(len, chains)].count(0) or (len(inner), len(outer)) != (2, 1):
@@ -101,7 +91,7 @@ def with_parallelogram(closure: Closure, element: str, bodies: Sequence[Body], s
     tip, base, other = *inner, *outer
     if sum(map(len, chains)) != len((tip, base, other)) or not all(tip.parallel(p, snapping) for p in (base, other)):
         return closure
-    carriers = [reduce(matmul, (_at_zero(bodies[k]) for k in reversed(chain)), Placement()) for chain in chains]
+    carriers = [reduce(matmul, (at_zero(bodies[k]) for k in reversed(chain)), Placement()) for chain in chains]
     frames = (closure.first_frame, closure.second_frame)
     corner, met = ((carrier @ frame).translation for carrier, frame in zip(carriers, frames, strict=True))
     if any(_across(tip, [c - m for c, m in zip(corner, met, strict=True)])):
@@ -117,14 +107,6 @@ def with_parallelogram(closure: Closure, element: str, bodies: Sequence[Body], s
     x, y, z = missing
     one, two = (c.inverse() @ shift(x, y, z) @ c @ frame for c, frame in zip(carriers, frames, strict=True))
     return replace(closure, first_frame=one, second_frame=two)
-
-
-def _chains(closure: Closure, bodies: Sequence[Body]) -> list[list[int]]:
-    """The bodies that carry both ends of a closure, up to where they meet."""
-    chains = [_chain(body, bodies) for body in (closure.first, closure.second)]
-    while all(chains) and chains[0][-1] == chains[1][-1]:
-        chains = [chain[:-1] for chain in chains]
-    return chains
 
 
 @dataclass(frozen=True)
@@ -143,7 +125,7 @@ class _Pivot:
             return None
         steps = bodies[chain[0]].joint.steps
         before = [step for step in steps[: steps.index(motions[0])] if isinstance(step, Placement)]
-        carrier = reduce(matmul, (_at_zero(bodies[k]) for k in reversed(chain[1:])), Placement())
+        carrier = reduce(matmul, (at_zero(bodies[k]) for k in reversed(chain[1:])), Placement())
         frame = reduce(matmul, before, carrier)
         return cls(frame.translation, frame, motions[0].axis)
 
@@ -157,16 +139,8 @@ class _Pivot:
         return [snapping.numeric(row[self.axis]) for row in self.frame.rotation]
 
 
-def _chain(body: int, bodies: Sequence[Body]) -> list[int]:
-    """A body and those that carry it, outward."""
-    found: list[int] = []
-    while body != GROUND:
-        found.append(body)
-        body = bodies[body].parent
-    return found
-
-
-def _at_zero(body: Body) -> Placement:
+def at_zero(body: Body) -> Placement:
+    """A body's frame in that of its parent while its coordinates are zero."""
     return reduce(matmul, (step for step in body.joint.steps if not isinstance(step, Motion)), Placement())
 
 

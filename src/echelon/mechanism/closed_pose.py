@@ -6,7 +6,7 @@ in.  A sliding coordinate has a displacement, and a ball a unit quaternion (w, x
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from math import lcm
@@ -34,7 +34,7 @@ def angle_parts(mechanism: Mechanism) -> dict[str, int]:
 def loop_motions(mechanism: Mechanism, closures: Sequence[Closure] | None = None) -> set[str]:
     """Names of the motions that all loops or those of some closures involve, of leaders instead of coupled ones."""
     closures = mechanism.closures if closures is None else closures
-    bodies = {body for closure in closures for chain in _chains(mechanism, closure) for body in chain}
+    bodies = {body for closure in closures for chain in _ends(mechanism, closure) for body in chain}
     names = {motion.name for body in bodies for motion in mechanism.bodies[body].joint.motions}
     leaders = {c.coordinate: {name for name, _ in c.terms} for c in mechanism.couplings}
     return {leader for name in names for leader in leaders.get(name, {name})}
@@ -69,7 +69,7 @@ class _Placed:
 
     def followed(self, closure: Closure) -> Closure:
         """The closure with its second frame where the first one is."""
-        inward, outward = _chains(self.mechanism, closure)
+        inward, outward = _ends(self.mechanism, closure)
         back = [step.inverse() for body in outward for step in reversed(self._steps(body))]
         there = [step for body in reversed(inward) for step in self._steps(body)]
         mount = tuple(step for step in (*back, *there) if not step.is_identity)
@@ -109,19 +109,22 @@ class _Placed:
         return point
 
 
-def _chains(mechanism: Mechanism, closure: Closure) -> tuple[list[int], list[int]]:
+def _ends(mechanism: Mechanism, closure: Closure) -> tuple[list[int], list[int]]:
     """The bodies between each end of a closure and what carries both, the outermost first."""
-    inward, outward = (list(_carriers(mechanism, body)) for body in (closure.first, closure.second))
-    while inward and outward and inward[-1] == outward[-1]:
-        inward.pop()
-        outward.pop()
-    return inward, outward
+    return parted(closure.first, closure.second, lambda body: mechanism.bodies[body].parent)
 
 
-def _carriers(mechanism: Mechanism, body: int) -> Iterator[int]:
-    while body != GROUND:
-        yield body
-        body = mechanism.bodies[body].parent
+def parted(first: int, second: int, parent: Callable[[int], int]) -> tuple[list[int], list[int]]:
+    """Two members of a tree, each with those that carry it up to where they meet, outward."""
+    chains: tuple[list[int], list[int]] = ([], [])
+    for chain, member in zip(chains, (first, second), strict=True):
+        while member != GROUND:
+            chain.append(member)
+            member = parent(member)
+    while all(chains) and chains[0][-1] == chains[1][-1]:
+        for chain in chains:
+            chain.pop()
+    return chains
 
 
 def _rational(ratio: Polynomial | None, name: str) -> Fraction:

@@ -147,12 +147,11 @@ class _FileParts:
             return self.names[name], Placement()
         if name is not None and name in self.riders:
             return self._rider(self.riders[name], path)
-        if name is None or name == BASE:
-            return GROUND, Placement()
-        if name in self._joints:  # a joint marks the frame that it moves
+        if name != BASE and name in self._joints:  # a joint marks the frame that it moves
             return self._joints[name], Placement()
-        valid = [BASE, *self.names, *self.riders]
-        raise self.expressions.error(path, f"there is no body or frame '{name}'{nearest_of(name, valid)}")
+        if name is not None:
+            self.expressions.check(name, [BASE, *self.names, *self.riders], path, "body or frame")
+        return GROUND, Placement()
 
     def _rider(self, rider: Rider, path: str) -> tuple[int, Placement]:
         known = self.expressions.snapping.symbols
@@ -225,11 +224,10 @@ class _Tree:
         """The body that carries a part, and where the part sits on it; None is the fixed world."""
         if name is None:
             return GROUND, Placement()
-        known = name if name in self.lumped.host else None
-        if known is None and name != BASE:
-            names = [BASE, *(part.name for part in self.parts)]
-            raise self.expressions.error(path, f"there is no body '{name}'{nearest_of(name, names)}")
-        return self.lumped.place(known)
+        if name in self.lumped.host:
+            return self.lumped.place(name)
+        self.expressions.check(name, [BASE, *(part.name for part in self.parts)], path, "body")
+        return self.lumped.place(None)
 
     # -- inertial values -------------------------------------------------------------------------------------------
 

@@ -149,8 +149,6 @@ def _locate(data: Any, location: tuple[int | str, ...]) -> tuple[str, Any]:
 
 
 def _message(problem: ErrorDetails, value: Any) -> str:
-    from echelon.formats.schema.schema_types import kind_of
-
     context = problem.get("ctx", {})
     match problem["type"]:
         case "missing":

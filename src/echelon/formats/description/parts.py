@@ -14,7 +14,7 @@ from echelon.formats.bodies import BASE, Part
 from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.description.stated_joints import Joints, joint_name
 from echelon.formats.literal import central_inertial
-from echelon.hints import nearest, nearest_of
+from echelon.hints import nearest
 from echelon.mechanism.body import ALL
 
 if TYPE_CHECKING:
@@ -24,10 +24,9 @@ if TYPE_CHECKING:
 def read_parts(robot: RobotDescription, expressions: Expressions) -> list[Part]:
     """All parts, parents before children and otherwise in the order of the document."""
     joints = Joints(expressions)
-    if robot.modified_dh is not None:
-        return _sorted(_rows("modified_dh", robot.modified_dh, joints), expressions)
-    if robot.standard_dh is not None:
-        return _sorted(_rows("standard_dh", robot.standard_dh, joints), expressions)
+    for form, rows in (("modified_dh", robot.modified_dh), ("standard_dh", robot.standard_dh)):
+        if rows is not None:
+            return _sorted(_rows(form, rows, joints), expressions)
     assert robot.bodies is not None
     parts = _sorted(_bodies(robot.bodies, joints), expressions)
     for part in parts[1:]:
@@ -97,9 +96,7 @@ def _bodies(bodies: Sequence[BodyEntry], joints: Joints) -> list[Part]:
 def _body_part(body: BodyEntry, path: str, names: Sequence[str], joints: Joints) -> Part:
     parent = body.parent
     if parent is not None and parent not in names:
-        if parent != BASE:
-            problem = f"there is no body '{parent}'{nearest_of(parent, [BASE, *names])}"
-            raise joints.expressions.error(f"{path}.parent", problem)
+        joints.expressions.check(parent, [BASE, *names], f"{path}.parent", "body")
         parent = None
     kind, moves = _kind(body)
     return Part(

@@ -24,7 +24,7 @@ from echelon.formats.description.document import Document
 from echelon.formats.literal import LiteralTree
 from echelon.formats.reading_options import NOT_FINITE, ReadingOptions, checked_size, gravity_vector
 from echelon.formats.snapping import Snapping
-from echelon.hints import nearest
+from echelon.hints import nearest, nearest_of
 from echelon.mechanism.body import Symbol
 from echelon.mechanism.mechanism import Mechanism, setup_expressions
 from echelon.mechanism.placement import ORIGIN, Placement, Vector
@@ -61,6 +61,11 @@ class Expressions:
     def error(self, path: str, problem: str) -> InputError:
         """An error about the element at a path."""
         return self.document.error(path, problem)
+
+    def check(self, name: str, valid: Collection[str], path: str, what: str = "coordinate") -> None:
+        """Refuse a name that nothing has; the error suggests the nearest one."""
+        if name not in valid:
+            raise self.error(path, f"there is no {what} '{name}'{nearest_of(name, valid)}")
 
     def polynomial(self, text: str, path: str, coordinates: Collection[str] = ()) -> Polynomial:
         """Any expression in declared symbols, pi, and coordinates where they may stand."""
@@ -260,9 +265,6 @@ def _geometry(mechanism: Mechanism) -> Iterator[Polynomial]:
 
 def stated_gravity(robot: RobotDescription, expressions: Expressions) -> Vector | None:
     """Gravity as the description states it; None for none."""
-    if robot.gravity == "none":
-        return None
-    if robot.gravity == "generic":
-        return GENERIC
-    assert not isinstance(robot.gravity, str)
+    if isinstance(robot.gravity, str):
+        return gravity_vector(robot.gravity, ORIGIN)
     return expressions.vector(robot.gravity, "gravity")

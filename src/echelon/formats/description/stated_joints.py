@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, cast
 from echelon.exact.angle import Angle
 from echelon.exact.numbers import Number, Rational
 from echelon.exact.polynomial import Monomial, Polynomial, is_trigonometric, symbol_of
+from echelon.formats.bodies import placed_before
 from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.literal import LiteralMotion, StatedCoupling, resolved
-from echelon.hints import nearest_of
 from echelon.inputs.yaml_text import step_into
 from echelon.mechanism.coupling import Spline, linear, natural_spline
 from echelon.mechanism.joint import (
@@ -73,40 +73,26 @@ class Joints:
         """A row of a table."""
         from echelon.formats.schema.robot_schema import ModifiedRow
 
-        if isinstance(row, ModifiedRow):
-            return self._modified(row, name, path, stem)
-        return self._standard(row, name, path, stem)
+        motion: tuple[Motion, ...] = ()
+        if row.joint != "fixed":
+            motion = (rotation(name) if row.joint == "revolute" else translation(name),)
+        modified = isinstance(row, ModifiedRow)
+        first = self._along(row, Z, "gamma", "b", path, stem) if modified else Placement()
+        along_z, along_x = self._along(row, Z, "theta", "d", path, stem), self._along(row, X, "alpha", "a", path, stem)
+        # turns about an axis and shifts along it commute, and so does the motion with those about and along z
+        return merge((first @ along_x @ along_z, *motion) if modified else (*motion, along_z @ along_x))
 
-    def _modified(self, row: ModifiedRow, name: str, path: str, stem: str) -> tuple[Step, ...]:
-        """Rot z(γ) Trans z(b) Rot x(α) Trans x(a) Rot z(θ) Trans z(d), then the motion, which commutes with both."""
-        placed = (
-            self._turn(Z, row.gamma, f"{path}.gamma", f"gamma{stem}")
-            @ self._shift(Z, row.b, f"{path}.b")
-            @ self._turn(X, row.alpha, f"{path}.alpha", f"alpha{stem}")
-            @ self._shift(X, row.a, f"{path}.a")
-            @ self._along_z(row, path, stem)
-        )
-        return merge((placed, *_row_motion(row, name)))
-
-    def _standard(self, row: StandardRow, name: str, path: str, stem: str) -> tuple[Step, ...]:
-        """The motion, then Rot z(θ) Trans z(d) Trans x(a) Rot x(α)."""
-        placed = (
-            self._along_z(row, path, stem)
-            @ self._shift(X, row.a, f"{path}.a")
-            @ self._turn(X, row.alpha, f"{path}.alpha", f"alpha{stem}")
-        )
-        return merge((*_row_motion(row, name), placed))
-
-    def _along_z(self, row: ModifiedRow | StandardRow, path: str, stem: str) -> Placement:
-        return self._turn(Z, row.theta, f"{path}.theta", f"theta{stem}") @ self._shift(Z, row.d, f"{path}.d")
+    def _along(
+        self, row: ModifiedRow | StandardRow, axis: int, angle: str, length: str, path: str, stem: str
+    ) -> Placement:
+        """Rot and Trans about and along one axis, by the keys of the angle and the length."""
+        turned = self._turn(axis, getattr(row, angle), f"{path}.{angle}", f"{angle}{stem}")
+        value = self.expressions.length(getattr(row, length), f"{path}.{length}")
+        return turned @ shift(value if axis == X else 0, 0, value if axis == Z else 0)
 
     def _turn(self, axis: int, text: str, path: str, name: str) -> Placement:
         angle = self.expressions.angle(text, path, name)
         return turn(axis, angle) if angle != Angle() else Placement()
-
-    def _shift(self, axis: int, text: str, path: str) -> Placement:
-        length = self.expressions.length(text, path)
-        return shift(length if axis == X else 0, length if axis == Y else 0, length if axis == Z else 0)
 
     # -- bodies ----------------------------------------------------------------------------------------------------
 
@@ -201,12 +187,6 @@ def coordinate_axis(direction: str) -> tuple[int, int]:
     return "xyz".index(direction[-1]), -1 if direction.startswith("-") else 1
 
 
-def _row_motion(row: ModifiedRow | StandardRow, name: str) -> tuple[Motion, ...]:
-    if row.joint == "fixed":
-        return ()
-    return (rotation(name),) if row.joint == "revolute" else (translation(name),)
-
-
 def _is_right_handed(matrix: Matrix) -> bool:
     """Whether the third row of an orthogonal matrix is the cross product of the first two."""
     (a, b, c), (d, e, f), third = matrix
@@ -223,7 +203,7 @@ def read_couplings(
     for index, entries in enumerate(robot.couplings):
         for coordinate, entry in entries.items():
             path = step_into(f"couplings[{index}]", coordinate)
-            reader.check(coordinate, path)
+            expressions.check(coordinate, reader.coordinates, path)
             stated.append(reader.read(coordinate, entry, path))
     found = list(resolved(stated, expressions.error).values())
     for coupling in found:
@@ -238,12 +218,6 @@ class CouplingReader:
 
     def __init__(self, expressions: Expressions, coordinates: Mapping[str, Motion]) -> None:
         self.expressions, self.coordinates = expressions, coordinates
-
-    def check(self, coordinate: str, path: str) -> None:
-        """Refuse what is not a coordinate."""
-        if coordinate not in self.coordinates:
-            problem = f"there is no coordinate '{coordinate}'{nearest_of(coordinate, self.coordinates)}"
-            raise self.expressions.error(path, problem)
 
     def read(self, coordinate: str, entry: CouplingEntry, path: str) -> StatedCoupling:
         """A coupling as an expression, term by term, or as a spline."""
@@ -270,7 +244,7 @@ class CouplingReader:
     def ratios(self, entry: Mapping[str, str], path: str) -> dict[str, Polynomial]:
         """Ratios to coordinates, by name."""
         for name in entry:
-            self.check(name, f"{path}.terms.{name}")
+            self.expressions.check(name, self.coordinates, f"{path}.terms.{name}")
         return {name: self.expressions.length(ratio, f"{path}.terms.{name}") for name, ratio in entry.items()}
 
     def polynomials(self, text: str, path: str) -> tuple[dict[str, Spline], Polynomial]:
@@ -300,7 +274,7 @@ class CouplingReader:
         found: dict[str, Spline] = {}
         for name, term in entry.terms.items():
             where = f"{path}.terms.{name}"
-            self.check(name, where)
+            self.expressions.check(name, self.coordinates, where)
             if isinstance(term, str):
                 found[name] = linear(self.expressions.length(term, where))
             else:
@@ -318,7 +292,7 @@ class CouplingReader:
         return Spline(tuple(coefficients), tuple(knots))
 
     def _spline(self, coordinate: str, entry: SplineThrough, path: str) -> StatedCoupling:
-        self.check(entry.of, f"{path}.of")
+        self.expressions.check(entry.of, self.coordinates, f"{path}.of")
         points = [self._point(point, f"{path}.points[{k}]") for k, point in enumerate(entry.points)]
         try:
             function, offset = natural_spline(points)
@@ -339,12 +313,10 @@ class CouplingReader:
 
 def offset_placement(coupling: StatedCoupling, motion: Motion, stem: str, expressions: Expressions) -> Placement:
     """The constant part of a coupling as a placement before the motion."""
-    offset = coupling.offset * motion.sign
-    if motion.kind is MotionKind.ROTATION:
-        return turn(motion.axis, expressions.exact_angle(offset, coupling.element, f"offset{stem}"))
     if motion.kind is MotionKind.SCREW:
         raise expressions.error(coupling.element, "the constant part of a screw belongs into the origin of its joint")
-    if "pi" in offset.generators():
+    if motion.kind is MotionKind.TRANSLATION and "pi" in coupling.offset.generators():
         raise expressions.error(coupling.element, "the constant part of a sliding coordinate is a length, without pi")
-    x, y, z = (offset if k == motion.axis else 0 for k in range(3))
-    return shift(x, y, z)
+    return placed_before(
+        motion, coupling.offset, lambda value: expressions.exact_angle(value, coupling.element, f"offset{stem}")
+    )

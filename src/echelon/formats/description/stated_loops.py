@@ -6,19 +6,15 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction
-from functools import reduce
-from operator import matmul
 from typing import TYPE_CHECKING
 
 from echelon.exact.angle import Angle
 from echelon.exact.expressions import PI
 from echelon.formats.bodies import BASE
-from echelon.formats.closure_frames import second_frame
+from echelon.formats.closure_frames import at_zero, second_frame
 from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.description.stated_joints import Joints
 from echelon.formats.snapping import symbol_stem
-from echelon.hints import nearest_of
-from echelon.mechanism.body import Body
 from echelon.mechanism.closed_pose import follow
 from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.joint import X, Y, Z
@@ -29,7 +25,7 @@ from echelon.regressor.loops.exact_pose import check_pose
 
 if TYPE_CHECKING:
     from echelon.formats.schema.robot_schema import RobotDescription
-    from echelon.formats.schema.schema_geometry import Frame, LoopEntry
+    from echelon.formats.schema.schema_geometry import LoopEntry
 
 
 FindPart = Callable[[str | None, str], tuple[int, Placement]]
@@ -98,13 +94,13 @@ class _Loops:
         stem = symbol_stem(name)
         aim = self._aim(entry, path, stem)
         kind = _ALIASES.get(entry.joint) or ClosureKind(entry.joint)
-        frame = offset @ self._frame(entry.at, f"{path}.at", stem) @ aim
+        frame = offset @ self.joints.frame(entry.at, f"{path}.at", stem) @ aim
         meets = "at" not in entry.model_fields_set and all(self._is_frame(part) for part in entry.connects)
         if entry.on_second is None and not meets:
             met = self._met(kind, first, second, frame, path)
         else:
             stated = entry.at if entry.on_second is None else entry.on_second
-            met = other @ self._frame(stated, f"{path}.on_second", stem) @ aim
+            met = other @ self.joints.frame(stated, f"{path}.on_second", stem) @ aim
         return Closure(name, kind, first, second, frame, met)
 
     def _is_frame(self, part: str | None) -> bool:
@@ -112,9 +108,6 @@ class _Loops:
         if part is None or part == BASE:
             return False
         return all(body.name != part or body.joint.is_fixed for body in self.mechanism.bodies)
-
-    def _frame(self, frame: Frame, path: str, stem: str) -> Placement:
-        return self.joints.frame(frame, path, stem)
 
     def _aim(self, entry: LoopEntry, path: str, stem: str) -> Placement:
         """A frame whose z axis lies along the joint's axis."""
@@ -129,7 +122,7 @@ class _Loops:
         bodies, symbols = self.mechanism.bodies, {**self.mechanism.symbols, **self.expressions.named}
         try:
             return second_frame(
-                kind, first, second, frame, lambda k: bodies[k].parent, lambda k: _at_zero(bodies[k]), symbols
+                kind, first, second, frame, lambda k: bodies[k].parent, lambda k: at_zero(bodies[k]), symbols
             )
         except ValueError as error:
             raise self.expressions.error(path, str(error)) from None
@@ -139,7 +132,7 @@ class _Loops:
     def independent(self) -> tuple[str, ...] | None:
         """The coordinates that shall be independent, if they are stated."""
         for index, name in enumerate(self.robot.independent or ()):
-            self._check(name, self.mechanism.velocities, f"independent[{index}]")
+            self.expressions.check(name, self.mechanism.velocities, f"independent[{index}]")
         return self.robot.independent
 
     def assembly(self) -> dict[str, float]:
@@ -147,7 +140,7 @@ class _Loops:
         found = {}
         for name, text in self.robot.assembly.items():
             path = f"assembly.{name}"
-            self._check(name, self.mechanism.positions, path)
+            self.expressions.check(name, self.mechanism.positions, path)
             value = self.expressions.polynomial(text, path)
             if not set(value.generators()) <= {PI}:
                 raise self.expressions.error(path, f"'{text}' must be a number here, without symbols")
@@ -166,10 +159,6 @@ class _Loops:
         except ValueError as error:
             raise self.expressions.error("closed_at", str(error)) from None
 
-    def _check(self, name: str, valid: tuple[str, ...], path: str) -> None:
-        if name not in valid:
-            raise self.expressions.error(path, f"there is no coordinate '{name}'{nearest_of(name, valid)}")
-
     def driven(self) -> list[str]:
         """Coordinates that actuators drive."""
         stated: list[str] = []
@@ -177,7 +166,7 @@ class _Loops:
             for index, name in enumerate(self.robot.robot.driven):
                 several = [known for known in self.mechanism.velocities if known.startswith(f"{name}.")]
                 if not several:
-                    self._check(name, self.mechanism.velocities, f"robot.driven[{index}]")
+                    self.expressions.check(name, self.mechanism.velocities, f"robot.driven[{index}]")
                 stated += several or [name]
         for actuator, entry in self.robot.actuators.items():
             if isinstance(entry, str):
@@ -193,8 +182,3 @@ def _weld(pair: tuple[str | None, str | None]) -> LoopEntry:
 
     name = "-".join(part or BASE for part in pair)
     return LoopEntry.model_construct(name=name, joint="weld", connects=pair, on_second=Frame.model_construct())
-
-
-def _at_zero(body: Body) -> Placement:
-    """A body's frame in that of its parent while its coordinates are zero."""
-    return reduce(matmul, (step for step in body.joint.steps if isinstance(step, Placement)), Placement())

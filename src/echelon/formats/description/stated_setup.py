@@ -13,7 +13,6 @@ from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.description.stated_joints import CouplingReader, Joints
 from echelon.formats.description.stated_loops import FindPart
 from echelon.formats.usual_effects import effect_label, slides
-from echelon.hints import nearest_of
 from echelon.mechanism.body import Body
 from echelon.mechanism.coupling import Coupling, linear
 from echelon.mechanism.effect import Action, Effect, Side, ready_made
@@ -44,21 +43,7 @@ def cut_off(robot: RobotDescription) -> tuple[str, ...]:
 
 
 def add_setup(mechanism: Mechanism, robot: RobotDescription, expressions: Expressions, find: FindPart) -> Mechanism:
-    """A mechanism with the drives, rotors, effects and outputs that a description states.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    robot : RobotDescription
-    expressions : Expressions
-    find : callable
-        Finds what rotors and sensors are on.
-
-    Raises
-    ------
-    InputError
-        If something refers to bodies, coordinates or actuators that do not exist; names the element.
-    """
+    """A mechanism with the drives, rotors, effects and outputs that a description states."""
     return _Setup(mechanism, robot, expressions, find).added()
 
 
@@ -78,6 +63,10 @@ class _Setup:
         return replace(self.mechanism, symbols={**self.mechanism.symbols, **self.expressions.named})
 
     # -- drives ----------------------------------------------------------------------------------------------------
+
+    @property
+    def _drives(self) -> tuple[str, ...]:
+        return tuple(actuator.name for actuator in self.mechanism.transmission.actuators)
 
     def _actuators(self) -> Iterator[Actuator]:
         for name, entry in self.robot.actuators.items():
@@ -146,8 +135,7 @@ class _Setup:
     def _ready(self, entry: ReadyEffect, path: str) -> list[Effect]:
         names = (entry.at,) if isinstance(entry.at, str) else entry.at
         if names == (EVERY,):
-            joints, drives = self.mechanism.velocities, [a.name for a in self.mechanism.transmission.actuators]
-            names = tuple(joints if entry.side == "joint" else drives)
+            names = self.mechanism.velocities if entry.side == "joint" else self._drives
         found: list[tuple[Effect, ...]] = []
         for name in names:
             side = self._side(name, entry.side, f"{path}.at")
@@ -165,11 +153,10 @@ class _Setup:
         return replace(effects[0], actions=tuple(action for effect in effects for action in effect.actions))
 
     def _side(self, at: str, stated: str | None, path: str) -> Side:
-        drives = [actuator.name for actuator in self.mechanism.transmission.actuators]
-        joints = [name for motion in self.mechanism.motions for name in motion.velocities]
-        valid = {"joint": joints, "actuator": drives}.get(stated or "", [*drives, *joints])
-        if at not in valid:
-            raise self.expressions.error(path, f"there is no {stated or 'coordinate'} '{at}'{nearest_of(at, valid)}")
+        drives = self._drives
+        joints = tuple(name for motion in self.mechanism.motions for name in motion.velocities)
+        valid = {"joint": joints, "actuator": drives}.get(stated or "", (*drives, *joints))
+        self.expressions.check(at, valid, path, stated or "coordinate")
         return Side(stated) if stated else Side.ACTUATOR if at in drives else Side.JOINT
 
     # -- outputs ---------------------------------------------------------------------------------------------------
@@ -187,13 +174,14 @@ class _Setup:
             every = self.mechanism.independent_velocities if entry.joint == EVERY else (entry.joint,)
             return [self._plain(self._joint(n, f"{path}.joint"), n, entry.name, len(every)) for n in every]
         if isinstance(entry, ActuatorOutput):
-            drives = [a.name for a in self.mechanism.transmission.actuators]
-            every = tuple(drives) if entry.actuator == EVERY else (entry.actuator,)
+            every = self._drives if entry.actuator == EVERY else (entry.actuator,)
             return [self._plain(self._drive(n, f"{path}.actuator"), n, entry.name, len(every)) for n in every]
         terms: list[tuple[Channel, Polynomial]] = []
         for k, term in enumerate(entry.sum):
             where = f"{path}.sum[{k}]"
-            channel = self._joint(term.joint, where) if term.joint is not None else self._drive(term.actuator, where)
+            channel = (
+                self._joint(term.joint, where) if term.joint is not None else self._drive(term.actuator or "", where)
+            )
             terms.append((channel, self.expressions.polynomial(term.weight, f"{where}.weight")))
         return [Output(entry.name, entry.unit, tuple(terms))]
 
@@ -202,17 +190,12 @@ class _Setup:
         return plain(chosen, "N" if slides(self.mechanism, at) else "N·m", channel)
 
     def _joint(self, name: str, path: str) -> JointForce:
-        valid = self.mechanism.independent_velocities
-        if name not in valid:
-            kind = "independent joint coordinate" if self.mechanism.closures else "joint coordinate"
-            problem = f"there is no {kind} '{name}'{nearest_of(name, valid)}"
-            raise self.expressions.error(path, problem)
+        kind = "independent joint coordinate" if self.mechanism.closures else "joint coordinate"
+        self.expressions.check(name, self.mechanism.independent_velocities, path, kind)
         return JointForce(name)
 
-    def _drive(self, name: str | None, path: str) -> ActuatorForce:
-        valid = [actuator.name for actuator in self.mechanism.transmission.actuators]
-        if name is None or name not in valid:
-            raise self.expressions.error(path, f"there is no actuator '{name}'{nearest_of(str(name), valid)}")
+    def _drive(self, name: str, path: str) -> ActuatorForce:
+        self.expressions.check(name, self._drives, path, "actuator")
         return ActuatorForce(name)
 
     def _wrench(self, entry: WrenchOutput, path: str) -> list[Output]:
