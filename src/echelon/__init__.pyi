@@ -62,7 +62,7 @@ from echelon.results.identified import load_identified as load_identified
 from echelon.results.identified import save_identification as save_identification
 from echelon.results.saved import load_base as load_base
 from echelon.results.saved import save_base as save_base
-from echelon.results.verify import verify as verify
+from echelon.results.saved import verify as verify
 from echelon.setup.setup import Setup as Setup
 from echelon.setup.setup import load_setup as load_setup
 from echelon.version import __version__ as __version__

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.cli.predict import _fit
+from echelon.cli.logs import _fit
 from echelon.errors import InputError
 from echelon.excite.files.coefficients import trajectory_to_json
 from echelon.excite.files.read_trajectory import read_trajectory

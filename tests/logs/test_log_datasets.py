@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from echelon.errors import InputError
-from echelon.logs.files.memory_log import MemoryLog
+from echelon.logs.files.numpy_file import MemoryLog
 from echelon.logs.files.open_log import log_paths, open_log, read_table
 from support.log_tables import same
 

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from echelon.logs.faults.examine import examine
-from echelon.logs.faults.standstill import resolution, stuck
+from echelon.logs.faults.examine import examine, resolution, stuck
 from echelon.logs.finding import Severity
 from echelon.logs.recording import Recording
 from support.faulty_logs import ARM, COUNT, RATE, changed, clean, one

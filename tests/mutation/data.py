@@ -156,9 +156,9 @@ FAULTS = (
         "identification/test_band.py",
     ),
     Fault("signals/spectrum.py", "step = 2 * np.sin(", "step = np.sin(", "power of positions", SIGNALS),
-    Fault("setup/columns.py", '{"n": i + 1, "i": i', '{"n": i, "i": i', "numbers in names of columns", SETUP),
+    Fault("setup/setup.py", '{"n": i + 1, "i": i', '{"n": i, "i": i', "numbers in names of columns", SETUP),
     Fault(
-        "setup/columns.py",
+        "setup/setup.py",
         "{**known_values(mechanism), PI: math.pi}",
         "known_values(mechanism)",
         "π in scales",

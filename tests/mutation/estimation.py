@@ -221,7 +221,7 @@ FAULTS = (
         "codegen/test_codegen_text.py",
     ),
     Fault(
-        "cli/counts.py",
+        "cli/derive.py",
         "if found.literal_rank != rank",
         "if found.literal_rank == rank",
         "the literal rank",

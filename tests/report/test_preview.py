@@ -20,8 +20,8 @@ from echelon.excite.problem.task import changed, task_of
 from echelon.excite.problem.trajectory import Fourier, Trajectory
 from echelon.excite.verify.margins import Margin
 from echelon.report.digits import significant
+from echelon.report.drawing import pose_at
 from echelon.report.page import plotly_source
-from echelon.report.pose import pose_at
 from echelon.report.preview import TITLES, preview_html
 from echelon.report.scene import scene
 from support.paths import EXAMPLES

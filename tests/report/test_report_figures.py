@@ -15,9 +15,8 @@ from scipy.signal import welch
 
 import echelon as ec
 from echelon.report.digits import significant, with_uncertainty
-from echelon.report.drawing import drawing, seen_bodies
+from echelon.report.drawing import drawable_pose, drawing, pose_at, seen_bodies
 from echelon.report.matrix_picture import matrix_picture, mergings
-from echelon.report.pose import drawable_pose, pose_at
 from echelon.report.signals import envelope, payload, residual
 from support.paths import EXAMPLES
 from support.report_data import base_of, identification

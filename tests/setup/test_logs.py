@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import echelon as ec
-from echelon.logs.joined_log import opened
+from echelon.logs.read_log import opened
 from echelon.setup.logs import with_logs
 from support.swinging_arm import ARM, Motion, swinging
 

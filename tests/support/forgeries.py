@@ -11,8 +11,7 @@ from math import prod
 from typing import Any
 
 from echelon.exact.rational import RationalFunction
-from echelon.results.saved import from_json, to_dict
-from echelon.results.verify import verify
+from echelon.results.saved import from_json, to_dict, verify
 
 Document = dict[str, Any]
 Forgery = Callable[[Document, random.Random], object]

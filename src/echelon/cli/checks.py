@@ -19,8 +19,7 @@ VALID, REFUTED = 0, 1
 def run_verify(file: Path, as_json: bool, seed: int | None) -> int:
     """Check a file, also by the verifier that shares nothing with Echelon; returns the exit code."""
     from echelon.results.echelon_verify import judge
-    from echelon.results.saved import load_base
-    from echelon.results.verify import verify
+    from echelon.results.saved import load_base, verify
 
     try:
         model = load_base(file)

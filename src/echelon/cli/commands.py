@@ -13,8 +13,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from echelon.choices import Estimator, Values
-from echelon.cli.app import app, application
-from echelon.cli.options import AsJson, Budget, Force, Ordering, Output, Prefer, Robot, Seed, reads_robot
+from echelon.cli.app import AsJson, Budget, Force, Ordering, Output, Prefer, Robot, Seed, app, application, reads_robot
 from echelon.machine.target import VARIABLES
 
 __all__ = ["app", "excite_commands", "run"]
@@ -71,7 +70,7 @@ def derive(
     if asked and regressor is None and (ordered or chosen in ("latex", "markdown")):
         raise typer.BadParameter(f"{asked[0]} counts, as text or JSON, and takes no --order or --prefer")
 
-    from echelon.cli import counts, derive
+    from echelon.cli import derive
     from echelon.cli.destination import output_file
 
     target = output_file(output, force)
@@ -79,11 +78,11 @@ def derive(
     if regressor is not None:
         derive.run_regressor(robot, regressor, read, derivation, target, seed)
     elif compare_numeric:
-        counts.run_compare_numeric(robot, read, target, seed, as_json=chosen == "json")
+        derive.run_compare_numeric(robot, read, target, seed, as_json=chosen == "json")
     elif special:
-        counts.run_special(robot, read, target, seed, as_json=chosen == "json")
+        derive.run_special(robot, read, target, seed, as_json=chosen == "json")
     elif rank_only:
-        counts.run_rank_only(robot, read, target, seed, generic=generic, as_json=chosen == "json")
+        derive.run_rank_only(robot, read, target, seed, generic=generic, as_json=chosen == "json")
     else:
         derive.run_derive(robot, chosen, read, {**derivation, "generic": generic}, target, seed, budget)
 
@@ -169,9 +168,9 @@ def sensors(
     Candidates are the outputs that the description states; without any, all actuators and a wrench sensor under the
     base.
     """
-    from echelon.cli import counts
+    from echelon.cli.derive import run_sensors
 
-    counts.run_sensors(robot, size, read, seed, budget, as_json=as_json)
+    run_sensors(robot, size, read, seed, budget, as_json=as_json)
 
 
 @app.command(epilog="Example: echelon audit tx40.urdf TX40_bp_5.csv --ignore 'fv*'")
@@ -213,7 +212,7 @@ def setup(
     The set-up is tried on the log, and what could not be decided stands in it as a question.
     """
     from echelon.cli.destination import output_file
-    from echelon.cli.setup import run_setup
+    from echelon.cli.logs import run_setup
 
     run_setup(robot, logs, output_file(output, force))
 
@@ -287,7 +286,7 @@ def check(
     as_json: AsJson = False,
 ) -> None:
     """Say what logs can show of a robot and what is missing, before anything is fitted."""
-    from echelon.cli.check import run_check
+    from echelon.cli.logs import run_check
 
     run_check(setup, logs, read, as_json=as_json)
 
@@ -304,7 +303,7 @@ def predict(
 ) -> None:
     """Predict the outputs of a log with an identified model."""
     from echelon.cli.destination import output_file
-    from echelon.cli.predict import run_predict
+    from echelon.cli.logs import run_predict
 
     run_predict(model, log, output_file(output, force), as_json=as_json)
 

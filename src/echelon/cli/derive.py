@@ -1,9 +1,10 @@
-"""The ``derive`` command: base parameters in closed form, of robots and of linear models."""
+"""The ``derive`` command in all its forms, and ``sensors``: closed forms, formulas, and what only counts."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -12,14 +13,22 @@ from echelon.base.derive import base_parameters
 from echelon.base.display import to_latex, to_markdown, to_text
 from echelon.base.linear_base import LinearBase
 from echelon.base.model import BaseModel
+from echelon.base.numeric_rank import NumericComparison, compare_numeric
+from echelon.base.own import OwnAnswer, own_answer
+from echelon.base.reading_report import MimicRanks, doubt_of_directions, mechanism_notes, mimic_ranks
+from echelon.base.sensors import SensorReport, sensor_report
+from echelon.base.special import SpecialGeometry, special_geometry
 from echelon.cli.destination import Destination, deliver
-from echelon.cli.screen import say_time, steps
-from echelon.formats.robot_file import load_model
+from echelon.cli.screen import json_text, say_time, steps
+from echelon.errors import InputError, one_line
+from echelon.formats.robot_file import load, load_model
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import all_symbols
 from echelon.models.linear_model import LinearModel
+from echelon.regressor.loops.assembly import Assembled
+from echelon.regressor.loops.closing import assembled
 from echelon.results.saved import to_json
-from echelon.seeds import DEFAULT_SEED
+from echelon.seeds import DEFAULT_SEED, random_generator
 
 
 def run_derive(
@@ -93,3 +102,162 @@ def _rendered(base: BaseModel | LinearBase, output_format: str) -> str:
     if output_format == "text":
         return to_text(base) + "\n"
     return to_latex(base) if output_format == "latex" else to_markdown(base)
+
+
+Read = Mapping[str, Any]
+"""Keyword arguments of ``echelon.load``."""
+
+
+def run_rank_only(
+    file: Path, read: Read, output: Destination | None, seed: int | None, *, generic: bool, as_json: bool
+) -> None:
+    """Print or write the rank and the representatives."""
+    seed = DEFAULT_SEED if seed is None else seed
+    with steps(f"deriving {file.name}"):
+        robot, rng = load_model(file, **read), random_generator(seed)
+        if isinstance(robot, LinearModel):
+            raise InputError("--rank-only is for robots; a linear model is always derived in closed form")
+        answer = own_answer(robot, rng, generic=generic)
+        rank = answer.structure.rank if answer.special is None else answer.special.rank
+        mimics, moved = mimic_ranks(robot, rank, rng), assembled(robot)
+    deliver(_rank_json(answer, mimics, moved, seed) if as_json else _rank_text(answer, mimics, moved), output)
+
+
+def _rank_json(answer: OwnAnswer, mimics: MimicRanks | None, moved: Assembled | None, seed: int) -> str:
+    robot, structure = answer.mechanism, answer.structure
+    optional = {
+        "special": answer.special and asdict(answer.special),
+        "modes": list(structure.modes) or None,
+        "mimics": mimics and asdict(mimics),
+        "assembled": moved and asdict(moved),
+    }
+    return json_text(
+        {
+            "schema": "echelon.structure/1",
+            "name": robot.name,
+            "seed": seed,
+            "rank": structure.rank,
+            "parameters": list(robot.parameters),
+            "representatives": [robot.parameters[p] for p in structure.pivots],
+            **{name: value for name, value in optional.items() if value is not None},
+        }
+    )
+
+
+def _rank_text(answer: OwnAnswer, mimics: MimicRanks | None, moved: Assembled | None) -> str:
+    robot, structure = answer.mechanism, answer.structure
+    lines = [
+        f"{robot.name}: {structure.rank} base parameters of {structure.parameters} standard parameters",
+        f"representatives: {' '.join(robot.parameters[p] for p in structure.pivots)}",
+    ]
+    if answer.special is not None:
+        lines.append(f"stated values: {answer.special.text('robot')}")
+    if mimics is not None:
+        lines.append(f"mimic joints: {mimics}")
+    if moved is not None:
+        lines.append(f"assembly pose: {moved}")
+    lines += [f"note: {note}" for note in mechanism_notes(robot)]
+    if doubt := answer.undecided or doubt_of_directions(robot, structure.rank):
+        lines.append(f"doubt: {doubt}")
+    if len(structure.modes) > 1:
+        ranks = ", ".join(map(str, structure.modes))
+        lines.append(f"assembly modes: base parameters {ranks}; this is the one with {structure.rank}")
+    return "".join(f"{one_line(line)}\n" for line in lines)
+
+
+def run_special(file: Path, read: Read, output: Destination | None, seed: int | None, *, as_json: bool) -> None:
+    """Try special geometries, then print or write where the rank changes."""
+    with steps(f"trying special geometries of {file.name}"):
+        robot = load(file, **read)
+        found = special_geometry(robot, seed=DEFAULT_SEED if seed is None else seed)
+    record = {"schema": "echelon.special/1", "name": robot.name, **asdict(found)}
+    deliver(json_text(record) if as_json else _special_text(robot.name, found), output)
+
+
+def _special_text(name: str, found: SpecialGeometry) -> str:
+    lines = [f"{one_line(name)}: {found.rank} base parameters for generic values of its symbols"]
+    width = max((len(case.condition) for case in found.cases), default=0)
+    lines += [f"  {one_line(case.condition):<{width}}  {case.rank}" for case in found.cases]
+    lines.append(f"{found.tried} conditions tried, one or two at a time; {len(found.cases)} change the number")
+    if found.left_out:
+        lines.append(f"{found.left_out} pairs of conditions were not tried")
+    return "\n".join(lines) + "\n"
+
+
+def run_compare_numeric(file: Path, read: Read, output: Destination | None, seed: int | None, *, as_json: bool) -> None:
+    """Count exactly and numerically, then print or write."""
+    with steps(f"comparing ranks of {file.name}"):
+        robot = load(file, **read)
+        found = compare_numeric(robot, seed=DEFAULT_SEED if seed is None else seed)
+    deliver(_comparison_json(robot.name, found) if as_json else _comparison_text(robot.name, found), output)
+
+
+def _comparison_text(name: str, found: NumericComparison) -> str:
+    numeric, rank = found.numeric, found.rank
+    literal = f" ({found.literal_rank} for the literal numbers of the file)" if found.literal_rank != rank else ""
+    rows = [
+        ("tolerance", [f"{t:.0e}" for t in numeric.tolerances]),
+        ("singular values", [str(r) for r in numeric.ranks]),
+        ("QR, pivoted", [str(r) for r in numeric.ranks_by_qr]),
+    ]
+    lines = [f"{one_line(name)}: {rank} base parameters of {numeric.columns} standard parameters{literal}"]
+    lines += [f"  {title:<16}" + "".join(f"{cell:>8}" for cell in cells) for title, cells in rows]
+    widest = numeric.widest_gap(besides=rank)
+    elsewhere = f"; widest elsewhere: {widest[1]:.1e} at {widest[0]}" if widest is not None else ""
+    lines.append(f"gap in the singular values at {rank}: {numeric.gap(rank):.1e}{elsewhere}")
+    return "\n".join([*lines, found.verdict]) + "\n"
+
+
+def _comparison_json(name: str, found: NumericComparison) -> str:
+    numeric, rank = found.numeric, found.rank
+    widest, gap = numeric.widest_gap(besides=rank), numeric.gap(rank)
+    return json_text(
+        {
+            "schema": "echelon.numeric/1",
+            "name": name,
+            "rank": rank,
+            "literal_rank": found.literal_rank,
+            "rows": numeric.rows,
+            "tolerances": list(numeric.tolerances),
+            "svd": list(numeric.ranks),
+            "qr": list(numeric.ranks_by_qr),
+            "gap": gap if gap < float("inf") else None,
+            "widest_gap_elsewhere": None if widest is None else {"rank": widest[0], "gap": widest[1]},
+            "verdict": found.verdict,
+            "singular_values": list(numeric.singular),
+        }
+    )
+
+
+def run_sensors(file: Path, size: int, read: Read, seed: int | None, budget: float, *, as_json: bool) -> None:
+    """Print what sensors see, alone and in subsets up to a size."""
+    title = f"comparing the sensors of {file.name}"
+    with steps(f"{title}: reading, and closing loops") as step:
+        report = sensor_report(
+            load(file, **read),
+            size,
+            seed=DEFAULT_SEED if seed is None else seed,
+            budget=budget,
+            progress=lambda phase: step(f"{title}: {phase}"),
+        )
+    deliver(_sensors_json(report) if as_json else _sensors_text(report), None)
+
+
+def _sensors_json(report: SensorReport) -> str:
+    record = asdict(report) | {"schema": "echelon.sensors/1"}
+    record["ranks"] = [{"sensors": list(subset), "rank": rank} for subset, rank in report.ranks.items()]
+    record["greedy"] = [{"sensor": name, "rank": rank} for name, rank in report.greedy]
+    return json_text(record)
+
+
+def _sensors_text(report: SensorReport) -> str:
+    lines = [f"all {len(report.sensors)} sensors together see {report.rank} of {report.parameters} parameters", ""]
+    titles = [" + ".join(one_line(name) for name in subset) for subset in report.ranks]
+    width = max(map(len, ["sensors", *titles]))
+    lines.append(f"{'sensors':<{width}}  rank")
+    lines += [f"{title:<{width}}  {rank:>4}" for title, rank in zip(titles, report.ranks.values(), strict=True)]
+    added = ", ".join(f"{one_line(name)} → {rank}" for name, rank in report.greedy)
+    kind = "smallest sufficient set" if report.proven_smallest else "sufficient set (perhaps not the smallest)"
+    smallest = ", ".join(map(one_line, report.smallest)) or "none needed"
+    lines += ["", f"adding the most informative next: {added or 'nothing'}", f"{kind}: {smallest}"]
+    return "\n".join(lines) + "\n"

@@ -15,7 +15,8 @@ from rich.table import Table
 from rich.text import Text
 
 from echelon.cli.destination import Destination
-from echelon.cli.screen import say_time, show, steps
+from echelon.cli.screen import say_time, say_written, show, steps
+from echelon.cli.terminal import plain_table, print_findings
 from echelon.errors import one_line
 from echelon.excite.excite import exciting_trajectory, judged_trajectory
 from echelon.excite.exciting_trajectory import ExcitingTrajectory
@@ -25,7 +26,6 @@ from echelon.excite.files.write_trajectory import design_to_json, trajectory_con
 from echelon.excite.problem.prior_model import information_of_logs
 from echelon.excite.problem.task import UNCHECKED, task_of
 from echelon.excite.problem.task import changed as changed_entry
-from echelon.logs.finding import Severity
 from echelon.report.preview import preview_html
 from echelon.setup.setup import load_setup
 
@@ -97,8 +97,7 @@ def _say(found: ExcitingTrajectory, paths: Sequence[Path], started: float, *, as
         show(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
         return
     print_trajectory(found)
-    if paths:
-        show(f"wrote {', '.join(map(str, paths))}")
+    say_written(paths)
     say_time(started)
 
 
@@ -112,9 +111,7 @@ def print_trajectory(found: ExcitingTrajectory) -> None:
     """Print what a user needs to know before opening the preview."""
     console = Console()
     console.print(Text(_headline(found), style="bold"))
-    for finding in found.findings:
-        style = "yellow" if finding.severity is Severity.WARNING else "dim"
-        console.print(Text(f"{finding.severity.value}: {one_line(str(finding))}", style=style))
+    print_findings(console, found.findings)
     console.print(_limits(found))
     if found.starts:
         console.print(Text(_starts(found)))
@@ -141,9 +138,7 @@ def _headline(found: ExcitingTrajectory) -> str:
 
 
 def _limits(found: ExcitingTrajectory) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for column in ("limit", "reaches", "allowed", "margin", "unit"):
-        table.add_column(column, justify="left" if column in ("limit", "unit") else "right", overflow="fold")
+    table = plain_table("limit", "reaches", "allowed", "margin", "unit", left=("limit", "unit"))
     nearest = sorted(found.margins, key=lambda margin: margin.relative)
     for margin in nearest[:_LIMITS]:
         style = "" if margin.kept else "bold red"

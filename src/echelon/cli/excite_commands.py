@@ -12,8 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from echelon.choices import Family, Optimality
-from echelon.cli.app import app
-from echelon.cli.options import AsJson, Force, reads_robot
+from echelon.cli.app import AsJson, Force, app, reads_robot
 
 
 class SampleFormat(StrEnum):

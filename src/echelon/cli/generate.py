@@ -12,9 +12,9 @@ from typing import Any
 
 from echelon.base.derive import base_parameters
 from echelon.base.model import BaseModel
+from echelon.cli.app import reading
 from echelon.cli.destination import Destination
-from echelon.cli.options import reading
-from echelon.cli.screen import json_text, say_time, show, steps
+from echelon.cli.screen import json_text, say_time, say_written, show, steps
 from echelon.codegen import FROM_FILE, Source, generate_source, operation_counts, operations_text
 from echelon.errors import CertificateError, InputError, one_line
 from echelon.exact.numbers import parse_decimal
@@ -51,7 +51,7 @@ def run_generate(
         return
     for function in source.functions:
         show(f"{function.name}: {operations_text(function)}")
-    show(f"wrote {', '.join(map(str, paths))}")
+    say_written(paths)
     say_time(started)
 
 

@@ -1,4 +1,4 @@
-"""The ``identify`` command."""
+"""The ``identify`` command; of robots whose joints are servos, an output-error fit of positions."""
 
 from __future__ import annotations
 
@@ -10,18 +10,21 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from echelon.cli.destination import Destination
-from echelon.cli.screen import json_text, say_time, show, steps
+from echelon.cli.screen import json_text, say_time, say_written, show, steps
+from echelon.cli.terminal import print_identification, print_servos
 from echelon.errors import InputError
 from echelon.identification.identify import identify
+from echelon.identification.servos.servo_fit import fit_servos
 from echelon.identification.servos.servo_start import servo_joints
-from echelon.setup.setup import load_setup
+from echelon.results.identified import servo_document, servo_to_json
+from echelon.setup.setup import Setup, load_setup
 
 if TYPE_CHECKING:
     from echelon.identification.result import Identification
-    from echelon.setup.setup import Setup
+
 
 NO_CODE = "none"
-MODEL, REPORT = "model.json", "report.html"
+MODEL, REPORT, SERVOS = "model.json", "report.html", "servos.json"
 
 
 def run_identify(
@@ -45,7 +48,7 @@ def run_identify(
     setup = load_setup(setup_file, prior=prior, **read)
     setup = replace(setup, seed=changed.pop("seed", setup.seed)).with_settings(**changed)
     if servo_joints(setup.mechanism):
-        from echelon.cli.servos import run_servos
+        from echelon.cli.identify import run_servos
 
         return run_servos(setup, [*logs, *validate], output, as_json=as_json)
     with steps() as step, _cluster(dask) as client:
@@ -58,11 +61,8 @@ def run_identify(
 
         show(json_text({**json.loads(identification_to_json(result)), "files": [str(path) for path in paths]}))
         return result.reasons
-    from echelon.cli.terminal import print_identification
-
     print_identification(result)
-    if paths:
-        show(f"wrote {', '.join(map(str, paths))}")
+    say_written(paths)
     say_time(started)
     return result.reasons
 
@@ -104,3 +104,18 @@ def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
         values = dict(zip(names, map(float, result.values), strict=True))
         files |= generate(result.base, target, name="model", parameters=values)
     return files
+
+
+def run_servos(setup: Setup, logs: Sequence[Path], output: Destination | None, *, as_json: bool) -> tuple[str, ...]:
+    """Fit, write the model, and print the summary; why the model should not be used."""
+    if output is not None:
+        output.check((SERVOS,))
+    with steps() as step:
+        fit = fit_servos(setup, tuple(logs), on_step=step)
+    paths = [] if output is None else output.write_into({SERVOS: servo_to_json(fit)})
+    if as_json:
+        show(json_text({**servo_document(fit), "files": [str(path) for path in paths]}))
+        return fit.reasons
+    print_servos(fit)
+    say_written(paths)
+    return fit.reasons

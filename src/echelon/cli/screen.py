@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from time import perf_counter
 
 import typer
@@ -39,6 +40,12 @@ def visible(text: str) -> str:
 def json_text(record: object) -> str:
     """A record as JSON text that ends with a line break."""
     return json.dumps(record, indent=1, ensure_ascii=False) + "\n"
+
+
+def say_written(paths: Iterable[Path]) -> None:
+    """Print which files were written, if any were."""
+    if written := ", ".join(map(str, paths)):
+        show(f"wrote {written}")
 
 
 def say_time(started: float) -> None:

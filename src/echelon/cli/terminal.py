@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -14,10 +15,12 @@ from echelon.base.display import classification_rows, facts, headline, legend
 from echelon.base.model import BaseModel
 from echelon.conventions import PARAMETERS
 from echelon.errors import one_line
-from echelon.logs.finding import Severity, counted
+from echelon.logs.finding import Finding, Severity, counted
 
 if TYPE_CHECKING:
+    from echelon.identification.estimators.estimate import Estimate
     from echelon.identification.result import Identification
+    from echelon.identification.servos.servo_fit import ServoFit
     from echelon.identification.validation import Score, Validation
 
 _COLOURS = {
@@ -61,18 +64,51 @@ def _classification(model: BaseModel) -> Table:
 
 def print_identification(result: Identification) -> None:
     """Print what a user needs to know before opening the report."""
-    console = Console()
+    console, estimate = Console(), result.estimate
     console.print(Text(_headline(result), style="bold"))
-    for finding in result.findings:
-        style = "yellow" if finding.severity is Severity.WARNING else "dim"
-        console.print(Text(f"{finding.severity.value}: {one_line(str(finding))}", style=style))
+    print_findings(console, result.findings)
     for validation in result.pooled:
         console.print(_scores(validation))
-    console.print(_parameters(result))
+    console.print(_parameters(result.base, estimate, float(result.settings.get("level", 0.95))))
     console.print(Text(_conditioning(result)))
     if result.feasibility is not None:
         console.print(Text(result.feasibility.evidence))
     console.print(Text(result.verdict, style="bold"))
+
+
+def print_servos(fit: ServoFit) -> None:
+    """Print what a fit of servos found."""
+    console = Console()
+    headline = f"{one_line(fit.base.mechanism.name)}: {fit.base.rank} parameters from positions and commands"
+    console.print(Text(headline, style="bold"))
+    for reason in fit.reasons:
+        console.print(Text(f"do not use it: {one_line(reason)}", style="bold red"))
+    print_findings(console, fit.findings)
+    for title, scores in (("fitted rows", fit.fitted), ("rows the fit did not see", fit.held_out)):
+        table = plain_table("joint", "rms", "R²", "R² of the lag", left=("joint",), title=title)
+        for score in scores:
+            table.add_row(Text(one_line(score.joint)), f"{score.rms:.2g}", f"{score.r2:.5f}", f"{score.lag_r2:.4f}")
+        if scores:
+            console.print(table)
+    console.print(_parameters(fit.base, fit.estimate, 0.95))
+    console.print(Text(f"commands come {1e3 * fit.delay:.1f} ± {2e3 * fit.delay_std:.1f} ms late"))
+    for sentence in fit.hidden:
+        console.print(Text(f"hidden: {one_line(sentence)}", style="yellow"))
+
+
+def print_findings(console: Console, findings: Sequence[Finding]) -> None:
+    """Print findings, warnings in colour."""
+    for finding in findings:
+        style = "yellow" if finding.severity is Severity.WARNING else "dim"
+        console.print(Text(f"{finding.severity.value}: {one_line(str(finding))}", style=style))
+
+
+def plain_table(*columns: str, left: Sequence[str], title: str = "") -> Table:
+    """A table without lines: numbers stand at the right, the columns that are named at the left."""
+    table = Table(title=Text(title) if title else None, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for column in columns:
+        table.add_column(column, justify="left" if column in left else "right", overflow="fold")
+    return table
 
 
 def _headline(result: Identification) -> str:
@@ -82,16 +118,10 @@ def _headline(result: Identification) -> str:
 
 
 def _scores(validation: Validation) -> Table:
-    table = Table(
-        title=Text(f"{validation.role}: {one_line(validation.source)}"),
-        title_justify="left",
-        box=None,
-        padding=(0, 2, 0, 0),
-    )
     beside = {"prior": validation.prior_scores, "no friction": validation.plain_scores}
     models = [name for name, scores in beside.items() if scores]
-    for column in ("output", "rms", "% of range", "R²", "moving", "unfiltered", *models):
-        table.add_column(column, justify="left" if column == "output" else "right")
+    columns = ("output", "rms", "% of range", "R²", "moving", "unfiltered", *models)
+    table = plain_table(*columns, left=("output",), title=f"{validation.role}: {one_line(validation.source)}")
     for k, score in enumerate(validation.scores):
         cells = [Text(one_line(score.output)), _rms(score), _number(score.percent, 2)]
         r2 = [score.r2, score.moving.r2, score.raw.r2, *(beside[name][k].r2 for name in models)]
@@ -109,17 +139,14 @@ def _number(value: float, digits: int) -> Text:
     )
 
 
-def _parameters(result: Identification) -> Table:
-    level = float(result.settings.get("level", 0.95))
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for column in ("base parameter", "value", f"{level:.0%} interval", "unit"):
-        table.add_column(column, justify="right" if column == "value" else "left", overflow="fold")
-    estimate = result.estimate
-    rows = zip(result.base.expressions, estimate.values, estimate.interval(level), estimate.units, strict=True)
+def _parameters(base: BaseModel, estimate: Estimate, level: float) -> Table:
+    interval = f"{level:.0%} interval"
+    table = plain_table("base parameter", "value", interval, "unit", left=("base parameter", interval, "unit"))
+    rows = zip(base.expressions, estimate.values, estimate.interval(level), estimate.units, strict=True)
     for expression, value, (low, high), unit in list(rows)[:_PARAMETERS]:
         table.add_row(Text(str(expression)), f"{value:.5g}", f"{low:.4g} … {high:.4g}", unit)
-    if result.base.rank > _PARAMETERS:
-        table.add_row(Text(f"… and {result.base.rank - _PARAMETERS} more"), "", "", "")
+    if base.rank > _PARAMETERS:
+        table.add_row(Text(f"… and {base.rank - _PARAMETERS} more"), "", "", "")
     return table
 
 

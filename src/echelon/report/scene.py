@@ -21,8 +21,8 @@ from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.stated import known_values
 from echelon.regressor.loops.assembly import Assembly
+from echelon.report.drawing import Pose, joint_axes, pose_at, positions_of, widest_view
 from echelon.report.page import Context, packed
-from echelon.report.pose import Pose, joint_axes, pose_at, positions_of, widest_view
 
 _RATE = 30.0
 """Pictures per second; fewer where a page would become too large.  Between them a script interpolates."""

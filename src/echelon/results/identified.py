@@ -1,4 +1,4 @@
-"""Identified models as JSON: everything needed to use a fitted model and to repeat the run."""
+"""Identified models, and fits of servos, as JSON: everything needed to use them and to repeat the run."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from echelon.identification.estimators.estimate import Estimate
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.result import Identification
 from echelon.identification.rows.plan import Plan
+from echelon.identification.servos.servo_fit import ServoFit
 from echelon.identification.validation import Score, Validation
 from echelon.inputs.content import read_content
 from echelon.inputs.json_text import parse_json
@@ -234,3 +235,37 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def servo_document(fit: ServoFit, level: float = 0.95) -> dict[str, Any]:
+    """All of a fit as JSON-able data of schema ``echelon.servos/1``; equal runs give equal data."""
+    estimate = fit.estimate
+    rows = zip(
+        estimate.parameters, estimate.units, estimate.values, estimate.std, estimate.interval(level), strict=True
+    )
+    return {
+        "schema": "echelon.servos/1",
+        "echelon": __version__,
+        "robot": fit.base.mechanism.name,
+        "logs": list(fit.logs),
+        "seed": fit.base.seed,
+        "converged": fit.converged,
+        "reasons": list(fit.reasons),
+        "level": level,
+        "parameters": [
+            {"name": name, "unit": unit, "value": float(value), "std": float(std), "interval": interval.tolist()}
+            for name, unit, value, std, interval in rows
+        ],
+        "delay": {"value": fit.delay, "std": fit.delay_std, "unit": "s"},
+        "noise": dict(zip(estimate.outputs, map(float, estimate.noise), strict=True)),
+        "hidden": list(fit.hidden),
+        "fitted": [asdict(score) for score in fit.fitted],
+        "held_out": [asdict(score) for score in fit.held_out],
+        "findings": [str(finding) for finding in fit.findings],
+        "base": to_dict(fit.base),
+    }
+
+
+def servo_to_json(fit: ServoFit) -> str:
+    """The same as text."""
+    return json.dumps(servo_document(fit), indent=1, ensure_ascii=False, allow_nan=False) + "\n"

@@ -12,14 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from echelon.errors import InputError
+from echelon.logs.columns.by_values import with_units
 from echelon.logs.columns.column_guess import guess
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.columns.conversion import needed_columns
-from echelon.logs.columns.guessed_units import with_units
 from echelon.logs.files.log_file import LogFile, Table
 from echelon.logs.files.open_log import log_paths
-from echelon.logs.joined_log import opened
-from echelon.logs.read_log import first_table
+from echelon.logs.read_log import first_table, opened
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.setup import Setup, load_setup, with_usual
 

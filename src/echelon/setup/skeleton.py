@@ -16,15 +16,14 @@ from pathlib import Path
 from echelon.errors import InputError
 from echelon.formats.robot_file import RobotFile, open_robot
 from echelon.inputs.yaml_text import dump_flow
+from echelon.logs.columns.by_values import with_units
 from echelon.logs.columns.column_guess import Guess, guess
 from echelon.logs.columns.column_map import Channel
 from echelon.logs.columns.conversion import needed_columns
-from echelon.logs.columns.guessed_units import with_units
 from echelon.logs.files.log_file import LogFile, Table
 from echelon.logs.files.open_log import log_paths
 from echelon.logs.finding import Severity, counted, listed
-from echelon.logs.joined_log import opened
-from echelon.logs.read_log import first_table, read_log
+from echelon.logs.read_log import first_table, opened, read_log
 from echelon.mechanism.mechanism import Mechanism
 from echelon.setup.logs import joined
 from echelon.setup.setup import load_setup

@@ -4,17 +4,26 @@ A family has a column for every coordinate.  Positions are the family whose deri
 integrated over windows instead of differentiating positions, so that noise and resolution count for little.  Without
 velocities, positions are much smoother than what is measured of forces.  Of two that follow one another the smoother
 one is the reference, and what is left are outputs, if it is one family.
+
+Units are those that magnitudes ask for: a wrong one is an error of a factor of 57 or 1000, and robots differ by less.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from echelon.arrays import Floats
+from echelon.logs.columns.column_map import Channel, ColumnMap, motion_of
+from echelon.logs.columns.units import factor
+from echelon.logs.files.log_file import Table
+from echelon.logs.finding import Finding, note, warning
+from echelon.mechanism.joint import MotionKind
+from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.clock import nominal_period
 
 _WINDOWS = 200
@@ -28,8 +37,7 @@ _SMOOTHER = 1.5
 """Ratio of the steps of two families, in units of their spread, from which on one is smoother than the other."""
 _FORWARD = 0.999
 _UNIFORM = 0.25
-_PERIODS = (5e-5, 0.2)
-_CLOCK_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+PERIODS = (5e-5, 0.2)  # s, between samples of a robot
 
 
 @dataclass(frozen=True)
@@ -108,9 +116,13 @@ def _has_other(columns: Mapping[str, Floats], names: Sequence[str], counter: str
 
 def clock_unit(times: Floats) -> str:
     """The unit in which time stamps make a rate at which robots are logged; empty for seconds."""
-    period = nominal_period(times[np.isfinite(times)])
-    fitting = [unit for unit, size in _CLOCK_UNITS.items() if _PERIODS[0] <= period * size <= _PERIODS[1]]
+    fitting = fitting_units(nominal_period(times[np.isfinite(times)]))
     return "" if not fitting or fitting[0] == "s" else fitting[0]
+
+
+def fitting_units(period: float) -> list[str]:
+    """Units of time stamps that are so far apart in which that is a rate at which robots are logged."""
+    return [unit for unit in ("s", "ms", "us", "ns") if PERIODS[0] <= period * factor(unit, "s") <= PERIODS[1]]
 
 
 def classified(
@@ -205,3 +217,55 @@ def _smoothest(values: Sequence[Floats]) -> int | None:
     first, *others = (int(k) for k in np.argsort(rough))
     rivals = [k for k in others if not _alike(values[first], values[k])]
     return first if rivals and rough[rivals[0]] > _SMOOTHER * rough[first] else None
+
+
+TURNS = 4 * math.pi  # rad, beyond which hardly any joint goes
+DEGREES = 720.0  # beyond which angles are no degrees of a joint either
+_ROUGHLY = 0.05
+
+
+def with_units(columns: ColumnMap, table: Table, mechanism: Mechanism) -> tuple[ColumnMap, tuple[Finding, ...]]:
+    """Guessed columns with the units that their magnitudes ask for, and what was assumed."""
+    notes: list[Finding] = []
+    time = columns.time
+    if time is not None and not time.unit and time.column in table.columns:
+        unit = clock_unit(table.columns[time.column])
+        if unit:
+            text = f"the time '{time.column}' is taken to be in {unit}: in seconds no robot would be logged so slowly"
+            notes.append(note("units", table.source, text))
+        time = replace(time, unit=unit)
+    turning = {name: some for name, some in columns.positions.items() if _turns(mechanism, name)}
+    far = [np.nanmax(np.abs(table.columns[some.column]), initial=0.0) for some in turning.values()]
+    plain = turning and not any(some.unit for some in turning.values())
+    positions = columns.positions
+    if plain and 2 * sum(size > TURNS for size in far) > len(far) and max(far) <= DEGREES:
+        positions = {**positions, **{name: replace(some, unit="deg") for name, some in turning.items()}}
+        text = f"positions up to {max(far):.4g} are taken to be in degrees"
+        notes.append(warning("units", table.source, text))
+    guessed = replace(columns, time=time, positions=positions)
+    return replace(guessed, velocities=_with_rates(guessed, table, mechanism)), tuple(notes)
+
+
+def _turns(mechanism: Mechanism, name: str) -> bool:
+    motion = motion_of(mechanism, name)
+    return motion is not None and motion.kind is MotionKind.ROTATION
+
+
+def _with_rates(columns: ColumnMap, table: Table, mechanism: Mechanism) -> dict[str, Channel]:
+    """Velocities in deg/s where they are to positions as degrees are to radians."""
+    found = dict(columns.velocities)
+    times = None if columns.time is None else table.columns.get(columns.time.column)
+    for name, channel in columns.velocities.items():
+        position = columns.positions.get(name)
+        if channel.unit or position is None or times is None or not _turns(mechanism, name):
+            continue
+        q, v = table.columns[position.column] * factor(position.unit, "rad"), table.columns[channel.column]
+        if len(q) != len(v) or len(q) != len(times):
+            continue
+        step = np.diff(times) * factor(columns.time.unit if columns.time else "", "s")
+        moved, area = np.diff(q), 0.5 * (v[1:] + v[:-1]) * step
+        usable = np.isfinite(moved) & np.isfinite(area)
+        ratio = np.linalg.norm(area[usable]) / max(float(np.linalg.norm(moved[usable])), 1e-300)
+        if abs(ratio * math.pi / 180 - 1) < _ROUGHLY:
+            found[name] = replace(channel, unit="deg/s")
+    return found

@@ -12,9 +12,8 @@ from difflib import get_close_matches
 from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.logs.columns.by_values import Family, blocks, classified, clock, families
-from echelon.logs.columns.column_map import Channel, ColumnMap
+from echelon.logs.columns.column_map import Channel, ColumnMap, actuators, coordinates, units
 from echelon.logs.columns.column_names import Meaning, aliases, meaning, words
-from echelon.logs.columns.quantities import actuators, coordinates, units
 from echelon.logs.columns.units import factor
 from echelon.logs.files.log_file import Table
 from echelon.logs.finding import listed

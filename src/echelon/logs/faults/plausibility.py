@@ -21,8 +21,8 @@ import numpy as np
 
 from echelon.arrays import Flags, Floats
 from echelon.errors import InputError
-from echelon.logs.columns.column_map import Channel, ColumnMap
-from echelon.logs.columns.quantities import WRAP, Series, motion_of, series
+from echelon.logs.columns.by_values import DEGREES, TURNS, fitting_units
+from echelon.logs.columns.column_map import WRAP, Channel, ColumnMap, Series, motion_of, series
 from echelon.logs.columns.units import factor
 from echelon.logs.finding import Finding, listed, warning
 from echelon.logs.recording import Recording
@@ -32,10 +32,7 @@ from echelon.mechanism.placement import Placement
 from echelon.mechanism.stated import known_values
 from echelon.signals.clock import GAP, nominal_period
 
-_PERIODS = (5e-5, 0.2)
 _ODD_PERIODS = (2e-5, 0.5)
-_TURNS = 4 * math.pi
-_DEGREES = 720.0
 _LITTLE_ANGLE = 2 * math.pi**2 / 180
 _LONG = 20.0
 _LITTLE_LENGTH = 1e-3
@@ -111,7 +108,7 @@ def _check_time(recording: Recording, columns: ColumnMap) -> list[Finding]:
         return []
     channel = columns.time or Channel("")
     raw = period / factor(channel.unit, "s")
-    units = [u for u in ("s", "ms", "us", "ns") if _PERIODS[0] <= raw * factor(u, "s") <= _PERIODS[1]]
+    units = fitting_units(raw)
     text = f"by its time stamps the log has a sample every {period:.4g} s"
     if columns.time is not None and not channel.unit and units:
         unit = units[0]
@@ -156,14 +153,14 @@ def _unstated(channels: Mapping[str, Channel], name: str) -> bool:
 
 
 def _check_angles(recording: Recording, turning: Sequence[Series], stated: Mapping[str, Channel]) -> list[Finding]:
-    far = [channel for channel in turning if _largest(channel) > _TURNS and _unstated(stated, channel.name)]
+    far = [channel for channel in turning if _largest(channel) > TURNS and _unstated(stated, channel.name)]
     if far:
         most = max(map(_largest, far))
         names = listed(f"'{channel.name}'" for channel in far)
         text = f"{names}: angles up to {most:.4g} rad are {most / math.tau:.3g} turns"
         text += (
             ": are they in degrees (unit: deg)?"
-            if most <= _DEGREES
+            if most <= DEGREES
             else ": are they encoder counts (scale), or those of motors (state actuators and name these)?"
         )
         if len(far) > 1 and 2 * len(far) > len(turning):

@@ -1,4 +1,4 @@
-"""Named arrays as the columns of a log, and NumPy's files of them: archives (NPZ) and single arrays (NPY).
+"""Named arrays as the columns of a log: NumPy's archives (NPZ) and single arrays (NPY), and samples in memory.
 
 Nothing in such a file says which axis is time, or which arrays belong to the log at all.  The log has as many rows as
 most of its arrays are long: a log has more rows than columns.  They lie along the first axis, or along the second where
@@ -6,10 +6,15 @@ only that is as long.  Arrays of another length are constants or settings.
 
 Names and shapes come from the headers of an archive's members, so that only the arrays that are asked for are read.
 Pickled objects are never loaded: they can run code.
+
+Samples in memory are a dict of arrays, or a data frame of pandas or polars.  Logs are handed on as paths, to other
+processes as well, and so are these: as paths that name no file but carry the samples.  A path's name tells what they
+are by their content, so that equal samples make equal results.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
 import zipfile
 from collections import Counter
@@ -19,7 +24,7 @@ from functools import partial
 from itertools import product
 from math import prod
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +33,12 @@ from echelon.arrays import Floats
 from echelon.errors import InputError
 from echelon.inputs.content import ARRAY_COLUMNS, COLUMNS, check_unpacked
 from echelon.logs.files.log_file import CHUNK, Table, decoding, existing_file, selected
+
+if TYPE_CHECKING:
+    _Path = Path
+else:
+    _Path = type(Path())  # before Python 3.12 only the system's own kind of path can be extended
+
 
 _ENDING = ".npy"
 _KIND = "a NumPy file"
@@ -254,3 +265,69 @@ def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     else:
         raise ValueError(f"version {version[0]}.{version[1]} of the format is not known")
     return shape, kind
+
+
+def is_samples(log: object) -> bool:
+    """Whether something is a dict of arrays or a data frame."""
+    return isinstance(log, Mapping) or (hasattr(log, "columns") and hasattr(log, "shape"))
+
+
+class MemoryLog(_Path):
+    """A path that names no file but carries samples."""
+
+    arrays: Mapping[str, npt.NDArray[Any]]
+
+    @classmethod
+    def of(cls, samples: Any) -> MemoryLog:
+        """Samples with a name made from their content."""
+        arrays = {str(name): _plain(values) for name, values in _by_name(samples).items()}
+        digest = hashlib.sha256()
+        for name, values in arrays.items():
+            digest.update(name.encode() + str(values.shape).encode())
+            digest.update(np.ascontiguousarray(values).tobytes() if values.dtype != object else b"")
+        return cls.named(f"samples {digest.hexdigest()[:8]}", arrays)
+
+    @classmethod
+    def named(cls, name: str, arrays: Mapping[str, npt.NDArray[Any]]) -> MemoryLog:
+        """Samples under a name."""
+        log = cls(name)
+        log.arrays = arrays
+        return log
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return MemoryLog.named, (str(self), self.arrays)
+
+    def file(self) -> ArrayFile:
+        """The samples, opened for reading."""
+        arrays = [NamedArray(name, some.shape, some.dtype, some.view) for name, some in self.arrays.items()]
+        return ArrayFile(self, "samples", arrays, {}, str(self))
+
+
+def _by_name(samples: Any) -> dict[str, Any]:
+    """Columns of a dict, of a table, or of a data frame with what its index says of time."""
+    if isinstance(samples, Mapping):
+        return dict(samples)
+    if hasattr(samples, "column_names"):  # a table of pyarrow
+        return {name: samples.column(name).to_numpy() for name in samples.column_names}
+    columns = {str(name): samples[name].to_numpy() for name in samples.columns}
+    if len(columns) < len(samples.columns):
+        raise InputError("two columns of the data frame have the same name")
+    index = getattr(samples, "index", None)
+    if index is not None and type(index).__name__ != "RangeIndex" and index.nlevels == 1:
+        columns.setdefault(str(index.name or "time"), index.to_numpy())
+    return columns
+
+
+def _plain(values: Any) -> npt.NDArray[Any]:
+    """Numbers as they are, vectors in rows as matrices, and times in seconds from the whole second of the first one."""
+    array = np.asarray(values)
+    if array.dtype == object and len(array) and np.ndim(array[0]) == 1:
+        try:
+            array = np.stack([np.asarray(row, dtype=float) for row in array])
+        except (ValueError, TypeError):
+            return array
+    if array.dtype.kind not in "mM":
+        return array
+    whole = array[:1].astype("M8[s]") if array.dtype.kind == "M" else np.zeros(1, "m8[s]")
+    spans = (array - whole.astype(array.dtype)).astype("m8[ns]")
+    return np.where(np.isnat(spans), np.nan, spans.astype(np.int64) / 1e9)

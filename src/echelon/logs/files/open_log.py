@@ -21,8 +21,7 @@ from echelon.logs.files.hdf5_file import Hdf5File
 from echelon.logs.files.lerobot import episodes, is_dataset, is_episode
 from echelon.logs.files.log_file import LogFile, Table, existing_file
 from echelon.logs.files.mat_file import MatFile
-from echelon.logs.files.memory_log import MemoryLog, is_samples
-from echelon.logs.files.numpy_file import NpzFile
+from echelon.logs.files.numpy_file import MemoryLog, NpzFile, is_samples
 
 _METADATA = "metadata.yaml"
 

@@ -17,7 +17,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.errors import InputError, locating
 from echelon.formats.schema.schema_log import PreparationEntry
-from echelon.logs.columns.quantities import quaternion_columns, signal_names
+from echelon.logs.columns.column_map import quaternion_columns, signal_names
 from echelon.logs.preparation.prepare import rubs, speed_rows
 from echelon.logs.preparation.settings import Preparation
 from echelon.logs.preparation.states import states_cutoff, usable, velocity_names

@@ -14,7 +14,7 @@ import numpy as np
 
 from echelon.arrays import Flags, Floats, Integers
 from echelon.errors import InputError, locating
-from echelon.logs.columns.quantities import SIGNALS, WRAP, angle_columns, quaternion_columns, signal_names
+from echelon.logs.columns.column_map import SIGNALS, WRAP, angle_columns, quaternion_columns, signal_names
 from echelon.logs.finding import Finding, counted, note, seconds, warning
 from echelon.logs.recording import Recording, Segment
 from echelon.mechanism.mechanism import Mechanism

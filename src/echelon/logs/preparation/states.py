@@ -17,7 +17,7 @@ import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.logs.columns.quantities import motion_of, quaternion_columns, signal_names
+from echelon.logs.columns.column_map import motion_of, quaternion_columns, signal_names
 from echelon.logs.preparation.settings import Preparation
 from echelon.logs.recording import Segment
 from echelon.mechanism.joint import MotionKind
