@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import echelon as ec
 from echelon.base.symbolic import SymbolicRegressor
-from echelon.claims.witness import random_states
+from echelon.claims.audit import random_states
 from echelon.cli.commands import app
 from echelon.errors import ClosedFormError, InputError
 from echelon.mechanism.joint import rotation

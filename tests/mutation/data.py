@@ -46,7 +46,7 @@ FAULTS = (
         GUESS,
     ),
     Fault(
-        "logs/files/hdf5_file.py",
+        "logs/files/mat_file.py",
         "stored.T if file.userblock_size else stored",
         "stored",
         "order of MATLAB's axes",
@@ -66,7 +66,7 @@ FAULTS = (
         "angles of Pinocchio's frames",
         "formats/test_robot_sources.py",
     ),
-    Fault("logs/columns/units.py", '"deg": _Unit(_PI / 180', '"deg": _Unit(_PI / 200', "degrees", UNITS),
+    Fault("logs/columns/units.py", 'degrees °": _PI / 180', 'degrees °": _PI / 200', "degrees", UNITS),
     Fault("logs/columns/units.py", "sign = -1 if operator", "sign = 1 if operator", "quotients of units", UNITS),
     Fault(
         "logs/columns/conversion.py",

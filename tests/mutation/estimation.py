@@ -170,7 +170,7 @@ FAULTS = (
         AUDIT,
     ),
     Fault(
-        "claims/witness.py",
+        "claims/audit.py",
         "= -self.b[:, column]",
         "= self.b[:, column]",
         "witnesses",

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import echelon as ec
-from echelon.claims.witness import random_states
+from echelon.claims.audit import random_states
 from echelon.exact.polynomial import Polynomial
 from echelon.mechanism.body import GROUND
 from echelon.mechanism.effect import Action, Effect, Side

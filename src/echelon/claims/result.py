@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from enum import Enum
 from typing import Any
@@ -229,7 +229,8 @@ def _proof(finding: Finding) -> list[str]:
 
 def _blindness(missing: Missing) -> list[str]:
     witness = missing.witness
-    state = ", ".join(f"{name} = {_numbers(values)}" for name, values in witness.state.items())
+    shown = {name: ", ".join(f"{value + 0.0:.4g}" for value in values) for name, values in witness.state.items()}
+    state = ", ".join(f"{name} = ({text})" for name, text in shown.items())
     outputs = ", ".join(f"{name} by {value:.6g}" for name, value in witness.outputs.items() if value)
     return [
         f"witness: add {_change(witness)}",
@@ -242,10 +243,6 @@ def _change(witness: Witness) -> str:
     change = ", ".join(f"{value:+.6g} to {name}" for name, value in witness.change.items())
     assumed = ", ".join(f"{name} = {value:g}" for name, value in witness.symbols.items())
     return f"{change} (with {assumed})" if assumed else change
-
-
-def _numbers(values: Sequence[float]) -> str:
-    return "(" + ", ".join(f"{value + 0.0:.4g}" for value in values) + ")"
 
 
 def _data(audit: Audit) -> dict[str, Any]:

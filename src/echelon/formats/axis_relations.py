@@ -185,7 +185,8 @@ class _Pair:
         """The joint's place in its parent, exactly on the axis before it if it is meant to be."""
         if not any(m.kind in _TURNS and m.axis == self.motion.axis for m in self.body.joint.motions):
             return self.leading.translation  # where a slide is makes no difference
-        place = tuple(a + b for a, b in zip(self.trailing.translation, self._moved(), strict=True))
+        moved = rotate(self.trailing.rotation, self.leading.translation)
+        place = tuple(a + b for a, b in zip(self.trailing.translation, moved, strict=True))
         direction = tuple(row[self.motion.axis] for row in rotation)
         i, j = (self.axis + 1) % 3, (self.axis + 2) % 3
         p, d = (np.array([snapping.numeric(entry) for entry in v]) for v in (place, direction))
@@ -209,9 +210,6 @@ class _Pair:
         met = tuple(a + step * b for a, b in zip(along, direction, strict=True))
         x, y, z = (a - b for a, b in zip(met, self.trailing.translation, strict=True))
         return rotate(transpose(self.trailing.rotation), (x, y, z))
-
-    def _moved(self) -> Vector:
-        return rotate(self.trailing.rotation, self.leading.translation)
 
 
 def _pair(bodies: Sequence[Body], body: Body, down: _Down | None) -> _Pair | None:

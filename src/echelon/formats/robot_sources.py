@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator
 from contextlib import redirect_stdout
 from importlib import import_module
 from math import atan2, hypot
@@ -102,7 +101,7 @@ def content_of(path: Path) -> bytes:
 
 def _mjcf(model: Any) -> Element:
     """A compiled model with the bodies, joints, inertias and equalities that it has."""
-    root = Element("mujoco", model=_stem(model.names))
+    root = Element("mujoco", model=model.names.split(b"\0")[0].decode() or "robot")
     SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
     SubElement(root, "option", gravity=_row(model.opt.gravity))
     elements = {0: SubElement(root, "worldbody")}
@@ -152,10 +151,6 @@ def _body_name(model: Any, k: int) -> str:
     return str(model.body(k).name or (f"body{k}" if k else "world"))
 
 
-def _stem(names: bytes) -> str:
-    return names.split(b"\0")[0].decode() or "robot"
-
-
 def _row(numbers: Any) -> str:
     return " ".join(map(repr, np.asarray(numbers, dtype=float).ravel().tolist()))
 
@@ -174,8 +169,9 @@ def _urdf(model: Any) -> Element:
             inertial = SubElement(link, "inertial")
             SubElement(inertial, "origin", xyz=_row(inertia.lever))
             SubElement(inertial, "mass", value=repr(float(inertia.mass)))
-            entries = (f"i{'xyz'[i]}{'xyz'[j]}" for i in range(3) for j in range(i, 3))
-            SubElement(inertial, "inertia", dict(zip(entries, map(repr, _upper(inertia.inertia)), strict=True)))
+            upper = [(i, j) for i in range(3) for j in range(i, 3)]
+            moments = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(inertia.inertia[i, j])) for i, j in upper}
+            SubElement(inertial, "inertia", moments)
         joint = SubElement(root, "joint", name=name)
         parent = model.parents[k]
         SubElement(joint, "parent", link=f"{model.names[parent]}_link" if parent else "universe")
@@ -207,10 +203,6 @@ def _urdf_motion(joint: Element, model: Any, k: int) -> None:
         limits = {"lower": model.lowerPositionLimit[q], "upper": model.upperPositionLimit[q]}
         limits |= {"effort": model.effortLimit[v], "velocity": model.velocityLimit[v]}
         SubElement(joint, "limit", {name: _row(value) for name, value in limits.items()})
-
-
-def _upper(matrix: Any) -> Iterator[float]:
-    return (float(matrix[i, j]) for i in range(3) for j in range(i, 3))
 
 
 def _angles(rotation: Any) -> list[float]:

@@ -66,13 +66,15 @@ def matrix_picture(base: BaseModel) -> Picture:
     size = next(size for columns, size in _CELLS if len(matrix.parameters) <= columns or columns == _CELLS[-1][0])
     cells = []
     for i, (row, expression) in enumerate(zip(matrix.rows, base.expressions, strict=True)):
-        pivot, whole = matrix.pivots[i], _short(str(expression))
+        pivot, whole = matrix.pivots[i], str(expression)
+        whole = whole if len(whole) <= _WIDEST else f"{whole[:_WIDEST]}…"
         for column, coefficient in sorted(row.items()):
             kind = _kind(coefficient, column == pivot, mechanism.columns[pivot], mechanism.columns[column])
             factor = "1" if column == pivot else _factor(coefficient)
             name = one_line(matrix.parameters[column])
             cells.append(Cell(size * column, size * i, kind, f"{name} × {factor} in {whole}"))
     readable = size >= _READABLE
+    titles = (one_line(p.name) if p.kind is None else PARAMETERS[p.kind] for p in mechanism.columns)
     return Picture(
         size,
         size * len(matrix.parameters),
@@ -81,17 +83,9 @@ def matrix_picture(base: BaseModel) -> Picture:
         _bands(mechanism, matrix.pivots, size),
         tuple(cells),
         tuple(one_line(name) for name in base.pivots) if readable else (),
-        tuple(_column_name(parameter) for parameter in mechanism.columns) if readable else (),
+        tuple(titles) if readable else (),
         {kind: sum(1 for cell in cells if cell.kind == kind) for kind in KINDS},
     )
-
-
-def _column_name(parameter: Parameter) -> str:
-    return one_line(parameter.name) if parameter.kind is None else PARAMETERS[parameter.kind]
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= _WIDEST else f"{text[:_WIDEST]}…"
 
 
 def _factor(coefficient: RationalFunction) -> str:

@@ -14,7 +14,6 @@ from echelon.identification.physics.feasibility import Feasibility
 from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.result import Identification
 from echelon.inertia.convert import convert
-from echelon.mechanism.body import Body
 from echelon.mechanism.mechanism import Mechanism
 from echelon.report.closed_forms import ClosedForms
 from echelon.report.digits import to_place, with_uncertainty
@@ -176,15 +175,11 @@ def _bodies(mechanism: Mechanism, fit: PhysicalFit) -> list[Context]:
                 # smallest eigenvalue of its pseudo-inertia, relative to its scale
                 "margin": fit.margins.get(body.name, fit.margins.get(body.label)),
                 "fitted": _about_centre([own[k] for k in range(PER_BODY)]) if whole else None,
-                "stated": _stated(body),
+                "stated": None if body.inertial is None else _about_centre(list(body.inertial)),
                 "carried": [] if whole else [(PARAMETERS[k], value) for k, value in own.items()],
             }
         )
     return rows
-
-
-def _stated(body: Body) -> list[float] | None:
-    return None if body.inertial is None else _about_centre(list(body.inertial))
 
 
 def _about_centre(standard: list[float]) -> list[float] | None:

@@ -77,13 +77,9 @@ def _packed(trace: Trace, buckets: int) -> dict[str, Any]:
         "samples": len(trace.time),
         "lost": max(e.lost for e in kept.values()),
         "drawn": max(int(np.isfinite(e.values).sum()) for e in kept.values()),
-        "signals": {name: _signal(e, start) for name, e in kept.items()},
+        "signals": {name: [packed(e.time - start), packed(e.values)] for name, e in kept.items()},
         "residual": _residual(trace.time, difference),
     }
-
-
-def _signal(kept: Envelope, start: float) -> list[str]:
-    return [packed(kept.time - start), packed(kept.values)]
 
 
 def _residual(time: Floats, values: Floats) -> dict[str, Any] | None:

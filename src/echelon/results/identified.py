@@ -21,7 +21,6 @@ from echelon.base.model import BaseModel
 from echelon.errors import InputError
 from echelon.files import write_atomically
 from echelon.identification.estimators.estimate import Estimate
-from echelon.identification.physics.fit import PhysicalFit
 from echelon.identification.result import Identification
 from echelon.identification.rows.plan import Plan
 from echelon.identification.servos.servo_fit import ServoFit
@@ -135,11 +134,14 @@ def identification_document(result: Identification) -> dict[str, Any]:
         essential=None if result.essential is None else _estimate(result.essential, result),
         conditioning=record_of(ConditioningRecord, result.conditioning),
         feasibility=None if result.feasibility is None else record_of(FeasibilityRecord, result.feasibility),
-        physical=None if result.physical is None else _physical(result.physical),
+        physical=None
+        if (fit := result.physical) is None
+        else record_of(PhysicalRecord, fit, standard=dict(zip(fit.parameters, fit.standard, strict=True))),
         validations=list(map(_validation, result.validations)),
         logs=_logs(result),
         columns=settings.pop("columns", []),
-        preparation={key: _number_or_text(value) for key, value in result.preparation},
+        # an infinite cut-off, which means no filter, as a word
+        preparation={key: "inf" if value == math.inf else value for key, value in result.preparation},
         settings=settings,
         base=to_dict(result.base),
     )
@@ -183,20 +185,11 @@ def score_record(score: Score) -> dict[str, Any]:
     return found
 
 
-def _physical(fit: PhysicalFit) -> dict[str, Any]:
-    return record_of(PhysicalRecord, fit, standard=dict(zip(fit.parameters, fit.standard, strict=True)))
-
-
 def _logs(result: Identification) -> list[dict[str, Any]]:
     mine = [(source, "identification") for source in result.logs]
     others = [v.source for v in result.validations if v.role == "validation" and v.source not in result.logs]
     mine += [(source, "validation") for source in dict.fromkeys(others)]
     return [{"source": source, "role": role, **_digest(Path(source))} for source, role in mine]
-
-
-def _number_or_text(value: Any) -> Any:
-    """An infinite cut-off, which means no filter, as a word."""
-    return "inf" if isinstance(value, float) and math.isinf(value) else value
 
 
 def _digest(path: Path) -> dict[str, Any]:

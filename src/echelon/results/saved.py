@@ -31,7 +31,7 @@ from echelon.regressor.virtual_power import virtual_power_form
 from echelon.version import __version__
 
 if TYPE_CHECKING:
-    from echelon.results.schema import BaseModelRecord, BaseParameterRecord, NumbersRecord
+    from echelon.results.schema import BaseModelRecord, BaseParameterRecord
 
 
 LINEAR_SCHEMA = "echelon.linear-base/1"
@@ -158,7 +158,9 @@ def _from_record(record: BaseModelRecord, source: str) -> BaseModel:
         rows = tuple(_row(row, column) for row in record.base)
         pivots = tuple(column[row.name] for row in record.base)
         order = tuple(column[name] for name in record.order)
-        numbers = None if record.numbers is None else _read_numbers(record.numbers, column)
+        numbers = None
+        if (stated := record.numbers) is not None:
+            numbers = StatedNumbers(tuple(column[name] for name in stated.parameters), stated.at, stated.radius)
     except KeyError as error:
         raise InputError(f"unknown parameter {error}", source=source, element="base") from None
     except (ValueError, ZeroDivisionError) as error:
@@ -180,10 +182,6 @@ def _row(record: BaseParameterRecord, column: Mapping[str, int]) -> dict[int, Ra
     if len(row) < len(record.terms):
         raise ValueError(f"a parameter occurs twice in {record.name}")
     return row
-
-
-def _read_numbers(record: NumbersRecord, column: Mapping[str, int]) -> StatedNumbers:
-    return StatedNumbers(tuple(column[name] for name in record.parameters), record.at, record.radius)
 
 
 def _check_derived(record: BaseModelRecord, model: BaseModel) -> None:

@@ -384,7 +384,8 @@ def named_frames(model: Any, spec: Any) -> Iterator[LiteralFrame]:
 
 
 def _between_bodies(equality: Any, model: Any, label: str, name: str, kind: ClosureKind) -> LiteralClosure:
-    stated, other = (_body(model, body) for body in (equality.name1, equality.name2))
+    # the second body may be left out, and is the world then
+    stated, other = (int(model.body(name).id) if name else 0 for name in (equality.name1, equality.name2))
     related = None
     if equality_kind(equality) == "weld":
         stated, other = other, stated
@@ -392,8 +393,3 @@ def _between_bodies(equality: Any, model: Any, label: str, name: str, kind: Clos
             related = placements(f"{label} pose", exact_triple(equality.data[_POSITION]), equality.data[_QUATERNION])
     anchor = LiteralPlacement(f"{label} anchor", exact_triple(equality.data[_ANCHOR]))
     return LiteralClosure(label, name, kind, stated, other, (anchor,), related)
-
-
-def _body(model: Any, name: str) -> int:
-    """Index of a body; the second one may be left out and is the world then."""
-    return int(model.body(name).id) if name else 0

@@ -81,16 +81,13 @@ def write_setup(mechanism: Mechanism) -> dict[str, Any]:
     """The keys ``actuators``, ``effects`` and ``outputs``, where there are any."""
     written: dict[str, Any] = {}
     if mechanism.actuators:
-        written["actuators"] = {a.name: _terms(a.terms) for a in mechanism.actuators}
+        ratios = {a.name: {name: expression_text(ratio) for name, ratio in a.terms} for a in mechanism.actuators}
+        written["actuators"] = {name: {"terms": terms} for name, terms in ratios.items()}
     if mechanism.effects:
         written["effects"] = [_effect(effect) for effect in mechanism.effects]
     if mechanism.measured is not None:
         written["outputs"] = [_output(output, mechanism) for output in mechanism.measured]
     return written
-
-
-def _terms(terms: tuple[tuple[str, Polynomial], ...]) -> dict[str, Any]:
-    return {"terms": {name: expression_text(ratio) for name, ratio in terms}}
 
 
 def _effect(effect: Effect) -> dict[str, Any]:
@@ -117,15 +114,12 @@ def _output(output: Output, mechanism: Mechanism) -> dict[str, Any]:
     if len(output.terms) == 1 and weight == 1 and isinstance(channel, ActuatorForce):
         return {"actuator": channel.actuator, "name": output.name}
     summed = [
-        {"joint" if isinstance(c, JointForce) else "actuator": _place(c), "weight": expression_text(w)}
+        ({"joint": c.coordinate} if isinstance(c, JointForce) else {"actuator": c.actuator})
+        | {"weight": expression_text(w)}
         for c, w in output.terms
         if not isinstance(c, Cut)
     ]
     return {"name": output.name, "unit": output.unit, "sum": summed}
-
-
-def _place(channel: JointForce | ActuatorForce) -> str:
-    return channel.coordinate if isinstance(channel, JointForce) else channel.actuator
 
 
 _TYPES = (

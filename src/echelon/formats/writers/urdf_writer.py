@@ -87,7 +87,8 @@ class _Writer:
         if strange is not None:
             raise InputError("the file has no such link", source=self.source, element=f"body '{strange}'")
         notes = [*remarks, *self._write_links()]
-        effects = joint_effects(self.mechanism, self.values.effects, DYNAMICS, self._single_axes(), FORMAT)
+        single = {name for name, joint in self.joints.items() if joint.get("type") in SINGLE_AXIS}
+        effects = joint_effects(self.mechanism, self.values.effects, DYNAMICS, single, FORMAT)
         notes += self._write_dynamics(effects)
         notes += effects.notes
         notes += reading_notes(self.mechanism, self.values, self.editor.root, FORMAT)
@@ -140,9 +141,6 @@ class _Writer:
         self.editor.set_attributes(first.find("inertia"), moments)
 
     # -- joints ----------------------------------------------------------------------------------------------------
-
-    def _single_axes(self) -> set[str]:
-        return {name for name, joint in self.joints.items() if joint.get("type") in SINGLE_AXIS}
 
     def _write_dynamics(self, effects: JointEffects) -> Iterator[str]:
         stated: dict[str, dict[str, float]] = {}

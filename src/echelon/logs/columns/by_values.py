@@ -104,14 +104,12 @@ def clock(columns: Mapping[str, Floats], names: Sequence[str]) -> str:
             continue
         even = np.mean(np.abs(steps - period) < _UNIFORM * period)
         plain_count = period == 1 and set(np.unique(steps)) == {1.0} and len(names) > 1
-        if np.mean(steps > 0) > _FORWARD and even > 0.5 and not (plain_count and _has_other(columns, names, name)):
+        if np.mean(steps > 0) <= _FORWARD or even <= 0.5:
+            continue
+        # a counter of rows is none if something beside it is
+        if not plain_count or not clock(columns, [other for other in names if other != name]):
             return name
     return ""
-
-
-def _has_other(columns: Mapping[str, Floats], names: Sequence[str], counter: str) -> bool:
-    """Whether something beside a counter of rows is a clock."""
-    return bool(clock(columns, [name for name in names if name != counter]))
 
 
 def clock_unit(times: Floats) -> str:

@@ -73,7 +73,8 @@ def guess(
         problems.append(_question(absent, names, meanings, mechanism, look))
     unnamed = names if headerless else [name for name in names if name not in meanings and by_values]
     time, trouble = _time(meanings, unnamed, look)
-    if any(said.kind == "current" for column, said in meanings.items() if column in _columns(groups["output"])):
+    outputs_from = {channel.column for channel in groups["output"].values()}
+    if any(said.kind == "current" for column, said in meanings.items() if column in outputs_from):
         notes.append("the outputs are currents by their names, taken for torques: give the torque per ampere as scale")
     kinds = (groups[kind] for kind in ("position", "velocity", "acceleration", "output", "reference"))
     return Guess(ColumnMap(time, None, *kinds), (*problems, *trouble), tuple(notes))
@@ -91,10 +92,6 @@ def _filled(groups: dict[str, dict[str, Channel]], seen: Mapping[str, Family], m
 
 def _several(kind: str) -> str:
     return "velocities" if kind == "velocity" else f"{kind}s"
-
-
-def _columns(group: Mapping[str, Channel]) -> set[str]:
-    return {channel.column for channel in group.values()}
 
 
 def _by_names(

@@ -60,42 +60,33 @@ class _Unit:
     prefixes: bool = False
 
 
+_FACTORS: Final[dict[Dimension, dict[str, Fraction | int]]] = {
+    _NONE: {"1": 1, "%": Fraction(1, 100)},
+    _ANGLE: {
+        "rad": 1,
+        "deg degree degrees °": _PI / 180,
+        "arcmin": _PI / 10800,
+        "arcsec": _PI / 648000,
+        "grad gon": _PI / 200,
+        "rev turn turns": 2 * _PI,
+    },
+    _SPIN: {"rpm": 2 * _PI / 60, "rps": 2 * _PI},
+    _LENGTH: {"m": 1, "in inch": Fraction("0.0254"), "ft": Fraction("0.3048")},
+    _TIME: {"s sec": 1, "min": 60, "h": 3600},
+    (0, 0, -1, 0, 0): {"Hz": 1},
+    _MASS: {"g": Fraction(1, 1000), "lb": _POUND},
+    _FORCE: {"N": 1, "gf": _G / 1000, "lbf": _G * _POUND, "ozf": _G * _POUND / 16},
+    (0, 0, 0, 1, 0): {"A": 1},
+    (1, 2, -3, -1, 0): {"V": 1},
+    (1, 2, -3, 0, 0): {"W": 1},
+    (1, 2, -2, 0, 0): {"J": 1},
+}
+_PREFIXED: Final = frozenset(["rad", "m", "s", "sec", "Hz", "g", "N", "gf", "A", "V", "W", "J"])
 _UNITS: Final = {
-    "1": _Unit(Fraction(1), _NONE),
-    "%": _Unit(Fraction(1, 100), _NONE),
-    "rad": _Unit(Fraction(1), _ANGLE, True),
-    "deg": _Unit(_PI / 180, _ANGLE),
-    "degree": _Unit(_PI / 180, _ANGLE),
-    "degrees": _Unit(_PI / 180, _ANGLE),
-    "°": _Unit(_PI / 180, _ANGLE),
-    "arcmin": _Unit(_PI / 10800, _ANGLE),
-    "arcsec": _Unit(_PI / 648000, _ANGLE),
-    "grad": _Unit(_PI / 200, _ANGLE),
-    "gon": _Unit(_PI / 200, _ANGLE),
-    "rev": _Unit(2 * _PI, _ANGLE),
-    "turn": _Unit(2 * _PI, _ANGLE),
-    "turns": _Unit(2 * _PI, _ANGLE),
-    "rpm": _Unit(2 * _PI / 60, _SPIN),
-    "rps": _Unit(2 * _PI, _SPIN),
-    "m": _Unit(Fraction(1), _LENGTH, True),
-    "in": _Unit(Fraction("0.0254"), _LENGTH),
-    "inch": _Unit(Fraction("0.0254"), _LENGTH),
-    "ft": _Unit(Fraction("0.3048"), _LENGTH),
-    "s": _Unit(Fraction(1), _TIME, True),
-    "sec": _Unit(Fraction(1), _TIME, True),
-    "min": _Unit(Fraction(60), _TIME),
-    "h": _Unit(Fraction(3600), _TIME),
-    "Hz": _Unit(Fraction(1), (0, 0, -1, 0, 0), True),
-    "g": _Unit(Fraction(1, 1000), _MASS, True),
-    "lb": _Unit(_POUND, _MASS),
-    "N": _Unit(Fraction(1), _FORCE, True),
-    "gf": _Unit(_G / 1000, _FORCE, True),
-    "lbf": _Unit(_G * _POUND, _FORCE),
-    "ozf": _Unit(_G * _POUND / 16, _FORCE),
-    "A": _Unit(Fraction(1), (0, 0, 0, 1, 0), True),
-    "V": _Unit(Fraction(1), (1, 2, -3, -1, 0), True),
-    "W": _Unit(Fraction(1), (1, 2, -3, 0, 0), True),
-    "J": _Unit(Fraction(1), (1, 2, -2, 0, 0), True),
+    name: _Unit(Fraction(size), dimension, name in _PREFIXED)
+    for dimension, sizes in _FACTORS.items()
+    for names, size in sizes.items()
+    for name in names.split()
 }
 
 

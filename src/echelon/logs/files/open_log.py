@@ -17,10 +17,9 @@ from echelon.errors import InputError
 from echelon.extras import extra
 from echelon.logs.files.bag_file import BagFile
 from echelon.logs.files.csv_file import CsvFile
-from echelon.logs.files.hdf5_file import Hdf5File
 from echelon.logs.files.lerobot import episodes, is_dataset, is_episode
 from echelon.logs.files.log_file import LogFile, Table, existing_file
-from echelon.logs.files.mat_file import MatFile
+from echelon.logs.files.mat_file import Hdf5File, MatFile
 from echelon.logs.files.numpy_file import MemoryLog, NpzFile, is_samples
 
 _METADATA = "metadata.yaml"

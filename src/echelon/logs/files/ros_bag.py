@@ -105,7 +105,9 @@ class Rosbag:
             self.start: int = reader.start_time
             if not isinstance(self.start, int) or abs(self.start) >= END_OF_TIME:
                 raise InputError("is damaged: its start is not a time in nanoseconds", source=self.source)
-            self._types = RosTypes({some.msgtype: _definition(some) for some in connections}, self._ros)
+            stated = {some.msgtype: some.msgdef for some in connections}
+            texts = {name: (it.format.name.lower().replace("none", ""), it.data) for name, it in stated.items()}
+            self._types = RosTypes(texts, self._ros)
         for connection in connections:
             if not isinstance(connection.msgcount, int):
                 problem = "is damaged: a number of messages is not a whole number"
@@ -168,8 +170,3 @@ def _check_closed(file: Path, source: str) -> None:
     if pending.is_file() and pending.stat().st_size:
         problem = f"was not closed: {pending.name} still holds messages; take them in with  sqlite3 {file.name} .tables"
         raise InputError(problem, source=source)
-
-
-def _definition(connection: Any) -> tuple[str, str]:
-    """How the bag defines a connection's type."""
-    return connection.msgdef.format.name.lower().replace("none", ""), connection.msgdef.data
