@@ -4,12 +4,13 @@ BIN := $(VENV)/bin
 # One environment in two steps: what the library needs, then what its development needs.
 CORE := $(VENV)/.core
 DEV := $(VENV)/.dev
+DOCS := $(VENV)/.docs
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # commands that tests start would compile all modules anew
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help venv demo test lint slow faults mutate fuzz bench dist explorer clean
+.PHONY: help venv demo test lint slow faults mutate fuzz bench site serve dist explorer clean
 .DELETE_ON_ERROR:
 
 help:
@@ -20,6 +21,8 @@ help:
 	@echo "make mutate  plant small faults in the core, which the tests must notice"
 	@echo "make fuzz    send mutated files of every format through the commands"
 	@echo "make bench   compare speed and results with other tools"
+	@echo "make site    build the documentation site with the zoo of public robots, in build/site"
+	@echo "make serve   show the site at http://127.0.0.1:8000"
 	@echo "make dist    build wheel and source distribution, and try both in fresh environments"
 	@echo "make explorer  build the page that derives in the browser into build/site/explorer"
 	@echo "make venv    only set up the development environment"
@@ -70,6 +73,17 @@ fuzz: $(DEV)
 
 bench: $(DEV)
 	$(BIN)/python benchmarks/bench.py
+
+$(DOCS): $(CORE)
+	$(BIN)/python -m pip install --quiet --editable ".[docs]"
+	@touch $@
+
+# SITE="--only-pages" leaves zoo and explorer out; SITE="--zoo 'ur*'" takes a part of the zoo
+site: $(DOCS)
+	$(BIN)/python site/build.py $(SITE)
+
+serve:
+	$(BIN)/python -m http.server --directory build/site --bind 127.0.0.1 8000
 
 dist: $(CORE)
 	rm -rf dist

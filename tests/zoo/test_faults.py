@@ -7,7 +7,7 @@ import pytest
 
 import echelon as ec
 from echelon.inertia.spatial import from_pseudo_inertia, pseudo_inertia
-from echelon.zoo.faults import can_exist, faults, problem_of
+from echelon.zoo.faults import MISSING, POINT, can_exist, faults, problem_of
 
 SHAPE = '<visual><geometry><sphere radius="0.1"/></geometry></visual>'
 
@@ -51,7 +51,6 @@ def test_a_sound_robot_has_none() -> None:
         (inertial(mass=0), "no mass"),
         (inertial(xx=0, yy=0, zz=0), "a point"),
         (inertial(xx=100, yy=100, zz=100), "placeholder"),
-        (SHAPE, "no inertia is stated"),
     ],
 )
 def test_each_fault_is_named(content: str, words: str) -> None:
@@ -78,9 +77,16 @@ def test_a_tool_can_be_made_up_for_by_what_carries_it() -> None:
     assert found(arm(second=inertial(mass=5, xx=1, yy=1, zz=1), tool=inertial(zz=-0.001)))["tool"][1] is False
 
 
-def test_a_missing_inertia_matters_where_its_mass_would_be_felt() -> None:
-    robot = arm(SHAPE, inertial(), inertial(), SHAPE)
-    assert {name: matters for name, (_, matters) in found(robot).items()} == {"base": False, "tool": True}
+def test_a_missing_inertia_matters_where_it_would_be_felt() -> None:
+    """A shape beside a link with inertia is decoration, and what never moves is felt nowhere."""
+    assert found(arm(SHAPE, inertial(), SHAPE, SHAPE)) == {"second": (MISSING, True)}
+    assert found(arm(SHAPE, inertial(), inertial(), SHAPE)) == {}
+
+
+def test_a_point_lacks_its_rotational_inertia() -> None:
+    point = inertial(xx=0, yy=0, zz=0)
+    assert found(arm(point, point, inertial())) == {"base": (POINT, False), "first": (POINT, True)}
+    assert found(arm(second=inertial(), tool=inertial(mass=1e-9, xx=0, yy=0, zz=0))) == {}
 
 
 def test_problems_are_those_of_the_body_not_of_its_place() -> None:

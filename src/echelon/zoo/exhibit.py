@@ -39,6 +39,7 @@ TEMPLATES = Path(__file__).with_name("templates")
 ROW = "row.json"
 _FUNCTIONS = ("regressor", "inverse_dynamics")
 _SNAPS = 200  # that are listed
+_MOST_SENSED, _MOST_DRAWN = 450, 300  # standard parameters of robots with sets of sensors, and with a picture of B
 Row = dict[str, Any]
 """What the index knows of a robot; plain data."""
 
@@ -137,6 +138,10 @@ def _sources(base: BaseModel) -> tuple[dict[str, str], str]:
 
 def _sensors(base: BaseModel) -> Context:
     """What single sensors see, and which suffice."""
+    if len(base.parameters) > _MOST_SENSED:
+        return {
+            "problem": f"Sets of sensors were not tried for {len(base.parameters)} parameters: see echelon sensors."
+        }
     try:
         report = sensor_report(base.mechanism)
     except EchelonError as error:
@@ -152,6 +157,7 @@ def _sensors(base: BaseModel) -> Context:
 
 
 def _page(base: BaseModel, row: Row, sensors: Context, sources: dict[str, str], missing: str) -> Context:
+    drawn = len(base.parameters) <= _MOST_DRAWN
     return {
         "row": row,
         "title": f"{row['name']}, {'floating' if row['floating'] else 'fixed'} base",
@@ -160,7 +166,7 @@ def _page(base: BaseModel, row: Row, sensors: Context, sources: dict[str, str], 
         "columns": PARAMETERS,
         "table": _table(base),
         "links": seen_links(base),
-        "structure": {"picture": matrix_picture(base), "mergings": mergings(base)},
+        "structure": {"picture": matrix_picture(base), "mergings": mergings(base)} if drawn else None,
         "groups": _groups(base),
         "snaps": base.reading.snaps[:_SNAPS],
         "more_snaps": max(len(base.reading.snaps) - _SNAPS, 0),

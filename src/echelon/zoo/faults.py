@@ -24,7 +24,10 @@ from echelon.mechanism.stated import characteristic_length
 
 _ROUNDED = 1e-6  # relative; decimals of a file cannot help smaller violations
 _WIDE = 3.0  # a radius of gyration of so many lengths of the robot is a placeholder
+_LIGHT = 1e-6  # kg; points of less mass only mark a frame
 _STEPS = 60
+MISSING = "it has a shape, but no inertia is stated"
+POINT = "it has mass, but no rotational inertia: it is a point"
 
 
 @dataclass(frozen=True)
@@ -41,39 +44,41 @@ def faults(base: BaseModel) -> list[Fault]:
     """Faults of all links, in the order of the file."""
     found = []
     verdicts: dict[tuple[int, bool], tuple[bool | None, str]] = {}
-    for link, body, problem, stated in _problems(base):
-        if (body, stated) not in verdicts:
-            verdicts[body, stated] = _verdict(base, body, stated)
-        found.append(Fault(one_line(link), problem, *verdicts[body, stated]))
+    for link, body, problem in _problems(base):
+        missing = problem in (MISSING, POINT)
+        if (body, missing) not in verdicts:
+            verdicts[body, missing] = _verdict(base, body, missing=missing)
+        found.append(Fault(one_line(link), problem, *verdicts[body, missing]))
     return found
 
 
-def _problems(base: BaseModel) -> Iterator[tuple[str, int, str, bool]]:
-    """Links with a problem: name, the body that it is part of, the problem, and whether an inertia is stated."""
-    size = characteristic_length(base.mechanism)
-    bodies = {body.name: k for k, body in enumerate(base.mechanism.bodies)}
+def _problems(base: BaseModel) -> Iterator[tuple[str, int, str]]:
+    """Links with a problem: name, the body that it is part of, and the problem."""
+    size, bodies = characteristic_length(base.mechanism), base.mechanism.bodies
     reading = base.mechanism.reading
     file = reading.file if reading is not None else None
     robot = file.robot if isinstance(file, RobotFile) else None
-    if robot is None or reading is None:
-        for name, k in bodies.items():
-            inertial = base.mechanism.bodies[k].inertial
-            problem = None if inertial is None else problem_of(np.array(inertial), size)
-            if problem:
-                yield name, k, problem, True
-        return
-    tree, solid = robot.tree(), _solid(robot)
+    if robot is None:
+        stated = [(body.name, k, body.inertial) for k, body in enumerate(bodies)]
+    else:
+        stated = list(_links(base, robot))
+    for name, body, inertial in stated:
+        problem = "" if inertial is None else problem_of(np.array(inertial), size)
+        if problem:
+            yield name, body, problem
+    if robot is not None:
+        shown = {body for name, body, _ in stated if name in _solid(robot)}
+        yield from ((body.name, k, MISSING) for k, body in enumerate(bodies) if body.inertial is None and k in shown)
+
+
+def _links(base: BaseModel, robot: RobotFile) -> Iterator[tuple[str, int, tuple[float, ...] | None]]:
+    """Name of every link, the body that it is part of, and its stated inertia."""
+    bodies, tree = {body.name: k for k, body in enumerate(base.mechanism.bodies)}, robot.tree()
     for link in tree.links:
         host = link
         while host.name not in bodies and host.parent != GROUND:
             host = tree.links[host.parent]
-        body = bodies.get(host.name, GROUND)
-        if link.inertial is not None:
-            problem = problem_of(np.array(link.inertial), size)
-            if problem:
-                yield link.name, body, problem, True
-        elif link.name in solid:
-            yield link.name, body, "it has a shape, but no inertia is stated", False
+        yield link.name, bodies.get(host.name, GROUND), link.inertial
 
 
 def _solid(robot: RobotFile) -> set[str]:
@@ -94,7 +99,7 @@ def problem_of(inertial: Floats, size: float) -> str:
     xx, xy, xz, yy, yz, zz = convert(inertial, "echelon", "urdf")[4:]
     a, b, c = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if max(abs(a), abs(c)) <= 1e-15 * max(float(np.abs(inertial[:6]).max()), 1e-300) or c == 0:
-        return f"it has a mass of {mass:.4g} kg, but no rotational inertia: it is a point"
+        return POINT if mass > _LIGHT else ""
     if a < -_ROUNDED * abs(c):
         return f"a principal moment of inertia is negative: {a:.4g} kg·m²"
     if a + b < c * (1 - _ROUNDED):
@@ -108,8 +113,8 @@ def problem_of(inertial: Floats, size: float) -> str:
     return ""
 
 
-def _verdict(base: BaseModel, body: int, stated: bool) -> tuple[bool | None, str]:
-    """Whether torques can show a fault of a body, and why."""
+def _verdict(base: BaseModel, body: int, *, missing: bool) -> tuple[bool | None, str]:
+    """Whether torques can show a fault of a body, an inertia that is wrong or missing, and why."""
     first = base.mechanism.first_column.get(body)
     if body == GROUND:
         return False, "it never moves, so no torque contains it"
@@ -122,7 +127,7 @@ def _verdict(base: BaseModel, body: int, stated: bool) -> tuple[bool | None, str
     entered = [name for name, row in zip(base.pivots, columns, strict=True) if row.any()]
     if not entered:
         return False, "no torque contains any of its parameters"
-    if not stated:
+    if missing:
         return True, f"its true inertia enters {len(entered)} base parameters: {_some(entered)}"
     inertial = base.mechanism.bodies[body].inertial
     if inertial is None:
@@ -194,6 +199,6 @@ def _normaliser(values: Floats) -> Floats:
     moved = np.eye(4)
     moved[:3, 3] = -values[6:9] / mass
     second = float(np.abs(np.diagonal(moved @ pseudo_inertia(values) @ moved.T)[:3]).max())
-    second = max(second, 1e-6 * mass) if second == 0 else second
+    second = max(second, 1e-9 * float(np.abs(values[:6]).max()), 1e-12 * mass)  # what is smaller is rounding
     found: Floats = np.diag(np.array([second, second, second, mass]) ** -0.5) @ moved
     return found

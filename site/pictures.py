@@ -1,0 +1,95 @@
+"""Pictures of the site, as SVG: drawings of robots, the structure of B, plots, all without fixed colours of text."""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from echelon.base.model import BaseModel
+from echelon.report.drawing import seen_links
+from echelon.report.matrix_picture import matrix_picture, mergings
+from echelon.report.page import TEMPLATES, render
+
+CSS = (TEMPLATES / "report.css").read_text(encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An SVG that stands alone, with a text for those who do not see it."""
+
+    svg: str
+    alt: str
+
+
+class Text(str):
+    """Markdown that a page gets as it is."""
+
+
+def section(file: Path, title: str, only: str = "") -> str:
+    """A section of a page of results, or what stands before the first; of tables only rows that match a pattern."""
+    parts = re.split(r"^## (.*)$", file.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    text = parts[0].split("\n", 1)[1] if not title else parts[parts.index(title) + 1]
+    table = [line for line in text.strip().splitlines() if not only or line.startswith("|--") or re.search(only, line)]
+    head = next((line for line in text.splitlines() if line.startswith("|")), "")
+    return "\n".join([head, *table] if only else table)
+
+
+def robot(base: BaseModel) -> Picture:
+    """The kinematics, with what the outputs see of each link."""
+    return _alone(str(render("links.html.j2", seen_links(base))), "robot")
+
+
+def structure(base: BaseModel) -> Picture:
+    """Which standard parameter belongs to which base parameter."""
+    shown = {"picture": matrix_picture(base), "mergings": mergings(base)}
+    return _alone(str(render("structure.html.j2", shown)), "matrix")
+
+
+def _alone(html: str, kind: str) -> Picture:
+    """One SVG of a report's section with its own style: as an image it cannot disturb the page around it."""
+    marks = re.search(r'<svg width="0".*?<defs>(.*?)</defs></svg>', html, re.DOTALL)
+    svg = re.search(rf'<svg class="{kind}.*?</svg>', html, re.DOTALL)
+    assert svg is not None
+    rules = re.findall(r"[^{}\n]+\{[^{}]*\}", CSS[: CSS.index("@media")] + CSS[CSS.index("* {") :])
+    style = "".join(f"{rule.strip()}\n" for rule in rules if re.search("fill:|stroke|font-weight|--ink:", rule))
+    text = svg[0].replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
+    text = text.replace(">", f">\n<style>\n{style}</style>\n{f'<defs>{marks[1]}</defs>' if marks else ''}", 1)
+    alt = re.search('aria-label="([^"]*)"', text)
+    return Picture(text + "\n", alt[1] if alt else "")
+
+
+def plot(figure: Any, alt: str) -> Picture:
+    """A figure of matplotlib."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", bbox_inches="tight", metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    return Picture(text[text.index("<svg") :], alt)
+
+
+def axes(width: float = 7.0, height: float = 3.0) -> Any:
+    """A figure of matplotlib with axes that look alike everywhere."""
+    import matplotlib
+
+    matplotlib.use("svg")
+    matplotlib.rcParams |= {"svg.hashsalt": "echelon", "font.size": 9}
+    matplotlib.rcParams |= {"axes.spines.top": False, "axes.spines.right": False}
+    from matplotlib import pyplot
+
+    return pyplot.subplots(figsize=(width, height))
+
+
+def write(folder: Path) -> None:
+    """The two pictures of README."""
+    import echelon
+
+    base = echelon.base_parameters(echelon.load("examples/panda.yaml"))
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "panda.svg").write_text(robot(base).svg, encoding="utf-8")
+    (folder / "panda-structure.svg").write_text(structure(base).svg, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write(Path("docs/pictures"))
