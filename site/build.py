@@ -62,7 +62,10 @@ def main() -> None:
     if ZOO.exists():
         shutil.copytree(ZOO, SITE / "zoo", ignore=shutil.ignore_patterns("row.json"))
     if not given.only_pages:
-        build_explorer.build(SITE / "explorer", [ROOT / "examples"], BUILD / "cache", given.wheels)
+        missing = build_explorer.build(SITE / "explorer", [ROOT / "examples"], BUILD / "cache", given.wheels)
+        print(
+            f"the explorer lacks {', '.join(missing)} and cannot answer: --wheels DIR" if missing else "explorer: whole"
+        )
     print(f"built {SITE}")
 
 
