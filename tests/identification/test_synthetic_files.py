@@ -7,6 +7,7 @@ import pytest
 
 import echelon as ec
 from support.simulated_results import assert_predicts, assert_same, params, result_of
+from support.simulated_systems import motion_of
 from support.written_robots import pinocchio_efforts, standard
 
 _ARMATURES = ("Ia1", "Ia2", "Ia3")
@@ -106,3 +107,22 @@ def test_description_reads_back(name: str) -> None:
     again = ec.load(result.folder / "identified.yaml")
     assert again.parameters == result.base.mechanism.parameters
     np.testing.assert_allclose(standard(again), result.physical, rtol=1e-9, atol=1e-12)
+
+
+def test_band_speeds_and_left_out_rows_are_part_of_the_model() -> None:
+    """They stand in the verdict, in model.json, in the report and at the head of the code, for every output."""
+    result = result_of("arm")
+    motion = motion_of(result.system)
+    ranges = result.document["ranges"]
+    names = [output.name for output in result.base.mechanism.outputs]
+    assert [found["output"] for found in ranges] == names
+    for k, found in enumerate(ranges):
+        assert found["band"] == result.document["preparation"]["band"]
+        assert found["rows"] - found["left_out"] == result.document["estimate"]["rows"][found["output"]]
+        assert found["slowest"] == result.document["preparation"]["still"]
+        fastest = np.abs(motion.qd[:, k]).max()  # in the whole log, of which a part is fitted
+        assert 0.5 * fastest < found["fastest"] < 1.05 * fastest
+        words = f"{found['output']} at {found['slowest']:.2g} to {found['fastest']:.3g} rad/s"
+        assert words in result.document["verdict"]
+        assert words in result.text("model.h")
+    assert "What every output was fitted to" in result.text("report.html")

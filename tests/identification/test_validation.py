@@ -15,6 +15,7 @@ from scipy.stats import chi2, kstest
 
 import echelon as ec
 from echelon.identification.correlation import LAGS, Correlations, CorrelationSums
+from echelon.identification.result import fitted_ranges
 from echelon.identification.rows.plan import split
 from echelon.identification.rows.rows import ModelRows
 from echelon.identification.validation import (
@@ -29,6 +30,7 @@ from echelon.identification.validation import (
     validated,
 )
 from echelon.identification.verdict import Grade, grade, overall_verdict, verdict
+from echelon.logs.preparation.settings import Preparation
 from echelon.logs.recording import Samples
 from support.observation_rows import ArrayRows, fit_of, judged_rows
 
@@ -45,6 +47,18 @@ def correlations(times: np.ndarray, residuals: np.ndarray, lags: int = LAGS) -> 
     sums = CorrelationSums(lags)
     sums.add(times, residuals)
     return sums.result()
+
+
+# -- ranges -----------------------------------------------------------------------------------------------------------
+
+
+def test_ranges_of_outputs_that_rub_and_of_wrenches() -> None:
+    whole, moving = fit_of(0.1, 0.9, rows=100), fit_of(0.1, 0.9, rows=97)
+    scores = (Score("j1", "N", whole, moving, whole, fastest=2.0), Score("base.fx", "N", whole, whole, whole))
+    preparation = Preparation(band=5.0, still={"j1": 0.01})
+    slide, wrench = fitted_ranges(preparation, Validation("log", "identification", scores))
+    assert str(slide) == "j1 at 0.01 to 2 m/s, without 3 of 100 rows near standstill, up to 5 Hz"
+    assert str(wrench) == "base.fx, up to 5 Hz"
 
 
 # -- residuals --------------------------------------------------------------------------------------------------------

@@ -102,7 +102,8 @@ def _files(result: Identification, setup: Setup, target: str) -> dict[str, str]:
 
         names = [expression.name for expression in result.base.expressions]
         values = dict(zip(names, map(float, result.values), strict=True))
-        files |= generate(result.base, target, name="model", parameters=values)
+        remarks = ["The values were fitted to", *(f"  {found}" for found in result.ranges)]
+        files |= generate(result.base, target, name="model", parameters=values, remarks=remarks)
     return files
 
 

@@ -45,6 +45,7 @@ def generate(
     parameters: str | Mapping[str, float] | None = None,
     symbols: Mapping[str, float] | None = None,
     keep_symbols: bool | Sequence[str] = False,
+    remarks: Sequence[str] = (),
 ) -> dict[str, str]:
     """Source code of functions of a robot.
 
@@ -72,6 +73,8 @@ def generate(
         Geometry symbols that become an argument although they have values: all, or these.  The base parameters then
         belong to the geometry that is passed, and the functions are right wherever the same parameters are
         representatives as for the robot's own values.
+    remarks : sequence of str
+        Lines for the comment at the head of every file, such as where identified values hold.
 
     Returns
     -------
@@ -100,6 +103,7 @@ def generate(
         parameters=parameters,
         symbols=symbols,
         keep_symbols=keep_symbols,
+        remarks=remarks,
     )
     return dict(source.files)
 
@@ -114,6 +118,7 @@ def generate_source(
     parameters: str | Mapping[str, float] | None = None,
     symbols: Mapping[str, float] | None = None,
     keep_symbols: bool | Sequence[str] = False,
+    remarks: Sequence[str] = (),
 ) -> Source:
     """As :func:`generate`, with the functions that were printed."""
     language = TARGETS[_valid("target", target, list(TARGETS))]
@@ -133,7 +138,7 @@ def generate_source(
     known = {**constants.numbers, **values.numbers}
     layout = _layout(made, known)
     made = [specialised(function, known, layout) for function in made]
-    subject = Subject(base.mechanism.name, base.expressions, constants.texts, values.values, constants.stated)
+    subject = Subject(base.mechanism.name, base.expressions, constants.texts, values.values, constants.stated, remarks)
     return Source(printed(made, language, mode, robot, subject), tuple(made))
 
 

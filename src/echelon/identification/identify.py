@@ -31,12 +31,12 @@ from echelon.identification.physics.departure import departures
 from echelon.identification.physics.feasibility import Feasibility, feasibility
 from echelon.identification.physics.fit import PhysicalFit, physical_fit
 from echelon.identification.physics.prior_information import Prior, prior_from
-from echelon.identification.result import FAR, Identification, contradictions, fit_findings, limited
+from echelon.identification.result import FAR, Identification, contradictions, fit_findings, fitted_ranges, limited
 from echelon.identification.rows.ingest import MEMORY
 from echelon.identification.rows.plan import Plan
 from echelon.identification.survey import survey
 from echelon.identification.validation import Models, Validation, by_role
-from echelon.identification.verdict import GOOD, overall_verdict
+from echelon.identification.verdict import GOOD, listed, overall_verdict
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import Finding, Severity, counted
 from echelon.machine.target import one_thread
@@ -180,6 +180,8 @@ def _fitted(
     facts = contradictions(feasible, culprit, findings)
     findings += fit_findings(estimate, conditions, feasible, physical, validations, culprit)
     judgement = overall_verdict(by_role(validations)[-1], facts)
+    ranges = fitted_ranges(plan.preparation, by_role(validations)[0])
+    speeds = listed([found.speeds for found in ranges], "; ")
     result = Identification(
         base,
         tuple(map(str, fitted_logs)),
@@ -193,7 +195,7 @@ def _fitted(
         limited(findings),
         settings.predict,
         _record(setup, plan, columns),
-        judgement.text,
+        f"{judgement.text} It was fitted up to {ranges[0].band:.3g} Hz: {speeds}.",
         (*judgement.reasons, *([] if conditions.is_complete else [conditions.verdict])),
     )
     return result, lacking

@@ -23,6 +23,60 @@ if TYPE_CHECKING:
     from echelon.base.model import BaseModel
 
 
+@dataclass(frozen=True)
+class FittedRange:
+    """What an output was fitted to; elsewhere the model extrapolates.
+
+    Attributes
+    ----------
+    output : str
+    band : float
+        Highest frequency, Hz.
+    slowest, fastest : float
+        Speeds of its joint or actuator, rad/s or m/s; nan for a wrench.
+    unit : str
+        Of the speeds.
+    rows, left_out : int
+        Rows of the band, and how many of them were left out near standstill.
+    """
+
+    output: str
+    band: float
+    slowest: float
+    fastest: float
+    unit: str
+    rows: int
+    left_out: int
+
+    @property
+    def speeds(self) -> str:
+        """Such as ``j1 at 0.01 to 2 rad/s, without 3 of 900 rows near standstill``."""
+        at = f" at {self.slowest:.2g} to {self.fastest:.3g} {self.unit}" if np.isfinite(self.fastest) else ""
+        left_out = f", without {self.left_out} of {self.rows} rows near standstill" if self.left_out else ""
+        return f"{self.output}{at}{left_out}"
+
+    def __str__(self) -> str:
+        return f"{self.speeds}, up to {self.band:.3g} Hz"
+
+
+def fitted_ranges(preparation: Preparation, fitted: Validation) -> tuple[FittedRange, ...]:
+    """What every output was fitted to, by the scores of all fitted logs together."""
+    still, band = preparation.still or 0.0, preparation.band or np.inf
+    slowest = still if isinstance(still, Mapping) else {score.output: still for score in fitted.scores}
+    return tuple(
+        FittedRange(
+            score.output,
+            band,
+            slowest.get(score.output, 0.0),
+            score.fastest,
+            "m/s" if score.unit == "N" else "rad/s",
+            score.rows,
+            score.rows - score.moving.rows,
+        )
+        for score in fitted.scores
+    )
+
+
 @dataclass(frozen=True, repr=False)
 class Identification:
     """A fitted model with its evidence.
@@ -76,6 +130,11 @@ class Identification:
     def pooled(self) -> tuple[Validation, ...]:
         """Scores over all logs that were fitted, and over all that were not, if there are any."""
         return by_role(self.validations)
+
+    @property
+    def ranges(self) -> tuple[FittedRange, ...]:
+        """Band, speeds and left-out rows of every output; elsewhere the model extrapolates."""
+        return fitted_ranges(self.preparation, self.pooled[0])
 
     @property
     def values(self) -> Floats:

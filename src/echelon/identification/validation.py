@@ -24,7 +24,10 @@ from echelon.errors import InputError
 from echelon.identification.correlation import LAGS, CorrelationSums
 from echelon.identification.rows.rows import ModelRows, Numbering, prefetched, rows_taken
 from echelon.identification.verdict import verdict
+from echelon.logs.preparation.prepare import speed_rows
+from echelon.logs.preparation.states import velocity_names
 from echelon.logs.recording import Samples
+from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.spectrum import white_noise
 
 LIMIT = 200_000
@@ -196,6 +199,8 @@ class Score:
         Integrated autocorrelation time of the residual, s: how far it is from white.
     whiteness : float
         Probability that white noise has autocorrelations this large (Ljung–Box).
+    fastest : float
+        Largest speed of its joint or actuator, rad/s or m/s; nan for a wrench.
     """
 
     output: str
@@ -206,6 +211,7 @@ class Score:
     noise: float = _NAN
     correlation_time: float = _NAN
     whiteness: float = _NAN
+    fastest: float = _NAN
 
     @property
     def rows(self) -> int:
@@ -255,7 +261,8 @@ class Score:
         noise = float(np.sqrt(np.average([self.noise**2, other.noise**2], weights=weights))) if any(weights) else _NAN
         time = float(np.fmax(self.correlation_time, other.correlation_time))
         white = float(np.fmin(self.whiteness, other.whiteness))
-        return Score(self.output, self.unit, whole, moving, raw, noise, time, white)
+        fastest = float(np.fmax(self.fastest, other.fastest))
+        return Score(self.output, self.unit, whole, moving, raw, noise, time, white, fastest)
 
 
 @dataclass(frozen=True)
@@ -321,6 +328,7 @@ class Predicted:
     predicted: tuple[Floats, ...]  # shape (k_i, models)
     moving: tuple[Flags, ...]  # shape (k_i,)
     samples: tuple[tuple[Floats, Floats], ...] = ()  # shapes (N,) and (N, models): without a filter
+    fastest: tuple[float, ...] = ()  # largest speeds, rad/s or m/s
 
 
 def predicted(model: ModelRows, samples: Iterable[Samples], values: Sequence[Floats]) -> Iterator[Predicted]:
@@ -346,7 +354,16 @@ def _predicted(model: ModelRows, samples: Samples, y: Floats, values: Sequence[F
         tuple(rows[:, i] for i in outputs),
         tuple(flags.T),
         tuple((y[inside, i], guesses[inside, i]) for i in outputs),
+        tuple(_fastest(model.base.mechanism, samples)),
     )
+
+
+def _fastest(mechanism: Mechanism, samples: Samples) -> Iterator[float]:
+    """The largest speed that each output's joint or actuator has; nan for a wrench."""
+    names = velocity_names(mechanism, samples.q.shape[1])
+    for output in mechanism.outputs:
+        rows = speed_rows(mechanism, output, names)
+        yield _NAN if rows is None else float(np.abs(samples.qd @ rows.T).max(initial=0.0))
 
 
 def validated(
@@ -409,7 +426,7 @@ class _Tally:
 
     def __post_init__(self) -> None:
         self.whole, self.moving, self.raw = ([EMPTY] * self.models for _ in range(3))
-        self._noise, self._count = 0.0, 0
+        self._noise, self._count, self._fastest = 0.0, 0, _NAN
         self._correlations, self._trace = CorrelationSums(self.lags), TraceKeeper(self.limit)
 
     def add(self, some: Predicted, output: int) -> None:
@@ -427,6 +444,8 @@ class _Tally:
             (self.raw, fits(raw, raw_guesses)),
         ):
             sums[:] = map(Fit.__add__, sums, found)
+        if some.fastest:
+            self._fastest = float(np.fmax(self._fastest, some.fastest[output]))
         if len(raw) > _ORDER:
             self._noise += len(raw) * white_noise(raw[:_SHOWING_NOISE], _ORDER) ** 2
             self._count += len(raw)
@@ -439,7 +458,8 @@ class _Tally:
     def score(self, model: int, output: str, unit: str) -> Score:
         """Score of a model; how white its residual is, is known of the first one."""
         noise = float(np.sqrt(self._noise / self._count)) if self._count else _NAN
-        found = Score(output, unit, self.whole[model], self.moving[model], self.raw[model], noise)
+        fits = (self.whole[model], self.moving[model], self.raw[model])
+        found = Score(output, unit, *fits, noise, fastest=self._fastest)
         if model or not found.rows:
             return found
         correlations = self._correlations.result()

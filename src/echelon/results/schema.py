@@ -255,6 +255,19 @@ class ScoreRecord(_Finite):
     noise: float | None = Field(description="Standard deviation of white noise in the measured samples.")
     correlation_time: float | None
     whiteness: float | None
+    fastest: float | None = Field(description="Largest speed of its joint or actuator, rad/s or m/s.")
+
+
+class RangeRecord(_Finite):
+    """What an output was fitted to; elsewhere the model extrapolates."""
+
+    output: str
+    band: float | None = Field(description="Highest frequency, Hz.")
+    slowest: float | None = Field(description="Least speed of its joint or actuator, in unit; rows below left the fit.")
+    fastest: float | None = Field(description="Largest speed.")
+    unit: str
+    rows: int
+    left_out: int = Field(description="Rows near standstill that left the fit.")
 
 
 class ValidationRecord(_Finite):
@@ -288,6 +301,7 @@ class IdentifiedRecord(_Finite):
     findings: list[dict[str, str]]
     predict_with: Values
     values: dict[str, Value] = Field(description="Base parameters that predictions use, SI units.")
+    ranges: list[RangeRecord] = Field(description="What every output was fitted to.")
     estimate: EstimateRecord
     essential: EstimateRecord | None
     conditioning: ConditioningRecord
