@@ -1,6 +1,6 @@
 """Mistakes that are planted in set-ups of simulated arms: which of them `identify` names, and what it says without any.
 
-python benchmarks/mistakes.py                 ten mistakes for each of five arms, and the same set-ups without mistakes
+python benchmarks/mistakes.py                 eleven mistakes for each of five arms, and the same set-ups without any
 python benchmarks/mistakes.py --robots ur5    of some
 
 Arms move as Pinocchio computes, with masses, centres and inertias up to 40 % off those of their files, with friction,
@@ -102,7 +102,7 @@ def _exchanged(values: Floats, i: int, j: int) -> Floats:
 
 
 def mistakes(log: Log, names: list[str], rng: np.random.Generator) -> Iterator[tuple[str, Log, tuple[str, ...]]]:
-    """Ten mistakes: what was done, the log that it gives, and words that have to be in the finding."""
+    """Eleven mistakes: what was done, the log that it gives, and words that have to be in the finding."""
     n = len(names)
     first, second, third, fourth = rng.permutation(n)[:4]
     i, j = sorted(rng.permutation(n)[:2])
@@ -116,6 +116,7 @@ def mistakes(log: Log, names: list[str], rng: np.random.Generator) -> Iterator[t
     yield "exchanged positions", Log(_exchanged(log.q, k, m), log.tau), (exchanged, "position", names[k], names[m])
     yield "one position in deg", Log(_flipped(log.q, first, np.degrees(1)), log.tau), ("degrees", names[first])
     yield "one torque in mN·m", Log(log.q, _flipped(log.tau, second, 1e3)), ("mN·m", names[second])
+    yield "one torque in A", Log(log.q, _flipped(log.tau, fourth, 1 / 9)), ("are they currents", names[fourth])
     yield "all torques in mN·m", Log(log.q, 1e3 * log.tau), ("mN·m",)
     yield "half the rate", Log(log.q, log.tau, RATE / 2), ("rate is about",)
 
@@ -138,7 +139,7 @@ def said(run: Callable[[], ec.Identification]) -> tuple[str, str]:
         found = run()
     except ec.InputError as error:
         return str(error), "refused"
-    culprits = [finding.text for finding in found.findings if finding.kind in ("culprit", "units")]
+    culprits = [finding.text for finding in found.findings if finding.kind in ("culprit", "units", "gains")]
     return " ".join(culprits), found.verdict
 
 
@@ -156,7 +157,7 @@ def main() -> None:
             begin = perf_counter()
             correct = identified(name, log, Path(place))
             distance = correct.feasibility.distance if correct.feasibility else float("nan")
-            wrong = [finding.text for finding in correct.findings if finding.kind == "culprit"]
+            wrong = [finding.text for finding in correct.findings if finding.kind in ("culprit", "gains")]
             seconds = perf_counter() - begin
             rows.append([name, "none", "named wrongly" if wrong else "", f"{distance:.2g} σ", f"{seconds:.1f}"])
             print(name, "none", wrong, f"{distance:.2g} σ", correct.verdict, f"{seconds:.1f} s", flush=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -47,6 +48,28 @@ def test_faults_of_a_log_that_only_validates_are_named(tmp_path: Path) -> None:
     bad = ARM.log(replace(motion, y=holed), tmp_path / "bad", setup.mechanism)
     (fault,) = of_kind(identify(setup, [good], [bad]), "not finite")
     assert str(bad) in fault.where
+
+
+def test_a_sign_that_is_wrong_in_a_log_that_only_validates_is_named(tmp_path: Path) -> None:
+    setup, motion = ARM.load(tmp_path), motion_of(ARM)
+    good = ARM.log(motion, tmp_path / "good", setup.mechanism)
+    bad = ARM.log(replace(motion, q=motion.q * [1, -1, 1, 1, 1]), tmp_path / "bad", setup.mechanism, seed=1)
+    result = identify(setup, [good], [bad])
+    (fault,) = of_kind(result, "culprit")
+    assert fault.where == str(bad)
+    assert "the sign of the position of" in fault.text
+    assert f"'{setup.mechanism.positions[1]}'" in fault.text
+
+
+def test_one_output_in_amperes_is_named(tmp_path: Path) -> None:
+    motion = motion_of(ARM)
+    result = found(replace(motion, y=motion.y * [1, 1 / 9, 1, 1, 1]), tmp_path)
+    (fault,) = of_kind(result, "gains")
+    assert "are they currents" in fault.text
+    factor = re.search(rf"multiplied \({result.base.mechanism.outputs[1].name} ([0-9.]+) times\)", fault.text)
+    assert factor is not None
+    assert float(factor[1]) == pytest.approx(9, rel=0.1)
+    assert not of_kind(result, "culprit")
 
 
 # -- poor excitation ---------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from echelon.logs.faults.examine import examine, resolution, stuck
@@ -18,6 +18,7 @@ from support.faulty_logs import ARM, COUNT, RATE, changed, clean, one
 
 @settings(max_examples=100)
 @given(st.integers(0, 1000), st.integers(7, 16))
+@example(501, 7)  # a level that is reached for one sample where the motion turns
 def test_coarse_sensors_are_neither_stuck_nor_saturated(seed: int, bits: int) -> None:
     """Quantised channels repeat values for long, at turning points longest, and reach their extremes many times."""
     recorded = clean(seed, 0.0)

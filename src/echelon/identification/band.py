@@ -42,8 +42,8 @@ NARROWEST = 2.0
 """Times the mean frequency of the fastest velocity that a band holds at least: gravity, inertia, and products."""
 _WIDER = 1.4
 """Ratio of neighbouring bands that are tried."""
-_SAMPLED = 12.0
-"""Rate at which bands are compared, by the widest one: filters of states pass a quarter of it unchanged."""
+SAMPLED = 12.0
+"""Rate at which a band is looked at, by its edge: filters of states pass a quarter of it unchanged."""
 _LONGEST = 6_000
 """Samples, at that rate, from which the band is chosen."""
 _EXPLAINED = 0.5
@@ -103,8 +103,9 @@ def _better_velocities(preparation: Preparation, trials: Trials) -> tuple[Prepar
         left[measured] = replace(trials, preparation=every).fit(narrow).residual
     best, other = sorted(sources, key=lambda measured: left[measured])
     text = f"{sources[best]}: {sources[other]} leave {left[other] / left[best]:.4g} times the residuals"
+    same = best == preparation.measured
     preparation = reasoned(preparation, "measured", best, text)
-    return preparation, Trials.of(trials.log, preparation, trials.base)
+    return preparation, trials if same else Trials.of(trials.log, preparation, trials.base)
 
 
 def _explained(trials: Trials) -> int:
@@ -152,7 +153,7 @@ class Trials:
         spectra |= {n: log.velocity_spectra if n == "qd" else log.spectra_of(n) for n in made.measured or ()}
         rng, left, pairs = np.random.default_rng(0), _LONGEST, []
         for segment in log.segments:
-            slow = _slower(segment, _SAMPLED * high, left)
+            slow = slower(segment, SAMPLED * high, left)
             if "y" in slow.signals and left > 0:
                 pairs.append((slow, _noisier(slow, spectra, rng)))
                 left -= len(slow)
@@ -235,7 +236,7 @@ def _powers(signal: Floats, rate: float, bands: Sequence[float]) -> Floats:
     return np.array([squares[low:high].sum(axis=0) for low, high in pairwise(places)]).reshape(-1, signal.shape[1])
 
 
-def _slower(segment: Segment, rate: float, most: int) -> Segment:
+def slower(segment: Segment, rate: float, most: int) -> Segment:
     """The beginning of a segment on a clock that is a whole number of times slower, not below a rate."""
     factor = max(1, int(segment.rate / rate))
     whole = slice(0, max(most, 1) * factor)

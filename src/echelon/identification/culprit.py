@@ -34,6 +34,8 @@ ROWS = 1000
 """Rows that changes are tried on: some twenty per parameter of an arm, of every output."""
 BETTER = 0.75
 """Residual that a change leaves, relative to what was read, from which on it is named."""
+_MUCH_BETTER = 0.5
+"""The same for the prediction of a log that was not fitted, which may be of another day."""
 APART = 0.93
 """The same relative to every other change."""
 _LARGEST = 120
@@ -111,13 +113,19 @@ def rows_of(samples: Iterable[Samples]) -> States:
 
 
 def culprit(
-    base: BaseModel, samples: Iterable[Samples], columns: Sequence[ColumnMap] = (), *, velocities: bool = False
+    base: BaseModel,
+    samples: Iterable[Samples],
+    columns: Sequence[ColumnMap] = (),
+    *,
+    velocities: bool = False,
+    values: Floats | None = None,
 ) -> Culprit | None:
     """The one change that restores physics and prediction, if there is one and only one.
 
-    ``velocities`` says whether the samples' velocities were measured, not differentiated from positions.
+    ``velocities`` says whether the samples' velocities were measured, not differentiated from positions.  With the
+    ``values`` of base parameters from other logs a change is to restore their prediction.
     """
-    return _Search(base, rows_of(samples), columns[0] if columns else ColumnMap(), velocities).found()
+    return _Search(base, rows_of(samples), columns[0] if columns else ColumnMap(), velocities, values).found()
 
 
 def common_unit(observation: Observation, prior: Floats) -> Culprit | None:
@@ -137,24 +145,26 @@ def common_unit(observation: Observation, prior: Floats) -> Culprit | None:
 
 
 class _Search:
-    def __init__(self, base: BaseModel, rows: States, columns: ColumnMap, velocities: bool) -> None:
-        self.base, self.rows, self.columns, self.velocities = base, rows, columns, velocities
+    def __init__(
+        self, base: BaseModel, rows: States, columns: ColumnMap, velocities: bool, values: Floats | None
+    ) -> None:
+        self.base, self.rows, self.columns, self.velocities, self.values = base, rows, columns, velocities, values
         self.outputs = [output.name for output in base.mechanism.outputs]
         self.marks = _Marks(base, rows.y.shape[1])
         self._read = self.marks.products(rows)
 
     def found(self) -> Culprit | None:
         """The best change, if it is far better than none and than all others."""
-        before = best = self.marks.physical(self.marks.normals(self._read))
+        before = best = self._mark(self.marks.normals(self._read), physical=True)
         free = sorted(((self._free(change), change) for change in self._changes()), key=lambda entry: entry[0])
         marks: list[tuple[float, _Change]] = []
         for mark, change in free[:_PROGRAMMES]:
             if mark > best - log(APART):
                 break
-            marks.append((self.marks.physical(self._normals(change)), change))
+            marks.append((self._mark(self._normals(change), physical=True), change))
             best = min(best, marks[-1][0])
         marks.sort(key=lambda entry: entry[0])
-        if not marks or marks[0][0] > before + log(BETTER):
+        if not marks or marks[0][0] > before + log(BETTER if self.values is None else _MUCH_BETTER):
             return None
         after, change = marks[0]
         if len(marks) > 1 and after > marks[1][0] + log(APART):
@@ -163,9 +173,14 @@ class _Search:
 
     def _free(self, change: _Change) -> float:
         try:
-            return self.marks.free(self._normals(change))
+            return self._mark(self._normals(change), physical=False)
         except EchelonError:  # loops that cannot be closed
             return inf
+
+    def _mark(self, normals: list[_Normal], *, physical: bool) -> float:
+        if self.values is not None:
+            return self.marks.mark(normals, self.values)
+        return self.marks.physical(normals) if physical else self.marks.free(normals)
 
     def _normals(self, change: _Change) -> list[_Normal]:
         same = change.positions is None and change.velocities is None and change.shift is None and change.rate == 1.0
@@ -402,18 +417,18 @@ class _Marks:
 
     def free(self, normals: Sequence[_Normal]) -> float:
         """Of any parameters."""
-        return self._mark(normals, self._solved(normals)[0])
+        return self.mark(normals, self._solved(normals)[0])
 
     def physical(self, normals: Sequence[_Normal]) -> float:
         """Of those of the nearest robot that can exist."""
         values, matrix = self._solved(normals)
         if len(values) > _LARGEST:
-            return self._mark(normals, values)
+            return self.mark(normals, values)
         try:
             standard, _ = nearest_physical(self._base, values, np.linalg.inv(matrix))
         except (EchelonError, np.linalg.LinAlgError):
-            return self._mark(normals, values)
-        return self._mark(normals, self._base.B_float() @ standard)
+            return self.mark(normals, values)
+        return self.mark(normals, self._base.B_float() @ standard)
 
     def _solved(self, normals: Sequence[_Normal]) -> tuple[Floats, Floats]:
         """Parameters by iteratively reweighted least squares, and the normal matrix, shape (r,) and (r, r)."""
@@ -432,6 +447,6 @@ class _Marks:
         return values, matrix
 
     @staticmethod
-    def _mark(normals: Sequence[_Normal], values: Floats) -> float:
+    def mark(normals: Sequence[_Normal], values: Floats) -> float:
         told = [some for some in normals if some.spread > 0]
         return float(np.mean([0.5 * log(max(some.square(values) / some.spread, _FLOOR**2)) for some in told]))

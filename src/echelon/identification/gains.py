@@ -261,7 +261,7 @@ _APART, _REMOVED = 1.4, 0.3
 
 
 def contradicting_gains(observation: Observation, units: Sequence[str], noise: Floats) -> dict[str, float]:
-    """Several outputs that contradict one another through what they share, with factors that reconcile them.
+    """Outputs that contradict the others through what they share, with factors that reconcile them.
 
     Each output's unit is an unknown gain, but for one that fixes the scale; gains are compared with their median.
     """
@@ -289,8 +289,7 @@ def contradicting_gains(observation: Observation, units: Sequence[str], noise: F
     if not (removed > _REMOVED).any():
         return {}
     pairs = zip(together, factors, strict=True)
-    found_apart = {layout.outputs[k]: float(f) for k, f in pairs if not 1 / _APART < f < _APART}
-    return found_apart if len(found_apart) > 1 else {}  # one alone is in another unit
+    return {layout.outputs[k]: float(f) for k, f in pairs if not 1 / _APART < f < _APART}
 
 
 def _with_gains(observation: Observation, scaled: Sequence[int], names: tuple[str, ...]) -> Observation:

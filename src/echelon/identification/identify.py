@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import chain
 from pathlib import Path
@@ -17,7 +17,7 @@ from echelon.base.model import BaseModel
 from echelon.errors import EchelonError, InputError, MissingExtraError
 from echelon.formats.usual_effects import with_rotors
 from echelon.identification.conditioning import Conditioning, conditioning, without_rounding
-from echelon.identification.culprit import common_unit
+from echelon.identification.culprit import Culprit, common_unit
 from echelon.identification.culprit import culprit as find_culprit
 from echelon.identification.estimators.essential import essential
 from echelon.identification.estimators.estimate import Estimate, solved
@@ -36,7 +36,7 @@ from echelon.identification.rows.ingest import MEMORY
 from echelon.identification.rows.plan import Plan
 from echelon.identification.survey import survey
 from echelon.identification.validation import Models, Validation, by_role
-from echelon.identification.verdict import GOOD, listed, overall_verdict
+from echelon.identification.verdict import GOOD, USABLE, listed, overall_verdict
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import Finding, Severity, counted
 from echelon.machine.target import one_thread
@@ -56,6 +56,8 @@ Solved = TypeVar("Solved")
 
 _PIECES = 5
 """Stretches of the data that are predicted from one another to weigh the prior."""
+_SAME_UNIT = 0.5
+"""Decades that a factor between outputs may be off that of a unit."""
 
 
 def identify(
@@ -163,18 +165,20 @@ def _fitted(
             step("looking for a mistake in the set-up")
             measured = "qd" in (plan.preparation.measured or ())
             culprit = find_culprit(base, data.fitted(), columns, velocities=measured)
+        elsewhere = _culprits_of_unseen(data, models["model"], validations, unseen_logs, columns)
         step("looking for effects that the model lacks")
         lacking = _lacking(data, estimate, unseen_logs)
 
     findings = [Finding(Severity.NOTE, "assumed", setup.source, text) for text in setup.assumed]
     findings += [*surveyed.findings, *(() if prior is None else prior.findings), *unsolved]
-    apart = list(_contradictions(observation, base, noise)) if conditions.is_complete else []
-    if apart and culprit is not None and " is in " in culprit.text:
-        culprit = None  # a unit of one output does not explain that several have scales of their own
-    apart = [] if culprit is not None else apart
-    if apart or culprit is not None:  # what residuals follow then is no effect
+    comparable = conditions.is_complete and not gain_names(base)
+    apart = contradicting_gains(observation, base.units, noise) if comparable else {}
+    if culprit is not None and not _is_explained(apart, culprit):
+        culprit = None
+    told = [] if culprit is not None else list(_contradicting(apart))
+    if told or culprit is not None:  # what residuals follow then is no effect
         lacking = [missing for missing in lacking if missing.usual]
-    findings += apart
+    findings += [*told, *elsewhere]
     if physical is not None and prior is not None:
         findings += departures(base.mechanism, physical.standard, prior.values, physical.prior_weight)
     facts = contradictions(feasible, culprit, findings)
@@ -372,10 +376,40 @@ def _validations(data: PassesOverData, models: Models, unseen_logs: Sequence[Pat
     return (*first, *data.validations(models, unseen, reference))
 
 
-def _contradictions(observation: Observation, base: BaseModel, noise: Floats) -> Iterator[Finding]:
-    """Outputs whose units differ, as those of currents that are given as torques."""
-    factors = contradicting_gains(observation, base.units, noise)
-    if factors and not gain_names(base):
+def _culprits_of_unseen(
+    data: PassesOverData,
+    values: Floats,
+    validations: Sequence[Validation],
+    unseen_logs: Sequence[Path],
+    columns: Sequence[ColumnMap],
+) -> list[Finding]:
+    """Mistakes in logs that are predicted poorly, where the fitted ones are not."""
+    fitted = by_role(validations)[0].scores
+    found = []
+    for log, validation in zip(unseen_logs, [v for v in validations if v.role == "validation"], strict=False):
+        pairs = zip(fitted, validation.scores, strict=True)
+        if any(seen.r2 >= USABLE > unseen.r2 for seen, unseen in pairs):
+            measured = "qd" in (data.plan.preparation.measured or ())
+            mistake = find_culprit(
+                data.plan.base, data.samples(log, "all"), columns, velocities=measured, values=values
+            )
+            if mistake is not None:
+                text = f"in this log, other than in those that were fitted, {mistake.text}"
+                found.append(Finding(Severity.WARNING, "culprit", str(log), text))
+    return found
+
+
+def _is_explained(apart: Mapping[str, float], culprit: Culprit) -> bool:
+    """Whether a mistake explains outputs that contradict the others: a unit, one output by its factor."""
+    if " is in " not in culprit.text:
+        return True
+    thousand = any(abs(abs(np.log10(factor)) - 3) < _SAME_UNIT for factor in apart.values())
+    return not apart or (len(apart) == 1 and (thousand or "N·m" not in culprit.text))
+
+
+def _contradicting(factors: Mapping[str, float]) -> Iterator[Finding]:
+    """Outputs whose units differ from those of the others, as those of currents that are given as torques."""
+    if factors:
         shown = ", ".join(f"{name} {factor:.3g} times" for name, factor in factors.items())
         text = (
             "outputs contradict each other through the inertias that they share, unless some are multiplied "
@@ -392,7 +426,8 @@ def _lacking(data: PassesOverData, estimate: Estimate, unseen_logs: Sequence[Pat
         unseen = chain.from_iterable(data.samples(path, "last") for path in data.paths)
     else:
         unseen = chain.from_iterable(data.samples(path, "all") for path in unseen_logs)
-    return missing_effects(data.plan.base, estimate.values, estimate.noise, fitted, unseen)
+    band = data.plan.preparation.band or np.inf
+    return missing_effects(data.plan.base, estimate.values, estimate.noise, band, fitted, unseen)
 
 
 def _record(setup: Setup, plan: Plan, columns: Sequence[ColumnMap]) -> dict[str, Any]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from echelon.arrays import Floats, Integers
 from echelon.base.model import BaseModel
+from echelon.identification.band import SAMPLED
 from echelon.identification.rows.plan import part_of
 from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.logs.finding import Finding, note, warning
@@ -25,9 +26,11 @@ from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, JointForce
 from echelon.mechanism.stated import known_values
 from echelon.observe.triangle import column_norms, upper_triangle
+from echelon.signals.clock import low_passed
+from echelon.signals.filters import reduction
 
-_SAMPLES, _ROWS = 36_000, 6_000
-"""Samples that are looked at, and rows of each output that are kept of them."""
+_SAMPLES, _ROWS = 12_000, 6_000
+"""Samples that are looked at, on a clock no faster than the band needs, and rows of each output that are kept."""
 _HARMONICS = range(1, 13)
 _NAMED = 4
 """Effects that are named at most."""
@@ -76,12 +79,12 @@ class Missing:
 
 
 def missing_effects(
-    base: BaseModel, values: Floats, noise: Floats, fitted: Iterable[Samples], held: Iterable[Samples]
+    base: BaseModel, values: Floats, noise: Floats, band: float, fitted: Iterable[Samples], held: Iterable[Samples]
 ) -> list[Missing]:
     """Effects with which held-out rows are predicted better, the most useful ones first."""
     places = list(_places(base.mechanism))
     weights = np.where(np.isfinite(noise) & (noise > 0), 1 / noise, 0.0)
-    trial = _Trial(base, values, weights, tuple(places))
+    trial = _Trial(base, values, weights, band, tuple(places))
     first, last = (trial.rows(samples) for samples in (fitted, held))
     return [] if first is None or last is None else list(_selected(trial, first, last))
 
@@ -228,6 +231,7 @@ class _Trial:
     base: BaseModel
     values: Floats
     weights: Floats  # shape (outputs,)
+    band: float  # of both sides, Hz
     places: tuple[_Place, ...]
 
     def __post_init__(self) -> None:
@@ -236,7 +240,7 @@ class _Trial:
 
     def rows(self, samples: Iterable[Samples]) -> _Rows | None:
         """What is known of some samples, as R-factors of [W C y]."""
-        pieces = [self._piece(some) for some in _some(samples)]
+        pieces = [self._piece(some) for some in _some(samples, self.band)]
         layout = ModelRows.of(self.base, ()).layout
         parts, outputs, spread = [], [], np.zeros(len(layout.outputs))
         names = [column[0].output for column in self.columns]
@@ -276,15 +280,36 @@ class _Trial:
         return [np.column_stack([table, values]) for table, values in zip(found, y, strict=True)]
 
 
-def _some(samples: Iterable[Samples]) -> Iterator[Samples]:
+def _some(samples: Iterable[Samples], band: float) -> Iterator[Samples]:
     """The beginnings of some stretches: any motion shows what is missing."""
     left = _SAMPLES
     for stretch in samples:
         if left <= 0:
             return
-        end = min(len(stretch), stretch.first + _SAMPLES // 3)
-        yield part_of(stretch, 0, end)
-        left -= end
+        factor = max(1, int(stretch.rate / (SAMPLED * band)))
+        end = min(len(stretch), stretch.first + factor * _SAMPLES // 3)
+        yield _slower(part_of(stretch, 0, end), factor, band)
+        left -= end // factor
+
+
+def _slower(samples: Samples, factor: int, band: float) -> Samples:
+    """Samples on a clock that is a whole number of times slower, whose states the preparation has filtered enough."""
+    if factor == 1:
+        return samples
+    rate = samples.rate / factor
+    stop = len(samples) if samples.stop is None else samples.stop
+    assert samples.y is not None
+    return replace(
+        samples,
+        rate=rate,
+        **{name: getattr(samples, name)[::factor] for name in ("q", "qd", "qdd")},
+        y=low_passed(samples.y, 1 / factor)[::factor],
+        inputs={name: values[::factor] for name, values in samples.inputs.items()},
+        reduction=reduction(band, rate),
+        moving=None if samples.moving is None else samples.moving[::factor],
+        first=-(-samples.first // factor),
+        stop=-(-stop // factor),
+    )
 
 
 # -- the least squares -----------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ import numpy as np
 from echelon.arrays import Floats
 from echelon.base.model import BaseModel
 from echelon.errors import InputError
-from echelon.identification.band import with_band
+from echelon.identification.band import SAMPLED, slower, with_band
 from echelon.identification.rows.rows import ModelRows, rows_taken
 from echelon.logs.columns.column_map import ColumnMap
 from echelon.logs.finding import Finding, Severity, counted
@@ -41,8 +41,8 @@ _GAIN = 0.1
 """Least share of the residual's squares that a delay must remove."""
 _SHORTEST = 10 * _LONGEST
 """Segments are at least so long, s."""
-_SAMPLES = 50_000
-"""Samples that are looked at: a delay shows in any motion, and some ten seconds of it are enough."""
+_SAMPLES = 10_000
+"""Samples that are looked at, on a clock that is no faster than the band needs: a delay shows in any motion."""
 
 
 def with_delays(preparation: Preparation, segments: Sequence[Segment], base: BaseModel) -> Preparation:
@@ -75,7 +75,8 @@ def _residuals(preparation: Preparation, segments: Sequence[Segment], base: Base
     for segment in segments:
         if len(segment) / segment.rate < _SHORTEST or left <= 0:
             continue
-        begun, left = _beginning(segment, left), left - len(segment)
+        begun = slower(segment, SAMPLED * (preparation.band or np.inf), left)
+        left -= len(begun)
         if len(begun) <= PreparationPlan(preparation, base.mechanism, begun.rate).needed + 2 * _margin(begun, delays):
             continue
         samples = _inner(prepare(begun, preparation, base.mechanism), _margin(begun, delays))
@@ -87,11 +88,6 @@ def _residuals(preparation: Preparation, segments: Sequence[Segment], base: Base
     if not values[0]:
         return np.zeros((len(delays), count))
     return np.stack([_rest(np.vstack(a), np.vstack(b)) for a, b in zip(matrices, values, strict=True)], axis=1)
-
-
-def _beginning(segment: Segment, count: int) -> Segment:
-    signals, inputs = ({name: some[:count] for name, some in of.items()} for of in (segment.signals, segment.inputs))
-    return replace(segment, signals=signals, inputs=inputs)
 
 
 def _late(samples: Samples, y: Floats, output: int, delays: Floats) -> Floats:

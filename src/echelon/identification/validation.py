@@ -334,7 +334,7 @@ class Predicted:
 def predicted(model: ModelRows, samples: Iterable[Samples], values: Sequence[Floats]) -> Iterator[Predicted]:
     """What models with given base parameters predict, beside what was measured."""
     numbering = Numbering()
-    for some in prefetched(samples):
+    for some in samples:
         if some.y is None:
             raise InputError("the log holds no measured outputs", source=some.source)
         yield _predicted(model, some, some.y, values, numbering.of(some))
@@ -378,7 +378,8 @@ def validated(
     """Scores of models with given base parameters on prepared samples."""
     values = [_checked(model, some, name) for name, some in models.items()]
     outputs = tuple(zip(model.layout.outputs, model.output_units, strict=True))
-    signals = predicted(model, samples, values)
+    # while one stretch is judged, the next is predicted, and the one after that is read
+    signals = prefetched(predicted(model, prefetched(samples), values))
     return validate(signals, outputs, tuple(models), role=role, identification=identification, limit=limit)
 
 

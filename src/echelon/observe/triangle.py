@@ -121,13 +121,13 @@ def column_norms(matrix: Floats) -> Floats:
     return norms
 
 
-def upper_triangle(*parts: Floats) -> Floats:
-    """R of matrices on top of one another, with a diagonal that is not negative; missing rows count as zero."""
+def upper_triangle(*parts: Floats, start: Floats | None = None) -> Floats:
+    """R of a triangle, if there is one, and matrices below it, with a diagonal that is not negative."""
     n = parts[0].shape[1]
-    R = np.zeros((n, n), order="F")
+    R = np.zeros((n, n), order="F") if start is None else np.array(start, order="F", dtype=np.float64)
     for part in parts:
-        for start in range(0, len(part), ROWS):
-            update_triangle(R, np.array(part[start : start + ROWS].T, order="C", dtype=np.float64))
+        for row in range(0, len(part), ROWS):
+            update_triangle(R, np.array(part[row : row + ROWS].T, order="C", dtype=np.float64))
     return positive(R)
 
 

@@ -95,16 +95,24 @@ class Spectrum:
 
 def spectrum(values: npt.ArrayLike | Sequence[Floats], rate: float) -> Spectrum:
     """Spectrum of a position (N,) and of its noise, from one stretch or from several between gaps."""
-    pieces = [
-        np.asarray(piece, dtype=np.float64) for piece in (values if isinstance(values, list | tuple) else [values])
-    ]
+    pieces = values if isinstance(values, list | tuple) else [values]
+    return spectra([np.asarray(piece, dtype=np.float64)[:, None] for piece in pieces], rate)[0]
+
+
+def spectra(pieces: Sequence[Floats], rate: float) -> list[Spectrum]:
+    """Spectra of positions (N, columns) and of their noise, from one stretch or from several between gaps."""
     longest = max((len(piece) for piece in pieces), default=0)
     if longest < LEAST_SAMPLES:
         raise InputError(f"{longest} samples are too few for a spectrum; at least {LEAST_SAMPLES} are needed")
-    frequencies, density = _differences(pieces, rate, min((longest - 1) // _PARTS, _LONGEST))
+    frequencies, densities = _differences(pieces, rate, min((longest - 1) // _PARTS, _LONGEST))
+    smooth = np.maximum(_medians(frequencies, densities), np.finfo(float).tiny)
+    return [_divided(rate, frequencies, *parts) for parts in zip(densities.T, smooth.T, strict=True)]
+
+
+def _divided(rate: float, frequencies: Floats, density: Floats, smooth: Floats) -> Spectrum:
+    """A position's spectrum, divided into motion and noise, from that of its differences, also smoothed."""
     step = 2 * np.sin(np.pi * frequencies / rate)
     power = density / step**2
-    smooth = np.maximum(_medians(frequencies, density), np.finfo(float).tiny)
     floor = np.where(frequencies < _TRUSTED * rate, smooth, np.inf)
     rising = np.minimum(np.minimum.accumulate(floor[::-1])[::-1], smooth)
     moves, floor = _stretches(smooth / rising), rising / step**2
@@ -115,7 +123,7 @@ def spectrum(values: npt.ArrayLike | Sequence[Floats], rate: float) -> Spectrum:
 
 
 def _differences(pieces: Sequence[Floats], rate: float, length: int) -> tuple[Floats, Floats]:
-    """Frequencies without zero, and the mean spectrum of differences.
+    """Frequencies without zero, shape (F,), and the mean spectra of differences, shape (F, columns).
 
     Slow motion is so much stronger than the noise that it would leak over all of it if it were not differenced first;
     differenced twice, noise would leak over the motion.
@@ -123,26 +131,28 @@ def _differences(pieces: Sequence[Floats], rate: float, length: int) -> tuple[Fl
     with extra("identify"):
         from scipy.signal import welch
 
-    total, weights = np.zeros(length // 2), 0
+    total, weights = np.zeros((length // 2, pieces[0].shape[1])), 0
     for piece in pieces:
         if len(piece) > length:
-            f, density = welch(np.diff(piece), rate, window="blackman", nperseg=length, detrend="constant")
+            rises = np.diff(piece, axis=0)
+            f, density = welch(rises, rate, window="blackman", nperseg=length, detrend="constant", axis=0)
             total += len(piece) * density[1 : length // 2 + 1]
             weights += len(piece)
     return np.asarray(f[1 : length // 2 + 1], dtype=np.float64), total / weights
 
 
-def _medians(frequencies: Floats, density: Floats) -> Floats:
-    """A density smoothed by medians over narrow bands, which single lines do not raise."""
+def _medians(frequencies: Floats, densities: Floats) -> Floats:
+    """Densities (F, columns) smoothed by medians over narrow bands, which single lines do not raise."""
     octaves = np.log2(frequencies[-1] / frequencies[0])
     edges = np.geomspace(frequencies[0], frequencies[-1] * (1 + 1e-9), max(2, int(_PER_OCTAVE * octaves)) + 1)
     centres, medians = [], []
     for low, high in pairwise(np.searchsorted(frequencies, edges)):
         if high > low:
             centres.append(float(np.sqrt(frequencies[low] * frequencies[high - 1])))
-            medians.append(float(np.median(density[max(0, low - 1) : high + 1])))
+            medians.append(np.median(densities[max(0, low - 1) : high + 1], axis=0))
     logs = np.log(np.maximum(np.array(medians), np.finfo(float).tiny))
-    return np.asarray(np.exp(np.interp(np.log(frequencies), np.log(np.array(centres)), logs)))
+    places, known = np.log(frequencies), np.log(np.array(centres))
+    return np.asarray(np.exp(np.stack([np.interp(places, known, column) for column in logs.T], axis=1)))
 
 
 def _stretches(ratio: Floats) -> npt.NDArray[np.bool_]:

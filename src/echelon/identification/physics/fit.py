@@ -16,15 +16,17 @@ them.  What they leave open is decided by a divergence from the prior (Lee, Wens
     minimise  ‖R B ζ − Qᵀy‖² + w Σ D(J_b ‖ J₀_b)      over  J_b ≻ 0,  friction and rotor inertia ≥ 0,  bounds
 
 D is strictly convex in every J_b, so the answer is unique: among all robots that fit equally well, the one nearest to
-the prior.  Bodies of which the prior says nothing are drawn towards a plain shape with a weight that is negligible
-beside the noise.  Rows are weighted by the inverse of their noise, so w is in units of its variance: a body of twice
-the prior's mass and inertia has D = 1.2 and costs as much as a misfit that rises by 1.2 w.
+the prior.  Bodies of which the prior says nothing are drawn towards a plain shape of the robot's own size and mass, so
+that no link of a hundred kilograms comes out where data hardly see its mass: with weight 1, or less where that raises
+the misfit by more than the true parameters do.  Rows are weighted by the inverse of their noise, so w is in units of
+its variance: a body of twice the prior's mass and inertia has D = 1.2 and costs as much as a misfit that rises by
+1.2 w.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from typing import Any
 
@@ -155,8 +157,10 @@ def by_discrepancy(solve: Solve, triangle: Triangle) -> WeightChoice:
     return WeightChoice(low, reason, tuple(scores))
 
 
-PLAIN_WEIGHT = 1e-3
-"""Weight of the drawing towards a plain shape; it raises the misfit by less than a hundredth of what noise does."""
+PLAIN_WEIGHTS = (1.0, 0.1, 0.01, 1e-3)
+"""Weights of the drawing towards a plain shape, the largest first.  The last raises the misfit by less than a hundredth
+of what noise does; the first moves a parameter that data tell to a share s of that body's own by s standard deviations
+at most."""
 
 
 def physical_fit(
@@ -174,6 +178,7 @@ def physical_fit(
     if tuple(triangle.parameters) != tuple(base.pivots):
         raise InputError("the triangle's columns are not the base parameters of this model")
     problem = _Problem.of(base, triangle, bounds, prior)
+    problem = replace(problem, plain=_plain_weight(problem, triangle))
     choice = _weight(problem, triangle, prior_weight, pieces, weights)
     standard, found = problem.solve(problem.matrix(triangle.R), triangle.qty, choice.weight)
     standard, step = put_inside(problem.programme, standard)
@@ -197,6 +202,7 @@ def physical_fit(
             "active": active(programme, standard, problem.matrix(triangle.R)),
             "divergence": dict(zip(names, map(float, apart), strict=True)),
             "step_inside": step,
+            "plain_weight": problem.plain,
             "prior_weight_reason": choice.reason,
             "prior_weight_scores": [list(score) for score in choice.scores],
             "findings": [str(finding) for finding in programme.reference.findings],
@@ -208,6 +214,7 @@ def physical_fit(
 class _Problem:
     B: Floats
     programme: Programme
+    plain: float = PLAIN_WEIGHTS[-1]  # weight of the drawing towards a plain shape
 
     @staticmethod
     def of(base: BaseModel, triangle: Triangle, bounds: Bounds | None, prior: npt.ArrayLike | None) -> _Problem:
@@ -225,13 +232,26 @@ class _Problem:
 
     def solve(self, design: Floats, target: Floats, weight: float) -> tuple[Floats, ConeSolution]:
         informed = self.programme.reference.informed
-        weights = np.where(informed, max(weight, PLAIN_WEIGHT), PLAIN_WEIGHT)
+        weights = np.where(informed, max(weight, PLAIN_WEIGHTS[-1]), self.plain)
         standard, found = self.programme.fit(design, target, weights, weight)
         if found.status == INFEASIBLE:
             raise InputError("the bounds contradict each other: no body that can exist satisfies all of them")
         if found.status != SOLVED:
             raise EchelonError(f"the solver found no physically consistent fit: {found.message}")
         return standard, found
+
+
+def _plain_weight(problem: _Problem, triangle: Triangle) -> float:
+    """The largest weight of the plain shape that raises the misfit no more than the true parameters do on average."""
+    if problem.programme.reference.informed.all():
+        return PLAIN_WEIGHTS[-1]
+    r, design = len(triangle.parameters), problem.matrix(triangle.R)
+
+    def misfit(plain: float) -> float:
+        return _misfit(triangle, problem.B @ replace(problem, plain=plain).solve(design, triangle.qty, 0.0)[0])
+
+    allowed = misfit(PLAIN_WEIGHTS[-1]) + r * triangle.residual**2 / max(triangle.rows - r, 1)
+    return next((plain for plain in PLAIN_WEIGHTS[:-1] if misfit(plain) <= allowed), PLAIN_WEIGHTS[-1])
 
 
 def _weight(

@@ -296,7 +296,7 @@ def observed(layout: Layout, block: RowBlock) -> Observation:
 
 def stacked(a: Observation, b: Observation) -> Observation:
     """The observation of both sets of rows, like their sum, on one thread."""
-    factors = tuple(upper_triangle(*pair) for pair in zip(a.factors, b.factors, strict=True))
+    factors = tuple(upper_triangle(b, start=a) for a, b in zip(a.factors, b.factors, strict=True))
     counts = tuple(m + n for m, n in zip(a.counts, b.counts, strict=True))
     return Observation(a.layout, factors, counts)
 

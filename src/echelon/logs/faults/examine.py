@@ -332,8 +332,10 @@ def _contradicted(
 def _abrupt(values: Floats, start: int, stop: int, usual: float, fast: float) -> bool:
     """Whether a position stops at speed, or jumps when it goes on."""
     jumps = stop < len(values) and abs(values[stop] - values[stop - 1]) > _JUMP * usual
-    before = np.abs(np.diff(values[max(start - 2, 0) : start + 1]))
-    return bool(jumps or (len(before) == 2 and before.min() > _ABRUPT * fast))
+    before = np.diff(values[max(start - 2, 0) : start + 1])
+    # up to a level and back again, as coarse sensors do where the motion turns, is no speed
+    onwards = len(before) == 2 and before[0] * before[1] > 0
+    return bool(jumps or (onwards and np.abs(before).min() > _ABRUPT * fast))
 
 
 def pinned(values: Floats, usable: Flags) -> Iterator[tuple[float, Integers, Integers]]:
@@ -341,6 +343,9 @@ def pinned(values: Floats, usable: Flags) -> Iterator[tuple[float, Integers, Int
     good = values[usable]
     span = float(np.ptp(good))
     low, high = float(good.min()), float(good.max())
+    # a coarse sensor repeats every value for a while, so that one visit to an extreme proves nothing
+    starts, stops = _equal_runs(values, usable & (values > low) & (values < high))
+    usual = float(np.percentile(stops - starts, 99)) if len(starts) else 0.0
     for limit in (high, low):
         at = usable & (np.abs(values - limit) <= 1e-9 * span)
         if at.sum() < _PINNED:
@@ -351,7 +356,8 @@ def pinned(values: Floats, usable: Flags) -> Iterator[tuple[float, Integers, Int
         near = usable & (np.abs(values - limit) <= width) & ~at
         starts, stops = runs(at)
         long = stops - starts >= _PINNED_RUN
-        if long.any() and at.sum() > _PILE * near.sum():
+        clear = long.sum() > 1 or (stops - starts).max() > 2 * usual
+        if long.any() and clear and at.sum() > _PILE * near.sum():
             yield limit, starts[long], stops[long]
 
 

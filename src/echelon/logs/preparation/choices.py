@@ -25,7 +25,7 @@ from echelon.logs.recording import Segment
 from echelon.mechanism.mechanism import Mechanism
 from echelon.signals.derivatives import REACH, derivatives
 from echelon.signals.filters import NEAR, PASSED, butterworth, lowpass
-from echelon.signals.spectrum import Spectrum, best_cutoff, noise_deviation, spectrum
+from echelon.signals.spectrum import Spectrum, best_cutoff, noise_deviation, spectra
 
 HARMONICS = 12
 """Times the mean frequency of the fastest velocity, up to which regressor and outputs are kept at most: on logs of five
@@ -103,9 +103,8 @@ class Signals:
 
     def spectra_of(self, signal: str) -> list[Spectrum]:
         """Spectra of every column of a signal."""
-        columns = self.segments[0].signals[signal].shape[1]
         with locating(self.source):
-            return [spectrum([s.signals[signal][:, k] for s in self.segments], self.rate) for k in range(columns)]
+            return spectra([segment.signals[signal] for segment in self.segments], self.rate)
 
     @cached_property
     def moving(self) -> list[int]:

@@ -219,7 +219,7 @@ def _segment(
 def _on_uniform_clock(
     time: Floats, values: Floats, regular: Regularity, rate: float | None, quaternions: tuple[int, ...] = ()
 ) -> Floats:
-    values = values.copy()
+    values = values.copy() if quaternions else values
     for first in quaternions:
         values[:, first : first + 4] = continuous(values[:, first : first + 4])
     if regular.uniform:
