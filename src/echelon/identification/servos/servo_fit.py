@@ -162,11 +162,14 @@ def fit_servos(setup: Any, logs: Any, *, on_step: Callable[[str], None] | None =
         windows, unseen = _windows(segments, setup.settings.holdout)
 
         step("finding starting values")
-        moving = replace(base, mechanism=smooth(mechanism, _STILL * _speed(segments)))
+        q, qd, qdd = smooth_states(segments)
+        X = base.regressor(q, qd, qdd, inputs={name: np.zeros(len(q)) for name in names})
+        speed = float(max(np.sqrt(np.mean(qd**2)), 1e-3))  # rad/s or m/s
+        moving = replace(base, mechanism=smooth(mechanism, _STILL * speed))
         motion = ServoMotion(moving, names, tuple(base.pivots.index(servo_joints(mechanism)[n]) for n in names))
         stated = stated_values(setup, base)
-        start, delay = start_values(base, names, segments, stated, setup.settings.known)
-        fixed, hidden = _scales(base, groups, segments, start, setup.settings.known)
+        start, delay = start_values(base, names, segments, q, X, stated, setup.settings.known)
+        fixed, hidden = _scales(base, groups, X, start, setup.settings.known)
 
         step("simulating")
         problem = OutputErrorProblem(
@@ -260,7 +263,7 @@ def scale_groups(mechanism: Mechanism) -> tuple[tuple[str, ...], ...]:
 def _scales(
     base: BaseModel,
     groups: Sequence[Sequence[str]],
-    segments: Sequence[Segment],
+    regressor: Floats,
     start: Floats,
     known: Mapping[str, float],
 ) -> tuple[Floats, tuple[str, ...]]:
@@ -268,9 +271,6 @@ def _scales(
     rows = [np.eye(len(start))[base.pivots.index(name)] for name in known]
     hidden = []
     outputs = [output.name for output in base.mechanism.outputs]
-    q, qd, qdd = smooth_states(segments)
-    inputs = {name: np.zeros(len(q)) for name in outputs}
-    regressor = base.regressor(q, qd, qdd, inputs=inputs)
     of_bodies = inertial(base)
     for group in groups:
         places = [outputs.index(name) for name in group]
@@ -350,11 +350,6 @@ def _windows(segments: Sequence[Segment], holdout: float) -> tuple[Windows, Wind
         return Windows(tuple(segments), np.array(some, dtype=np.intp), run_in, length, rate)
 
     return made(first), made(last) if last else None
-
-
-def _speed(segments: Sequence[Segment]) -> float:
-    """Rms speed of the joints, rad/s or m/s."""
-    return float(max(np.sqrt(np.mean(smooth_states(segments)[1] ** 2)), 1e-3))
 
 
 def _scores(motion: ServoMotion, windows: Windows, values: Floats, delay: float) -> tuple[ServoScore, ...]:

@@ -69,15 +69,20 @@ def stated_values(setup: Setup, base: BaseModel) -> Floats:
 
 
 def start_values(
-    base: BaseModel, names: Sequence[str], segments: Sequence[Segment], stated: Floats, known: Mapping[str, float]
+    base: BaseModel,
+    names: Sequence[str],
+    segments: Sequence[Segment],
+    q: Floats,
+    X: Floats,
+    stated: Floats,
+    known: Mapping[str, float],
 ) -> tuple[Floats, float]:
     """Stated values of bodies, and gains, friction and a delay that fit differentiated positions best.
 
     A joint's row over its gain, q − u + Σ (f/Kp) x + (1/Kp) τ = 0, has the signal with the least noise alone.  Where
-    the bodies' forces τ are too small to tell the gain, it is taken to be like that of the other joints.
+    the bodies' forces τ are too small to tell the gain, it is taken to be like that of the other joints.  ``q`` and
+    ``X`` are the smooth positions and the regressor without commands.
     """
-    q, qd, qdd = smooth_states(segments)
-    X = base.regressor(q, qd, qdd, inputs={name: np.zeros(len(q)) for name in names})
     start, servos = stated.copy(), servo_joints(base.mechanism)
     for name, value in known.items():
         if name not in base.pivots:
