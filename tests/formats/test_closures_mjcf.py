@@ -181,7 +181,7 @@ def test_a_held_joint_does_not_move_the_anchor() -> None:
 
 @pytest.mark.parametrize("name", EQUALITIES)
 def test_round_trip(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("echelon.formats.description.stated_loops.close", lambda mechanism, *_, **__: mechanism)
+    monkeypatch.setattr("echelon.formats.description.stated_setup.close", lambda mechanism, *_, **__: mechanism)
     mechanism = read(EQUALITIES[name])
     written = json.dumps(write_description(mechanism))
     again = read_description(written, "robot.json", ReadingOptions(keep_fixed_links=True))

@@ -24,8 +24,7 @@ from echelon.formats.description.stated_expressions import (
     with_intended_angles,
 )
 from echelon.formats.description.stated_joints import coordinate_axis, offset_placement, read_couplings
-from echelon.formats.description.stated_loops import add_loops
-from echelon.formats.description.stated_setup import add_setup, cut_off
+from echelon.formats.description.stated_setup import cut_off, with_additions
 from echelon.formats.literal import Inertial, StatedCoupling, move_inertial
 from echelon.formats.reading_options import ReadingOptions, StatedJoint, gravity_vector
 from echelon.formats.snapping import numeric_value, symbol_stem
@@ -73,8 +72,7 @@ def build_description(
         tuple(c.coupling for c in couplings),
         {name: s for name, s in expressions.snapping.symbols.items() if name not in bare},
     )
-    mechanism = add_loops(mechanism, robot, expressions, tree.find)
-    mechanism = add_setup(mechanism, robot, expressions, tree.find)
+    mechanism = with_additions(mechanism, robot, expressions, tree.find)
     mechanism = with_intended_angles(mechanism, expressions.snapping)
     notes = (*tree.notes, *check_use(mechanism, robot, document))
     return Built(mechanism, tuple(expressions.snapping.snaps), notes)
@@ -110,7 +108,7 @@ def _with_additions(document: Document, robot: RobotDescription, options: Readin
     expressions = Expressions(document, options, (), {**mechanism.symbols, **symbols})
     mechanism, notes = _labelled(replace(mechanism, symbols={**mechanism.symbols, **known}), robot, document)
     find = _FileParts(mechanism, stated.riders, expressions)
-    mechanism = add_setup(add_loops(mechanism, robot, expressions, find), robot, expressions, find)
+    mechanism = with_additions(mechanism, robot, expressions, find)
     snaps = tuple(dict.fromkeys((*stated.snaps, *find.snaps)))
     return Built(mechanism, snaps, (*stated.notes, *notes))
 

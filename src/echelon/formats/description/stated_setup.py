@@ -1,28 +1,39 @@
-"""Drives, effects, rotors and outputs of a description, added to a mechanism."""
+"""Drives, effects, rotors, outputs and loops of a description, added to a mechanism."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from echelon.conventions import PARAMETERS
+from echelon.exact.angle import Angle
+from echelon.exact.expressions import PI
 from echelon.exact.polynomial import Polynomial
 from echelon.formats.bodies import BASE
+from echelon.formats.closure_frames import at_zero, second_frame
 from echelon.formats.description.stated_expressions import Expressions
 from echelon.formats.description.stated_joints import CouplingReader, Joints
-from echelon.formats.description.stated_loops import FindPart
+from echelon.formats.snapping import symbol_stem
 from echelon.formats.usual_effects import effect_label, slides
 from echelon.mechanism.body import Body
+from echelon.mechanism.closed_pose import follow
+from echelon.mechanism.closure import Closure, ClosureKind
 from echelon.mechanism.coupling import Coupling, linear
 from echelon.mechanism.effect import Action, Effect, Side, ready_made
-from echelon.mechanism.joint import Joint, Motion, MotionKind, merge
+from echelon.mechanism.joint import Joint, Motion, MotionKind, X, Y, Z, merge
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, Channel, Cut, JointForce, Output, plain
+from echelon.mechanism.placement import Placement, turn
 from echelon.mechanism.transmission import Actuator
+from echelon.regressor.loops.closing import close
+from echelon.regressor.loops.exact_pose import check_pose
 
 if TYPE_CHECKING:
     from echelon.formats.schema.robot_schema import RobotDescription
+    from echelon.formats.schema.schema_geometry import LoopEntry
     from echelon.formats.schema.schema_setup import (
         LinearTerms,
         OutputEntry,
@@ -33,8 +44,23 @@ if TYPE_CHECKING:
     )
 
 
+FindPart = Callable[[str | None, str], tuple[int, Placement]]
+"""The body that carries a part and where the part sits on it, by the part's name and the element that names it."""
+
 EVERY = "all"
 _SPIN = (PARAMETERS.index("XX"), PARAMETERS.index("YY"), PARAMETERS.index("ZZ"))
+_ALIASES = {"points": ClosureKind.SPHERICAL, "axes": ClosureKind.CYLINDRICAL}
+_QUARTER, _HALF = Angle(Fraction(1, 2)), Angle(Fraction(1))
+_BACK = Angle(Fraction(-1, 2))
+_Z_ALONG = {
+    (X, 1): turn(Y, _QUARTER),
+    (X, -1): turn(Y, _BACK),
+    (Y, 1): turn(X, _BACK),
+    (Y, -1): turn(X, _QUARTER),
+    (Z, 1): Placement(),
+    (Z, -1): turn(X, _HALF),
+}
+"""Frames whose z axis lies along a coordinate axis, by axis and sign."""
 
 
 def cut_off(robot: RobotDescription) -> tuple[str, ...]:
@@ -42,17 +68,20 @@ def cut_off(robot: RobotDescription) -> tuple[str, ...]:
     return tuple(w for w in (getattr(output, "wrench", BASE) for output in robot.outputs or ()) if w != BASE)
 
 
-def add_setup(mechanism: Mechanism, robot: RobotDescription, expressions: Expressions, find: FindPart) -> Mechanism:
-    """A mechanism with the drives, rotors, effects and outputs that a description states."""
-    return _Setup(mechanism, robot, expressions, find).added()
+def with_additions(
+    mechanism: Mechanism, robot: RobotDescription, expressions: Expressions, find: FindPart
+) -> Mechanism:
+    """A mechanism with the loops, drives, rotors, effects and outputs that a description states."""
+    return _Additions(mechanism, robot, expressions, find).added()
 
 
-class _Setup:
+class _Additions:
     def __init__(self, mechanism: Mechanism, robot: RobotDescription, expressions: Expressions, find: FindPart) -> None:
         self.mechanism, self.robot, self.expressions, self.find = mechanism, robot, expressions, find
         self.joints = Joints(expressions)
 
     def added(self) -> Mechanism:
+        self.mechanism = self._closed()
         self.mechanism = replace(self.mechanism, actuators=tuple(self._actuators()))
         for index, rotor in enumerate(self.robot.rotors):
             self._add_rotor(rotor, f"rotors[{index}]")
@@ -210,3 +239,133 @@ class _Setup:
             )
             for component in entry.components
         ]
+
+    # -- loops -----------------------------------------------------------------------------------------------------
+
+    def _closed(self) -> Mechanism:
+        """The mechanism with the loops that are stated, beside those that it has."""
+        closures = (*self.mechanism.closures, *self._closures())
+        if not closures:
+            problem = "there are no loops, so no coordinate depends on others through them"
+            for key in ("independent", "assembly", "closed_at"):
+                if key in self.robot.model_fields_set:
+                    raise self.expressions.error(key, problem)
+            return self.mechanism
+        # what a robot file chose already stays where it can
+        prefer = (*self._driven(), *self.mechanism.independent)
+        assembly = {**self.mechanism.assembly, **self._assembly()}
+        symbols = {**self.mechanism.symbols, **self.expressions.named}
+        opened = replace(self.mechanism, closures=closures, independent=(), assembly=assembly, symbols=symbols)
+        if self.robot.closed_at:
+            opened = self._followed(opened)
+        return close(opened, self._independent(), prefer=prefer)
+
+    def _closures(self) -> Iterator[Closure]:
+        """The joints that close loops."""
+        taken = {closure.name for closure in self.mechanism.closures}
+        for index, entry in enumerate(self.robot.loops):
+            path = f"loops[{index}]"
+            if isinstance(entry, tuple):
+                entry = _weld(entry)
+            name = entry.name or f"loop{len(self.mechanism.closures) + index + 1}"
+            if name in taken:
+                raise self.expressions.error(f"{path}.name", f"another loop has the name '{name}'")
+            taken.add(name)
+            yield self._closure(entry, name, path)
+
+    def _closure(self, entry: LoopEntry, name: str, path: str) -> Closure:
+        (first, offset), (second, other) = (
+            self.find(part, f"{path}.connects[{k}]") for k, part in enumerate(entry.connects)
+        )
+        if first == second:
+            shown = " and ".join(f"'{part}'" if part else "the world" for part in entry.connects)
+            raise self.expressions.error(f"{path}.connects", f"{shown} do not move against each other")
+        stem = symbol_stem(name)
+        aim = self._aim(entry, path, stem)
+        kind = _ALIASES.get(entry.joint) or ClosureKind(entry.joint)
+        frame = offset @ self.joints.frame(entry.at, f"{path}.at", stem) @ aim
+        meets = "at" not in entry.model_fields_set and all(self._is_frame(part) for part in entry.connects)
+        if entry.on_second is None and not meets:
+            met = self._met(kind, first, second, frame, path)
+        else:
+            stated = entry.at if entry.on_second is None else entry.on_second
+            met = other @ self.joints.frame(stated, f"{path}.on_second", stem) @ aim
+        return Closure(name, kind, first, second, frame, met)
+
+    def _is_frame(self, part: str | None) -> bool:
+        """Whether a part is only fixed to what moves, so that it can have no other use than to mark a place."""
+        if part is None or part == BASE:
+            return False
+        return all(body.name != part or body.joint.is_fixed for body in self.mechanism.bodies)
+
+    def _aim(self, entry: LoopEntry, path: str, stem: str) -> Placement:
+        """A frame whose z axis lies along the joint's axis."""
+        if entry.axis is None:
+            return Placement()
+        direction = self.expressions.direction(entry.axis, f"{path}.axis")
+        mounting, axis, sign = self.expressions.snapping.direction(direction, f"{path}.axis", stem)
+        return mounting @ _Z_ALONG[axis, sign]
+
+    def _met(self, kind: ClosureKind, first: int, second: int, frame: Placement, path: str) -> Placement:
+        """Where a frame of the first body is on the second one while all coordinates are zero."""
+        bodies, symbols = self.mechanism.bodies, {**self.mechanism.symbols, **self.expressions.named}
+        try:
+            return second_frame(
+                kind, first, second, frame, lambda k: bodies[k].parent, lambda k: at_zero(bodies[k]), symbols
+            )
+        except ValueError as error:
+            raise self.expressions.error(path, str(error)) from None
+
+    def _independent(self) -> tuple[str, ...] | None:
+        """The coordinates that shall be independent, if they are stated."""
+        for index, name in enumerate(self.robot.independent or ()):
+            self.expressions.check(name, self.mechanism.velocities, f"independent[{index}]")
+        return self.robot.independent
+
+    def _assembly(self) -> dict[str, float]:
+        """Positions near which the loops close."""
+        found = {}
+        for name, text in self.robot.assembly.items():
+            path = f"assembly.{name}"
+            self.expressions.check(name, self.mechanism.positions, path)
+            value = self.expressions.polynomial(text, path)
+            if not set(value.generators()) <= {PI}:
+                raise self.expressions.error(path, f"'{text}' must be a number here, without symbols")
+            found[name] = value.evaluate({PI: math.pi}, float)
+        return found
+
+    def _followed(self, mechanism: Mechanism) -> Mechanism:
+        """The mechanism with second frames that follow at the exact pose."""
+        pose = {
+            name: tuple(self.expressions.polynomial(text, f"closed_at.{name}[{k}]") for k, text in enumerate(position))
+            for name, position in self.robot.closed_at.items()
+        }
+        try:
+            check_pose(mechanism, pose)
+            return follow(mechanism, pose)
+        except ValueError as error:
+            raise self.expressions.error("closed_at", str(error)) from None
+
+    def _driven(self) -> list[str]:
+        """Coordinates that actuators drive."""
+        stated: list[str] = []
+        if self.robot.robot is not None:
+            for index, name in enumerate(self.robot.robot.driven):
+                several = [known for known in self.mechanism.velocities if known.startswith(f"{name}.")]
+                if not several:
+                    self.expressions.check(name, self.mechanism.velocities, f"robot.driven[{index}]")
+                stated += several or [name]
+        for actuator, entry in self.robot.actuators.items():
+            if isinstance(entry, str):
+                stated += self.expressions.parsed(entry, f"actuators.{actuator}").symbols()
+            else:
+                stated += entry.terms
+        return [name for name in dict.fromkeys(stated) if name in self.mechanism.velocities]
+
+
+def _weld(pair: tuple[str | None, str | None]) -> LoopEntry:
+    """Two frames that are held together as they are."""
+    from echelon.formats.schema.schema_geometry import Frame, LoopEntry
+
+    name = "-".join(part or BASE for part in pair)
+    return LoopEntry.model_construct(name=name, joint="weld", connects=pair, on_second=Frame.model_construct())
