@@ -172,4 +172,5 @@ FAULTS = (
         "friction of bare robot files",
         f"{SETUP} identification/test_synthetic_files.py",
     ),
+    Fault("zoo/faults.py", "if a + b < c * (1", "if a + b < 0 * (1", "triangle inequalities", "zoo/test_faults.py"),
 )
