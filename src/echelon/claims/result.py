@@ -232,11 +232,7 @@ def _blindness(missing: Missing) -> list[str]:
     shown = {name: ", ".join(f"{value + 0.0:.4g}" for value in values) for name, values in witness.state.items()}
     state = ", ".join(f"{name} = ({text})" for name, text in shown.items())
     outputs = ", ".join(f"{name} by {value:.6g}" for name, value in witness.outputs.items() if value)
-    return [
-        f"witness: add {_change(witness)}",
-        f"no claimed row changes, but the outputs do: {outputs}",
-        f"at {state}",
-    ]
+    return [f"witness: add {_change(witness)}", f"no claimed row changes, but the outputs do: {outputs}", f"at {state}"]
 
 
 def _change(witness: Witness) -> str:

@@ -99,8 +99,7 @@ Force = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Machine-readable output.")]
 Ordering = Annotated[Order, typer.Option(help="Which parameters become representatives.")]
 Prefer = Annotated[
-    list[str] | None,
-    typer.Option(help="A parameter (M7) or kind (MX) wanted as representative; may be repeated."),
+    list[str] | None, typer.Option(help="A parameter (M7) or kind (MX) wanted as representative; may be repeated.")
 ]
 Budget = Annotated[
     float, typer.Option(min=0, help="Work for closed forms (0: numbers only) or sensor subsets; 1 is a few seconds.")
@@ -128,8 +127,7 @@ _READING: dict[str, tuple[Any, Any]] = {
     "massless": (Massless, None),
     "mimic": (
         Annotated[
-            Literal["coupled", "independent"],
-            typer.Option(help="Respect mimic joints, or treat them as independent."),
+            Literal["coupled", "independent"], typer.Option(help="Respect mimic joints, or treat them as independent.")
         ],
         "coupled",
     ),
@@ -139,16 +137,12 @@ _READING: dict[str, tuple[Any, Any]] = {
     ),
     "symbols": (
         Annotated[
-            Literal["shared", "separate"],
-            typer.Option(help="Whether equal magnitudes of a robot file share a symbol."),
+            Literal["shared", "separate"], typer.Option(help="Whether equal magnitudes of a robot file share a symbol.")
         ],
         "shared",
     ),
     "measured": (
-        Annotated[
-            Measured,
-            typer.Option(help="Forces of all drives, or the sensors of an MJCF file."),
-        ],
+        Annotated[Measured, typer.Option(help="Forces of all drives, or the sensors of an MJCF file.")],
         "drives",
     ),
 }

@@ -56,8 +56,7 @@ def excite(
     iterations: Annotated[int | None, typer.Option(min=1, help="Steps of the solver in each start, at most.")] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Starts that run at the same time.")] = None,
     prior_log: Annotated[
-        list[Path] | None,
-        typer.Option(help="A log at hand, to whose information the motion adds; may be repeated."),
+        list[Path] | None, typer.Option(help="A log at hand, to whose information the motion adds; may be repeated.")
     ] = None,
     prior: Prior = None,
     model: Model = None,

@@ -25,13 +25,7 @@ from echelon.exact.polynomial import Polynomial, as_polynomial, format_polynomia
 from echelon.formats.literal import LiteralMotion, LiteralPlacement, LiteralTree, Triple
 from echelon.formats.reading_options import LARGEST_ANGLE, LENGTH_TOLERANCE, PRECISION, ReadingOptions
 from echelon.mechanism.body import Symbol
-from echelon.mechanism.joint import (
-    Motion,
-    MotionKind,
-    Step,
-    floating_motions,
-    planar_motions,
-)
+from echelon.mechanism.joint import Motion, MotionKind, Step, floating_motions, planar_motions
 from echelon.mechanism.placement import Placement, Vector, as_matrix, shift, turn
 from echelon.mechanism.reading import Snap
 

@@ -100,12 +100,7 @@ def _of_joint(joint: Any, source: str) -> StatedLimits:
         return min((stated[key] for key in keys if 0 < stated.get(key, 0.0) < math.inf), default=None)
 
     return StatedLimits(
-        position,
-        least("velocity"),
-        least("acceleration", "deceleration"),
-        least("jerk"),
-        least("effort"),
-        tuple(notes),
+        position, least("velocity"), least("acceleration", "deceleration"), least("jerk"), least("effort"), tuple(notes)
     )
 
 

@@ -24,6 +24,7 @@ from echelon.report.page import Context, html_page, packed
 from echelon.report.report import findings_of
 from echelon.report.scene import robot
 from echelon.report.signals import envelope
+from echelon.results.identified import plain
 
 TITLES = {
     "robot": "How the robot moves",
@@ -79,7 +80,7 @@ def preview_html(found: ExcitingTrajectory) -> str:
         "limits": _limits(found),
         "showing": _showing(found),
         "starts": _starts(found),
-        "settings": {"repeat": json.dumps(_plain(found.settings), indent=2, ensure_ascii=False, default=str)},
+        "settings": {"repeat": json.dumps(plain(found.settings, "none"), indent=2, ensure_ascii=False, default=str)},
     }
     seen = [(time, condition) for time, condition in found.conditioning.over_time if isfinite(condition)]
     data = {
@@ -147,10 +148,7 @@ def _motion(found: ExcitingTrajectory) -> Context:
     """Coordinates, and those of their quantities that have no limit."""
     labels = {margin.label for margin in found.margins}
     quantities = [_quantity(name, order) for name in found.trajectory.coordinates for order in range(_PLOTTED)]
-    return {
-        "coordinates": found.trajectory.coordinates,
-        "free": [label for label in quantities if label not in labels],
-    }
+    return {"coordinates": found.trajectory.coordinates, "free": [label for label in quantities if label not in labels]}
 
 
 def _quantity(coordinate: str, order: int) -> str:
@@ -261,16 +259,3 @@ def _starts(found: ExcitingTrajectory) -> Context:
         "curves": any(len(start.history) > 1 for start in found.starts),
         "criterion": found.criterion,
     }
-
-
-def _plain(value: Any) -> Any:
-    """Settings in terms of JSON; limits that do not exist are none, as in set-ups."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(part) for key, part in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(part) for part in value]
-    if isinstance(value, float) and not isfinite(value):
-        return "none"
-    return value

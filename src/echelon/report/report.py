@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from math import isfinite, isinf
 from typing import Any
 
-import numpy as np
-
 from echelon.errors import one_line
 from echelon.identification.result import Identification
 from echelon.identification.validation import Score
@@ -19,6 +17,7 @@ from echelon.report.matrix_picture import matrix_picture, mergings
 from echelon.report.page import Context, html_page
 from echelon.report.parameters import conditioning, parameters, physics
 from echelon.report.signals import buckets_for, outputs_of, payload
+from echelon.results.identified import plain
 
 TITLES = {
     "summary": "Fit of each output",
@@ -203,13 +202,4 @@ def _in_words(value: Any, unit: str) -> str:
 
 
 def _json(value: Any) -> str:
-    return json.dumps(value, indent=2, ensure_ascii=False, default=_plain)
-
-
-def _plain(value: Any) -> Any:
-    """A value that JSON does not know in terms that it does."""
-    if isinstance(value, Mapping):
-        return dict(value)
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    return str(value)
+    return json.dumps(plain(value), indent=2, ensure_ascii=False, default=str)

@@ -147,7 +147,7 @@ def identification_document(result: Identification) -> dict[str, Any]:
         settings=settings,
         base=to_dict(result.base),
     )
-    found: dict[str, Any] = _plain(document)
+    found: dict[str, Any] = plain(document)
     return found
 
 
@@ -183,7 +183,7 @@ def _validation(found: Validation) -> dict[str, Any]:
 def score_record(score: Score) -> dict[str, Any]:
     """A score as JSON-able data; null where JSON has no number."""
     fits = {name: record_of(FitRecord, getattr(score, name)) for name in ("whole", "moving", "raw")}
-    found: dict[str, Any] = _plain(record_of(ScoreRecord, score, **fits))
+    found: dict[str, Any] = plain(record_of(ScoreRecord, score, **fits))
     return found
 
 
@@ -215,21 +215,19 @@ def _versions() -> dict[str, str]:
     return found
 
 
-def _plain(value: Any) -> Any:
-    """Data in terms of JSON: dataclasses as objects, arrays as lists, null for numbers that are not finite."""
+def plain(value: Any, missing: Any = None) -> Any:
+    """Data in terms of JSON: dataclasses as objects, arrays as lists, null or a word for what is no finite number."""
     if is_dataclass(value) and not isinstance(value, type):
-        return _plain(asdict(value))
+        return plain(asdict(value), missing)
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
+        return plain(value.tolist(), missing)
     if isinstance(value, Mapping):
-        return {str(key): _plain(entry) for key, entry in value.items()}
+        return {str(key): plain(entry, missing) for key, entry in value.items()}
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+        return [plain(entry, missing) for entry in value]
+    return missing if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def servo_document(fit: ServoFit, level: float = 0.95) -> dict[str, Any]:

@@ -43,11 +43,7 @@ class Expressions:
     """Reads the expressions of one description."""
 
     def __init__(
-        self,
-        document: Document,
-        options: ReadingOptions,
-        literal: Collection[str],
-        symbols: Mapping[str, Symbol],
+        self, document: Document, options: ReadingOptions, literal: Collection[str], symbols: Mapping[str, Symbol]
     ) -> None:
         self.document = document
         self.declared = frozenset(symbols)

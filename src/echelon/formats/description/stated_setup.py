@@ -136,9 +136,7 @@ class _Additions:
         drives = self._linear(rotor.drives, f"{path}.drives")
         coupling = Coupling(spin, tuple((name, linear(ratio)) for name, ratio in drives))
         self.mechanism = replace(
-            self.mechanism,
-            bodies=(*self.mechanism.bodies, body),
-            couplings=(*self.mechanism.couplings, coupling),
+            self.mechanism, bodies=(*self.mechanism.bodies, body), couplings=(*self.mechanism.couplings, coupling)
         )
 
     # -- effects ---------------------------------------------------------------------------------------------------

@@ -181,8 +181,7 @@ class RobotDescription(Model):
         {"front_wheel": "wheel", "rear_wheel": "wheel"},
     )
     gravity: Annotated[
-        Annotated[Literal["generic", "none"], Tag("text")] | Annotated[Triple, Tag("list")],
-        by_form("text", "list"),
+        Annotated[Literal["generic", "none"], Tag("text")] | Annotated[Triple, Tag("list")], by_form("text", "list")
     ] = optional(
         ("0", "0", "-9.81"),
         "Gravity in the base frame, m/s²; generic for an unknown direction.",

@@ -199,8 +199,7 @@ class SplineFunction(Model):
 
 
 TermEntry = Annotated[
-    Annotated[Expression, Tag("text")] | Annotated[SplineFunction, Tag("mapping")],
-    by_form("text", "mapping"),
+    Annotated[Expression, Tag("text")] | Annotated[SplineFunction, Tag("mapping")], by_form("text", "mapping")
 ]
 
 

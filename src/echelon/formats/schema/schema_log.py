@@ -150,8 +150,7 @@ class PreparationEntry(Model):
     )
     still: (
         Annotated[
-            Annotated[Real, Tag("number")] | Annotated[dict[str, Real], Tag("mapping")],
-            by_form("number", "mapping"),
+            Annotated[Real, Tag("number")] | Annotated[dict[str, Real], Tag("mapping")], by_form("number", "mapping")
         ]
         | None
     ) = optional(None, "Speed below which rows are left out, for all outputs or by output.", 0.01)

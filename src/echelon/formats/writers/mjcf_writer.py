@@ -16,14 +16,7 @@ from typing import Any
 import numpy as np
 
 from echelon.errors import InputError
-from echelon.formats.mjcf.mjcf_model import (
-    NO_MASS,
-    MjcfDocument,
-    checked_mjcf,
-    compile_spec,
-    import_mujoco,
-    parse_spec,
-)
+from echelon.formats.mjcf.mjcf_model import NO_MASS, MjcfDocument, checked_mjcf, compile_spec, import_mujoco, parse_spec
 from echelon.formats.writers.identified_values import (
     COULOMB,
     OFFSET,

@@ -56,10 +56,7 @@ _UNITS = {
 }
 _PER_SECOND = {"rad s": "rad/s", "deg s": "deg/s", "m s": "m/s", "mm s": "mm/s"}
 _BRACKETS = re.compile(r"\s*[\[(]\s*([^\[\]()]*[A-Za-z°][^\[\]()]*?)\s*[\])]")
-_HUMPS = (
-    re.compile(r"(?<=[a-z])(?=[A-Z][a-z])"),
-    re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])"),
-)
+_HUMPS = (re.compile(r"(?<=[a-z])(?=[A-Z][a-z])"), re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])"))
 _AFFIX = re.compile(r"^(?:joint|jnt|motor|axis)[_-]|[_-](?:joint|jnt|motor|axis)$", re.IGNORECASE)
 _BARE = frozenset({"joint", "state"})
 

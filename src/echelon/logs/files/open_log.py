@@ -24,9 +24,7 @@ from echelon.logs.files.numpy_file import MemoryLog, NpzFile, is_samples
 
 _METADATA = "metadata.yaml"
 
-_FOREIGN = {
-    b"PK\x03\x04[Content_Types]": "is a spreadsheet; save it as CSV",
-}
+_FOREIGN = {b"PK\x03\x04[Content_Types]": "is a spreadsheet; save it as CSV"}
 _VALID = (
     "valid are .csv, .tsv, .txt, .dat (also with .gz), .parquet, .npz, .npy, .mat, .h5, .hdf5, .bag, .db3, .mcap, "
     "directories of bags and of LeRobot datasets"
