@@ -172,7 +172,7 @@ def _traces(run: Identification) -> Context:
 def _preparation(run: Identification) -> Context:
     """Every setting with its reason, and what is needed to repeat the run."""
     return {
-        "ranges": run.ranges,
+        "ranges": run.ranges if run.validations else (),
         "settings": [_setting(run.preparation, name) for name in Preparation.model_fields if name != "reasons"],
         "diagnostics": _json(run.estimate.diagnostics),
         "repeat": _json(run.settings),
