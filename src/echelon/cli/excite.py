@@ -26,6 +26,7 @@ from echelon.excite.files.write_trajectory import design_to_json, trajectory_con
 from echelon.excite.problem.prior_model import information_of_logs
 from echelon.excite.problem.task import UNCHECKED, task_of
 from echelon.excite.problem.task import changed as changed_entry
+from echelon.excite.verify.margins import when_kept
 from echelon.report.preview import preview_html
 from echelon.setup.setup import load_setup
 
@@ -82,7 +83,7 @@ def run_check(
         step("reading")
         task = task_of(setup, changed_entry(setup.excitation, changed, setup.source))
         trajectory = read_trajectory(path, task.mechanism.independent_velocities, task.units)
-        step("checking all limits at every time")
+        step("checking all limits")
         found = judged_trajectory(setup, trajectory, **changed)
     if output is not None:
         output.write(preview_html(found))
@@ -125,7 +126,7 @@ def verdict(found: ExcitingTrajectory) -> str:
     broken = [margin.label for margin in found.margins if not margin.kept]
     if not broken:
         untouched = any(finding.text.startswith(UNCHECKED) for finding in found.findings)
-        kept = f"all {len(found.margins)} limits are kept at every time"
+        kept = f"all {len(found.margins)} limits are kept {when_kept(found.margins)}"
         return f"{kept}; whether bodies touch was not looked at" if untouched else kept
     more = f" and {len(broken) - 6} more" if len(broken) > 6 else ""
     return f"broken limits: {', '.join(map(one_line, broken[:6]))}{more}"

@@ -67,7 +67,7 @@ def excite(
     repeats: Annotated[int, typer.Option(min=1, help="How often a periodic motion is run.")] = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Design a motion that makes every base parameter visible and keeps all limits at every time.
+    """Design a motion that makes every base parameter visible and keeps all limits.
 
     With -o: trajectory.json (coefficients and all figures), samples, and a preview page.
     """

@@ -1,4 +1,4 @@
-"""The job ``excite``: from a set-up to a trajectory that keeps all limits at every time."""
+"""The job ``excite``: from a set-up to a trajectory that keeps all limits."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def exciting_trajectory(
     design = designed(task, prior)
     step(f"optimising from {task.entry.starts} starts")
     found = solutions(design.problem, task.entry, jobs or processors(), step)
-    step("checking all limits at every time")
+    step("checking all limits")
     x, margins = safe(design, found)
     starts = [Start(k, s.status, s.value, s.iterations, s.history) for k, s in enumerate(found)]
     return _result(task, design.trajectory(x), margins, prior, starts, centre=design.named_centre)

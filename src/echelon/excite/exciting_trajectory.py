@@ -110,7 +110,7 @@ class ExcitingTrajectory:
 
     @property
     def safe(self) -> bool:
-        """Whether every limit is kept at every time."""
+        """Whether every limit is kept: at every time, or where a margin is ``sampled`` at samples."""
         return all(margin.kept for margin in self.margins)
 
     @property

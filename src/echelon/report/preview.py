@@ -17,7 +17,7 @@ from echelon.errors import InputError, one_line
 from echelon.excite.exciting_trajectory import ExcitingTrajectory
 from echelon.excite.problem.state_limits import ORDERS
 from echelon.excite.problem.task import UNCHECKED
-from echelon.excite.verify.margins import ACTIVE, Margin
+from echelon.excite.verify.margins import ACTIVE, Margin, when_kept
 from echelon.report.closed_forms import ClosedForms
 from echelon.report.digits import significant
 from echelon.report.page import Context, html_page, packed
@@ -139,8 +139,8 @@ def verdict(margins: tuple[Margin, ...], untouched: bool = False) -> str:
     if not margins:
         return "No limit was checked."
     if not broken:
-        kept = "Every limit that was checked is kept at every time; whether bodies touch was not looked at."
-        return kept if untouched else "Every limit is kept at every time."
+        checked = "Every limit that was checked" if untouched else "Every limit"
+        return f"{checked} is kept {when_kept(margins)}{'; whether bodies touch was not looked at' * untouched}."
     return f"Do not run this: {broken} of {len(margins)} limits {'is' if broken == 1 else 'are'} broken."
 
 
@@ -188,7 +188,7 @@ def _limits(found: ExcitingTrajectory) -> Context:
     """What every limit allows, what the trajectory reaches, and the room between, the least room first."""
     rows = sorted((_limit(margin) for margin in found.margins), key=_urgency)
     counts = {state: sum(row["state"] == state for row in rows) for state in ("broken", "active", "kept")}
-    return {"rows": rows, "counts": counts, "near": f"{100 * ACTIVE:g}"}
+    return {"rows": rows, "counts": counts, "near": f"{100 * ACTIVE:g}", "when": when_kept(found.margins)}
 
 
 def _limit(margin: Margin) -> Context:

@@ -8,24 +8,18 @@ the constraint :class:`LoopLimits` will not let it stay, and its trial points ha
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from echelon.arrays import Floats
 from echelon.errors import InputError
-from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_limits, effort_output
+from echelon.excite.problem.effort_limits import EffortLimit, EffortModel, effort_limits
 from echelon.excite.problem.information import ADJOINT, StateRegressor
 from echelon.excite.problem.loop_motion import Closed, LoopMotion, Triple
 from echelon.excite.problem.state_limits import Slopes, StateConstraint
 from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
-from echelon.program.function import Argument
-from echelon.program.tape import Program
-from echelon.regressor.loops.closed_motion import ClosedMotion
-from echelon.regressor.loops.dependent_motion import DependentMotion
-from echelon.regressor.probes import Probes, virtual_motion
-from echelon.regressor.steps import Recorder
 
 NO_WEIGHT, FULL_WEIGHT = 0.05, 0.1
 """Openness, as a share of :attr:`LoopMotion.reference`, below which samples do not count and above which they do."""
@@ -125,10 +119,6 @@ class LoopEfforts:
         smooth: float | None,
     ) -> None:
         self.constraint = effort_limits(mechanism, limits, model, margin, smooth)
-        outputs = tuple(effort_output(mechanism, limit) for limit in limits)
-        measured = replace(mechanism, measured=outputs)
-        self.bounded_nodes = _bounded_nodes(measured, self.constraint.recorded.program)
-        self.chosen_speeds = ClosedMotion(measured).chosen_speeds
 
     def values(self, motion: LoopMotion, closed: Closed) -> Floats:
         """The efforts, shape (N, m)."""
@@ -143,29 +133,6 @@ class LoopEfforts:
             by_qd, by_qdd = (closed.counted(part[:, row]) for part in by_rates if part is not None)
             found.append((motion.along(closed, by_q[:, row]), by_qd, by_qdd))
         return found
-
-
-def _bounded_nodes(mechanism: Mechanism, program: Program) -> list[tuple[str, list[int], Argument]]:
-    """Nodes of a recorded function that are bounded beforehand: kind, places of the velocity coordinates, and nodes.
-
-    Kinds are rates of all coordinates, ``qd`` and ``qdd``, and virtual velocities for the outputs, ``v0``, ``v1``, …:
-    recording them once more finds the same nodes.  Behind them are those of their opposites, by which programs go on
-    where that saves a sign.
-    """
-    motion = DependentMotion(mechanism, program)
-    given, probes = motion.given(), Probes(mechanism, Recorder(mechanism, program))
-    values = {kind: {n: given[f"{kind}[{n}]"] for n in mechanism.velocities} for kind in ("qd", "qdd")}
-    for k, output in enumerate(mechanism.outputs):
-        chosen = virtual_motion(mechanism, probes, {output.name: program.one}).chosen
-        values[f"v{k}"] = motion.speeds(chosen)
-    nodes_of: list[tuple[str, list[int], Argument]] = []
-    for kind, found in values.items():
-        varying = {n: value for n, value in found.items() if value.number is None}
-        nodes = (*(v.node for v in varying.values()), *((-v).node for v in varying.values()))
-        labels = (*varying, *(f"-{name}" for name in varying))
-        places = [mechanism.velocities.index(name) for name in varying]
-        nodes_of.append((kind, places, Argument(f"known {kind}", nodes, labels, ("SI",) * len(nodes))))
-    return nodes_of
 
 
 OPEN = 0.15

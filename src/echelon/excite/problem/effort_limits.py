@@ -21,7 +21,6 @@ from echelon.excite.problem.information import StateRegressor
 from echelon.excite.problem.state_limits import Enclosed, Slopes, StateLimits, enclosures_of
 from echelon.mechanism.mechanism import Mechanism
 from echelon.mechanism.output import ActuatorForce, JointForce, Output, plain
-from echelon.program.function import Argument, Function
 from echelon.program.intervals import Interval
 
 SIGNS = ("plus", "minus")
@@ -165,15 +164,10 @@ class UncertainEfforts(Enclosed):
         by_q, by_qd, by_qdd = (np.stack(parts, axis=1) for parts in zip(*found, strict=True))
         return by_q, by_qd, by_qdd
 
-    @property
-    def recorded(self) -> Function:
-        """The regressor, without smoothing."""
-        return self.regressor.recorded
-
-    def enclosures(self, ranges: Mapping[str, Interval], bounded: Sequence[Argument] = ()) -> Interval:
+    def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
         """Bounds of the functions while states stay in intervals, without smoothing, shape (cells, 2m)."""
-        uniform = geometry_values(self.mechanism, self.recorded.arguments)
-        low, high = enclosures_of(self.recorded, uniform, ranges, bounded)
+        recorded = self.regressor.recorded
+        low, high = enclosures_of(recorded, geometry_values(self.mechanism, recorded.arguments), ranges)
         parts = [model.enclosed((low[:, mine], high[:, mine])) for mine, model in self._rows]
         return np.hstack([part for part, _ in parts]), np.hstack([part for _, part in parts])
 

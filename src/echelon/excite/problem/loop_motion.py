@@ -5,10 +5,6 @@ that cannot be closed are marked and not refused, because a solver tries motions
 that was closed when it was last asked for is followed from there.  Velocities and accelerations of all coordinates are
 recorded functions of all positions and of the independent rates, so their derivatives are pullbacks in machine code;
 derivatives by all positions count along the motions of the independent coordinates.
-
-The elimination inside functions of closed states would make interval bounds useless, because quotients of intervals
-grow.  So :class:`ClosureBounds` bounds the closure equations, and :mod:`echelon.excite.verify.loop_enclosures` what
-follows from them.
 """
 
 from __future__ import annotations
@@ -21,89 +17,18 @@ from typing import ClassVar
 import numpy as np
 
 from echelon.arrays import Flags, Floats
-from echelon.dynamics.arguments import Arguments, geometry_values
+from echelon.dynamics.arguments import geometry_values
 from echelon.dynamics.closed_states import Builder, CompiledAssembly
 from echelon.dynamics.loop_functions import closed_accelerations, closed_velocities, motion_function
 from echelon.excite.problem.information import ADJOINT, pullback
-from echelon.excite.problem.state_limits import enclosures_of
 from echelon.machine.kernel import Kernel
-from echelon.mechanism.joint import MotionKind
 from echelon.mechanism.mechanism import Mechanism
-from echelon.program.function import Argument, Function
-from echelon.program.intervals import Interval
-from echelon.program.tape import Program, Scalar
+from echelon.program.function import Function
+from echelon.program.tape import Program
 from echelon.regressor.loops.assembly import LARGEST_CORRECTION, STRIDE
 from echelon.regressor.loops.closed_motion import largest, normalised, position_rates
 from echelon.regressor.loops.dependent_motion import DependentMotion
 from echelon.seeds import DEFAULT_SEED, random_generator
-
-Index = tuple[int, ...]
-
-
-class ClosureBounds:
-    """Closure equations of a mechanism, those that count, in units of lengths and speeds."""
-
-    def __init__(self, mechanism: Mechanism) -> None:
-        program = Program()
-        motion = DependentMotion(mechanism, program)
-        place = {row: k for k, row in enumerate(motion.row_units)}
-        speeds = {name: program.input(f"qd[{name}]") for name in mechanism.velocities}
-        columns = {name: k for k, name in enumerate(speeds)}
-        jacobian: dict[Index, Scalar] = {(place[r], columns[n]): entry for (r, n), entry in motion.jacobian.items()}
-        bias: dict[Index, Scalar] = {(place[row],): value for row, value in motion.bias(speeds).items()}
-        nodes = tuple(speed.node for speed in speeds.values())
-        self._qd = Argument("qd", nodes, mechanism.velocities, ("SI",) * len(nodes))
-        self.units = np.array([float(unit) for unit in motion.units.values()])
-        self._row_units = np.array([float(unit) for unit in motion.row_units.values()])
-        self._jacobian = _Code("closure_jacobian", jacobian, (), mechanism, program)
-        self._bias = _Code("closure_bias", bias, (self._qd,), mechanism, program)
-
-    def jacobian(self, q: Floats) -> Floats:
-        """The Jacobian by velocity coordinates, shape (N, equations, velocities)."""
-        found = np.zeros((len(q), len(self._row_units), len(self.units)))
-        found[:, *self._jacobian.places] = self._jacobian.kernel({"q": q, **self._jacobian.geometry})
-        scaled: Floats = found * (self.units / self._row_units[:, None])
-        return scaled
-
-    def jacobian_enclosures(self, q: Interval) -> Interval:
-        """Bounds of the Jacobian while positions stay in intervals, each of shape (cells, equations, velocities)."""
-        low, high = self._jacobian.enclosures({"q": q}, (len(self._row_units), len(self.units)))
-        scale = self.units / self._row_units[:, None]
-        return low * scale, high * scale
-
-    def bias_enclosures(self, q: Interval, qd: Interval) -> Interval:
-        """Bounds of J̇ q̇, each of shape (cells, equations)."""
-        low, high = self._bias.enclosures({"q": q, "qd": qd}, (len(self._row_units),))
-        return low / self._row_units, high / self._row_units
-
-
-class _Code:
-    """A function of q, and perhaps of the velocities of all coordinates."""
-
-    def __init__(
-        self,
-        name: str,
-        values: Mapping[Index, Scalar],
-        more: tuple[Argument, ...],
-        mechanism: Mechanism,
-        program: Program,
-    ) -> None:
-        nodes = {index: value.node for index, value in values.items() if not value.is_zero}
-        arguments = (*Arguments(mechanism, program, {}).of(["q", "symbols"], nodes.values()), *more)
-        rank = max((len(index) for index in nodes), default=1)
-        axes = tuple(tuple(map(str, range(1 + max(i[k] for i in nodes)))) if nodes else () for k in range(rank))
-        self.places = np.array(list(nodes), dtype=np.intp).reshape(-1, rank).T
-        self.geometry = geometry_values(mechanism, arguments)
-        self._function = Function(name, program, arguments, nodes, axes)
-        self.kernel = Kernel(self._function, sparse=True)
-
-    def enclosures(self, ranges: Mapping[str, Interval], shape: tuple[int, ...]) -> Interval:
-        bounds = enclosures_of(self._function, self.geometry, ranges)
-        found = tuple(np.zeros((len(bounds[0]), *shape)) for _ in bounds)
-        for whole, part in zip(found, bounds, strict=True):
-            whole[:, *self.places] = part
-        return found[0], found[1]
-
 
 _SHORTEST = 2e-3  # of a step on the way to a configuration, rad or characteristic lengths
 _REMEMBERED = 4  # sets of samples: those of the criterion and of the constraints
@@ -144,7 +69,6 @@ class LoopPositions(CompiledAssembly):
 
     def __init__(self, mechanism: Mechanism) -> None:
         super().__init__(mechanism)
-        self.bounds = ClosureBounds(mechanism)
         self._last: dict[int, tuple[Floats, Closed]] = {}
 
     def __getstate__(self) -> dict[str, object]:
@@ -154,18 +78,13 @@ class LoopPositions(CompiledAssembly):
     @property
     def speed_units(self) -> Floats:
         """Units of the velocity coordinates' speeds, shape (velocities,)."""
-        return self.bounds.units
+        return self.closures.units[: len(self.mechanism.velocities)]
 
     @property
     def independent_units(self) -> Floats:
         """Units of the independent positions, shape (k,)."""
-        units: Floats = self.bounds.units[self._independent]
+        units: Floats = self.speed_units[self._independent]
         return units
-
-    @property
-    def columns(self) -> tuple[list[int], list[int]]:
-        """Places of the independent velocities, and of the dependent ones."""
-        return list(self._independent), list(self._dependent)
 
     @cached_property
     def reference(self) -> float:
@@ -208,34 +127,6 @@ class LoopPositions(CompiledAssembly):
         found, closed = self.near(guess)
         return found, done & closed & (largest((found - guess) / self.position_units) < LARGEST_CORRECTION)
 
-    def single(self, q: Floats) -> Floats:
-        """Positions in the places of their velocities, shape (N, velocities); zero for balls."""
-        found = np.zeros((len(q), len(self.mechanism.velocities)))
-        found[:, self._single[1]] = q[:, self._single[0]]
-        return found
-
-    def position_reach(self, moved: Floats) -> Floats:
-        """How far positions can be away when no velocity coordinate's way is longer, shape (N, positions)."""
-        found = np.zeros((len(moved), len(self.mechanism.positions)))
-        found[:, self._single[0]] = moved[:, self._single[1]]
-        for place, speed in self._balls:  # a unit quaternion moves by half of the angle
-            found[:, place : place + 4] = np.linalg.norm(moved[:, speed : speed + 3], axis=1, keepdims=True) / 2
-        return found
-
-    @cached_property
-    def _single(self) -> tuple[list[int], list[int]]:
-        """Places of coordinates that are no balls, among positions and among velocities."""
-        places, speeds = self.mechanism.positions, self.mechanism.velocities
-        names = [m.name for m in self.mechanism.motions if m.kind is not MotionKind.BALL and m.name in places]
-        return [places.index(name) for name in names], [speeds.index(name) for name in names]
-
-    @cached_property
-    def _balls(self) -> list[tuple[int, int]]:
-        """First places of balls, among positions and among velocities."""
-        places, speeds = self.mechanism.positions, self.mechanism.velocities
-        balls = [m for m in self.mechanism.motions if m.kind is MotionKind.BALL]
-        return [(places.index(m.positions[0]), speeds.index(m.velocities[0])) for m in balls]
-
 
 Triple = tuple[Floats, Floats, Floats]
 
@@ -252,7 +143,7 @@ class LoopMotion(LoopPositions):
 
     def independent(self, closed: Closed) -> dict[str, Floats]:
         """The arguments q, q̇ and q̈ of recorded functions: all positions, and independent rates."""
-        free = self.columns[0]
+        free = list(self._independent)
         return {"q": closed.q, "qd": closed.qd[:, free], "qdd": closed.qdd[:, free]}
 
     # -- derivatives -----------------------------------------------------------------------------------------------
@@ -264,7 +155,7 @@ class LoopMotion(LoopPositions):
 
         Zero for samples whose loops are not closed.
         """
-        places, count = closed.q.shape[1], len(self.columns[0])
+        places, count = closed.q.shape[1], len(self._independent)
         total = np.zeros((len(closed.q), places + 2 * count))
         if by_q is not None:
             total[:, :places] += by_q

@@ -63,17 +63,13 @@ _NUMBERS = 2**22  # that are worked on together: every operation keeps its resul
 
 
 @dataclass(frozen=True, eq=False)
-class Limits:
-    """Some functions of the state with limits."""
+class StateConstraint(ABC):
+    """Functions of the state with limits that a solver can keep."""
 
     labels: tuple[str, ...]  # what each function is, for messages: ``"torque of j2"``
     units: tuple[str, ...]  # SI units of the functions
     low: Floats  # least values, shape (m,); −∞ for none
     high: Floats  # largest values, shape (m,); ∞ for none
-
-
-class StateConstraint(Limits, ABC):
-    """Limited functions that a solver can keep."""
 
     @abstractmethod
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
@@ -84,19 +80,12 @@ class StateConstraint(Limits, ABC):
         """Derivatives of the functions by q, q̇ and q̈."""
 
 
-class Bounded(Limits, ABC):
-    """Limited functions with bounds of what they reach between samples."""
+class Enclosed(StateConstraint):
+    """A constraint with bounds of what happens between samples."""
 
     @abstractmethod
     def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
-        """Least and largest values, each of shape (cells, m), while states stay in intervals, without smoothing.
-
-        Ranges are those of ``q``, ``qd`` and ``qdd``, of shape (cells, n), and of ``t``, of shape (cells, 1).
-        """
-
-
-class Enclosed(StateConstraint, Bounded):
-    """A constraint with bounds of what happens between samples."""
+        """Least and largest values, shape (cells, m), while states stay in ranges of shape (cells, n), unsmoothed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +96,6 @@ class StateLimits(Enclosed):
     uniform: Mapping[str, Floats]  # values of the uniform arguments
     # velocity within which dry friction changes sign gradually in what the solver sees, rad/s or m/s
     smooth: float | None = None
-
-    @property
-    def recorded(self) -> Function:
-        """The recorded function, without smoothing."""
-        return self.function
 
     def values(self, q: Floats, qd: Floats, qdd: Floats) -> Floats:
         """The functions at states of shape (N, n), shape (N, m)."""
@@ -128,9 +112,9 @@ class StateLimits(Enclosed):
             place += len(argument)
         return parts.get("q"), parts.get("qd"), parts.get("qdd")
 
-    def enclosures(self, ranges: Mapping[str, Interval], bounded: Sequence[Argument] = ()) -> Interval:
+    def enclosures(self, ranges: Mapping[str, Interval]) -> Interval:
         """Bounds of the functions while states stay in intervals, without smoothing, shape (cells, m)."""
-        least, largest = enclosures_of(self.function, self.uniform, ranges, bounded)
+        least, largest = enclosures_of(self.function, self.uniform, ranges)
         low, high = np.zeros((len(least), len(self.labels))), np.zeros((len(least), len(self.labels)))
         rows = [row for (row,) in self.function.entries]
         low[:, rows], high[:, rows] = least, largest
@@ -150,31 +134,19 @@ class StateLimits(Enclosed):
         return Kernel(function), Kernel(state_slopes(function))
 
 
-def enclosures_of(
-    function: Function,
-    uniform: Mapping[str, Floats],
-    ranges: Mapping[str, Interval],
-    bounded: Sequence[Argument] = (),
-) -> Interval:
-    """Bounds of a function's entries while states stay in intervals, shape (cells, entries).
-
-    Further nodes of the program are ``bounded`` better than the states tell; their ranges go by the arguments' names.
-    """
+def enclosures_of(function: Function, uniform: Mapping[str, Floats], ranges: Mapping[str, Interval]) -> Interval:
+    """Bounds of a function's entries while states stay in intervals, shape (cells, entries)."""
     cells, together = len(ranges["q"][0]), max(_NUMBERS // max(len(function.program), 1), 16)
     blocks = [slice(k, k + together) for k in range(0, cells, together)]
-    parts = [_enclosed(function, uniform, ranges, block, bounded) for block in blocks]
+    parts = [_enclosed(function, uniform, ranges, block) for block in blocks]
     return np.concatenate([low for low, _ in parts]), np.concatenate([high for _, high in parts])
 
 
 def _enclosed(
-    function: Function,
-    uniform: Mapping[str, Floats],
-    ranges: Mapping[str, Interval],
-    cells: slice,
-    bounded: Sequence[Argument],
+    function: Function, uniform: Mapping[str, Floats], ranges: Mapping[str, Interval], cells: slice
 ) -> Interval:
     inputs: dict[int, Interval] = {}
-    for argument in (*function.arguments, *bounded):
+    for argument in function.arguments:
         if argument.uniform:
             exact = [(np.asarray(v), np.asarray(v)) for v in uniform[argument.name]]
             inputs |= dict(zip(argument.nodes, exact, strict=True))

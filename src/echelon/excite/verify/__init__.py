@@ -1,4 +1,4 @@
-"""Whether a trajectory keeps its limits: margins at every time, and the conditioning of the parameters."""
+"""Whether a trajectory keeps its limits: margins at every time, or with closed loops at samples."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from echelon.excite.problem.state_limits import Enclosed
 from echelon.excite.problem.task import Task
 from echelon.excite.problem.trajectory import Trajectory
 from echelon.excite.verify.clearance_bounds import clearance_margins
-from echelon.excite.verify.loop_enclosures import loop_margins
+from echelon.excite.verify.loop_samples import loop_margins
 from echelon.excite.verify.margins import Margin, motion_margins, state_margins
 
 

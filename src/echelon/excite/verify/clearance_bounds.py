@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +22,7 @@ from echelon.errors import InputError
 from echelon.exact.polynomial import Polynomial
 from echelon.excite.problem.clearance import Clearance
 from echelon.excite.problem.shapes import Shape, extent, plane_gaps
+from echelon.excite.problem.trajectory import Trajectory
 from echelon.excite.verify.margins import Margin
 from echelon.mechanism.body import GROUND
 from echelon.mechanism.joint import Motion, MotionKind, Step
@@ -108,24 +108,6 @@ _TOUCH = 0.05
 _SPARE = 0.25  # share of the room above the clearance that a bound may give away
 
 
-class Travel(Protocol):
-    """A motion of all positions; a :class:`echelon.excite.problem.trajectory.Trajectory` is one."""
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Names of the positions."""
-
-    @property
-    def duration(self) -> float:
-        """Length of the motion, s."""
-
-    def __call__(self, t: npt.ArrayLike, order: int = 0) -> Floats:
-        """Positions at times, or velocities (order 1)."""
-
-    def bounds(self, order: int) -> Floats:
-        """Upper bounds of |q| of single coordinates (order 0), |q̇| or |q̈|, shape (velocities,)."""
-
-
 @dataclass(frozen=True)
 class LeastClearances:
     """Bounds of the smallest distances of a trajectory."""
@@ -136,7 +118,7 @@ class LeastClearances:
     times: Floats  # shape (m,); when, s; 0 where none was smaller than the reach
 
 
-def least_clearances(clearance: Clearance, trajectory: Travel, tolerance: float = 1e-3) -> LeastClearances:
+def least_clearances(clearance: Clearance, trajectory: Trajectory, tolerance: float = 1e-3) -> LeastClearances:
     """Lower bounds of all distances over all times of a trajectory.
 
     A bound is within the tolerance of the smallest distance, or within a quarter of what lies between this and the
@@ -150,7 +132,7 @@ def least_clearances(clearance: Clearance, trajectory: Travel, tolerance: float 
     return _Search(clearance, trajectory, tolerance).run()
 
 
-def clearance_margins(trajectory: Travel, clearance: Clearance) -> list[Margin]:
+def clearance_margins(trajectory: Trajectory, clearance: Clearance) -> list[Margin]:
     """How near bodies come to each other."""
     least = least_clearances(clearance, trajectory, _TOUCH * clearance.low.max(initial=0.0) or _TOUCH)
     return [
@@ -162,7 +144,7 @@ def clearance_margins(trajectory: Travel, clearance: Clearance) -> list[Margin]:
 class _Search:
     """Intervals of time, each for a pair of shapes, that are halved until their bounds are good enough."""
 
-    def __init__(self, clearance: Clearance, trajectory: Travel, tolerance: float) -> None:
+    def __init__(self, clearance: Clearance, trajectory: Trajectory, tolerance: float) -> None:
         self.clearance, self.trajectory, self.tolerance = clearance, trajectory, tolerance
         self.most = [trajectory.bounds(order) for order in range(3)]
         bounds = MotionBounds(clearance.mechanism, self.most[0])

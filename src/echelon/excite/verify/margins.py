@@ -15,7 +15,7 @@ from math import inf, isnan
 import numpy as np
 
 from echelon.arrays import Floats
-from echelon.excite.problem.state_limits import Bounded, MotionLimit
+from echelon.excite.problem.state_limits import Enclosed, MotionLimit
 from echelon.excite.problem.trajectory import Trajectory
 from echelon.program.intervals import Interval
 
@@ -33,6 +33,7 @@ class Margin:
     high: float
     least: float  # bounds of what the trajectory reaches at any time: it goes neither below nor above
     largest: float
+    sampled: bool = False  # whether they are those of samples only, as with closed loops
 
     @property
     def margin(self) -> float:
@@ -51,13 +52,20 @@ class Margin:
 
     @property
     def kept(self) -> bool:
-        """Whether the limit holds at every time."""
+        """Whether the limit holds, at every time unless margins are :attr:`sampled`."""
         return self.margin >= 0
 
     @property
     def active(self) -> bool:
         """Whether the trajectory comes near the limit."""
         return self.kept and self.relative < ACTIVE
+
+
+def when_kept(margins: Iterable[Margin]) -> str:
+    """Where limits are known to hold, in words."""
+    if any(margin.sampled for margin in margins):
+        return "at samples: with closed loops nothing bounds what happens between them"
+    return "at every time"
 
 
 SHARP = 1e-3
@@ -69,9 +77,9 @@ PER_PERIOD = 10
 _HALVINGS = 12
 
 
-def state_margins(trajectory: Trajectory, limits: Bounded) -> list[Margin]:
+def state_margins(trajectory: Trajectory, limits: Enclosed) -> list[Margin]:
     """How far functions of the state stay from limits."""
-    least, largest = reach(trajectory, limits)
+    least, largest = _reach(trajectory, limits)
     return [
         Margin(*fields)
         for fields in zip(
@@ -82,7 +90,7 @@ def state_margins(trajectory: Trajectory, limits: Bounded) -> list[Margin]:
     ]
 
 
-def reach(trajectory: Trajectory, limits: Bounded) -> tuple[Floats, Floats]:
+def _reach(trajectory: Trajectory, limits: Enclosed) -> tuple[Floats, Floats]:
     """Bounds of functions of the state at any time, each of shape (m,)."""
     count = max(int(np.ceil(PER_PERIOD * trajectory.basis.frequency * trajectory.duration)), 1)
     edges = np.linspace(0.0, trajectory.duration, count + 1)
@@ -106,7 +114,7 @@ def reach(trajectory: Trajectory, limits: Bounded) -> tuple[Floats, Floats]:
     return least, largest
 
 
-def _tolerances(limits: Bounded, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+def _tolerances(limits: Enclosed, low: Floats, high: Floats) -> tuple[Floats, Floats]:
     """By how much bounds may be wider than what was met: far from a limit, kept or broken, by much."""
     span = limits.high - limits.low
     sharp = SHARP * np.where(np.isfinite(span), span, np.maximum(np.abs(np.nan_to_num(limits.low, neginf=0.0)), 1.0))
@@ -115,9 +123,9 @@ def _tolerances(limits: Bounded, low: Floats, high: Floats) -> tuple[Floats, Flo
 
 
 def ranges(trajectory: Trajectory, middles: Floats, halves: Floats) -> dict[str, Interval]:
-    """Intervals of t, q, q̇ and q̈ in cells of time, by Taylor's theorem."""
+    """Intervals of q, q̇ and q̈ in cells of time, by Taylor's theorem."""
     h = halves[:, None]
-    found: dict[str, Interval] = {"t": (middles[:, None] - h, middles[:, None] + h)}
+    found: dict[str, Interval] = {}
     for order, name in enumerate(("q", "qd", "qdd")):
         centre = trajectory(middles, order)
         reach = h * np.abs(trajectory(middles, order + 1)) + h**2 / 2 * trajectory.bounds(order + 2)
