@@ -79,7 +79,7 @@ _HALVINGS = 12
 
 def state_margins(trajectory: Trajectory, limits: Enclosed) -> list[Margin]:
     """How far functions of the state stay from limits."""
-    least, largest = _reach(trajectory, limits)
+    least, largest = reach(trajectory, limits)
     return [
         Margin(*fields)
         for fields in zip(
@@ -90,7 +90,7 @@ def state_margins(trajectory: Trajectory, limits: Enclosed) -> list[Margin]:
     ]
 
 
-def _reach(trajectory: Trajectory, limits: Enclosed) -> tuple[Floats, Floats]:
+def reach(trajectory: Trajectory, limits: Enclosed) -> tuple[Floats, Floats]:
     """Bounds of functions of the state at any time, each of shape (m,)."""
     count = max(int(np.ceil(PER_PERIOD * trajectory.basis.frequency * trajectory.duration)), 1)
     edges = np.linspace(0.0, trajectory.duration, count + 1)
